@@ -1,0 +1,8 @@
+"""Plan how two or more UAVs fly and radiate so that a transmission stays secret."""
+
+from .optimize import fly_hover_fly, METHODS, solve
+from .plan import Iteration, Plan
+from .scenario import Eavesdropper, Scenario, Uav
+
+__all__ = ['Eavesdropper', 'Iteration', 'METHODS', 'Plan', 'Scenario', 'Uav', 'fly_hover_fly',
+           'solve']

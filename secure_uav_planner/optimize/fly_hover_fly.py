@@ -1,0 +1,58 @@
+"""The fly-hover-fly trajectory of Section IV: the baseline, and where the methods start."""
+
+import math
+
+import numpy as np
+
+
+def fly_hover_fly_positions(scenario, hover=None):
+    """
+    Return straight flights at full speed to a hovering place and on to the goal, as late.
+
+    A UAV without the time to reach its hovering place flies towards it and turns back at the
+    last moment that still reaches the goal.
+
+    :param hover: hovering places, (U, 2) in m; by default the paper's: the transmitter above the
+        ground node, the jammers above the eavesdroppers in turn.
+    :return: positions, (U, N+2, 2) in m.
+    """
+    if hover is None:
+        eves = scenario.eavesdroppers
+        hover = [scenario.ground_node] + [
+            eves[jammer % len(eves)].position for jammer in range(len(scenario.uavs) - 1)]
+    return np.stack([
+        _fly_hover_fly(np.array(uav.start), np.array(uav.goal), np.array(place, float), step,
+                       scenario.slots)
+        for uav, place, step in zip(scenario.uavs, hover, scenario.max_step)])
+
+
+def _fly_hover_fly(start, goal, place, step, slots):
+    """Return the points of one UAV, (N+2, 2)."""
+    turn = _turning_place(start, goal, place, (slots + 1) * step)
+    count = np.arange(slots + 2)
+    outward = _along(start, turn, count * step)
+    homeward = _along(goal, turn, (slots + 1 - count) * step)
+    leaving = (slots + 1 - count) * step < math.dist(goal, turn)
+    return np.where(leaving[:, None], homeward, outward)
+
+
+def _turning_place(start, goal, place, reach):
+    """Return the place nearest to `place` on the way there from which `goal` is in reach."""
+    outward = math.dist(start, place)
+    if outward + math.dist(place, goal) <= reach:
+        return place
+    # |start + s u - goal| = reach - s, solved for the s at which to turn.
+    direction = (place - start) / outward if outward > 0 else np.zeros(2)
+    back = start - goal
+    denominator = 2 * (reach + back @ direction)
+    slack = max(0.0, reach**2 - back @ back)
+    # Straight towards the goal with no slack, turning earlier or later is the same flight.
+    along = min(outward, reach, slack / denominator if denominator > 1e-12 * reach else reach)
+    return start + along * direction
+
+
+def _along(origin, target, distance):
+    """Return the points at the distances from origin towards target, stopping there."""
+    length = math.dist(origin, target)
+    share = np.minimum(distance / length, 1.0) if length > 0 else np.zeros(len(distance))
+    return origin + share[:, None] * (target - origin)

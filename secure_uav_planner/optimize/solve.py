@@ -1,0 +1,75 @@
+"""From a scenario to a plan: the methods and the baselines."""
+
+import time
+
+import numpy as np
+
+from ..plan import Plan
+from .alternating import alternate, optimise_powers
+from .feasible import adapted
+from .fly_hover_fly import fly_hover_fly_positions
+from .run import Run
+
+METHODS = {'alternating': alternate}
+"""What improves a Run until it has converged or must stop, and returns the Plan's status."""
+
+
+def solve(scenario, method='alternating', on_iteration=None, time_limit=None, initial=None):
+    """
+    Plan trajectories and powers that maximise the guaranteed secrecy rate, problem (P2).
+
+    The result is feasible and no worse than `initial`, or than fly-hover-fly with constant
+    power, whatever happens on the way; `status` tells why the method stopped.
+
+    :param scenario: a Scenario.
+    :param method: one of METHODS: 'alternating', the paper's Section III.
+    :param on_iteration: called with an Iteration after every step; returning True stops the run.
+    :param time_limit: in s; past it the best feasible plan so far is returned.
+    :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be
+        for another scenario with as many UAVs; it is then bent to be feasible in this one.
+    :return: a Plan.
+    :raises ValueError: for an unknown method, a time limit that is not positive, or an initial
+        plan with another number of UAVs.
+    """
+    if method not in METHODS:
+        raise ValueError(f'method is {method!r}; it must be one of {sorted(METHODS)!r}')
+    if time_limit is not None and not time_limit > 0:
+        raise ValueError(f'time_limit is {time_limit!r}; it must be above 0 s, or None')
+    started = time.monotonic()
+    positions, powers = (fly_hover_fly_positions(scenario), constant_powers(scenario)
+                         ) if initial is None else adapted(scenario, initial)
+    run = Run(scenario, positions, powers, on_iteration, time_limit, started,
+              warm=initial is not None)
+    status = METHODS[method](run)
+    return run.plan(method, status)
+
+
+def fly_hover_fly(scenario, power='constant', on_iteration=None, time_limit=None):
+    """
+    Return the paper's baselines: fly-hover-fly with constant or with optimised powers.
+
+    With constant power a slot's guaranteed rate can be negative; it then counts as it is, before
+    the [x]^+ of equation (R_sec).
+
+    :param scenario: a Scenario.
+    :param power: 'constant', the average power in every slot, or 'optimised', by Section III-A.
+    :param on_iteration: as for solve.
+    :param time_limit: as for solve.
+    :return: a Plan.
+    :raises ValueError: for another power.
+    """
+    if power not in ('constant', 'optimised'):
+        raise ValueError(f"power is {power!r}; it must be 'constant' or 'optimised'")
+    started = time.monotonic()
+    positions, powers = fly_hover_fly_positions(scenario), constant_powers(scenario)
+    method = f'fly_hover_fly_{power}'
+    if power == 'constant':
+        return Plan(scenario, positions, powers, method, solve_time=time.monotonic() - started)
+    run = Run(scenario, positions, powers, on_iteration, time_limit, started)
+    status = optimise_powers(run)
+    return run.plan(method, status)
+
+
+def constant_powers(scenario):
+    """Return the average power in every slot, (U, N) in W."""
+    return np.repeat([[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1)
