@@ -63,7 +63,7 @@ class Barrier:
         self.solver_time = 0.0
         self.x = x
         starts, slots, uavs = x.shape[:3]
-        self.level = np.full(starts, float(level))
+        self.level = np.full(starts, 1.0) * level
         self.finished = np.zeros(starts, bool)
         self._age = np.zeros(starts, int)
         self._weights = (1, 1, 1, slots)

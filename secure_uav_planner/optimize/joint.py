@@ -1,87 +1,155 @@
-"""The joint method: positions and powers together, from several starts on a coarse grid."""
+"""
+The joint method: positions and powers together.
+
+Several starts are improved side by side on a coarse grid, the best are kept in stages, and the
+winner is refined to the full grid, where a few more Newton steps finish it.
+"""
 
 import numpy as np
 
 from .barrier import Barrier, Mission
 from .derivatives import SlotModel
 from .fly_hover_fly import fly_hover_fly_positions
-from .starts import hovering_places
+from .starts import interior, refined, several_starts
 
-_COARSE = 40
+_COARSE = 40  # Slots of the coarsest grid.
+_FINER = 8  # How much finer the next grid is at most.
+_STAGES = ((12, 0.7), (10, 0.5), (15, 0.0))  # Steps, then the share of the starts to keep.
+_SAME = 2e-4  # Relative difference below which two starts count as one.
+_RIVALS = 2  # How many starts are finished at most,
+_CLOSE = 0.01  # and how close to the best the second must be.
+_COARSE_LEVEL, _FINAL_LEVEL = 1e-3, 1e-6
+_STEPS = 150
+
+
+class _Stop(Exception):
+    """The run must end; the argument is the status."""
 
 
 def joint(run):
     """
     Improve a Run by the joint method until it has converged or must stop; return its status.
+
+    Whatever happens, the run keeps the best feasible iterate.
+
+    :param run: a Run; when `warm`, its present plan is the only start.
     """
+    try:
+        model = SlotModel.of(run.scenario)
+        if getattr(run, 'warm', False):
+            return _from_plan(run, model)
+        return _from_several(run, model)
+    except _Stop as stop:
+        return stop.args[0]
+    except np.linalg.LinAlgError:
+        return 'numerical_trouble'
+
+
+def _from_plan(run, model):
+    """Improve the present plan."""
     scenario = run.scenario
-    model = SlotModel.of(scenario)
-    if getattr(run, 'warm', False):
-        x = _interior(scenario, model, run.positions, run.powers, scenario.slots)
-        return _finish(run, model, x[None], 1e-3)
+    x = interior(scenario, model, run.positions, run.powers, scenario.slots, share=0.01)
+    barrier = Barrier(model, Mission(scenario, model, scenario.slots), x[None], 1e-4)
+    return _finish(run, barrier)
+
+
+def _from_several(run, model):
+    """Find the best of several starts on a coarse grid and finish it, and a close rival."""
+    scenario = run.scenario
     slots = min(scenario.slots, _COARSE)
     mission = Mission(scenario, model, slots)
-    x = np.stack([_interior(scenario, model, fly_hover_fly_positions(scenario, places), None,
-                            slots) for places in hovering_places(scenario)])
-    barrier = Barrier(model, mission, x, 0.1)
-    for iteration in range(16):
-        barrier.iterate(1e-3)
-        run.report('joint')
-        if run.stop_reason():
-            return run.stop_reason()
-    best = barrier.objective().argmax()
-    x = _refined(mission, barrier.x[best], scenario.slots)
-    run.solver_time += barrier.solver_time
-    return _finish(run, model, x[None], barrier.level[best])
+    barrier = Barrier(model, mission, *several_starts(scenario, model, slots))
+    for steps, share in _STAGES:
+        for _ in range(steps):
+            _advance(run, barrier, _COARSE_LEVEL)
+        values = barrier.objective()
+        barrier.keep(_distinct(values, share))
+        _offer(run, barrier, 0)
+        if len(barrier.x) == 1:
+            break
+    values = barrier.objective()
+    rivals = np.flatnonzero(values >= (1 - _CLOSE) * values[0])[:_RIVALS]
+    statuses = [_finish(run, _on_finer_grids(run, barrier, rival)) for rival in rivals]
+    _try_powers_alone(run, model, mission)
+    return 'converged' if 'converged' in statuses else statuses[0]
 
 
-def _finish(run, model, x, level):
-    scenario = run.scenario
-    barrier = Barrier(model, Mission(scenario, model, scenario.slots), x, level)
-    for iteration in range(100):
-        barrier.iterate(1e-6)
-        run.offer(_positions(scenario, model, barrier.x[0]), model.powers(barrier.x[0]))
-        run.report('joint')
-        if run.stop_reason():
-            return run.stop_reason()
+def _distinct(values, share):
+    """Return the best starts, one of each value, best first, and at least two of several."""
+    order = np.argsort(-values)
+    values = values[order]
+    new = np.append(True, -np.diff(values) > _SAME * abs(values[0]))
+    order = order[new]
+    return order[:max(_RIVALS, int(np.ceil(share * len(order))))]
+
+
+def _on_finer_grids(run, barrier, start):
+    """Return one start of a Barrier on the full grid, by way of grids in between."""
+    scenario, model = run.scenario, barrier.model
+    coarse = Barrier(model, barrier.mission, barrier.x[[start]], barrier.level[start])
+    slots = coarse.mission.slots
+    while slots < scenario.slots:
+        if slots > barrier.mission.slots:
+            for _ in range(_STEPS):
+                _advance(run, coarse, 1e-4)
+                if coarse.finished[0]:
+                    break
+        parts = int(np.ceil(np.log(scenario.slots / slots) / np.log(_FINER)))
+        slots = round(slots * (scenario.slots / slots)**(1 / parts))
+        mission = Mission(scenario, model, slots)
+        x = refined(coarse.mission, coarse.x[0], slots)
+        coarse = Barrier(model, mission, x[None], coarse.level)
+    return coarse
+
+
+def _finish(run, barrier):
+    """Converge on the full grid, offering every iterate; return the status."""
+    for _ in range(_STEPS):
+        _advance(run, barrier, _FINAL_LEVEL, offer=True)
         if barrier.finished[0]:
             return 'converged'
     return 'iteration_limit'
 
 
-def _positions(scenario, model, x):
+def _try_powers_alone(run, model, coarse):
+    """Offer fly-hover-fly with optimised powers where that may be better than what was found."""
+    scenario = run.scenario
+    positions = fly_hover_fly_positions(scenario)
+    powers = np.repeat([[0.9 * uav.average_power] for uav in scenario.uavs], scenario.slots, 1)
+    for slots, enough in ((coarse.slots, 0.97), (scenario.slots, 0.0)):
+        mission = Mission(scenario, model, slots)
+        mission.fixed[:] = True
+        x = interior(scenario, model, positions, powers, slots, share=0.0)
+        x[..., 0] *= 0.99
+        barrier = Barrier(model, mission, x[None], 0.02)
+        for _ in range(_STEPS):
+            _advance(run, barrier, 1e-4 if enough else _FINAL_LEVEL)
+            if barrier.finished[0]:
+                break
+        if barrier.objective()[0] / np.log(2) < enough * run.rate:
+            return
+    _offer(run, barrier, 0)
+
+
+def _advance(run, barrier, level, offer=False):
+    """Take a step, report it, and raise _Stop where the run must end."""
+    before = barrier.solver_time
+    barrier.iterate(level)
+    run.solver_time += barrier.solver_time - before
+    if offer:
+        _offer(run, barrier, 0)
+    run.report('joint')
+    reason = run.stop_reason()
+    if reason is not None:
+        raise _Stop(reason)
+
+
+def _offer(run, barrier, start):
+    """Offer a start of a Barrier to the run, on the full grid."""
+    scenario, model = run.scenario, barrier.model
+    x = barrier.x[start]
+    if len(x) != scenario.slots:
+        x = refined(barrier.mission, x, scenario.slots)
     ends = np.array([(uav.start, uav.goal) for uav in scenario.uavs])
-    return np.concatenate([ends[:, :1], model.positions(x), ends[:, 1:]], axis=1)
-
-
-def _interior(scenario, model, positions, powers, slots, share=0.05):
-    """Return the strictly feasible x (slots, U, 3) near a plan."""
-    points = np.linspace(0, 1, slots + 2)
-    old = np.linspace(0, 1, positions.shape[1])
-    line = positions[:, :1] + points[:, None] * (positions[:, -1:] - positions[:, :1])
-    path = np.stack([[np.interp(points, old, p[:, k]) for k in range(2)] for p in positions])
-    path = np.swapaxes(path, 1, 2)
-    path += share * (line - path)
-    average = np.array([uav.average_power for uav in scenario.uavs])[:, None]
-    peak = np.array([uav.peak_power for uav in scenario.uavs])[:, None]
-    if powers is None:
-        power = np.repeat(0.9 * average, slots, axis=1)
-    else:
-        power = np.stack([np.interp(points[1:-1], old[1:-1], p) for p in powers])
-        power = np.clip(power, 0.01 * average, 0.99 * peak)
-        power *= np.minimum(1, 0.99 * average / power.mean(axis=1, keepdims=True))
-    return model.variables(path[:, 1:-1], power)
-
-
-def _refined(mission, x, slots):
-    points = np.linspace(0, 1, slots + 2)[1:-1]
-    old = np.linspace(0, 1, len(x) + 2)
-    full = np.concatenate([x[:1], x, x[-1:]])
-    full[0, :, 1:] = mission.starts
-    full[-1, :, 1:] = mission.goals
-    flat = full.reshape(len(full), -1)
-    fine = np.stack([np.interp(points, old, column) for column in flat.T], axis=-1)
-    fine = fine.reshape(slots, *x.shape[1:])
-    mean = fine[..., 0].mean(axis=0)
-    fine[..., 0] *= np.minimum(1, np.minimum(x[..., 0].mean(axis=0), 0.999) / mean)
-    return fine
+    run.offer(np.concatenate([ends[:, :1], model.positions(x), ends[:, 1:]], axis=1),
+              model.powers(x))

@@ -1,49 +1,110 @@
-"""Where the search begins: flights to various hovering places."""
-
-import itertools
+"""Where the joint method begins: flights to various hovering places."""
 
 import numpy as np
+
+from .fly_hover_fly import fly_hover_fly_positions
+
+_BESIDE = 0.7  # In altitudes.
 
 
 def hovering_places(scenario):
     """
-    Return the hovering places of several fly-hover-fly flights, (S, U, 2) in m.
+    Return hovering places of fly-hover-fly flights, the paper's first, (S, U, 2) in m.
 
-    Above the ground node and the eavesdroppers as in the paper, beside them on either side,
-    behind and before them; and every sensible way to share the eavesdroppers among the jammers.
+    The transmitter above the ground node or beside it; the jammers above the eavesdroppers,
+    beside, behind or far behind them, as the ground node sees them; the eavesdroppers shared
+    among the jammers in turn, in every rotation, or all on the nearest.
     """
     ground = np.array(scenario.ground_node)
     eves = np.array([eve.position for eve in scenario.eavesdroppers])
     radii = np.array([eve.error_radius for eve in scenario.eavesdroppers])
     altitude = float(np.mean([uav.altitude for uav in scenario.uavs]))
     jammers = len(scenario.uavs) - 1
-    away = ground - eves.mean(axis=0)
-    away = away / max(np.linalg.norm(away), 1e-9)
-    side = np.array([-away[1], away[0]])
-    transmit = [ground + shift * altitude for shift in
-                (0 * away, 0.7 * away, 0.7 * side, -0.7 * side)]
+    out = eves - ground
+    distance = np.linalg.norm(out, axis=1)
+    away = -out.mean(axis=0)
+    away = away / np.linalg.norm(away) if np.linalg.norm(away) > 1e-9 else np.array([1.0, 0.0])
+    out = np.where(distance[:, None] > 1e-9, out / np.maximum(distance, 1e-9)[:, None], -away)
+    left = out @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    reach = (_BESIDE * altitude + radii)[:, None]
+    around = {'above': eves, 'behind': eves + reach * out, 'left': eves + reach * left,
+              'right': eves - reach * left, 'far': eves + 3 * reach * out}
 
-    def jam(eve, kind):
-        out = eves[eve] - ground
-        distance = np.linalg.norm(out)
-        out = out / distance if distance > 1e-9 else -away
-        left = np.array([-out[1], out[0]])
-        reach = 0.7 * altitude + radii[eve]
-        return eves[eve] + reach * {
-            'above': 0 * out, 'behind': out, 'left': left, 'right': -left, 'far': 3 * out}[kind]
-
-    # The eavesdropper of each jammer: in turn, rotated, or all on the nearest to the ground node.
-    order = np.argsort(np.linalg.norm(eves - ground, axis=1))
-    turns = [[order[(jammer + shift) % len(eves)] for jammer in range(jammers)]
-             for shift in range(len(eves) if jammers else 1)]
+    order = np.argsort(distance)
+    shares = [[order[(jammer + turn) % len(eves)] for jammer in range(jammers)]
+              for turn in range(len(eves))]
     if jammers > 1 and len(eves) > 1:
-        turns += [[order[0]] * jammers]
-        turns += [[turn[j] for j in range(jammers)][::-1] for turn in turns[:2]]
-    kinds = [('above',) * jammers, ('behind',) * jammers, ('left', 'right') * jammers,
-             ('right', 'left') * jammers, ('far',) * jammers]
-    places = []
-    for turn, kind in itertools.product(turns, kinds):
-        places.append([transmit[0]] + [jam(*pair) for pair in zip(turn, kind)])
-    for shift in transmit[1:]:
-        places.append([shift] + [jam(eve, 'above') for eve in turns[0]])
-    return np.unique(np.array(places), axis=0)
+        shares.append([order[0]] * jammers)
+        shares += [share[::-1] for share in shares[:2]]
+    patterns = [('above',), ('behind',), ('left', 'right'), ('right', 'left'), ('far',)]
+    places = [[ground] + [around[pattern[jammer % len(pattern)]][eve]
+                          for jammer, eve in enumerate(share)]
+              for pattern in patterns for share in shares]
+    side = np.array([-away[1], away[0]])
+    for shift in (away, side, -side):
+        places.append([ground + _BESIDE * altitude * shift] + [eves[eve] for eve in shares[0]])
+    places = np.array(places)
+    first = np.unique(places.round(6), axis=0, return_index=True)[1]
+    return places[np.sort(first)]
+
+
+def several_starts(scenario, model, slots):
+    """
+    Return strictly feasible starts (S, slots, U, 3) and the mu to start each with, (S,).
+
+    Each of three kinds is spread over the hovering places: with jammers on; with jammers all but
+    silent, which lets the transmitter find its flight first; and the same closer to the
+    boundary, which finds the few slots worth talking in a mission that is nearly lost.
+    """
+    places = hovering_places(scenario)
+    starts, levels = [], []
+    for number, jamming, level in ((4, 0.9, 0.02), (8, 0.05, 0.02), (4, 0.05, 0.003)):
+        spread = np.linspace(0, len(places) - 1, min(number, len(places)))
+        for hover in places[np.unique(spread.round().astype(int))]:
+            positions = fly_hover_fly_positions(scenario, hover)
+            powers = np.array([[uav.average_power * (jamming if index else 0.9)]
+                               for index, uav in enumerate(scenario.uavs)])
+            powers = np.repeat(powers, scenario.slots, axis=1)
+            starts.append(interior(scenario, model, positions, powers, slots))
+            levels.append(level)
+    return np.array(starts), np.array(levels)
+
+
+def interior(scenario, model, positions, powers, slots, share=0.05):
+    """
+    Return strictly feasible variables near a plan on another grid, (slots, U, 3).
+
+    :param positions: feasible, (U, N+2, 2) in m.
+    :param powers: feasible, (U, N) in W.
+    :param share: by which to go from the plan into the interior.
+    """
+    points = np.linspace(0, 1, slots + 2)
+    old = np.linspace(0, 1, positions.shape[1])
+    line = positions[:, :1] + points[:, None] * (positions[:, -1:] - positions[:, :1])
+    path = np.stack([np.stack([np.interp(points, old, axis) for axis in place.T], axis=-1)
+                     for place in positions])
+    path += share * (line - path)
+    average = np.array([uav.average_power for uav in scenario.uavs])[:, None]
+    peak = np.array([uav.peak_power for uav in scenario.uavs])[:, None]
+    power = np.stack([np.interp(points[1:-1], old[1:-1], power) for power in powers])
+    power = np.clip(power, 0.2 * share * average, (1 - 0.2 * share) * peak)
+    power *= np.minimum(1, (1 - 0.2 * share) * average / power.mean(axis=1, keepdims=True))
+    return model.variables(path[:, 1:-1], power)
+
+
+def refined(mission, x, slots):
+    """
+    Return variables (N, U, 3) that are strictly feasible for a Mission on another grid.
+
+    Interpolation keeps the speed; the mean of the powers is kept by scaling.
+    """
+    points = np.linspace(0, 1, slots + 2)[1:-1]
+    old = np.linspace(0, 1, len(x) + 2)
+    whole = np.concatenate([x[:1], x, x[-1:]])
+    whole[0, :, 1:] = mission.starts
+    whole[-1, :, 1:] = mission.goals
+    fine = np.stack([np.interp(points, old, column)
+                     for column in whole.reshape(len(whole), -1).T], axis=-1)
+    fine = fine.reshape(slots, *x.shape[1:])
+    fine[..., 0] *= np.minimum(1, x[..., 0].mean(axis=0) / fine[..., 0].mean(axis=0))
+    return fine
