@@ -1,8 +1,8 @@
 """
 Gains and rates: the paper's formulas, evaluation only.
 
-Positions are (U, N+2, 2) in m and powers (U, N) in W throughout, as in Plan; gains are divided by
-the noise power, so they are SNRs per watt.
+Positions are (U, N+2, 2) in m and powers (U, N) in W throughout, as in Plan, for any N; gains are
+divided by the noise power, so they are SNRs per watt.
 """
 
 import numpy as np
@@ -60,10 +60,10 @@ def secrecy_rates(scenario, positions, powers, eavesdropper):
     """
     Return r_0[n] - r_e[n] for an eavesdropper whose place is known, (N,) in bit/s/Hz.
 
-    :param eavesdropper: its true place, (2,) or one for each slot, (N, 2), in m.
+    :param eavesdropper: its true place, (2,) in m.
     """
-    places = np.broadcast_to(np.asarray(eavesdropper, float), (scenario.slots, 2))
-    leak = _leak_at(scenario, positions[:, 1:-1], powers, places[:, None])[:, 0]
+    places = np.broadcast_to(np.asarray(eavesdropper, float), (powers.shape[1], 1, 2))
+    leak = _leak_at(scenario, positions[:, 1:-1], powers, places)[:, 0]
     return ground_rates(scenario, positions, powers) - leak
 
 

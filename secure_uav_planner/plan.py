@@ -1,6 +1,6 @@
 """What is answered: trajectories and powers, what they achieve, and how they were found."""
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 import json
 import os
@@ -10,7 +10,7 @@ import tempfile
 import numpy as np
 
 from . import channel
-from .scenario import Scenario
+from .scenario import LIMITS, Scenario
 
 POSITION_TOLERANCE = 1e-6
 """How far in m a plan may exceed the largest step or miss its ends."""
@@ -60,6 +60,8 @@ class Plan:
     :param status: one of STATUSES.
     :param history: the iterations of the method.
     :param solve_time: in s.
+    :param start_ns: time of point 0 in ns on the clock of those who fly it, or None before a
+        time has been set.
     :raises ValueError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
         and limit.
     """
@@ -71,6 +73,7 @@ class Plan:
     status: str = 'converged'
     history: tuple[Iteration, ...] = ()
     solve_time: float = 0.0
+    start_ns: int | None = None
 
     def __post_init__(self):
         count, slots = len(self.scenario.uavs), self.scenario.slots
@@ -137,6 +140,31 @@ class Plan:
         """Mean of worst_case_rates, the objective of problem (P1), in bit/s/Hz."""
         return float(self.worst_case_rates.mean())
 
+    def tail(self, point):
+        """
+        Return the rest of the plan from a point, as the plan of what is left of the mission.
+
+        Its powers may use what the slots before have left of the average.
+
+        :param point: where to start, from 0 to slots - 1.
+        :raises ValueError: for another point.
+        """
+        if not 0 <= point < self.scenario.slots:
+            raise ValueError(f'point is {point!r}; it must be from 0 to {self.scenario.slots - 1}')
+        slots = self.scenario.slots - point
+        left = [self.scenario.slots * uav.average_power - power[:point].sum()
+                for uav, power in zip(self.scenario.uavs, self.powers)]
+        uavs = tuple(
+            replace(uav, start=tuple(path[point].tolist()), average_power=min(
+                uav.peak_power, max(energy / slots, LIMITS['average_power'][0])))
+            for uav, path, energy in zip(self.scenario.uavs, self.positions, left))
+        step = self.scenario.slot_duration
+        return replace(
+            self, scenario=replace(self.scenario, uavs=uavs, slots=slots, duration=slots * step),
+            positions=self.positions[:, point:], powers=self.powers[:, point:], history=(),
+            start_ns=(None if self.start_ns is None else
+                      self.start_ns + round(point * step * 1e9)))
+
     def save(self, path):
         """
         Write the plan to a JSON file, atomically: a reader sees the old file or the new one.
@@ -153,6 +181,7 @@ class Plan:
             'status': self.status,
             'history': [asdict(iteration) for iteration in self.history],
             'solve_time': self.solve_time,
+            'start_ns': self.start_ns,
             # For readers of the file; load computes them anew.
             'guaranteed_rate': self.guaranteed_rate,
             'worst_case_rate': self.worst_case_rate,
@@ -186,7 +215,8 @@ class Plan:
                 positions=document['positions'], powers=document['powers'],
                 method=str(document['method']), status=document['status'],
                 history=tuple(_iteration(entry) for entry in document['history']),
-                solve_time=float(document['solve_time']))
+                solve_time=float(document['solve_time']),
+                start_ns=None if document['start_ns'] is None else int(document['start_ns']))
         except KeyError as error:
             raise ValueError(f'{path} is not a plan: {error} is missing') from None
         except (TypeError, ValueError, RecursionError) as error:

@@ -6,34 +6,46 @@ import math
 
 import numpy as np
 
+LIMITS = {
+    'coordinate': (-1e7, 1e7),
+    'error_radius': (0.0, 1e7),
+    'altitude': (1e-3, 1e6),
+    'max_speed': (1e-6, 1e6),
+    'average_power': (1e-9, 1e6),
+    'peak_power': (1e-9, 1e6),
+    'duration': (1e-6, 1e8),
+    'slots': (1, 20000),
+    'reference_snr_db': (-200.0, 300.0),
+}
+"""Smallest and largest value of every field; beyond them squares lose their accuracy."""
 
-def _number(owner, field, value, *, above=None, at_least=None):
+MAX_MEMBERS = 32
+"""The most UAVs, and the most eavesdroppers."""
+
+
+def _number(owner, field, value):
     """Return value as a float, or raise ValueError naming field, value and what is allowed."""
-    allowed = 'a finite number'
-    if above is not None:
-        allowed += f' above {above:g}'
-    if at_least is not None:
-        allowed += f' of at least {at_least:g}'
+    low, high = LIMITS[field]
     try:
         number = float(value)
     except (TypeError, ValueError):
         number = math.nan
-    if (not math.isfinite(number)
-            or (above is not None and number <= above)
-            or (at_least is not None and number < at_least)):
-        raise ValueError(f'{owner}{field} is {value!r}; it must be {allowed}')
+    if isinstance(value, bool) or not low <= number <= high:
+        raise ValueError(
+            f'{owner}{field} is {value!r}; it must be a number from {low:g} to {high:g}')
     return number
 
 
 def _point(owner, field, value):
     """Return value as a tuple of two floats, or raise ValueError naming field and value."""
+    low, high = LIMITS['coordinate']
     try:
         x, y = (float(coordinate) for coordinate in value)
     except (TypeError, ValueError):
         x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise ValueError(
-            f'{owner}{field} is {value!r}; it must be two finite coordinates (x, y) in metres')
+    if not (low <= x <= high and low <= y <= high):
+        raise ValueError(f'{owner}{field} is {value!r}; it must be two coordinates (x, y) '
+                         f'from {low:g} to {high:g} m')
     return (x, y)
 
 
@@ -53,7 +65,7 @@ class Eavesdropper:
     def __post_init__(self):
         object.__setattr__(self, 'position', _point('eavesdropper ', 'position', self.position))
         object.__setattr__(self, 'error_radius', _number(
-            'eavesdropper ', 'error_radius', self.error_radius, at_least=0))
+            'eavesdropper ', 'error_radius', self.error_radius))
 
 
 @dataclass(frozen=True)
@@ -86,8 +98,7 @@ class Uav:
         for field in ('start', 'goal'):
             object.__setattr__(self, field, _point(owner, field, getattr(self, field)))
         for field in ('altitude', 'max_speed', 'average_power', 'peak_power'):
-            object.__setattr__(
-                self, field, _number(owner, field, getattr(self, field), above=0))
+            object.__setattr__(self, field, _number(owner, field, getattr(self, field)))
         if self.peak_power < self.average_power:
             raise ValueError(
                 f'{owner}peak_power is {self.peak_power!r}; '
@@ -124,18 +135,18 @@ class Scenario:
         for field, kind in (('eavesdroppers', Eavesdropper), ('uavs', Uav)):
             members = getattr(self, field)
             if (not isinstance(members, (tuple, list)) or not members
+                    or len(members) > MAX_MEMBERS
                     or not all(isinstance(member, kind) for member in members)):
-                raise ValueError(
-                    f'{field} is {members!r}; it must be a non-empty tuple of {kind.__name__}')
+                raise ValueError(f'{field} is {members!r}; it must be a tuple of '
+                                 f'1 to {MAX_MEMBERS} {kind.__name__}')
             object.__setattr__(self, field, tuple(members))
         names = [uav.name for uav in self.uavs]
         if len(set(names)) < len(names):
             raise ValueError(f'uavs are named {names!r}; the names must be unique')
-        object.__setattr__(self, 'duration', _number('', 'duration', self.duration, above=0))
-        if (isinstance(self.slots, bool) or not isinstance(self.slots, (int, np.integer))
-                or self.slots < 1):
-            raise ValueError(f'slots is {self.slots!r}; it must be a whole number of at least 1')
-        object.__setattr__(self, 'slots', int(self.slots))
+        object.__setattr__(self, 'duration', _number('', 'duration', self.duration))
+        if not isinstance(self.slots, (int, np.integer)):
+            raise ValueError(f'slots is {self.slots!r}; it must be a whole number')
+        object.__setattr__(self, 'slots', int(_number('', 'slots', self.slots)))
         object.__setattr__(self, 'reference_snr_db', _number(
             '', 'reference_snr_db', self.reference_snr_db))
         self._check_reachable()

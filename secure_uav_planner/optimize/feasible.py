@@ -1,5 +1,7 @@
 """Make numbers that are nearly feasible, or were feasible for another scenario, feasible."""
 
+import math
+
 import numpy as np
 
 from ..channel import guaranteed_rates
@@ -47,6 +49,27 @@ def silence_losing_slots(scenario, positions, powers):
     powers = powers.copy()
     powers[0, losing] = 0.0
     return powers
+
+
+def similar(scenario, other):
+    """
+    Return whether a plan for one scenario is a good start for the other.
+
+    That is so when the same UAVs fly for about as long among places that are not further apart
+    than the UAVs are high: over such distances the gains change little.
+    """
+    if (len(scenario.uavs) != len(other.uavs)
+            or len(scenario.eavesdroppers) != len(other.eavesdroppers)
+            or abs(scenario.duration - other.duration) > 0.1 * other.duration):
+        return False
+    reach = min(uav.altitude for uav in scenario.uavs)
+    return all(math.dist(place, before) <= reach
+               for place, before in zip(_places(scenario), _places(other)))
+
+
+def _places(scenario):
+    return [scenario.ground_node, *(eve.position for eve in scenario.eavesdroppers),
+            *(place for uav in scenario.uavs for place in (uav.start, uav.goal))]
 
 
 def adapted(scenario, plan):

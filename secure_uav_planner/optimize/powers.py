@@ -3,8 +3,8 @@
 import cvxpy as cp
 import numpy as np
 
-from ..channel import ground_gains, guaranteed_gains
 from .conic import solve_with_clarabel
+from ..channel import ground_gains, guaranteed_gains
 
 
 class PowerProblem:
@@ -17,10 +17,12 @@ class PowerProblem:
     :param count: U.
     :param eavesdroppers: E.
     :param slots: N.
+    :ivar problem: the cvxpy.Problem.
+    :ivar power: its variable, (U, N) in units of the average power.
     """
 
     def __init__(self, count, eavesdroppers, slots):
-        self._power = cp.Variable((count, slots), nonneg=True)
+        self.power = cp.Variable((count, slots), nonneg=True)
         leak = cp.Variable(slots)
         self._peak = cp.Parameter((count, 1), nonneg=True)
         # log((1 + sum_i g_i p_i) / value at the local point)
@@ -35,17 +37,17 @@ class PowerProblem:
         self._leak_constant = [cp.Parameter(slots) for _ in shapes]
 
         def dot(slope):
-            return cp.sum(cp.multiply(slope, self._power), axis=0)
+            return cp.sum(cp.multiply(slope, self.power), axis=0)
 
         rate = (cp.log(self._ground_constant + dot(self._ground_slope))
                 - dot(self._interference_slope) - leak)
-        constraints = [self._power <= self._peak @ np.ones((1, slots)),
-                       cp.sum(self._power, axis=1) <= slots]
+        constraints = [self.power <= self._peak @ np.ones((1, slots)),
+                       cp.sum(self.power, axis=1) <= slots]
         for eve in shapes:
             constraints.append(
                 leak >= self._leak_constant[eve] + dot(self._total_slope[eve])
                 - cp.log(self._jam_constant[eve] + dot(self._jam_slope[eve])))
-        self._problem = cp.Problem(cp.Maximize(cp.sum(rate)), constraints)
+        self.problem = cp.Problem(cp.Maximize(cp.sum(rate)), constraints)
 
     def solve(self, scenario, positions, powers, time_left=np.inf):
         """
@@ -72,8 +74,8 @@ class PowerProblem:
             self._total_slope[eve].value = slopes / total
             self._leak_constant[eve].value = (
                 np.log(total / jamming) - received.sum(axis=0) / total)
-        solved, seconds = solve_with_clarabel(self._problem, time_left)
-        return (self._power.value * unit if solved else None), seconds
+        solved, seconds = solve_with_clarabel(self.problem, time_left)
+        return (self.power.value * unit if solved else None), seconds
 
 
 def _of_jammers(slopes):

@@ -4,9 +4,9 @@ import time
 
 import numpy as np
 
+from .feasible import feasible_positions, feasible_powers, silence_losing_slots
 from ..channel import guaranteed_rates
 from ..plan import Iteration, Plan
-from .feasible import feasible_positions, feasible_powers, silence_losing_slots
 
 
 class Run:

@@ -4,11 +4,11 @@ import time
 
 import numpy as np
 
-from ..plan import Plan
 from .alternating import alternate, optimise_powers
 from .feasible import adapted
 from .fly_hover_fly import fly_hover_fly_positions
 from .run import Run
+from ..plan import Plan
 
 METHODS = {'alternating': alternate}
 """What improves a Run until it has converged or must stop, and returns the Plan's status."""

@@ -3,8 +3,8 @@
 import cvxpy as cp
 import numpy as np
 
-from ..channel import ground_gains, guaranteed_gains
 from .conic import solve_with_clarabel
+from ..channel import ground_gains, guaranteed_gains
 
 
 class TrajectoryProblem:
@@ -18,17 +18,21 @@ class TrajectoryProblem:
     :param count: U.
     :param eavesdroppers: E.
     :param slots: N.
+    :ivar problem: the cvxpy.Problem.
+    :ivar moves: its variables, displacements of every UAV, (N+2, 2) in units of `unit`.
+    :ivar unit: the typical distance of the last solve, in m.
     """
 
     def __init__(self, count, eavesdroppers, slots):
-        self._moves = [cp.Variable((slots + 2, 2)) for _ in range(count)]
+        self.unit = 1.0
+        self.moves = [cp.Variable((slots + 2, 2)) for _ in range(count)]
         self._steps = [cp.Parameter((slots + 1, 2)) for _ in range(count)]
         self._max_step = cp.Parameter(count, nonneg=True)
         constraints = []
-        for move, step, limit in zip(self._moves, self._steps, self._max_step):
+        for move, step, limit in zip(self.moves, self._steps, self._max_step):
             constraints += [move[0] == 0, move[-1] == 0,
                             cp.norm(move[1:] - move[:-1] + step, axis=1) <= limit]
-        moves = [move[1:-1] for move in self._moves]
+        moves = [move[1:-1] for move in self.moves]
         jammers = range(1, count)
 
         # -log(1 + sum of interference at the ground node), by zeta of (Ta_1)
@@ -50,7 +54,7 @@ class TrajectoryProblem:
         self._leaks = [_Leak(moves, slots) for _ in range(eavesdroppers)]
         for one in self._leaks:
             constraints += one.constraints(leak)
-        self._problem = cp.Problem(
+        self.problem = cp.Problem(
             cp.Minimize(cp.sum(self._interference.logarithm + loss + leak)), constraints)
 
     def solve(self, scenario, positions, powers, time_left=np.inf):
@@ -64,7 +68,7 @@ class TrajectoryProblem:
             in s.
         """
         gains = ground_gains(scenario, positions)
-        unit = np.sqrt(scenario.reference_snr / np.median(gains))
+        self.unit = unit = np.sqrt(scenario.reference_snr / np.median(gains))
         for parameter, step in zip(self._steps, np.diff(positions, axis=1)):
             parameter.value = step / unit
         self._max_step.value = scenario.max_step / unit
@@ -87,10 +91,10 @@ class TrajectoryProblem:
                 self._leaks, scenario.eavesdroppers, guaranteed_gains(scenario, positions)):
             leak.set_value(eve, positions[:, 1:-1], powers, gains, unit,
                            scenario.reference_snr, away)
-        solved, seconds = solve_with_clarabel(self._problem, time_left)
+        solved, seconds = solve_with_clarabel(self.problem, time_left)
         if not solved:
             return None, seconds
-        return positions + unit * np.stack([move.value for move in self._moves]), seconds
+        return positions + unit * np.stack([move.value for move in self.moves]), seconds
 
 
 class _Sum:

@@ -1,0 +1,11 @@
+"""The colours of everything that is shown: Okabe and Ito's, which the colour-blind tell apart."""
+
+GROUND_NODE = '#000000'
+EAVESDROPPER = '#D55E00'
+
+_UAVS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#F0E442')
+
+
+def uav_color(index):
+    """Return the colour of a UAV by index, '#rrggbb'; UAV 0 transmits."""
+    return _UAVS[0] if index == 0 else _UAVS[1 + (index - 1) % (len(_UAVS) - 1)]

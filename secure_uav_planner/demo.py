@@ -1,0 +1,206 @@
+"""
+The main job from end to end: poses in, a plan out, replayed, saved and drawn.
+
+The planner and the replay node run in processes of their own; this third process talks to them
+over DDS as any other program would.
+"""
+
+import argparse
+from contextlib import contextmanager
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry, Path
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from . import fly_hover_fly, Plan, Scenario
+from .picture import save_picture
+from .ros.messages import pose
+from .ros.qos import LATCHED
+
+_PATIENCE = 120.0
+_REPLAY_SPEED = 50.0
+
+
+class DemoError(RuntimeError):
+    """The demo cannot go on; the text says why."""
+
+
+def main(argv=None):
+    """Run the demo; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--out', type=pathlib.Path, default=pathlib.Path('out'),
+                        help='folder for the results')
+    parser.add_argument('--method', help="optimisation method, by default the planner's")
+    options = parser.parse_args(argv)
+    options.out.mkdir(parents=True, exist_ok=True)
+    _isolate(options.out)
+    try:
+        plan = _plan_and_replay(Scenario.paper(), options.method)
+    except DemoError as error:
+        print(f'demo: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    baselines = [fly_hover_fly(plan.scenario, power) for power in ('constant', 'optimised')]
+    print()
+    print(table([*baselines, plan]))
+    plan.save(options.out / 'plan.json')
+    save_picture(plan, options.out / 'plan.png', baselines)
+    print(f'\nsaved: {options.out / "plan.json"}, {options.out / "plan.png"}')
+    return 0
+
+
+def table(plans):
+    """Return a text table of plans, a line each."""
+    lines = [f'{"scheme":<26}{"guaranteed rate":>17}{"worst-case rate":>17}{"time":>9}',
+             f'{"":<26}{"bit/s/Hz":>17}{"bit/s/Hz":>17}{"s":>9}']
+    lines += [f'{plan.method:<26}{plan.guaranteed_rate:>17.4f}{plan.worst_case_rate:>17.4f}'
+              f'{plan.solve_time:>9.2f}' for plan in plans]
+    return '\n'.join(lines)
+
+
+def _isolate(out):
+    """Keep the ROS graph on this host and the logs in the folder, unless told otherwise."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
+
+
+def _plan_and_replay(scenario, method):
+    """Have the scenario planned and replayed by the nodes; return the plan that came back."""
+    planner = ['-p', f'method:={method}'] if method else []
+    place = np.array(scenario.eavesdroppers[0].position) - [
+        scenario.eavesdroppers[0].error_radius, 0.0]
+    replay = ['-p', f'speed:={_REPLAY_SPEED}', '-p', f'true_eavesdropper:={place.tolist()}']
+    with _process('planner', planner), _process('replay', replay):
+        with _client(scenario) as client:
+            return client.run()
+
+
+@contextmanager
+def _process(name, parameters):
+    """Run a node in a process of its own, and stop it as Ctrl-C does."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],
+        start_new_session=True)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def _client(scenario):
+    rclpy.init(args=[])
+    try:
+        client = _Client(scenario)
+        try:
+            yield client
+        finally:
+            client.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+class _Client(Node):
+    """Sends the poses, asks for a plan and for its replay, and receives what comes back."""
+
+    def __init__(self, scenario):
+        super().__init__('demo')
+        self._scenario = scenario
+        self._names = [uav.name for uav in scenario.uavs]
+        self._paths, self._powers, self._places = {}, {}, {}
+        self._ground_node = self.create_publisher(PoseStamped, 'ground_node/pose', 10)
+        self._eavesdropper = self.create_publisher(
+            PoseWithCovarianceStamped, 'eavesdropper/pose', 10)
+        for name in self._names:
+            self._receive(Path, f'{name}/path', self._paths, LATCHED)
+            self._receive(Float64MultiArray, f'{name}/power', self._powers, LATCHED)
+            self._receive(Odometry, f'{name}/odom', self._places, 10)
+        self.create_subscription(DiagnosticStatus, 'planner/status', self._on_status, LATCHED)
+        self.create_timer(0.2, self._send_poses)
+
+    def run(self):
+        """Return the plan that was received, once its replay has ended."""
+        services = {name: self.create_client(Trigger, name)
+                    for name in ('planner/plan', 'replay/start')}
+        for name, service in services.items():
+            self._wait(service.service_is_ready, f'the service {name}')
+        self._wait(lambda: self._ground_node.get_subscription_count()
+                   and self._eavesdropper.get_subscription_count(), 'the planner')
+        self._send_poses()
+        started = time.monotonic()
+        print('planning ...', flush=True)
+        self._call(services['planner/plan'])
+        elapsed = time.monotonic() - started
+        self._wait(lambda: len(self._paths) == len(self._powers) == len(self._names), 'the plan')
+        print(f'replaying at {_REPLAY_SPEED:g} times real time ...', flush=True)
+        self._call(services['replay/start'])
+        self._wait(self._arrived, 'the end of the replay')
+        positions = [[(at.pose.position.x, at.pose.position.y) for at in self._paths[name].poses]
+                     for name in self._names]
+        return Plan(self._scenario, positions, [self._powers[name].data for name in self._names],
+                    method='planned over DDS', solve_time=elapsed)
+
+    def _receive(self, kind, topic, kept, qos):
+        name = topic.split('/')[0]
+        self.create_subscription(kind, topic, lambda message: kept.update({name: message}), qos)
+
+    def _send_poses(self):
+        place = PoseStamped()
+        place.header.frame_id = 'map'
+        place.header.stamp = self.get_clock().now().to_msg()
+        place.pose = pose(*self._scenario.ground_node, 0.0, 0.0)
+        self._ground_node.publish(place)
+        estimate = PoseWithCovarianceStamped(header=place.header)
+        # No covariance: the planner's parameter eavesdropper.error_radius counts.
+        estimate.pose.pose = pose(*self._scenario.eavesdroppers[0].position, 0.0, 0.0)
+        self._eavesdropper.publish(estimate)
+
+    def _on_status(self, message):
+        values = {entry.key: entry.value for entry in message.values}
+        if 'progress.iteration' in values:
+            print(f'  iteration {values["progress.iteration"]:>3}  '
+                  f'guaranteed rate {values["progress.guaranteed_rate"]} bit/s/Hz', flush=True)
+
+    def _call(self, service):
+        future = service.call_async(Trigger.Request())
+        self._wait(future.done, f'the answer of {service.srv_name}')
+        if not future.result().success:
+            raise DemoError(f'{service.srv_name}: {future.result().message}')
+
+    def _wait(self, condition, what):
+        until = time.monotonic() + _PATIENCE
+        while not condition():
+            if time.monotonic() > until:
+                raise DemoError(f'{what} did not come within {_PATIENCE:g} s')
+            rclpy.spin_once(self, timeout_sec=0.1)
+
+    def _arrived(self):
+        for name in self._names:
+            here = self._places.get(name)
+            goal = self._paths[name].poses[-1].pose.position
+            if here is None or abs(here.pose.pose.position.x - goal.x) + abs(
+                    here.pose.pose.position.y - goal.y) > 1e-6:
+                return False
+        return True
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,239 @@
+"""What the nodes' parameters are called, mean and allow, and the settings they make."""
+
+from dataclasses import dataclass
+import math
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, \
+    SetParametersResult
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.validate_topic_name import validate_topic_name
+
+from ..optimize import METHODS
+from ..scenario import LIMITS, MAX_MEMBERS, Scenario, Uav
+
+_PAPER = Scenario.paper()
+
+
+@dataclass(frozen=True)
+class Spec:
+    """
+    One parameter.
+
+    :param default: its type is the parameter's type.
+    :param limits: smallest and largest number allowed, for numbers and their lists.
+    :param length: of a list, smallest and largest.
+    :param choices: the strings allowed.
+    """
+
+    default: object
+    description: str
+    limits: tuple = None
+    length: tuple = None
+    choices: tuple = None
+    read_only: bool = False
+
+    @property
+    def allowed(self):
+        """Return what is allowed, in words."""
+        noun = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string',
+                list: 'a list'}[type(self.default)]
+        if self.choices:
+            return 'one of ' + ', '.join(self.choices)
+        if self.length:
+            low, high = self.length
+            noun += f' of {low}' if low == high else f' of {low} to {high}'
+            noun += ' names' if self._of_names else ' numbers'
+        if self.limits:
+            noun += f' from {self.limits[0]:g} to {self.limits[1]:g}'
+        return noun
+
+    @property
+    def _of_names(self):
+        return isinstance(self.default, list) and self.limits is None
+
+    def checked(self, name, value):
+        """Return the value in the parameter's type, or raise ValueError."""
+        try:
+            return self._converted(value)
+        except (TypeError, ValueError, OverflowError, NameValidationException):
+            raise ValueError(f'{name} is {value!r}; it must be {self.allowed}') from None
+
+    def _converted(self, value):
+        kind = type(self.default)
+        if kind is list:
+            values = list(value)
+            if isinstance(value, (str, bytes)) or not (
+                    self.length[0] <= len(values) <= self.length[1]):
+                raise ValueError
+            return [_name(one) for one in values] if self._of_names else [
+                self._number(one, float) for one in values]
+        if kind in (int, float):
+            return self._number(value, kind)
+        if not isinstance(value, kind) or (self.choices and value not in self.choices):
+            raise ValueError
+        return value
+
+    def _number(self, value, kind):
+        # A whole number is welcome where a real one is meant: `duration: 150` in YAML.
+        if isinstance(value, bool) or not isinstance(value, (int, kind)):
+            raise ValueError
+        if not math.isfinite(value) or not self.limits[0] <= value <= self.limits[1]:
+            raise ValueError
+        return kind(value)
+
+    def descriptor(self):
+        """Return what `ros2 param describe` shows."""
+        descriptor = ParameterDescriptor(
+            description=self.description, additional_constraints=f'Must be {self.allowed}.',
+            read_only=self.read_only,
+            # Types are checked here, where a whole number may stand for a real one.
+            dynamic_typing=True)
+        if self.limits and isinstance(self.default, float):
+            descriptor.floating_point_range = [FloatingPointRange(
+                from_value=float(self.limits[0]), to_value=float(self.limits[1]))]
+        elif self.limits and isinstance(self.default, int):
+            descriptor.integer_range = [IntegerRange(
+                from_value=int(self.limits[0]), to_value=int(self.limits[1]), step=1)]
+        return descriptor
+
+
+def _name(value):
+    """Return a name that can be part of a topic and of a parameter."""
+    if not isinstance(value, str) or '/' in value or '~' in value:
+        raise ValueError
+    validate_topic_name(value)
+    return value
+
+
+_NAMES = (1, MAX_MEMBERS)
+_UAVS = Spec([uav.name for uav in _PAPER.uavs],
+             'Names of the UAVs; the first transmits, the others jam.',
+             length=_NAMES, read_only=True)
+
+PLANNER = {
+    'uavs': _UAVS,
+    'eavesdroppers': Spec(['eavesdropper'], 'Names of the eavesdroppers.', length=_NAMES,
+                          read_only=True),
+    'frame_id': Spec('map', 'Frame of all poses and paths, z up (REP-103, REP-105).'),
+    'duration': Spec(_PAPER.duration, 'T, mission duration in s.', LIMITS['duration']),
+    'slots': Spec(_PAPER.slots, 'N, number of slots of the duration.', LIMITS['slots']),
+    'reference_snr_db': Spec(_PAPER.reference_snr_db,
+                             'beta_0/sigma^2, SNR at 1 m and 1 W, in dB.',
+                             LIMITS['reference_snr_db']),
+    'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
+    'time_limit': Spec(60.0, 'Deadline of a solve in s, after which the best feasible plan so '
+                       'far is published; 0 for none.', (0.0, 86400.0)),
+    'confidence': Spec(0.95, 'Probability that an eavesdropper is within the error radius taken '
+                       'from its covariance.', (0.01, 0.999999)),
+    'pose_timeout': Spec(10.0, 'Age in s beyond which a pose is not planned with; 0 for none.',
+                         (0.0, 86400.0)),
+}
+"""Parameters of the planner that do not belong to one UAV or eavesdropper."""
+
+_FIELDS = {
+    'start': 'Start (x, y) in m, used until a pose of the UAV has come.',
+    'goal': 'Goal (x, y) in m.',
+    'altitude': 'Flying height H in m.',
+    'max_speed': 'Largest speed V in m/s.',
+    'average_power': 'Limit of the mean power in W.',
+    'peak_power': 'Limit of the power of every slot in W.',
+}
+
+
+def uav_parameters(name, index):
+    """Return the parameters of one UAV by name; the paper's values are the defaults."""
+    uav = _PAPER.uavs[min(index, len(_PAPER.uavs) - 1)]
+    return {f'{name}.{field}': _uav_spec(getattr(uav, field), text, field)
+            for field, text in _FIELDS.items()}
+
+
+def _uav_spec(default, text, field):
+    if isinstance(default, tuple):
+        return Spec(list(default), text, LIMITS['coordinate'], length=(2, 2))
+    return Spec(default, text, LIMITS[field])
+
+
+def eavesdropper_parameters(name):
+    """Return the parameters of one eavesdropper by name."""
+    return {f'{name}.error_radius': Spec(
+        _PAPER.eavesdroppers[0].error_radius,
+        'epsilon in m, used where the covariance of its pose is zero.', LIMITS['error_radius'])}
+
+
+REPLAY = {
+    'uavs': _UAVS,
+    'plan_file': Spec('', 'Saved plan to replay; empty to replay the topics.', read_only=True),
+    'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.'),
+    'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
+    'speed': Spec(1.0, 'Playback speed, 1 is real time.', (0.001, 10000.0)),
+    'loop': Spec(False, 'Start again at the end.'),
+    'autostart': Spec(False, 'Start as soon as there is a plan, without ~/start.'),
+    'ground_node': Spec(list(_PAPER.ground_node), 'GN (x, y) in m, for the rates of a plan '
+                        'from the topics.', LIMITS['coordinate'], length=(2, 2)),
+    'reference_snr_db': Spec(_PAPER.reference_snr_db, 'SNR at 1 m and 1 W in dB, for the rates '
+                             'of a plan from the topics.', LIMITS['reference_snr_db']),
+    'true_eavesdropper': Spec([], 'Where the eavesdropper really is, (x, y) in m; empty when '
+                              'that is not known.', LIMITS['coordinate'], length=(0, 2)),
+}
+"""Parameters of the replay node."""
+
+
+class Parameters:
+    """
+    Declared parameters of a node, validated whole and then applied whole.
+
+    :param node: a Node.
+    :param specs: Spec by parameter name.
+    :param check: called with all values by name; raises ValueError for a bad combination.
+    :raises ValueError: for a wrong value at start, naming the parameter.
+    """
+
+    def __init__(self, node, specs, check=lambda values: None):
+        self._specs = {}
+        self._check = check
+        self._values = {}
+        self._node = node
+        self.declare(specs)
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def declare(self, specs):
+        """Declare further parameters."""
+        values = {}
+        for name, spec in specs.items():
+            try:
+                self._node.declare_parameter(name, spec.default, spec.descriptor())
+            except ParameterException as error:
+                raise ValueError(
+                    f'parameter {name}: {error.args[0]}; it must be {spec.allowed}') from None
+            values[name] = spec.checked(f'parameter {name}', self._node.get_parameter(name).value)
+        self._specs.update(specs)
+        self._values = {**self._values, **values}
+
+    def __getitem__(self, name):
+        return self._values[name]
+
+    def apply(self, check):
+        """Check all values now and at every change by another function."""
+        check(self._values)
+        self._check = check
+
+    def _on_set(self, parameters):
+        values = dict(self._values)
+        try:
+            for parameter in parameters:
+                if parameter.name in self._specs:
+                    values[parameter.name] = self._specs[parameter.name].checked(
+                        parameter.name, parameter.value)
+            self._check(values)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._values = values
+        return SetParametersResult(successful=True)
+
+
+def uav_from(values, name, start=None):
+    """Return the Uav that the parameter values describe, from another start where given."""
+    fields = {field: values[f'{name}.{field}'] for field in _FIELDS}
+    if start is not None:
+        fields['start'] = start
+    return Uav(name, **fields)

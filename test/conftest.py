@@ -1,0 +1,12 @@
+"""A ROS environment of the tests' own, set before anything imports rclpy."""
+
+import os
+import sys
+import tempfile
+
+os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='ros_log_')
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+# Installed from wheels, ROS finds its index in the environment itself.
+os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)

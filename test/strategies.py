@@ -1,0 +1,39 @@
+"""Hypothesis strategies: missions of every kind, small enough to solve in a moment."""
+
+from hypothesis import strategies as st
+import numpy as np
+from secure_uav_planner import Eavesdropper, Scenario, Uav
+
+COORDINATE = st.floats(-500, 500)
+PLACE = st.tuples(COORDINATE, COORDINATE)
+
+
+@st.composite
+def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
+    """Return missions that can be flown, some with no slack and some with error radius zero."""
+    slots = draw(st.integers(1, max_slots))
+    duration = draw(st.floats(10, 300))
+    slack = draw(st.sampled_from([1.0, 1.01, 1.3, 3.0]))
+    uavs = []
+    for index in range(draw(st.integers(1, max_uavs))):
+        start, goal = draw(PLACE), draw(PLACE)
+        shortest = np.hypot(goal[0] - start[0], goal[1] - start[1]) / (
+            duration * (slots + 1) / slots)
+        average = draw(st.sampled_from([0.1, 1.0]))
+        uavs.append(Uav(
+            f'uav{index + 1}', start, goal, draw(st.sampled_from([30.0, 100.0, 300.0])),
+            max(1.0, shortest * slack), average, average * draw(st.sampled_from([1.0, 4.0]))))
+    eavesdroppers = [
+        Eavesdropper(draw(PLACE), draw(st.sampled_from([0.0, 10.0, 60.0, 400.0])))
+        for _ in range(draw(st.integers(1, max_eavesdroppers)))]
+    return Scenario(draw(PLACE), tuple(eavesdroppers), tuple(uavs), duration, slots,
+                    draw(st.sampled_from([60.0, 80.0, 100.0])))
+
+
+def random_powers(scenario, rng):
+    """Return feasible powers, some of them zero, (U, N) in W."""
+    peaks = np.array([[uav.peak_power] for uav in scenario.uavs])
+    averages = np.array([[uav.average_power] for uav in scenario.uavs])
+    powers = rng.uniform(0, 1, (len(scenario.uavs), scenario.slots)) * peaks
+    powers *= rng.random(powers.shape) > 0.2
+    return powers * np.minimum(1, averages / np.maximum(powers.mean(axis=1, keepdims=True), 1e-9))

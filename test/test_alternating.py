@@ -1,0 +1,109 @@
+from dataclasses import replace
+import time
+
+import cvxpy as cp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import fly_hover_fly, METHODS, Plan, Scenario, solve
+from secure_uav_planner.optimize.feasible import similar
+from strategies import scenarios
+
+
+@pytest.mark.parametrize('duration, at_least', [(102, 1.360), (200, 3.007)])
+def test_the_papers_scenario_reaches_the_reference(duration, at_least):
+    plan = solve(Scenario.paper(duration), method='alternating')
+    assert plan.status == 'converged'
+    assert plan.guaranteed_rate >= at_least
+    assert plan.worst_case_rate >= plan.guaranteed_rate
+
+
+@settings(max_examples=15, deadline=None)
+@given(scenarios(max_slots=8))
+def test_the_objective_never_falls_and_no_slot_leaks_more_than_arrives(scenario):
+    plan = solve(scenario, method='alternating')
+    rates = [iteration.guaranteed_rate for iteration in plan.history]
+    assert (np.diff(rates) >= 0).all()
+    assert rates[-1] == pytest.approx(plan.guaranteed_rate)
+    assert plan.guaranteed_rates.min() >= -1e-12
+    assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate - 1e-9
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_the_callback_stops_the_run(method):
+    seen = []
+    plan = solve(Scenario.paper(102, slots=51), method=method,
+                 on_iteration=lambda iteration: seen.append(iteration) or len(seen) == 3)
+    assert plan.status == 'cancelled'
+    assert list(plan.history[:3]) == seen[:3]
+    assert [iteration.number for iteration in seen] == list(range(len(seen)))
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_at_the_deadline_there_is_a_feasible_plan(method):
+    scenario = Scenario.paper(200, slots=1000)
+    started = time.monotonic()
+    plan = solve(scenario, method=method, time_limit=0.05)
+    assert isinstance(plan, Plan)
+    assert plan.status == 'time_limit'
+    assert time.monotonic() - started < 10  # far from what the whole solve takes
+    assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
+
+
+@pytest.mark.parametrize('trouble', [cp.SolverError('no luck'), None])
+def test_a_failing_solver_costs_a_step_not_the_plan(monkeypatch, trouble):
+    calls = []
+    healthy = cp.Problem.solve
+
+    def solve_badly(problem, *arguments, **options):
+        calls.append(problem)
+        if len(calls) > 5:
+            if trouble:
+                raise trouble
+            options['max_iter'] = 1
+        return healthy(problem, *arguments, **options)
+
+    monkeypatch.setattr(cp.Problem, 'solve', solve_badly)
+    plan = solve(Scenario.paper(102), method='alternating')
+    assert plan.status == 'numerical_trouble'
+    assert plan.guaranteed_rate == plan.history[5].guaranteed_rate > 0.7
+
+
+def test_a_warm_start_is_where_it_begins():
+    scenario = Scenario.paper(102, slots=51)
+    cold = solve(scenario, method='alternating')
+    moved = replace(scenario, eavesdroppers=(
+        replace(scenario.eavesdroppers[0], position=(205.0, 0.0)),))
+    warm = solve(moved, method='alternating', initial=cold)
+    assert warm.history[0].guaranteed_rate > fly_hover_fly(moved, 'optimised').guaranteed_rate
+    assert len(warm.history) < len(cold.history)
+
+
+@settings(max_examples=30, deadline=None)
+@given(scenarios(max_uavs=2, max_slots=12), scenarios(max_uavs=2, max_slots=12))
+def test_any_plan_of_as_many_uavs_can_be_a_start(scenario, other):
+    initial = fly_hover_fly(other)
+    if len(scenario.uavs) == len(other.uavs):
+        plan = solve(scenario, method='alternating', initial=initial,
+                     on_iteration=lambda iteration: True)
+        assert plan.scenario == scenario
+    else:
+        with pytest.raises(ValueError, match='initial is a plan for'):
+            solve(scenario, method='alternating', initial=initial)
+
+
+@pytest.mark.parametrize('options, message', [
+    ({'method': 'magic'}, "method is 'magic'; it must be one of"),
+    ({'time_limit': 0}, 'time_limit is 0; it must be above 0 s')])
+def test_wrong_options_are_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        solve(Scenario.paper(), **options)
+
+
+@given(st.floats(0, 300))
+def test_missions_are_similar_while_the_eavesdropper_is_within_a_height(distance):
+    scenario = Scenario.paper()
+    other = replace(scenario, eavesdroppers=(
+        replace(scenario.eavesdroppers[0], position=(200.0, distance)),))
+    assert similar(other, scenario) == (distance <= 100.0)

@@ -1,0 +1,137 @@
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import channel, Eavesdropper, fly_hover_fly, Scenario
+from strategies import random_powers, scenarios
+
+# design: duration, error radius, fly-hover-fly with constant and with optimised power
+REFERENCE = [(102, 10, 0.616, 1.140), (104, 10, 0.649, 1.199), (120, 10, 0.868, 1.600),
+             (150, 10, 1.154, 2.121), (200, 10, 1.439, 2.640), (200, 0, 1.488, 2.780)]
+
+
+def random_positions(scenario, rng):
+    return rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
+
+
+def by_the_paper(scenario, place_of, powers, eavesdropper):
+    """Write equations (R_UG) and (R_UE) out for one slot and one place of the eavesdropper."""
+    def snr(index, point):
+        uav = scenario.uavs[index]
+        distance = np.hypot(*(np.array(place_of[index]) - point))
+        return scenario.reference_snr * powers[index] / (distance**2 + uav.altitude**2)
+
+    def rate(point):
+        return np.log2(1 + snr(0, point) / (
+            1 + sum(snr(index, point) for index in range(1, len(scenario.uavs)))))
+
+    return rate(np.array(scenario.ground_node)) - rate(np.array(eavesdropper))
+
+
+@pytest.mark.parametrize('duration, radius, constant, optimised', REFERENCE)
+def test_baselines_have_the_reference_rates(duration, radius, constant, optimised):
+    scenario = Scenario.paper(duration, radius)
+    assert round(fly_hover_fly(scenario).guaranteed_rate, 3) == constant
+    assert fly_hover_fly(scenario, 'optimised').guaranteed_rate == pytest.approx(
+        optimised, abs=5.1e-4)
+
+
+@given(scenarios(), st.integers(0, 2**32 - 1))
+def test_rates_are_the_equations_of_the_paper(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    place = rng.uniform(-400, 400, 2)
+    rates = channel.secrecy_rates(scenario, positions, powers, place)
+    slot = rng.integers(scenario.slots)
+    assert rates[slot] == pytest.approx(
+        by_the_paper(scenario, positions[:, slot + 1], powers[:, slot], place), abs=1e-9)
+
+
+@given(scenarios(), st.integers(0, 2**32 - 1))
+def test_no_eavesdropper_in_a_disc_beats_the_worst_case_nor_that_the_guarantee(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    guaranteed = channel.guaranteed_rates(scenario, positions, powers)
+    worst = channel.worst_case_rates(scenario, positions, powers)
+    assert (guaranteed <= worst + 1e-12).all()
+    for eve in scenario.eavesdroppers:
+        for _ in range(30):
+            angle, radius = rng.uniform(0, 2 * np.pi), eve.error_radius * np.sqrt(rng.random())
+            place = np.array(eve.position) + radius * np.array([np.cos(angle), np.sin(angle)])
+            sampled = channel.secrecy_rates(scenario, positions, powers, place)
+            assert (sampled >= worst - 1e-6).all()
+
+
+@settings(max_examples=20)
+@given(scenarios(max_eavesdroppers=1, max_slots=3), st.integers(0, 2**32 - 1))
+def test_the_worst_case_is_that_of_a_fine_search(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    eve = scenario.eavesdroppers[0]
+    angles, radii = np.meshgrid(np.linspace(0, 2 * np.pi, 721), np.linspace(0, 1, 201))
+    grid = np.array(eve.position) + eve.error_radius * np.stack(
+        [radii * np.cos(angles), radii * np.sin(angles)], axis=-1).reshape(-1, 2)
+    worst = channel.worst_case_rates(scenario, positions, powers)
+    for slot in range(scenario.slots):
+        copies = np.repeat(positions[:, slot + 1:slot + 2], len(grid) + 2, axis=1)
+        offset = copies[:, 1:-1] - grid
+        gains = scenario.reference_snr / (np.sum(offset**2, axis=-1) + np.array(
+            [[uav.altitude**2] for uav in scenario.uavs]))
+        received = gains * powers[:, slot:slot + 1]
+        leak = np.log2(1 + received[0] / (1 + received[1:].sum(axis=0)))
+        ground = channel.ground_rates(scenario, positions, powers)[slot]
+        assert worst[slot] <= ground - leak.max() + 1e-9
+        # What the grid misses between its points is bounded by its spacing.
+        assert worst[slot] >= ground - leak.max() - 0.05
+
+
+@given(scenarios(), st.integers(0, 2**32 - 1))
+def test_without_error_the_guarantee_is_the_worst_case(scenario, seed):
+    scenario = replace(scenario, eavesdroppers=tuple(
+        Eavesdropper(eve.position) for eve in scenario.eavesdroppers))
+    rng = np.random.default_rng(seed)
+    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    assert channel.guaranteed_rates(scenario, positions, powers) == pytest.approx(
+        channel.worst_case_rates(scenario, positions, powers), abs=1e-12)
+
+
+@given(scenarios(), st.integers(0, 2**32 - 1), st.floats(-3, 3), st.floats(-300, 300))
+def test_rotation_and_translation_change_no_rate(scenario, seed, angle, shift):
+    rng = np.random.default_rng(seed)
+    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    def move(places):
+        return np.asarray(places) @ turn.T + shift
+
+    moved = replace(
+        scenario, ground_node=move(scenario.ground_node),
+        eavesdroppers=tuple(replace(eve, position=move(eve.position))
+                            for eve in scenario.eavesdroppers),
+        uavs=tuple(replace(uav, start=move(uav.start), goal=move(uav.goal),
+                           max_speed=uav.max_speed * (1 + 1e-9)) for uav in scenario.uavs))
+    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
+        assert rates(moved, move(positions), powers) == pytest.approx(
+            rates(scenario, positions, powers), abs=1e-6)
+
+
+@given(scenarios(), st.integers(0, 2**32 - 1), st.floats(0, 100))
+def test_a_larger_error_radius_never_helps(scenario, seed, more):
+    rng = np.random.default_rng(seed)
+    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    wider = replace(scenario, eavesdroppers=tuple(
+        replace(eve, error_radius=eve.error_radius + more) for eve in scenario.eavesdroppers))
+    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
+        assert (rates(wider, positions, powers)
+                <= rates(scenario, positions, powers) + 1e-6).all()
+
+
+def test_inside_the_disc_the_guarantee_counts_with_an_eavesdropper_straight_below():
+    # The paper's (d - eps)^2 would take it for 50 m away and promise too much.
+    scenario = replace(Scenario.paper(102), eavesdroppers=(Eavesdropper((0.0, 0.0), 50.0),))
+    positions = np.zeros((2, scenario.slots + 2, 2))
+    gains = channel.guaranteed_gains(scenario, positions)
+    assert gains[0, 0] == pytest.approx(scenario.reference_snr / 100.0**2)
+    assert gains[0, 1] == pytest.approx(scenario.reference_snr / (50.0**2 + 110.0**2))

@@ -1,0 +1,67 @@
+"""The package in a colcon workspace, as `ros2 run` finds it."""
+
+import os
+from pathlib import Path
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def colcon(*arguments, cwd):
+    result = subprocess.run(
+        [sys.executable, '-m', 'colcon', *arguments], cwd=cwd, text=True,
+        capture_output=True, timeout=300, env={**os.environ, 'COLCON_LOG_PATH': str(cwd / 'log')})
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory):
+    workspace = tmp_path_factory.mktemp('workspace')
+    source = workspace / 'src' / 'secure_uav_planner'
+    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(
+        '.git', '.venv', 'build', 'install', 'log', 'out', '__pycache__', '*.egg-info'))
+    colcon('build', cwd=workspace)
+    return workspace
+
+
+def test_colcon_lists_an_ament_python_package(workspace):
+    assert colcon('list', cwd=workspace).split() == [
+        'secure_uav_planner', os.path.join('src', 'secure_uav_planner'), '(ros.ament_python)']
+
+
+def test_everything_is_installed_where_ros_looks_for_it(workspace):
+    prefix = workspace / 'install' / 'secure_uav_planner'
+    index = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    assert (index / 'secure_uav_planner').exists()
+    share = prefix / 'share' / 'secure_uav_planner'
+    assert (share / 'package.xml').exists()
+    assert {path.name for path in (ROOT / 'config').iterdir()} == {
+        path.name for path in (share / 'config').iterdir()}
+    for name in ('planner', 'replay'):
+        assert os.access(prefix / 'lib' / 'secure_uav_planner' / name, os.X_OK)
+
+
+@pytest.mark.parametrize('name', ['planner', 'replay'])
+def test_the_installed_executables_run_with_the_installed_parameters(workspace, name):
+    prefix = workspace / 'install' / 'secure_uav_planner'
+    parameters = prefix / 'share' / 'secure_uav_planner' / 'config' / 'paper.yaml'
+    script = f'. {workspace}/install/setup.sh && exec {prefix}/lib/secure_uav_planner/{name} ' \
+             f'--ros-args --params-file {parameters} -r __ns:=/fleet'
+    process = subprocess.Popen(['sh', '-c', script], stdout=subprocess.PIPE, text=True,
+                               stderr=subprocess.STDOUT)
+    try:
+        line = process.stdout.readline()
+        assert 'ready' in line
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=10) == 0, process.stdout.read()
+    finally:
+        process.kill()
+        process.wait()

@@ -1,0 +1,37 @@
+"""The parameter files say what the code says."""
+
+from pathlib import Path
+
+import pytest
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, REPLAY, uav_parameters)
+import yaml
+
+CONFIG = Path(__file__).resolve().parents[1] / 'config'
+
+
+def flat(tree, prefix=''):
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flat(value, f'{prefix}{key}.')
+        else:
+            yield prefix + key, value
+
+
+@pytest.mark.parametrize('node', ['planner', 'replay'])
+def test_the_papers_parameters_are_the_defaults(node):
+    written = yaml.safe_load((CONFIG / 'paper.yaml').read_text())
+    values = dict(flat(written[f'/**/{node}']['ros__parameters']))
+    specs = {'planner': {**PLANNER, **uav_parameters('uav1', 0), **uav_parameters('uav2', 1),
+                         **eavesdropper_parameters('eavesdropper')}, 'replay': REPLAY}[node]
+    assert values
+    for name, value in values.items():
+        assert specs[name].checked(name, value) == specs[name].default, name
+
+
+def test_every_parameter_has_a_description_and_says_what_it_allows():
+    for specs in (PLANNER, REPLAY, uav_parameters('a', 0), eavesdropper_parameters('e')):
+        for name, spec in specs.items():
+            assert spec.description.endswith('.'), name
+            assert spec.allowed in spec.descriptor().additional_constraints
+            assert spec.checked(name, spec.default) == spec.default

@@ -1,0 +1,21 @@
+"""The style of ROS 2 Python packages; run on the source tree, not on what is installed."""
+
+from pathlib import Path
+
+from ament_flake8.main import main_with_errors
+from ament_pep257.main import main
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = [str(ROOT / name) for name in ('secure_uav_planner', 'test', 'setup.py')]
+
+
+@pytest.mark.linter
+def test_flake8_finds_nothing():
+    count, errors = main_with_errors(argv=SOURCES)
+    assert count == 0, '\n'.join(errors)
+
+
+@pytest.mark.linter
+def test_pep257_finds_nothing():
+    assert main(argv=SOURCES) == 0

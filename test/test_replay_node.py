@@ -1,0 +1,147 @@
+"""The replay node, in a process of its own over DDS."""
+
+from dataclasses import replace
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from ros_client import Client, node_process, output_of, wait_for
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.playback import Player
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.qos import LATCHED
+from std_msgs.msg import Float64
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return fly_hover_fly(Scenario.paper(104, slots=26), 'optimised')
+
+
+@pytest.fixture
+def client():
+    with Client() as client:
+        yield client
+
+
+@pytest.fixture
+def file(plan, tmp_path):
+    path = tmp_path / 'plan.json'
+    plan.save(path)
+    return path
+
+
+def end_of(process):
+    return next((line for line in process.lines if 'end of the plan' in line), None)
+
+
+def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logged(
+        client, plan, file):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    watts = client.listen(Float64, 'uav2/setpoint/power', 1000)
+    odometry = client.listen(Odometry, 'uav2/odom', 1000)
+    rates = client.listen(Float64, 'replay/secrecy_rate', 1000)
+    with node_process('replay', plan_file=file, speed=50.0, rate=50.0,
+                      true_eavesdropper='[204.0, 3.0]') as process:
+        assert client.call('replay/start').success
+        line = wait_for(lambda: end_of(process), what='the end of the plan')
+        wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
+    assert poses[0].header.frame_id == 'map'
+    path = np.array([(pose.pose.position.x, pose.pose.position.y) for pose in poses])
+    # Every setpoint is on the planned path.
+    at = np.interp(-path[:, 1], -plan.positions[0, :, 1], np.arange(28))
+    assert path[:, 0] == pytest.approx(
+        np.interp(at, np.arange(28), plan.positions[0, :, 0]), abs=1e-6)
+    assert {round(watt.data, 9) for watt in watts} <= {
+        0.0, *(round(power, 9) for power in plan.powers[1].tolist())}
+    assert len(rates) > 10 and max(rate.data for rate in rates) > 1.0
+    assert odometry[-1].child_frame_id == 'uav2/base_link'
+    assert odometry[-1].pose.pose.position.z == 110.0
+    player = Player()
+    player.load(plan)
+    player.start()
+    player.advance(1000.0, (204.0, 3.0))
+    delivered = float(line.split('delivered in secret ')[1].split(' bit/Hz')[0])
+    assert delivered == pytest.approx(player.delivered, rel=0.01)
+    step = float(line.split('consecutive setpoints ')[1].split(' m')[0])
+    assert 0 < step < 200
+
+
+def send(client, plan, start_ns):
+    plan = replace(plan, start_ns=start_ns)
+    for index, uav in enumerate(plan.scenario.uavs):
+        for message, topic in ((messages.path(plan, index, 'earth'), 'path'),
+                               (messages.power(plan, index), 'power')):
+            client.publisher(type(message), f'{uav.name}/{topic}', LATCHED).publish(message)
+
+
+def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, plan):
+    poses = client.listen(PoseStamped, 'uav2/setpoint/pose', 1000)
+    with node_process('replay', speed=50.0, true_eavesdropper='[204.0, 3.0]') as process:
+        answer = client.call('replay/start')
+        assert not answer.success and answer.message == 'there is no plan yet'
+        send(client, plan, 10**18)
+        wait_for(lambda: any('got a plan of 26 slots' in line for line in process.lines))
+        assert not poses  # nobody asked for it to start
+        assert client.call('replay/start').success
+        wait_for(lambda: end_of(process))
+        wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
+        assert poses[-1].header.frame_id == 'earth'
+
+
+def test_pause_holds_and_reset_returns(client, file):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_process('replay', plan_file=file, speed=5.0):
+        assert not client.call('replay/pause').success
+        client.call('replay/start')
+        wait_for(lambda: poses and poses[-1].pose.position.y < 450)
+        assert client.call('replay/pause').success
+        wait_for(lambda: len(poses) > 3 and poses[-1].pose == poses[-3].pose)
+        held = poses[-1].pose.position.y
+        client.call('replay/start')
+        wait_for(lambda: poses[-1].pose.position.y < held)
+        client.call('replay/reset')
+        client.call('replay/start')
+        wait_for(lambda: poses[-1].pose.position.y > held)
+
+
+def test_it_loops_and_starts_by_itself_when_asked(file):
+    with node_process('replay', plan_file=file, speed=2000.0, loop='true',
+                      autostart='true') as process:
+        wait_for(lambda: sum('end of the plan' in line for line in process.lines) >= 3)
+
+
+@pytest.mark.parametrize('text', ['', '{"format": "other"}', '[1, 2'])
+def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, text):
+    path = tmp_path / 'foreign.json'
+    path.write_text(text)
+    with node_process('replay', plan_file=path) as process:
+        assert process.wait(timeout=30) == 1
+    assert len(process.lines) == 1
+    assert 'parameter plan_file' in process.lines[0]
+    assert 'foreign.json is not a plan' in process.lines[0]
+
+
+def test_a_missing_file_ends_the_node_with_one_clear_line(tmp_path):
+    with node_process('replay', plan_file=tmp_path / 'none.json') as process:
+        assert process.wait(timeout=30) == 1
+    assert len(process.lines) == 1 and 'none.json' in output_of(process)
+
+
+def test_the_wrong_eavesdropper_is_refused(client, file):
+    with node_process('replay', plan_file=file):
+        result = client.set_parameters('replay', true_eavesdropper=[1.0])[0]
+        assert not result.successful and 'true_eavesdropper' in result.reason
+        assert client.set_parameters('replay', true_eavesdropper=[1.0, 2.0])[0].successful
+
+
+def test_a_file_that_cannot_be_made_into_a_plan_of_the_topics_is_reported(client, plan):
+    with node_process('replay') as process:
+        send(client, plan, 10**18)
+        wait_for(lambda: any('got a plan' in line for line in process.lines))
+        empty = messages.power(plan, 0)
+        empty.data = empty.data[:5]
+        client.publisher(type(empty), 'uav1/power', LATCHED).publish(empty)
+        wait_for(lambda: any('not used' in line for line in process.lines))
+        assert client.call('replay/start').success  # the plan before stands

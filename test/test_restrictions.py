@@ -1,0 +1,103 @@
+"""The convex restrictions of Section III, checked without derivatives: the solver evaluates."""
+
+from dataclasses import replace
+
+import cvxpy as cp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
+from secure_uav_planner.channel import guaranteed_rates
+from secure_uav_planner.optimize.powers import PowerProblem
+from secure_uav_planner.optimize.trajectory import TrajectoryProblem
+from strategies import random_powers, scenarios
+
+
+def shape(scenario):
+    return len(scenario.uavs), len(scenario.eavesdroppers), scenario.slots
+
+
+def rate(scenario, positions, powers):
+    """Return the sum over the slots in nats, as the restrictions have it."""
+    return float(guaranteed_rates(scenario, positions, powers).sum() * np.log(2))
+
+
+def value(problem, fixed):
+    """Return the restriction's value where its variables are fixed, in nats, to maximise."""
+    pinned = cp.Problem(problem.objective, problem.constraints + [
+        variable == point for variable, point in fixed])
+    pinned.solve(solver=cp.CLARABEL, ignore_dpp=True)
+    assert pinned.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+    sign = 1 if isinstance(problem.objective, cp.Maximize) else -1
+    return sign * pinned.value
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(max_slots=3), st.integers(0, 2**32 - 1))
+def test_the_power_restriction_never_promises_more_than_the_rate_gains(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
+    local = random_powers(scenario, rng)
+    restriction = PowerProblem(*shape(scenario))
+    best, _ = restriction.solve(scenario, positions, local)
+    unit = np.array([[uav.average_power] for uav in scenario.uavs])
+    base = value(restriction.problem, [(restriction.power, local / unit)])
+    for powers in [random_powers(scenario, rng) for _ in range(3)] + [best]:
+        promised = value(restriction.problem, [
+            (restriction.power, np.clip(powers, 0, None) / unit * (1 - 1e-9))]) - base
+        gained = rate(scenario, positions, powers) - rate(scenario, positions, local)
+        assert promised <= gained + 1e-5 * (1 + abs(promised))
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(max_slots=3), st.integers(0, 2**32 - 1), st.booleans())
+def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
+        scenario, seed, inside):
+    rng = np.random.default_rng(seed)
+    count, _, slots = shape(scenario)
+    # Any place is within reach of any other, so that the restriction is seen everywhere.
+    scenario = replace(scenario, uavs=tuple(
+        replace(uav, max_speed=1e5) for uav in scenario.uavs))
+    local = rng.uniform(-400, 400, (count, slots + 2, 2))
+    if inside:  # the error disc, and one jammer exactly above its centre
+        eve = scenario.eavesdroppers[0]
+        local[:, 1:-1] = eve.position + rng.uniform(-1, 1, (count, slots, 2)) * max(
+            1.0, eve.error_radius / 2)
+        local[-1, 1] = eve.position
+    powers = random_powers(scenario, rng)
+    restriction = TrajectoryProblem(*shape(scenario))
+    answer, _ = restriction.solve(scenario, local, powers)
+    assert answer is not None
+
+    def promised(positions):
+        return value(restriction.problem, [
+            (move, (path - start) / restriction.unit)
+            for move, path, start in zip(restriction.moves, positions, local)])
+
+    base = promised(local)
+    for reach in (1.0, 30.0, 300.0):
+        positions = local.copy()
+        # Short enough for the linearised squares to be positive, as they must be.
+        for _ in range(20):
+            positions[:, 1:-1] = local[:, 1:-1] + rng.uniform(-reach, reach, (count, slots, 2))
+            try:
+                gain = promised(positions) - base
+                break
+            except AssertionError:
+                reach /= 2
+        gained = rate(scenario, positions, powers) - rate(scenario, local, powers)
+        assert gain <= gained + 1e-5 * (1 + abs(gain))
+
+
+def test_a_jammer_above_the_estimate_leaves_it_when_that_pays():
+    # (Ta_3) divides zero by zero there, and with a careless subgradient the kink is a trap.
+    scenario = replace(Scenario.paper(150, slots=30), eavesdroppers=(
+        Eavesdropper((60.0, 0.0), 30.0),))
+    start = fly_hover_fly(scenario, 'optimised')
+    above = np.linalg.norm(start.positions[1] - (60.0, 0.0), axis=-1) == 0
+    assert above.sum() > 3
+    answer, _ = TrajectoryProblem(*shape(scenario)).solve(
+        scenario, start.positions, start.powers)
+    away = answer[1, above] - (60.0, 0.0)
+    assert (away[1:-1, 0] > 1.0).all()
+    assert rate(scenario, answer, start.powers) > rate(scenario, start.positions, start.powers)
