@@ -335,8 +335,8 @@ def _spread(per_start, like):
 
 def _steps_to_zero(amount, change):
     """Return after how many steps a positive amount has all but vanished, at most 1."""
-    return np.where(change < 0, np.minimum(1.0, -_BOUNDARY * amount / np.minimum(change, -1e-300)),
-                    1.0)
+    most = _BOUNDARY * amount
+    return most / np.maximum(-change, most)
 
 
 def _negative_part(blocks):

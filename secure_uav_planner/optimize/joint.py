@@ -7,19 +7,22 @@ winner is refined to the full grid, where a few more Newton steps finish it.
 
 import numpy as np
 
+from .alternating import optimise_powers
 from .barrier import Barrier, Mission
 from .derivatives import SlotModel
 from .fly_hover_fly import fly_hover_fly_positions
+from .run import Run
 from .starts import interior, refined, several_starts
 
 _COARSE = 40  # Slots of the coarsest grid.
 _FINER = 8  # How much finer the next grid is at most.
-_STAGES = ((12, 0.7), (10, 0.5), (15, 0.0))  # Steps, then the share of the starts to keep.
+_STAGES = ((10, 0.7), (5, 0.7), (7, 0.5), (15, 0.0))  # Steps, then the share of starts to keep.
 _SAME = 2e-4  # Relative difference below which two starts count as one.
 _RIVALS = 2  # How many starts are finished at most,
 _CLOSE = 0.01  # and how close to the best the second must be.
-_COARSE_LEVEL, _FINAL_LEVEL = 1e-3, 1e-6
+_COARSE_LEVEL, _FINAL_LEVEL = 1e-3, 1e-8
 _STEPS = 150
+_FEW = 20  # Slots.
 
 
 class _Stop(Exception):
@@ -49,7 +52,7 @@ def _from_plan(run, model):
     """Improve the present plan."""
     scenario = run.scenario
     x = interior(scenario, model, run.positions, run.powers, scenario.slots, share=0.01)
-    barrier = Barrier(model, Mission(scenario, model, scenario.slots), x[None], 1e-4)
+    barrier = Barrier(model, Mission(scenario, model, scenario.slots), x[None], 1e-3)
     return _finish(run, barrier)
 
 
@@ -70,7 +73,7 @@ def _from_several(run, model):
     values = barrier.objective()
     rivals = np.flatnonzero(values >= (1 - _CLOSE) * values[0])[:_RIVALS]
     statuses = [_finish(run, _on_finer_grids(run, barrier, rival)) for rival in rivals]
-    _try_powers_alone(run, model, mission)
+    _try_powers_alone(run, model)
     return 'converged' if 'converged' in statuses else statuses[0]
 
 
@@ -111,24 +114,37 @@ def _finish(run, barrier):
     return 'iteration_limit'
 
 
-def _try_powers_alone(run, model, coarse):
-    """Offer fly-hover-fly with optimised powers where that may be better than what was found."""
+def _try_powers_alone(run, model):
+    """
+    Offer fly-hover-fly with optimised powers where that may be better than what was found.
+
+    With hardly any slack in time flights do not matter, with few slots who talks when does.
+    """
     scenario = run.scenario
     positions = fly_hover_fly_positions(scenario)
-    powers = np.repeat([[0.9 * uav.average_power] for uav in scenario.uavs], scenario.slots, 1)
-    for slots, enough in ((coarse.slots, 0.97), (scenario.slots, 0.0)):
-        mission = Mission(scenario, model, slots)
-        mission.fixed[:] = True
-        x = interior(scenario, model, positions, powers, slots, share=0.0)
-        x[..., 0] *= 0.99
-        barrier = Barrier(model, mission, x[None], 0.02)
-        for _ in range(_STEPS):
-            _advance(run, barrier, 1e-4 if enough else _FINAL_LEVEL)
-            if barrier.finished[0]:
-                break
-        if barrier.objective()[0] / np.log(2) < enough * run.rate:
-            return
-    _offer(run, barrier, 0)
+    slots = min(scenario.slots, 2 * _COARSE)
+    mission = Mission(scenario, model, slots)
+    mission.fixed[:] = True
+    x = []
+    for jamming in (0.9, 0.5, 0.05):
+        powers = np.array([[uav.average_power * (jamming if index else 0.9)]
+                           for index, uav in enumerate(scenario.uavs)])
+        powers = np.repeat(powers, scenario.slots, axis=1)
+        x.append(interior(scenario, model, positions, powers, slots, share=0.0))
+        x[-1][..., 0] *= 0.99
+    barrier = Barrier(model, mission, np.array(x), 0.02)
+    for _ in range(12):
+        _advance(run, barrier, 1e-4)
+    alone = barrier.objective().max() / np.log(2)
+    if slots > _FEW and run.rate > 0.01 and alone < 0.97 * run.rate:
+        return
+    alone = Run(scenario, positions, np.repeat(
+        [[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1),
+        lambda _: run.stop_reason() is not None, run.time_left)
+    optimise_powers(alone)
+    run.solver_time += alone.solver_time
+    run.offer(alone.positions, alone.powers)
+    run.report('power')
 
 
 def _advance(run, barrier, level, offer=False):

@@ -7,10 +7,11 @@ import numpy as np
 from .alternating import alternate, optimise_powers
 from .feasible import adapted
 from .fly_hover_fly import fly_hover_fly_positions
+from .joint import joint
 from .run import Run
 from ..plan import Plan
 
-METHODS = {'alternating': alternate}
+METHODS = {'alternating': alternate, 'joint': joint}
 """What improves a Run until it has converged or must stop, and returns the Plan's status."""
 
 
@@ -22,7 +23,8 @@ def solve(scenario, method='alternating', on_iteration=None, time_limit=None, in
     power, whatever happens on the way; `status` tells why the method stopped.
 
     :param scenario: a Scenario.
-    :param method: one of METHODS: 'alternating', the paper's Section III.
+    :param method: one of METHODS: 'alternating', the paper's Section III, or 'joint', positions
+        and powers together from several starts.
     :param on_iteration: called with an Iteration after every step; returning True stops the run.
     :param time_limit: in s; past it the best feasible plan so far is returned.
     :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be

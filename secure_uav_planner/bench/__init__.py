@@ -1,0 +1,1 @@
+"""How good and how fast the methods are, beside CasADi with IPOPT: python -m ...bench."""

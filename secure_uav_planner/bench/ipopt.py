@@ -1,0 +1,108 @@
+"""What one would otherwise write: problem (P2) in CasADi, solved by IPOPT."""
+
+from dataclasses import dataclass
+import time
+
+import numpy as np
+
+from ..channel import guaranteed_rates
+from ..optimize.feasible import feasible_positions, feasible_powers, silence_losing_slots
+
+_UNIT = 100.0  # m
+
+
+@dataclass(frozen=True)
+class Answer:
+    """
+    What IPOPT found.
+
+    :param rate: guaranteed rate of its answer made feasible, losing slots silenced, bit/s/Hz.
+    :param build_time: in s, of expressions, derivatives and the solver object.
+    :param solve_time: in s, of the solver's call alone.
+    :param iterations: IPOPT's.
+    :param status: IPOPT's.
+    """
+
+    rate: float
+    build_time: float
+    solve_time: float
+    iterations: int
+    status: str
+
+
+def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
+    """
+    Solve (P2) from a start, (U, N+2, 2) in m and (U, N) in W, with IPOPT's default options.
+
+    Places in units of 100 m, exact derivatives. With several eavesdroppers the largest leak of a
+    slot is an epigraph variable; with one it is an expression.
+
+    :raises ImportError: saying what to install when CasADi is missing.
+    """
+    try:
+        import casadi as ca
+    except ImportError as error:
+        raise ImportError('the comparison needs CasADi: pip install casadi') from error
+    started = time.perf_counter()
+    slots, uavs, eves = scenario.slots, len(scenario.uavs), scenario.eavesdroppers
+    snr = scenario.reference_snr / _UNIT**2
+    x, y = (ca.SX.sym(name, slots, uavs) for name in 'xy')
+    p = ca.SX.sym('p', slots, uavs)
+
+    def rate(place, radius):
+        received = []
+        for i, uav in enumerate(scenario.uavs):
+            squared = (x[:, i] - place[0] / _UNIT)**2 + (y[:, i] - place[1] / _UNIT)**2
+            if radius:
+                distance = ca.sqrt(squared + 1e-8)
+                edge = radius / _UNIT
+                squared = (distance + edge)**2 if i else ca.fmax(distance - edge, 0)**2
+            received.append(snr * p[:, i] / (squared + (uav.altitude / _UNIT)**2))
+        jammed = 1 + sum(received[1:], ca.SX.zeros(slots))
+        return ca.log(jammed + received[0]) - ca.log(jammed)
+
+    leaks = [rate(eve.position, eve.error_radius) for eve in eves]
+    steps, limits = [], []
+    for i, (uav, step) in enumerate(zip(scenario.uavs, scenario.max_step)):
+        start, goal = np.array(uav.start) / _UNIT, np.array(uav.goal) / _UNIT
+        moves = [ca.diff(ca.vertcat(start[k], place[:, i], goal[k]))
+                 for k, place in enumerate((x, y))]
+        steps.append(moves[0]**2 + moves[1]**2)
+        limits.append(np.full(slots + 1, (step / _UNIT)**2))
+    steps += [ca.sum1(p[:, i]) / slots for i in range(uavs)]
+    limits += [[uav.average_power] for uav in scenario.uavs]
+    largest, extra = leaks[0], []
+    inner = np.concatenate([np.swapaxes(positions[:, 1:-1] / _UNIT, 0, 2)[k].ravel('F')
+                            for k in range(2)] + [powers.ravel()])
+    if len(eves) > 1:
+        largest = ca.SX.sym('t', slots)
+        steps += [leak - largest for leak in leaks]
+        limits += [np.zeros(slots)] * len(eves)
+        extra = [largest]
+    peak = np.repeat([uav.peak_power for uav in scenario.uavs], slots)
+    variables = ca.vertcat(ca.vec(x), ca.vec(y), ca.vec(p), *extra)
+    problem = {'x': variables, 'f': ca.sum1(largest - rate(scenario.ground_node, 0.0)) / slots,
+               'g': ca.vertcat(*steps)}
+    solver = ca.nlpsol('solver', 'ipopt', problem, {
+        'print_time': False, 'ipopt.print_level': 0, 'ipopt.sb': 'yes',
+        'ipopt.max_wall_time': time_limit})
+    free = np.full(2 * uavs * slots, np.inf)
+    slack = np.full(slots * len(extra), np.inf)
+    guess = inner
+    if extra:
+        at_start = ca.Function('leaks', [ca.vertcat(ca.vec(x), ca.vec(y), ca.vec(p))],
+                               [ca.horzcat(*leaks)])
+        guess = np.concatenate([inner, np.array(at_start(inner)).max(axis=1)])
+    built = time.perf_counter()
+    found = solver(x0=guess, lbx=np.concatenate([-free, 0 * peak, -slack]),
+                   ubx=np.concatenate([free, peak, slack]), lbg=-np.inf,
+                   ubg=np.concatenate(limits))
+    solved = time.perf_counter()
+    values = np.array(found['x']).ravel()[:3 * uavs * slots].reshape(3, uavs, slots)
+    path = positions.copy()
+    path[:, 1:-1] = np.stack([values[0], values[1]], axis=-1) * _UNIT
+    path = feasible_positions(scenario, path)
+    power = silence_losing_slots(scenario, path, feasible_powers(scenario, values[2]))
+    stats = solver.stats()
+    return Answer(float(guaranteed_rates(scenario, path, power).mean()), built - started,
+                  solved - built, stats['iter_count'], stats['return_status'])

@@ -1,0 +1,89 @@
+"""Measurements: a row of numbers for a scenario, a method against IPOPT, memory, warm starts."""
+
+from dataclasses import replace
+import statistics
+import subprocess
+import sys
+
+import numpy as np
+
+from .ipopt import solve_by_ipopt
+from ..optimize import solve
+from ..optimize.fly_hover_fly import fly_hover_fly_positions
+from ..optimize.solve import constant_powers
+
+_MEMORY = (
+    'import resource, sys; from secure_uav_planner import Scenario, solve; '
+    'solve(Scenario.paper(200.0, 10.0, int(sys.argv[1])), method="joint"); '
+    'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)')
+
+
+def measure(name, scenario, repeats, *, ipopt=True, alternating=False, reference=None):
+    """
+    Return a row of figures for a scenario, a dictionary.
+
+    The solvers take turns, so that a change of the machine's load meets both. Times are medians
+    in s; those of `joint` include everything, its several starts too. `ratio` compares it with
+    IPOPT's time with building the problem, `ratio_solve` with IPOPT's call alone.
+
+    :param name: of the row.
+    :param scenario: a Scenario.
+    :param repeats: how often each solver runs.
+    :param ipopt: whether to run it.
+    :param alternating: whether to run the paper's algorithm too, once.
+    :param reference: the rate to reach in bit/s/Hz, if known.
+    """
+    plans, answers = [], []
+    for _ in range(repeats):
+        plans.append(solve(scenario, method='joint'))
+        # A slow answer's time is known well enough after the first.
+        if ipopt and (not answers or answers[0].solve_time < 2.0):
+            answers.append(solve_by_ipopt(
+                scenario, fly_hover_fly_positions(scenario), constant_powers(scenario)))
+    plan = plans[0]
+    row = {
+        'name': name, 'uavs': len(scenario.uavs), 'eavesdroppers': len(scenario.eavesdroppers),
+        'slots': scenario.slots, 'reference': reference, 'joint_rate': plan.guaranteed_rate,
+        'joint_time': statistics.median(plan.solve_time for plan in plans),
+        'joint_iterations': len(plan.history) - 1, 'joint_status': plan.status}
+    if answers:
+        build = statistics.median(answer.build_time for answer in answers)
+        call = statistics.median(answer.solve_time for answer in answers)
+        row.update(
+            ipopt_rate=answers[0].rate, ipopt_build=build, ipopt_solve=call,
+            ipopt_iterations=answers[0].iterations, ipopt_status=answers[0].status,
+            ratio=(build + call) / row['joint_time'], ratio_solve=call / row['joint_time'])
+    if alternating:
+        paper = solve(scenario, method='alternating')
+        row.update(alternating_rate=paper.guaranteed_rate, alternating_time=paper.solve_time)
+    return row
+
+
+def peak_memory(slots):
+    """Return the peak memory in MB of a process that solves the paper's scenario by `joint`."""
+    done = subprocess.run([sys.executable, '-c', _MEMORY, str(slots)], check=True,
+                          capture_output=True, text=True)
+    return float(done.stdout)
+
+
+def measure_warm(name, scenario, seed, repeats):
+    """
+    Return a row that compares a warm with a cold start after every eavesdropper moved by 5 m.
+
+    :param seed: of the direction.
+    """
+    before = solve(scenario, method='joint')
+    angle = np.random.default_rng([5, seed]).uniform(0, 2 * np.pi)
+    moved = replace(scenario, eavesdroppers=tuple(
+        replace(eve, position=(eve.position[0] + 5 * np.cos(angle),
+                               eve.position[1] + 5 * np.sin(angle)))
+        for eve in scenario.eavesdroppers))
+    cold, warm = [], []
+    for _ in range(repeats):
+        cold.append(solve(moved, method='joint'))
+        warm.append(solve(moved, method='joint', initial=before))
+    times = [statistics.median(plan.solve_time for plan in plans) for plans in (cold, warm)]
+    return {
+        'name': name, 'slots': scenario.slots, 'cold_rate': cold[0].guaranteed_rate,
+        'warm_rate': warm[0].guaranteed_rate, 'cold_time': times[0], 'warm_time': times[1],
+        'warm_ratio': times[1] / times[0]}

@@ -1,0 +1,89 @@
+"""Tables and a picture of the measurements."""
+
+import csv
+import statistics
+
+_FORMATS = {'time': '{:.3f}', 'build': '{:.3f}', 'solve': '{:.3f}', 'rate': '{:.4f}',
+            'reference': '{:.4f}', 'ratio': '{:.2f}', 'memory': '{:.0f}'}
+
+
+def text(column, value):
+    """Return a value as a table shows it."""
+    if value is None or value == '':
+        return ''
+    if isinstance(value, float):
+        return _FORMATS.get(column, _FORMATS.get(column.split('_')[-1], '{:.2f}')).format(value)
+    return str(value)
+
+
+def columns_of(rows):
+    """Return the columns of rows in order of appearance."""
+    return list(dict.fromkeys(column for row in rows for column in row))
+
+
+def markdown(rows):
+    """Return rows, dictionaries, as a Markdown table."""
+    columns = columns_of(rows)
+    lines = [columns, ['---'] * len(columns)]
+    lines += [[text(column, row.get(column)) for column in columns] for row in rows]
+    return '\n'.join('| ' + ' | '.join(line) + ' |' for line in lines) + '\n'
+
+
+def write_csv(path, tables):
+    """Write all tables, a dictionary of rows, to one CSV file with a column for the table."""
+    rows = [{'table': name, **row} for name, table in tables.items() for row in table]
+    with open(path, 'w', newline='', encoding='utf-8') as file:
+        writer = csv.DictWriter(file, columns_of(rows))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def summary(tables):
+    """Return the sentences that matter, computed from the tables, as a Markdown list."""
+    lines = []
+    for name, rows in tables.items():
+        compared = [row for row in rows if 'ratio' in row]
+        if compared:
+            ratios = [row['ratio'] for row in compared]
+            calls = [row['ratio_solve'] for row in compared]
+            lines.append(
+                f'- {name}: joint is {statistics.median(ratios):.1f} times as fast as IPOPT in '
+                f'the median (at least {min(ratios):.1f}), '
+                f'{statistics.median(calls):.1f} times (at least {min(calls):.1f}) when building '
+                f'the problem is not counted')
+            gains = [row['joint_rate'] - row['ipopt_rate'] for row in compared]
+            lines.append(
+                f'- {name}: its rate is above IPOPT\'s by {statistics.median(gains):.4f} '
+                f'bit/s/Hz in the median, by {min(gains):.4f} at least')
+        warm = [row for row in rows if 'warm_ratio' in row]
+        if warm:
+            ratio = statistics.median(row['warm_ratio'] for row in warm)
+            gain = statistics.median(row['warm_rate'] - row['cold_rate'] for row in warm)
+            lines.append(f'- {name}: a warm start takes {ratio:.0%} of the time of a cold one in '
+                         f'the median; the rate differs by {gain:+.5f} bit/s/Hz in the median')
+    return '\n'.join(lines) + '\n'
+
+
+def plot_scaling(path, rows):
+    """Draw time against the number of slots."""
+    import matplotlib
+    matplotlib.use('Agg')
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6, 4), layout='constrained')
+    axes.loglog([row['slots'] for row in rows], [row['joint_time'] for row in rows], 'o-',
+                color='#0072B2', label='joint, all starts')
+    with_ipopt = [row for row in rows if 'ipopt_solve' in row]
+    if with_ipopt:
+        slots = [row['slots'] for row in with_ipopt]
+        axes.loglog(slots, [row['ipopt_build'] + row['ipopt_solve'] for row in with_ipopt], 's-',
+                    color='#D55E00', label='CasADi and IPOPT, one start')
+        axes.loglog(slots, [row['ipopt_solve'] for row in with_ipopt], 's--',
+                    color='#E69F00', label='IPOPT without building')
+    axes.set_xlabel('slots N')
+    axes.set_ylabel('time in s')
+    axes.set_title('Paper\'s scenario, T = 200 s')
+    axes.grid(True, which='both', alpha=0.3)
+    axes.legend()
+    figure.savefig(path, dpi=150)
+    pyplot.close(figure)
