@@ -14,6 +14,7 @@ _CLIPPED, _UNIFORM = 3, 17  # Trials of a line search.
 _SOFTENING = 0.3
 _PATIENCE = 15  # Steps for one mu.
 _DUAL_RANGE = 1e4
+_NEGLIGIBLE = 1e-8  # Gain of a step in nats a slot.
 
 
 class Mission:
@@ -120,7 +121,9 @@ class Barrier:
         self._age += 1
         tired = (self._age >= _PATIENCE) | (length == 0.0)
         near = (decrement <= 0.5 * x.shape[2]) & (length > 0.5)
-        self.finished = (level <= final) & ((decrement <= 0.01) | tired)
+        # What another step gains is below a hundredth of what mu costs, or below 1e-8 nats a slot.
+        still = decrement <= np.maximum(0.01, _NEGLIGIBLE / level)
+        self.finished = (level <= final) & (still | tired)
         lower = (near | tired) & (level > final)
         self._age[lower] = 0
         if lower.any():

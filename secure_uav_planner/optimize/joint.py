@@ -16,12 +16,15 @@ from .starts import interior, refined, several_starts
 
 _COARSE = 40  # Slots of the coarsest grid.
 _FINER = 8  # How much finer the next grid is at most.
-_STAGES = ((10, 0.7), (5, 0.7), (7, 0.5), (15, 0.0))  # Steps, then the share of starts to keep.
+_SCOUTS = 4  # One in so many starts goes first.
+_STAGES = ((10, 0.7), (5, 0.7), (7, 0.5))  # Steps, then the share of starts to keep.
 _SAME = 2e-4  # Relative difference below which two starts count as one.
+_LAST = 15  # Steps of those that are left.
 _RIVALS = 2  # How many starts are finished at most,
 _CLOSE = 0.01  # and how close to the best the second must be.
 _COARSE_LEVEL, _FINAL_LEVEL = 1e-3, 1e-8
 _STEPS = 150
+_OFFERS = 4  # Steps between two offers to the run.
 _FEW = 20  # Slots.
 
 
@@ -61,20 +64,41 @@ def _from_several(run, model):
     scenario = run.scenario
     slots = min(scenario.slots, _COARSE)
     mission = Mission(scenario, model, slots)
-    barrier = Barrier(model, mission, *several_starts(scenario, model, slots))
-    for steps, share in _STAGES:
-        for _ in range(steps):
+    x, levels = several_starts(scenario, model, slots)
+    # A few of every kind first: in an easy mission all of them end in the same place.
+    few = np.arange(0, len(x), _SCOUTS)
+    barrier = _best_of(run, Barrier(model, mission, x[few], levels[few]))
+    if len(barrier.x) > 1:
+        rest = np.setdiff1d(np.arange(len(x)), few)
+        others = _best_of(run, Barrier(model, mission, x[rest], levels[rest]))
+        barrier = Barrier(model, mission, np.concatenate([barrier.x, others.x]),
+                          np.concatenate([barrier.level, others.level]))
+        _select(run, barrier, 0.5)
+        for _ in range(_LAST):
             _advance(run, barrier, _COARSE_LEVEL)
-        values = barrier.objective()
-        barrier.keep(_distinct(values, share))
-        _offer(run, barrier, 0)
-        if len(barrier.x) == 1:
-            break
+        _select(run, barrier, 0.0)
     values = barrier.objective()
     rivals = np.flatnonzero(values >= (1 - _CLOSE) * values[0])[:_RIVALS]
     statuses = [_finish(run, _on_finer_grids(run, barrier, rival)) for rival in rivals]
     _try_powers_alone(run, model)
     return 'converged' if 'converged' in statuses else statuses[0]
+
+
+def _best_of(run, barrier):
+    """Improve all starts of a Barrier and keep the best in stages."""
+    for steps, share in _STAGES:
+        for _ in range(steps):
+            _advance(run, barrier, _COARSE_LEVEL)
+        _select(run, barrier, share)
+        if len(barrier.x) == 1:
+            break
+    return barrier
+
+
+def _select(run, barrier, share):
+    """Keep a share of the starts of a Barrier, best first, and offer the best."""
+    barrier.keep(_distinct(barrier.objective(), share))
+    _offer(run, barrier, 0)
 
 
 def _distinct(values, share):
@@ -106,10 +130,11 @@ def _on_finer_grids(run, barrier, start):
 
 
 def _finish(run, barrier):
-    """Converge on the full grid, offering every iterate; return the status."""
-    for _ in range(_STEPS):
-        _advance(run, barrier, _FINAL_LEVEL, offer=True)
+    """Converge on the full grid; return the status."""
+    for step in range(1, _STEPS + 1):
+        _advance(run, barrier, _FINAL_LEVEL, offer=step % _OFFERS == 0)
         if barrier.finished[0]:
+            _offer(run, barrier, 0)
             return 'converged'
     return 'iteration_limit'
 
@@ -122,21 +147,21 @@ def _try_powers_alone(run, model):
     """
     scenario = run.scenario
     positions = fly_hover_fly_positions(scenario)
-    slots = min(scenario.slots, 2 * _COARSE)
+    slots = min(scenario.slots, _COARSE)
     mission = Mission(scenario, model, slots)
     mission.fixed[:] = True
     x = []
-    for jamming in (0.9, 0.5, 0.05):
+    for jamming in (0.5, 0.05):
         powers = np.array([[uav.average_power * (jamming if index else 0.9)]
                            for index, uav in enumerate(scenario.uavs)])
         powers = np.repeat(powers, scenario.slots, axis=1)
         x.append(interior(scenario, model, positions, powers, slots, share=0.0))
         x[-1][..., 0] *= 0.99
     barrier = Barrier(model, mission, np.array(x), 0.02)
-    for _ in range(12):
-        _advance(run, barrier, 1e-4)
+    for _ in range(10):
+        _advance(run, barrier, _COARSE_LEVEL)
     alone = barrier.objective().max() / np.log(2)
-    if slots > _FEW and run.rate > 0.01 and alone < 0.97 * run.rate:
+    if slots > _FEW and run.rate > 0.01 and alone < 0.95 * run.rate:
         return
     alone = Run(scenario, positions, np.repeat(
         [[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1),
@@ -157,6 +182,7 @@ def _advance(run, barrier, level, offer=False):
     run.report('joint')
     reason = run.stop_reason()
     if reason is not None:
+        _offer(run, barrier, 0)
         raise _Stop(reason)
 
 
