@@ -60,10 +60,10 @@ def secrecy_rates(scenario, positions, powers, eavesdropper):
     """
     Return r_0[n] - r_e[n] for an eavesdropper whose place is known, (N,) in bit/s/Hz.
 
-    :param eavesdropper: its true place, (2,) in m.
+    :param eavesdropper: its true place, (2,) or one for each slot, (N, 2), in m.
     """
-    places = np.broadcast_to(np.asarray(eavesdropper, float), (powers.shape[1], 1, 2))
-    leak = _leak_at(scenario, positions[:, 1:-1], powers, places)[:, 0]
+    places = np.broadcast_to(np.asarray(eavesdropper, float), (powers.shape[1], 2))
+    leak = _leak_at(scenario, positions[:, 1:-1], powers, places[:, None])[:, 0]
     return ground_rates(scenario, positions, powers) - leak
 
 

@@ -165,6 +165,21 @@ class Plan:
             start_ns=(None if self.start_ns is None else
                       self.start_ns + round(point * step * 1e9)))
 
+    def continued(self, point, tail):
+        """
+        Return this plan up to a point and another one of what was left from there.
+
+        :param point: where the other begins, as given to tail.
+        :param tail: a Plan for what tail(point) leaves, perhaps against other eavesdroppers.
+        :return: a Plan of the whole mission against those.
+        """
+        return replace(
+            tail, scenario=replace(self.scenario, ground_node=tail.scenario.ground_node,
+                                   eavesdroppers=tail.scenario.eavesdroppers),
+            positions=np.concatenate([self.positions[:, :point], tail.positions], axis=1),
+            powers=np.concatenate([self.powers[:, :point], tail.powers], axis=1),
+            start_ns=self.start_ns)
+
     def save(self, path):
         """
         Write the plan to a JSON file, atomically: a reader sees the old file or the new one.

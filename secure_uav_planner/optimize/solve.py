@@ -4,18 +4,24 @@ import time
 
 import numpy as np
 
-from .alternating import alternate, optimise_powers
 from .feasible import adapted
 from .fly_hover_fly import fly_hover_fly_positions
 from .joint import joint
 from .run import Run
 from ..plan import Plan
 
-METHODS = {'alternating': alternate, 'joint': joint}
+
+def _alternate(run):
+    # Here and not above: CVXPY takes a second to import, and who plans jointly does not need it.
+    from .alternating import alternate
+    return alternate(run)
+
+
+METHODS = {'joint': joint, 'alternating': _alternate}
 """What improves a Run until it has converged or must stop, and returns the Plan's status."""
 
 
-def solve(scenario, method='alternating', on_iteration=None, time_limit=None, initial=None):
+def solve(scenario, method='joint', on_iteration=None, time_limit=None, initial=None):
     """
     Plan trajectories and powers that maximise the guaranteed secrecy rate, problem (P2).
 
@@ -23,8 +29,8 @@ def solve(scenario, method='alternating', on_iteration=None, time_limit=None, in
     power, whatever happens on the way; `status` tells why the method stopped.
 
     :param scenario: a Scenario.
-    :param method: one of METHODS: 'alternating', the paper's Section III, or 'joint', positions
-        and powers together from several starts.
+    :param method: one of METHODS: 'joint', positions and powers together from several starts, or
+        'alternating', the paper's Section III.
     :param on_iteration: called with an Iteration after every step; returning True stops the run.
     :param time_limit: in s; past it the best feasible plan so far is returned.
     :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be
@@ -67,6 +73,7 @@ def fly_hover_fly(scenario, power='constant', on_iteration=None, time_limit=None
     method = f'fly_hover_fly_{power}'
     if power == 'constant':
         return Plan(scenario, positions, powers, method, solve_time=time.monotonic() - started)
+    from .alternating import optimise_powers  # CVXPY, as above
     run = Run(scenario, positions, powers, on_iteration, time_limit, started)
     status = optimise_powers(run)
     return run.plan(method, status)

@@ -1,6 +1,7 @@
 """From parameters and poses to the scenario to solve."""
 
 from dataclasses import replace
+import math
 
 from .parameters import uav_from
 from .poses import error_radius
@@ -58,6 +59,21 @@ def updated(scenario, parameters, poses, now):
         raise ValueError('; '.join(problems))
     return replace(scenario, ground_node=poses.get(GROUND_NODE_TOPIC).position,
                    eavesdroppers=_eavesdroppers(parameters, poses))
+
+
+def has_moved(scenario, known, distance):
+    """
+    Return whether the places on the ground differ by more than a distance in m.
+
+    An error radius counts when it has changed by more than a tenth of the distance.
+
+    :param scenario: what was planned for.
+    :param known: the Scenario as it is known now.
+    """
+    return math.dist(scenario.ground_node, known.ground_node) > distance or any(
+        math.dist(before.position, now.position) > distance
+        or abs(before.error_radius - now.error_radius) > 0.1 * distance
+        for before, now in zip(scenario.eavesdroppers, known.eavesdroppers))
 
 
 def _eavesdroppers(parameters, poses):

@@ -127,6 +127,15 @@ PLANNER = {
                        'from its covariance.', (0.01, 0.999999)),
     'pose_timeout': Spec(10.0, 'Age in s beyond which a pose is not planned with; 0 for none.',
                          (0.0, 86400.0)),
+    'plan_file': Spec('', 'File (JSON) that keeps the last plan over a restart; empty for none.',
+                      read_only=True),
+    'replan_period': Spec(0.0, 'Period in s of planning the rest of the mission again; 0 for '
+                          'never.', (0.0, 86400.0)),
+    'replan_distance': Spec(0.0, 'Plan the rest again when an estimate has moved by more than '
+                            'this in m, or its error radius has changed by a tenth of it; 0 for '
+                            'never.', LIMITS['error_radius']),
+    'replan_lead': Spec(2.0, 'How far ahead in s a new plan of the rest takes effect; the '
+                        'deadline of its solve.', (0.01, 3600.0)),
 }
 """Parameters of the planner that do not belong to one UAV or eavesdropper."""
 

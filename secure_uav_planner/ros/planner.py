@@ -2,6 +2,8 @@
 
 from concurrent.futures import CancelledError
 from dataclasses import replace
+import math
+from pathlib import Path as FilePath
 import threading
 import time
 
@@ -16,21 +18,24 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from . import messages
-from .mission import GROUND_NODE_TOPIC, pose_problems, pose_topic, scenario_from
+from . import health, messages
+from .mission import (
+    GROUND_NODE_TOPIC, has_moved, pose_problems, pose_topic, scenario_from, updated)
 from .parameters import eavesdropper_parameters, Parameters, PLANNER, uav_from, uav_parameters
 from .poses import PoseBook, PoseError
 from .process import run_node
 from .qos import LATCHED, OVERRIDABLE, SENSOR
 from .solver import Busy, Solver
 from ..optimize.feasible import similar
+from ..plan import Plan
 
 _STATUS_PERIOD = 0.1
+_REPLAN_CHECK_PERIOD = 0.1
 
 
 class Planner(Node):
     """
-    Plans on request; the README has its topics, services and parameters.
+    Plans on request and, where asked to, again on the way; the README has its interface.
 
     :raises ValueError: for a wrong parameter, naming it.
     """
@@ -57,9 +62,11 @@ class Planner(Node):
         self._progress = None
         self._progress_shown = 0.0
         self._outcome = (DiagnosticStatus.OK, 'no plan yet')
-        self._refusals = 0
-        self._status_lock = threading.Lock()
+        self._counts = {'plans': 0, 'replans': 0, 'refusals': 0}
+        self._last_planned = -math.inf
+        self._lock = threading.RLock()
         self._make_interface()
+        self._restore()
         self._publish_status()
         self.get_logger().info('ready: ~/plan plans for ' + ', '.join(self._uavs))
 
@@ -89,9 +96,10 @@ class Planner(Node):
         # A waiting ~/plan keeps one of the executor's threads; everything else goes on.
         self.create_service(Trigger, '~/plan', self._on_plan, callback_group=services)
         self.create_service(Trigger, '~/cancel', self._on_cancel, callback_group=services)
-        # Diagnostics go on while simulated time stands still.
-        self.create_timer(1.0, self._publish_diagnostics, callback_group=services,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # Both timers go on while simulated time stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._publish_diagnostics, callback_group=services, clock=steady)
+        self.create_timer(_REPLAN_CHECK_PERIOD, self._replan_when_due, clock=steady)
 
     def close(self):
         """Stop the solve under way; return whether nothing is left running."""
@@ -103,6 +111,8 @@ class Planner(Node):
     def _check(self, values):
         for name in self._uavs:
             uav_from(values, name)
+
+    # Poses
 
     def _on_pose(self, topic, message):
         frame_id = self._settings['frame_id']
@@ -119,28 +129,28 @@ class Planner(Node):
             if first:
                 self._publish_status()
 
+    # Planning on request
+
     def _on_plan(self, _request, response):
         try:
             scenario = scenario_from(self._settings, self._poses, self._now())
-            future = self._solver.start(
+            plan = self._solver.start(
                 scenario, method=self._settings['method'],
                 time_limit=self._settings['time_limit'] or None,
-                initial=self._initial(scenario))
-        except (ValueError, Busy) as error:
-            return self._refuse(response, str(error))
-        try:
-            plan = future.result()
-        except CancelledError:
-            return self._refuse(response, 'the planner is shutting down')
+                initial=self._initial(scenario)).result()
+            if plan.status == 'cancelled':
+                raise CancelledError('cancelled')
+            plan = replace(plan, start_ns=self.get_clock().now().nanoseconds)
+            self._publish_plan(plan, 'plans')
+        except (ValueError, Busy, CancelledError) as error:
+            response.success = False
+            response.message = self._failed(str(error), DiagnosticStatus.WARN)
         except Exception as error:
-            self.get_logger().error(f'the solve failed: {type(error).__name__}: {error}')
-            return self._refuse(response, f'the solve failed: {error}', DiagnosticStatus.ERROR)
-        finally:
-            self._progress = None
-        if plan.status == 'cancelled':
-            return self._refuse(response, 'cancelled; the last plan stands')
-        self._publish_plan(replace(plan, start_ns=self.get_clock().now().nanoseconds))
-        response.success, response.message = True, self._outcome[1]
+            response.success = False
+            response.message = self._failed(
+                f'the solve failed: {type(error).__name__}: {error}', DiagnosticStatus.ERROR)
+        else:
+            response.success, response.message = True, self._outcome[1]
         return response
 
     def _initial(self, scenario):
@@ -149,18 +159,21 @@ class Planner(Node):
             return self._plan
         return None
 
-    def _refuse(self, response, reason, level=DiagnosticStatus.WARN):
-        self._refusals += 1
-        self._outcome = (level, reason)
-        self.get_logger().warning(f'no plan: {reason}')
+    def _failed(self, reason, level):
+        """Note, log and return why there is no new plan."""
+        stands = '' if self._plan is None else '; the last plan stands'
+        with self._lock:
+            self._counts['refusals'] += 1
+            self._outcome = (level, reason + stands)
+        log = self.get_logger()
+        (log.error if level == DiagnosticStatus.ERROR else log.warning)(
+            f'no new plan: {reason}{stands}')
         self._publish_status()
-        response.success, response.message = False, reason
-        return response
+        return reason + stands
 
     def _on_cancel(self, _request, response):
         response.success = self._solver.cancel()
-        response.message = ('cancelling; the last plan stands' if response.success
-                            else 'no solve is under way')
+        response.message = 'cancelling' if response.success else 'no solve is under way'
         return response
 
     def _on_iteration(self, iteration):
@@ -169,79 +182,121 @@ class Planner(Node):
             self._progress_shown = time.monotonic()
             self._publish_status()
 
-    def _publish_plan(self, plan):
+    # Planning again on the way
+
+    def _replan_when_due(self):
+        period, distance = self._settings['replan_period'], self._settings['replan_distance']
+        plan, now = self._plan, self._now()
+        if plan is None or not (period or distance) or self._solver.busy:
+            return
+        elapsed = now - plan.start_ns * 1e-9
+        point = max(0, math.ceil(
+            (elapsed + self._settings['replan_lead']) / plan.scenario.slot_duration))
+        if point >= plan.scenario.slots:
+            return  # The mission ends before a new plan could take effect.
+        try:
+            tail = plan.tail(point)
+            scenario = updated(tail.scenario, self._settings, self._poses, now)
+        except ValueError:
+            return  # The poses are missing or old, as the diagnostics say.
+        # Against the clock jumping back, too: the period has passed when it is not to come.
+        due = period and not 0 <= now - self._last_planned < period
+        if not (due or (distance and has_moved(plan.scenario, scenario, distance))):
+            return
+        try:
+            future = self._solver.start(
+                scenario, method=self._settings['method'], initial=tail,
+                time_limit=self._settings['replan_lead'])
+        except Busy:
+            return
+        self._last_planned = now
+        future.add_done_callback(lambda done: self._on_replanned(done, plan, point, tail))
+
+    def _on_replanned(self, future, plan, point, tail):
+        """Join what a replan found to the plan it began with; runs in the solver's thread."""
+        try:
+            found = future.result()
+            if found.status == 'cancelled':
+                raise CancelledError('cancelled')
+            if self._now() > tail.start_ns * 1e-9:
+                raise ValueError('the new plan came after the moment it was to take effect; '
+                                 'a longer replan_lead gives it more time')
+            if self._plan is not plan:
+                raise ValueError('another plan came in between')
+            self._publish_plan(plan.continued(point, found), 'replans')
+        except CancelledError as error:
+            if str(error) == 'cancelled':
+                self._failed('the replan was cancelled', DiagnosticStatus.OK)
+        except ValueError as error:
+            self._failed(f'replan: {error}', DiagnosticStatus.WARN)
+        except Exception as error:
+            self._failed(f'the replan failed: {type(error).__name__}: {error}',
+                         DiagnosticStatus.ERROR)
+
+    # Publishing
+
+    def _restore(self):
+        """Publish the plan of the plan file, if there is one."""
+        file = self._settings['plan_file']
+        if not file or not FilePath(file).exists():
+            return
+        try:
+            plan = Plan.load(file)
+            if [uav.name for uav in plan.scenario.uavs] != self._uavs or plan.start_ns is None:
+                raise ValueError(f'{file} is not a plan for {", ".join(self._uavs)}')
+        except (OSError, ValueError) as error:
+            self.get_logger().warning(f'plan_file: {error}; it is not published')
+            return
+        self._publish_plan(plan, 'plans', restored=True)
+
+    def _publish_plan(self, plan, count, restored=False):
         frame_id = self._settings['frame_id']
         # Everything is made before anything is sent: all of a plan is published, or nothing.
-        paths, powers, trajectories = ([make(index) for index in range(len(self._uavs))]
-                                       for make in (
-            lambda index: messages.path(plan, index, frame_id),
-            lambda index: messages.power(plan, index),
-            lambda index: messages.trajectory(plan, index, frame_id)))
-        markers = messages.markers(plan, frame_id)
-        for publishers, made in ((self._paths, paths), (self._powers, powers),
-                                 (self._trajectories, trajectories)):
-            for publisher, message in zip(publishers, made):
-                publisher.publish(message)
-        self._markers.publish(markers)
-        self._plan = plan
-        level = (DiagnosticStatus.OK if plan.status == 'converged' else DiagnosticStatus.WARN)
-        self._outcome = (level, summary(plan))
+        made = [(publisher, make(plan, index, *more))
+                for publishers, make, more in (
+                    (self._paths, messages.path, (frame_id,)),
+                    (self._powers, messages.power, ()),
+                    (self._trajectories, messages.trajectory, (frame_id,)))
+                for index, publisher in enumerate(publishers)]
+        made.append((self._markers, messages.markers(plan, frame_id)))
+        if self._settings['plan_file'] and not restored:
+            self._save(plan)
+        for publisher, message in made:
+            publisher.publish(message)
+        level = DiagnosticStatus.OK if plan.status == 'converged' else DiagnosticStatus.WARN
+        with self._lock:
+            self._plan, self._last_planned = plan, self._now()
+            self._counts[count] += 1
+            self._outcome = (level, ('restored: ' if restored else '') + health.summary(plan))
         log = self.get_logger()
         (log.info if level == DiagnosticStatus.OK else log.warning)(self._outcome[1])
         self._publish_status()
 
+    def _save(self, plan):
+        try:
+            plan.save(self._settings['plan_file'])
+        except OSError as error:
+            self.get_logger().error(f'plan_file: {error}; the plan is published all the same')
+
     def _status_message(self):
         now = self._now()
-        plan, progress = self._plan, self._progress
-        level, text = self._outcome
-        problems = pose_problems(self._settings, self._poses, now)
-        values = {'state': 'solving' if self._solver.busy else 'idle'}
-        if progress is not None and self._solver.busy:
-            level, text = DiagnosticStatus.OK, 'solving'
-            values.update({
-                'progress.iteration': progress.number, 'progress.step': progress.step,
-                'progress.guaranteed_rate': progress.guaranteed_rate,
-                'progress.elapsed': progress.elapsed})
-        elif problems and level == DiagnosticStatus.OK:
-            level = DiagnosticStatus.STALE if 's old' in ' '.join(problems) else (
-                DiagnosticStatus.WARN)
-            text = '; '.join(problems)
-        if plan is not None:
-            values.update({
-                'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
-                'plan.age': now - plan.start_ns * 1e-9,
-                'plan.guaranteed_rate': plan.guaranteed_rate,
-                'plan.worst_case_rate': plan.worst_case_rate, 'plan.method': plan.method,
-                'plan.status': plan.status, 'plan.iterations': plan.history[-1].number,
-                'plan.solve_time': plan.solve_time})
-        for topic in [GROUND_NODE_TOPIC, *map(pose_topic, self._eavesdroppers + self._uavs)]:
-            known = self._poses.get(topic)
-            values[f'pose_age.{topic}'] = 'none' if known is None else known.age(now)
-        values['refusals'] = self._refusals
-        return messages.status(self.get_fully_qualified_name().lstrip('/'), level, text, values)
+        with self._lock:
+            busy = self._solver.busy
+            progress = self._progress if busy else None
+            level, text = health.level_and_text(
+                self._outcome, pose_problems(self._settings, self._poses, now), progress)
+            return messages.status(
+                self.get_fully_qualified_name().lstrip('/'), level, text, health.values(
+                    self._plan, progress, busy, self._poses, self._settings, self._counts, now))
 
     def _publish_status(self):
-        with self._status_lock:
+        with self._lock:
             self._status.publish(self._status_message())
 
     def _publish_diagnostics(self):
         message = DiagnosticArray(status=[self._status_message()])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-
-
-def summary(plan):
-    """Return a plan in one line."""
-    reasons = {
-        'converged': 'converged',
-        'iteration_limit': 'stopped at the iteration limit',
-        'time_limit': 'stopped at time_limit with the best feasible plan so far',
-        'numerical_trouble': 'a step of the solver failed, the best feasible plan is kept',
-    }
-    return (f'{plan.method} plan of {plan.scenario.slots} slots: guaranteed rate '
-            f'{plan.guaranteed_rate:.4f}, worst-case rate {plan.worst_case_rate:.4f} bit/s/Hz, '
-            f'{plan.solve_time:.2f} s, {plan.history[-1].number} iterations, '
-            f'{reasons[plan.status]}')
 
 
 def main(args=None):

@@ -60,7 +60,7 @@ class Solver:
         self._cancel.set()
         with self._lock:
             if self.busy:
-                _settle(self._future.set_exception, CancelledError())
+                _settle(self._future.set_exception, CancelledError('the planner is stopping'))
             if self._thread is None:
                 return True
             self._thread.join(timeout)

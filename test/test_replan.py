@@ -1,0 +1,186 @@
+"""Planning again on the way, flown in simulated time against a moving eavesdropper."""
+
+import threading
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Path
+import numpy as np
+import pytest
+from ros_client import Client, node_process, values_of, wait_for
+from rosgraph_msgs.msg import Clock
+from secure_uav_planner import channel, Plan, Scenario
+from std_msgs.msg import Float64MultiArray
+
+
+class Simulation:
+    """Simulated time, faster than real, and the estimate of an eavesdropper who walks."""
+
+    def __init__(self, client, where, speedup):
+        self.now = 1000.0
+        self._client, self._where, self._speedup = client, where, speedup
+        self._clock = client.node.create_publisher(Clock, '/clock', 10)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        while not self._stop.wait(0.02):
+            self.now += 0.02 * self._speedup
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = int(self.now), int(self.now % 1 * 1e9)
+            self._clock.publish(message)
+
+    def send_estimate(self):
+        x, y = self._where(self.now)
+        self._client.send_estimate('eavesdropper/pose', x, y, stamp=self.stamp(), heard=False)
+
+    def stamp(self):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = int(self.now), int(self.now % 1 * 1e9)
+        return message.clock
+
+    def close(self):
+        self._stop.set()
+        self._thread.join()
+
+
+def received(client):
+    return ([client.listen(Path, f'{name}/path') for name in ('uav1', 'uav2')],
+            [client.listen(Float64MultiArray, f'{name}/power') for name in ('uav1', 'uav2')])
+
+
+def plan_of(scenario, paths, powers, index):
+    return Plan(scenario, [[(at.pose.position.x, at.pose.position.y)
+                            for at in path[index].poses] for path in paths],
+                [power[index].data for power in powers])
+
+
+@pytest.fixture
+def client():
+    with Client() as client:
+        yield client
+
+
+def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(client):
+    began = []
+
+    def where(now):
+        # From beside the ground node to 250 m away in the course of the mission.
+        share = (now - began[0]) / 200 if began else 0.0
+        return 60.0 + 190.0 * min(1.0, max(0.0, share)), -120.0 * min(1.0, max(0.0, share))
+
+    with node_process('planner', use_sim_time='true', replan_distance=4.0, replan_lead=4.0,
+                      slots=100, pose_timeout=0.0):
+        simulation = Simulation(client, where, speedup=8)
+        try:
+            paths, powers = received(client)
+            status = client.listen(DiagnosticStatus, 'planner/status')
+            client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp())
+            client.send_estimate('eavesdropper/pose', *where(0), stamp=simulation.stamp())
+            assert client.call('planner/plan').success
+            began.append(simulation.now)
+            while simulation.now < began[0] + 200:
+                client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp(), heard=False)
+                simulation.send_estimate()
+        finally:
+            simulation.close()
+        values = values_of(status[-1])
+        assert int(values['replans']) >= 20, values
+        count = min(map(len, paths + powers))
+        assert count >= 21
+
+    scenario = Scenario.paper(200.0, slots=100)
+    start = paths[0][0].poses[0].header.stamp
+    times = start.sec + start.nanosec * 1e-9 + 2.0 * np.arange(1, 101)
+    truth = np.array([where(time) for time in times])
+
+    def secrecy(plan):
+        rates = channel.secrecy_rates(scenario, plan.positions, plan.powers, truth)
+        return np.maximum(rates, 0).mean()
+
+    plans = [plan_of(scenario, paths, powers, index) for index in range(count)]
+    for before, after in zip(plans, plans[1:]):
+        # The same up to the moment it takes effect, a feasible flight over all of the mission.
+        same = (before.positions == after.positions).all(axis=(0, 2))
+        assert same[0]
+    flown, first = plans[-1], plans[0]
+    print(f'secrecy rate without replanning {secrecy(first):.3f}, with '
+          f'{values["replans"]} replans {secrecy(flown):.3f} bit/s/Hz')
+    assert secrecy(flown) > 1.05 * secrecy(first)
+
+
+def test_a_replan_leaves_what_has_been_flown_as_it_was(client):
+    with node_process('planner', replan_distance=5.0, replan_lead=1.0, duration=120.0, slots=120):
+        paths, powers = received(client)
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: all(paths + powers))
+        planned = time.time()
+        client.send_estimate('eavesdropper/pose', 170, 30)
+        wait_for(lambda: all(len(got) == 2 for got in paths + powers), what='the new plan')
+        elapsed = time.time() - planned
+    scenario = Scenario.paper(120.0)
+    old, new = (plan_of(scenario, paths, powers, index) for index in (0, 1))
+    assert paths[0][0].header.stamp == paths[0][1].header.stamp
+    flown = int(elapsed)
+    assert (old.positions[:, :flown + 1] == new.positions[:, :flown + 1]).all()
+    assert (old.powers[:, :flown] == new.powers[:, :flown]).all()
+    assert not (old.positions == new.positions).all()
+
+
+def test_a_replan_is_not_made_while_nothing_moves_and_is_made_every_period(client):
+    with node_process('planner', replan_distance=5.0, duration=120.0, slots=60):
+        paths, _ = received(client)
+        client.send_paper()
+        assert client.call('planner/plan').success
+        client.send_estimate('eavesdropper/pose', 203, 0)
+        time.sleep(1.0)
+        assert len(paths[0]) == 1
+        assert client.set_parameters('planner', replan_period=0.5, replan_lead=0.5)[0].successful
+        wait_for(lambda: len(paths[0]) >= 4)
+        assert client.set_parameters('planner', replan_period=0.0)[0].successful
+
+
+def test_a_changed_error_radius_is_a_reason_to_plan_again(client):
+    with node_process('planner', replan_distance=5.0, duration=120.0, slots=60):
+        paths, _ = received(client)
+        client.send_pose('ground_node/pose', 0, 0)
+        client.send_estimate('eavesdropper/pose', 200, 0, variance=16.0)
+        assert client.call('planner/plan').success
+        client.send_estimate('eavesdropper/pose', 200, 0, variance=100.0)
+        wait_for(lambda: len(paths[0]) == 2)
+
+
+def test_a_failed_replan_leaves_the_old_plan_standing_and_says_why(client):
+    with node_process('planner', replan_distance=5.0, replan_lead=0.01, duration=120.0,
+                      slots=6000, method='alternating'):
+        paths, _ = received(client)
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        client.set_parameters('planner', time_limit=0.5)
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: paths[0])
+        client.send_estimate('eavesdropper/pose', 260, 0)
+        wait_for(lambda: 'replan' in status[-1].message, what='the reason')
+        assert 'replan_lead' in status[-1].message
+        assert 'the last plan stands' in status[-1].message
+        assert status[-1].level == DiagnosticStatus.WARN
+        assert len(paths[0]) == 1
+
+
+def test_a_plan_outlives_the_planner_in_its_file(client, tmp_path):
+    file = tmp_path / 'plan.json'
+    with node_process('planner', plan_file=file, duration=120.0, slots=40) as process:
+        paths, _ = received(client)
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: paths[0])
+        process.kill()
+    with node_process('planner', plan_file=file, duration=120.0, slots=40):
+        wait_for(lambda: len(paths[0]) == 2)
+        assert paths[0][0] == paths[0][1]
+    file.write_text('damaged')
+    with node_process('planner', plan_file=file) as process:
+        wait_for(lambda: any('is not a plan' in line for line in process.lines))
+        assert not client.call('planner/plan').success
