@@ -51,9 +51,14 @@ def worst_case_rates(scenario, positions, powers):
     This is R[n] of problem (P1), equation (R_sec), before its [x]^+. The leak is searched on the
     disc and refined until the rate is exact to about 1e-6.
     """
-    leak = np.max([_worst_leak(scenario, eve, positions[:, 1:-1], powers)
-                   for eve in scenario.eavesdroppers], axis=0)
+    leak, _ = _worst_leak(scenario, positions[:, 1:-1], powers)
     return ground_rates(scenario, positions, powers) - leak
+
+
+def worst_case_places(scenario, positions, powers):
+    """Return where in the discs the leak of each slot is largest, (N, 2) in m."""
+    _, places = _worst_leak(scenario, positions[:, 1:-1], powers)
+    return places
 
 
 def secrecy_rates(scenario, positions, powers, eavesdropper):
@@ -92,20 +97,25 @@ _RINGS, _RAYS, _STARTS, _HALVINGS, _CHUNK = 12, 48, 4, 44, 256
 _COMPASS = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=-1)
 
 
-def _worst_leak(scenario, eve, places_of_uavs, powers):
-    """Return the largest r_e over the disc for every slot, (N,)."""
-    slots = powers.shape[1]
-    return np.concatenate([
-        _worst_leak_of_chunk(scenario, eve, places_of_uavs[:, first:first + _CHUNK],
-                             powers[:, first:first + _CHUNK])
-        for first in range(0, slots, _CHUNK)])
+def _worst_leak(scenario, places_of_uavs, powers):
+    """Return the largest r_e over all discs for every slot, (N,), and where it is, (N, 2)."""
+    found = []
+    for first in range(0, powers.shape[1], _CHUNK):
+        chunk = slice(first, first + _CHUNK)
+        leaks, places = zip(*(
+            _worst_leak_in_disc(scenario, eve, places_of_uavs[:, chunk], powers[:, chunk])
+            for eve in scenario.eavesdroppers))
+        worst = np.argmax(leaks, axis=0), np.arange(len(leaks[0]))
+        found.append((np.array(leaks)[worst], np.array(places)[worst]))
+    leaks, places = zip(*found)
+    return np.concatenate(leaks), np.concatenate(places)
 
 
-def _worst_leak_of_chunk(scenario, eve, places_of_uavs, powers):
+def _worst_leak_in_disc(scenario, eve, places_of_uavs, powers):
     centre, radius = np.array(eve.position), eve.error_radius
     if radius == 0.0:
         points = np.broadcast_to(centre, (powers.shape[1], 1, 2))
-        return _leak_at(scenario, places_of_uavs, powers, points)[:, 0]
+        return _leak_at(scenario, places_of_uavs, powers, points)[:, 0], points[:, 0]
 
     def into_disc(points):
         offset = points - centre
@@ -140,4 +150,5 @@ def _worst_leak_of_chunk(scenario, eve, places_of_uavs, powers):
         step = np.where(better, step, step / 2)
         if step.max() < 1e-6 * radius:
             break
-    return leak.max(axis=1)
+    worst = np.arange(len(leak)), leak.argmax(axis=1)
+    return leak[worst], points[worst]

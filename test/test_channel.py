@@ -128,6 +128,17 @@ def test_a_larger_error_radius_never_helps(scenario, seed, more):
                 <= rates(scenario, positions, powers) + 1e-6).all()
 
 
+@given(scenarios(), st.integers(0, 2**32 - 1))
+def test_the_worst_places_are_in_a_disc_and_have_the_worst_rate(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    places = channel.worst_case_places(scenario, positions, powers)
+    assert np.min([np.linalg.norm(places - eve.position, axis=-1) - eve.error_radius
+                   for eve in scenario.eavesdroppers], axis=0).max() <= 1e-6
+    assert channel.secrecy_rates(scenario, positions, powers, places) == pytest.approx(
+        channel.worst_case_rates(scenario, positions, powers), abs=1e-12)
+
+
 def test_inside_the_disc_the_guarantee_counts_with_an_eavesdropper_straight_below():
     # The paper's (d - eps)^2 would take it for 50 m away and promise too much.
     scenario = replace(Scenario.paper(102), eavesdroppers=(Eavesdropper((0.0, 0.0), 50.0),))

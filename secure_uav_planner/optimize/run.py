@@ -86,6 +86,7 @@ class Run:
             self._cancelled = True
 
     def plan(self, method, status):
-        """Return the best iterate as a Plan, which checks it."""
-        return Plan(self.scenario, self.positions, self.powers, method, status,
+        """Return the best iterate as a Plan, with the jammers quiet where nothing is sent."""
+        powers = np.where(self.powers[0] > 0, self.powers, 0.0)
+        return Plan(self.scenario, self.positions, powers, method, status,
                     tuple(self.history), self.elapsed)

@@ -29,7 +29,7 @@ def level_and_text(outcome, poses, progress):
     there can be. STALE: a pose is too old to plan with. OK: none of these.
 
     :param outcome: level and text of the last request or replan.
-    :param poses: problems of the poses, from pose_problems.
+    :param poses: every PoseProblem there is.
     :param progress: the latest Iteration of a solve under way, or None.
     """
     level, text = outcome
@@ -37,8 +37,9 @@ def level_and_text(outcome, poses, progress):
         return DiagnosticStatus.OK, (f'solving: iteration {progress.number}, guaranteed rate '
                                      f'{progress.guaranteed_rate:.4f} bit/s/Hz')
     if level == DiagnosticStatus.OK and poses:
-        stale = all(' s old' in problem for problem in poses)
-        return DiagnosticStatus.STALE if stale else DiagnosticStatus.WARN, '; '.join(poses)
+        stale = all(problem.stale for problem in poses)
+        return (DiagnosticStatus.STALE if stale else DiagnosticStatus.WARN,
+                '; '.join(problem.text for problem in poses))
     return level, text
 
 

@@ -16,7 +16,7 @@ def pose_topic(name):
 
 
 def pose_problems(parameters, poses, now, of_uavs=True):
-    """Return why the poses cannot be planned with, a text for each topic that cannot."""
+    """Return the PoseProblem of every topic whose pose cannot be planned with."""
     needed = [GROUND_NODE_TOPIC] + [pose_topic(name) for name in parameters['eavesdroppers']]
     optional = [pose_topic(name) for name in parameters['uavs']] if of_uavs else []
     problems = [
@@ -37,7 +37,7 @@ def scenario_from(parameters, poses, now):
     """
     problems = pose_problems(parameters, poses, now)
     if problems:
-        raise ValueError('; '.join(problems))
+        raise ValueError('; '.join(problem.text for problem in problems))
     starts = [poses.get(pose_topic(name)) for name in parameters['uavs']]
     return Scenario(
         ground_node=poses.get(GROUND_NODE_TOPIC).position,
@@ -56,7 +56,7 @@ def updated(scenario, parameters, poses, now):
     """
     problems = pose_problems(parameters, poses, now, of_uavs=False)
     if problems:
-        raise ValueError('; '.join(problems))
+        raise ValueError('; '.join(problem.text for problem in problems))
     return replace(scenario, ground_node=poses.get(GROUND_NODE_TOPIC).position,
                    eavesdroppers=_eavesdroppers(parameters, poses))
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 import math
 import threading
+from typing import NamedTuple
 
 import numpy as np
 from rclpy.time import Time
@@ -33,6 +34,13 @@ class KnownPose:
     def age(self, now):
         """Return the age in s at a time in s; a clock that jumped back makes it 0."""
         return max(0.0, now - min(self.stamp, self.received))
+
+
+class PoseProblem(NamedTuple):
+    """Why a topic's pose cannot be planned with."""
+
+    text: str
+    stale: bool = False
 
 
 class PoseBook:
@@ -77,7 +85,7 @@ class PoseBook:
 
     def problem(self, topic, frame_id, now, timeout, optional=False):
         """
-        Return why the topic's pose cannot be planned with, or None.
+        Return the PoseProblem of a topic, or None when its pose can be planned with.
 
         :param timeout: age in s beyond which it cannot, 0 for none.
         :param optional: whether it may be missing.
@@ -87,12 +95,13 @@ class PoseBook:
         if known is not None and known.frame_id != frame_id:
             known, foreign = None, known.frame_id
         if known is None and foreign is not None:
-            return f'{topic} is in frame {foreign!r} and the parameter frame_id is {frame_id!r}'
+            return PoseProblem(
+                f'{topic} is in frame {foreign!r} and the parameter frame_id is {frame_id!r}')
         if known is None:
-            return None if optional else f'no pose has come on {topic}'
+            return None if optional else PoseProblem(f'no pose has come on {topic}')
         if timeout and known.age(now) > timeout:
-            return (f'the pose on {topic} is {known.age(now):.1f} s old and pose_timeout is '
-                    f'{timeout:g} s')
+            return PoseProblem(f'the pose on {topic} is {known.age(now):.1f} s old and '
+                               f'pose_timeout is {timeout:g} s', stale=True)
         return None
 
 
