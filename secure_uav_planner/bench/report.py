@@ -53,7 +53,7 @@ def summary(tables):
                 f'the problem is not counted')
             gains = [row['joint_rate'] - row['ipopt_rate'] for row in compared]
             lines.append(
-                f'- {name}: its rate is above IPOPT\'s by {statistics.median(gains):.4f} '
+                f'- {name}: its rate exceeds that of IPOPT by {statistics.median(gains):.4f} '
                 f'bit/s/Hz in the median, by {min(gains):.4f} at least')
         warm = [row for row in rows if 'warm_ratio' in row]
         if warm:
@@ -82,7 +82,7 @@ def plot_scaling(path, rows):
                     color='#E69F00', label='IPOPT without building')
     axes.set_xlabel('slots N')
     axes.set_ylabel('time in s')
-    axes.set_title('Paper\'s scenario, T = 200 s')
+    axes.set_title('Scenario of the paper, T = 200 s')
     axes.grid(True, which='both', alpha=0.3)
     axes.legend()
     figure.savefig(path, dpi=150)

@@ -92,6 +92,8 @@ class Barrier:
         Take one step from every start, then lower its mu towards `final` where it may be.
 
         A start is `finished` when it has converged for that mu, or makes no more progress.
+
+        :raises numpy.linalg.LinAlgError: when no step can be computed.
         """
         x, level, mission = self.x, self.level, self.mission
         if self._known is None:
@@ -114,6 +116,8 @@ class Barrier:
         changes = [(slant * moves * turns).sum(axis=-1), step[..., 0],
                    -step[..., 0] / mission.peaks, -step[..., 0].mean(axis=1)]
         slope = (step * gradient).sum(axis=(1, 2, 3))
+        if not np.isfinite(slope).any():
+            raise np.linalg.LinAlgError('no start has a finite step')
         length = self._line_search(
             step, gradient, slope, value, *self._reach(turns, constraints, changes))
         self._follow(changes, push, constraints, leaks, step)

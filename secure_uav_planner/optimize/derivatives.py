@@ -54,11 +54,11 @@ class SlotModel:
         return np.moveaxis(scaled, -3, -2)
 
     def positions(self, x):
-        """Return the positions (..., U, N, 2) in m of x (..., N, U, 3)."""
+        """Return places (..., U, N, 2) in m of x (..., N, U, 3)."""
         return np.moveaxis(x[..., 1:], -2, -3) * self.length + self.origin
 
     def powers(self, x):
-        """Return the powers (..., U, N) in W of x (..., N, U, 3)."""
+        """Return watts (..., U, N) of x (..., N, U, 3)."""
         return np.moveaxis(x[..., 0], -1, -2) * self.power[:, None]
 
 

@@ -98,7 +98,7 @@ def _best_of(run, barrier):
 def _select(run, barrier, share):
     """Keep a share of the starts of a Barrier, best first, and offer the best."""
     barrier.keep(_distinct(barrier.objective(), share))
-    _offer(run, barrier, 0)
+    _offer(run, barrier)
 
 
 def _distinct(values, share):
@@ -132,10 +132,11 @@ def _on_finer_grids(run, barrier, start):
 def _finish(run, barrier):
     """Converge on the full grid; return the status."""
     for step in range(1, _STEPS + 1):
-        _advance(run, barrier, _FINAL_LEVEL, offer=step % _OFFERS == 0)
+        _advance(run, barrier, _FINAL_LEVEL, offer=True)
         if barrier.finished[0]:
-            _offer(run, barrier, 0)
             return 'converged'
+        if step % _OFFERS == 0:
+            _offer(run, barrier)
     return 'iteration_limit'
 
 
@@ -177,19 +178,18 @@ def _advance(run, barrier, level, offer=False):
     before = barrier.solver_time
     barrier.iterate(level)
     run.solver_time += barrier.solver_time - before
-    if offer:
-        _offer(run, barrier, 0)
+    if offer and barrier.finished[0] or run.stop_reason() is not None:
+        _offer(run, barrier)
     run.report('joint')
     reason = run.stop_reason()
     if reason is not None:
-        _offer(run, barrier, 0)
         raise _Stop(reason)
 
 
-def _offer(run, barrier, start):
-    """Offer a start of a Barrier to the run, on the full grid."""
+def _offer(run, barrier):
+    """Offer the best start of a Barrier to the run, on the full grid."""
     scenario, model = run.scenario, barrier.model
-    x = barrier.x[start]
+    x = barrier.x[barrier.objective().argmax()]
     if len(x) != scenario.slots:
         x = refined(barrier.mission, x, scenario.slots)
     ends = np.array([(uav.start, uav.goal) for uav in scenario.uavs])

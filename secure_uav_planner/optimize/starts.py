@@ -3,6 +3,7 @@
 import numpy as np
 
 from .fly_hover_fly import fly_hover_fly_positions
+from ..channel import guaranteed_rates
 
 _BESIDE = 0.7  # In altitudes.
 
@@ -52,31 +53,42 @@ def several_starts(scenario, model, slots):
     """
     Return strictly feasible starts (S, slots, U, 3) and the mu to start each with, (S,).
 
-    Each of three kinds is spread over the hovering places: with jammers on; with jammers all but
-    silent, which lets the transmitter find its flight first; and the same closer to the
-    boundary, which finds the few slots worth talking in a mission that is nearly lost.
+    Each of four kinds is spread over the hovering places: with jammers on; with jammers all but
+    silent, which lets the transmitter find its flight first; the same closer to the boundary,
+    which finds the few slots worth talking in a mission that is nearly lost; and with jammers
+    off and the transmitter on where it needs none, closer still.
     """
     places = hovering_places(scenario)
     starts, levels = [], []
-    for number, jamming, level in ((4, 0.9, 0.02), (8, 0.05, 0.02), (4, 0.05, 0.003)):
+    for number, jamming, level in ((4, 0.9, 0.02), (8, 0.05, 0.02), (4, 0.05, 0.003),
+                                   (3, 0.0, 1e-4)):
         spread = np.linspace(0, len(places) - 1, min(number, len(places)))
         for hover in places[np.unique(spread.round().astype(int))]:
             positions = fly_hover_fly_positions(scenario, hover)
             powers = np.array([[uav.average_power * (jamming if index else 0.9)]
                                for index, uav in enumerate(scenario.uavs)])
             powers = np.repeat(powers, scenario.slots, axis=1)
-            starts.append(interior(scenario, model, positions, powers, slots))
+            if jamming:
+                x = interior(scenario, model, positions, powers, slots)
+            else:
+                winning = guaranteed_rates(scenario, positions, powers) > 0
+                if not winning.any():
+                    continue
+                powers[0] *= winning / winning.mean()
+                x = interior(scenario, model, positions, powers, slots, least=1e-5)
+            starts.append(x)
             levels.append(level)
     return np.array(starts), np.array(levels)
 
 
-def interior(scenario, model, positions, powers, slots, share=0.05):
+def interior(scenario, model, positions, powers, slots, share=0.05, least=None):
     """
     Return strictly feasible variables near a plan on another grid, (slots, U, 3).
 
     :param positions: feasible, (U, N+2, 2) in m.
     :param powers: feasible, (U, N) in W.
     :param share: by which to go from the plan into the interior.
+    :param least: powers in units of the average power, by default a fifth of the share.
     """
     points = np.linspace(0, 1, slots + 2)
     old = np.linspace(0, 1, positions.shape[1])
@@ -87,7 +99,8 @@ def interior(scenario, model, positions, powers, slots, share=0.05):
     average = np.array([uav.average_power for uav in scenario.uavs])[:, None]
     peak = np.array([uav.peak_power for uav in scenario.uavs])[:, None]
     power = np.stack([np.interp(points[1:-1], old[1:-1], power) for power in powers])
-    power = np.clip(power, 0.2 * share * average, (1 - 0.2 * share) * peak)
+    low = (0.2 * share if least is None else least) * average
+    power = np.clip(power, low, (1 - 0.2 * share) * peak)
     power *= np.minimum(1, (1 - 0.2 * share) * average / power.mean(axis=1, keepdims=True))
     return model.variables(path[:, 1:-1], power)
 

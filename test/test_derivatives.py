@@ -1,0 +1,130 @@
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from secure_uav_planner import Scenario
+from secure_uav_planner.channel import guaranteed_rates
+from secure_uav_planner.optimize.derivatives import SlotModel, Slots
+from strategies import random_powers, scenarios
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def around_the_discs(scenario, rng):
+    """Return positions (U, N+2, 2) in m inside the discs, on their edges and far away."""
+    positions = rng.normal(0, 300, (len(scenario.uavs), scenario.slots + 2, 2))
+    eve = scenario.eavesdroppers[0]
+    near = rng.random(positions.shape[:2]) < 0.5
+    offset = rng.normal(0, max(eve.error_radius, 10.0), positions.shape)
+    return np.where(near[..., None], np.array(eve.position) + offset, positions)
+
+
+def inner_variables(model, scenario, rng):
+    """Return x with every power above zero, as an interior-point method has it."""
+    x = model.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
+    x[..., 0] += 0.05
+    return x
+
+
+def rates_at(model, x):
+    slots = Slots(model, x)
+    return np.concatenate([slots.ground[..., None], slots.leaks], axis=-1)
+
+
+def smooth(model, x, step):
+    """Return which slots are farther from a kink of any distance than a step, (N,)."""
+    offset = x[..., None, :, 1:] - model.places[:, None]
+    distance = np.linalg.norm(offset, axis=-1)
+    kink = np.where(model.edge < 0, -model.edge, 0.0)
+    apart = np.abs(distance - kink) > 4 * step
+    return (apart | (model.edge == 0)).all(axis=(-2, -1)) & (distance > 0.05).all(axis=(-2, -1))
+
+
+def changes(function, x, step):
+    """Return the central differences of a function by every variable, last axes (U, 3)."""
+    columns = []
+    for variable in np.ndindex(x.shape[-2:]):
+        move = np.zeros_like(x)
+        move[(..., *variable)] = step
+        columns.append((function(x + move) - function(x - move)) / (2 * step))
+    return np.moveaxis(np.array(columns), 0, -1).reshape(*columns[0].shape, *x.shape[-2:])
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(), SEEDS)
+def test_the_rates_are_those_of_the_channel(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions, powers = around_the_discs(scenario, rng), random_powers(scenario, rng)
+    model = SlotModel.of(scenario)
+    slots = Slots(model, model.variables(positions[:, 1:-1], powers))
+    np.testing.assert_allclose(
+        (slots.ground - slots.leaks.max(axis=-1)) / np.log(2),
+        guaranteed_rates(scenario, positions, powers), rtol=1e-9, atol=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(), SEEDS)
+def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions, powers = around_the_discs(scenario, rng), random_powers(scenario, rng)
+    model = SlotModel.of(scenario)
+    x = model.variables(positions[:, 1:-1], powers)
+    np.testing.assert_allclose(model.positions(x), positions[:, 1:-1], atol=1e-9)
+    np.testing.assert_allclose(model.powers(x), powers, atol=1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(), SEEDS)
+def test_gradients_are_the_limits_of_differences(scenario, seed):
+    rng = np.random.default_rng(seed)
+    model = SlotModel.of(scenario)
+    x = inner_variables(model, scenario, rng)
+    step = 1e-5
+    kept = smooth(model, x, step)
+    differences = changes(lambda at: rates_at(model, at), x, step)
+    exact = Slots(model, x).first_derivatives()
+    scale = 1 + np.abs(exact).max(axis=(-3, -2, -1), keepdims=True)
+    assert (np.abs(exact - differences) / scale)[kept].max(initial=0) < 1e-5
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(), SEEDS)
+def test_hessians_are_the_differences_of_gradients_and_symmetric(scenario, seed):
+    rng = np.random.default_rng(seed)
+    model = SlotModel.of(scenario)
+    x = inner_variables(model, scenario, rng)
+    step = 1e-6
+    kept = smooth(model, x, step)
+    weights = rng.normal(size=(scenario.slots, len(scenario.eavesdroppers) + 1))
+    size = x.shape[-2] * 3
+
+    def gradient(at):
+        return (weights[..., None, None] * Slots(model, at).first_derivatives()).sum(axis=-3)
+
+    slots = Slots(model, x)
+    slots.first_derivatives()
+    exact = slots.second_derivative(weights)
+    differences = changes(gradient, x, step).reshape(scenario.slots, size, size)
+    scale = 1 + np.abs(exact).max(axis=(-2, -1), keepdims=True)
+    assert (np.abs(exact - differences) / scale)[kept].max(initial=0) < 1e-4
+    np.testing.assert_allclose(exact, np.swapaxes(exact, -1, -2), rtol=1e-9,
+                               atol=1e-12 * scale.max())
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(), SEEDS, st.floats(0, 1))
+def test_rounding_the_kink_never_raises_the_guaranteed_rate(scenario, seed, softening):
+    rng = np.random.default_rng(seed)
+    model = SlotModel.of(scenario)
+    x = model.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
+    sharp, soft = Slots(model, x), Slots(model, x, np.array([softening]))
+    assert (soft.leaks >= sharp.leaks - 1e-12).all()
+    np.testing.assert_array_equal(soft.ground, sharp.ground)
+
+
+def test_the_gradient_at_the_very_kink_is_finite():
+    scenario = Scenario.paper(102.0, slots=3)
+    model = SlotModel.of(scenario)
+    above = np.broadcast_to(scenario.eavesdroppers[0].position, (2, 3, 2))
+    slots = Slots(model, model.variables(above, np.ones((2, 3))))
+    assert np.isfinite(slots.first_derivatives()).all()
+    assert np.isfinite(slots.second_derivative(np.ones((3, 2)))).all()

@@ -1,0 +1,187 @@
+from dataclasses import replace
+import time
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
+from secure_uav_planner.optimize import barrier
+from secure_uav_planner.optimize.feasible import straight_line
+from strategies import PLACE, scenarios
+
+
+def team(**changes):
+    """Return a mission with two jammers and two eavesdroppers of different radii."""
+    return replace(Scenario(
+        ground_node=(0.0, 0.0),
+        eavesdroppers=(Eavesdropper((200.0, 0.0), 30.0), Eavesdropper((-80.0, 150.0), 10.0)),
+        uavs=(Uav('a', (100.0, 400.0), (50.0, -400.0), 100.0, 12.0),
+              Uav('b', (100.0, 300.0), (150.0, -300.0), 110.0, 12.0),
+              Uav('c', (-100.0, 300.0), (-150.0, -300.0), 80.0, 12.0)),
+        duration=100.0, slots=50), **changes)
+
+
+@pytest.mark.parametrize('duration, radius, at_least', [
+    (102, 10, 1.3694), (104, 10, 1.5601), (120, 10, 1.9875), (150, 10, 2.5035),
+    (200, 10, 3.0187), (200, 0, 3.1917)])
+def test_the_papers_scenario_reaches_the_best_known_rate(duration, radius, at_least):
+    plan = solve(Scenario.paper(duration, radius), method='joint')
+    assert plan.status == 'converged'
+    assert plan.guaranteed_rate >= at_least
+    assert plan.worst_case_rate >= plan.guaranteed_rate - 1e-9
+
+
+@settings(max_examples=25, deadline=None)
+@given(scenarios())
+def test_the_objective_never_falls_and_beats_the_baseline(scenario):
+    plan = solve(scenario, method='joint')  # which checks that it is feasible
+    rates = [iteration.guaranteed_rate for iteration in plan.history]
+    assert (np.diff(rates) >= 0).all()
+    assert rates[-1] == pytest.approx(plan.guaranteed_rate)
+    assert plan.guaranteed_rates.min() >= -1e-12
+    assert plan.status == 'converged'
+    baseline = fly_hover_fly(scenario, 'optimised').guaranteed_rate
+    assert plan.guaranteed_rate >= baseline - 1e-6
+
+
+@pytest.mark.parametrize('slots', [1, 2, 39, 41, 700])
+def test_any_number_of_slots_is_planned(slots):
+    plan = solve(Scenario.paper(200, slots=slots), method='joint')
+    assert plan.status == 'converged'
+    assert plan.guaranteed_rate > 2.5
+
+
+@pytest.mark.parametrize('changes', [
+    {'eavesdroppers': (Eavesdropper((0.0, 0.0), 0.0),)},
+    {'eavesdroppers': (Eavesdropper((100.0, 300.0), 1e6),)},
+    {'reference_snr_db': 20.0}, {'reference_snr_db': 120.0}])
+def test_extreme_missions_are_planned_no_worse_than_the_baseline(changes):
+    scenario = team(**changes)
+    plan = solve(scenario, method='joint')
+    assert plan.status == 'converged'
+    baseline = fly_hover_fly(scenario, 'optimised').guaranteed_rate
+    assert plan.guaranteed_rate >= baseline - 1e-6
+
+
+def test_without_slack_in_time_the_flight_is_straight_and_the_powers_are_planned():
+    shortest = 1000.0 / 10.0 * 100 / 101
+    scenario = replace(Scenario.paper(shortest * (1 + 1e-12), slots=100),
+                       ground_node=(50.0, 0.0))
+    plan = solve(scenario, method='joint')
+    np.testing.assert_allclose(plan.positions, straight_line(scenario), atol=1e-6)
+    # Only with silent jammers, and only near the ground node, is there anything to win.
+    assert plan.guaranteed_rate > 0.12
+
+
+def test_the_worst_eavesdropper_counts_and_not_their_average():
+    scenario = team()
+    both = solve(scenario, method='joint')
+    doubled = replace(scenario, eavesdroppers=scenario.eavesdroppers * 2)
+    assert solve(doubled, method='joint').guaranteed_rate == pytest.approx(
+        both.guaranteed_rate, rel=2e-3)
+    for eve in scenario.eavesdroppers:
+        alone = solve(replace(scenario, eavesdroppers=(eve,)), method='joint')
+        assert alone.guaranteed_rate > both.guaranteed_rate
+
+
+def test_the_joint_method_beats_the_alternating_one_on_a_team():
+    scenario = team(slots=30)
+    alternating = solve(scenario, method='alternating')
+    assert solve(scenario, method='joint').guaranteed_rate >= alternating.guaranteed_rate
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.floats(0, 2 * np.pi), PLACE)
+def test_turning_and_shifting_the_map_changes_nothing(angle, shift):
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    def moved(place):
+        return tuple((turn @ place + shift).tolist())
+
+    scenario = Scenario.paper(120, slots=60)
+    elsewhere = replace(
+        scenario, ground_node=moved(scenario.ground_node),
+        eavesdroppers=tuple(replace(eve, position=moved(eve.position))
+                            for eve in scenario.eavesdroppers),
+        uavs=tuple(replace(uav, start=moved(uav.start), goal=moved(uav.goal))
+                   for uav in scenario.uavs))
+    assert solve(elsewhere, method='joint').guaranteed_rate == pytest.approx(
+        solve(scenario, method='joint').guaranteed_rate, rel=1e-5)
+
+
+@pytest.mark.parametrize('calls', [1, 5, 30, 45])
+def test_the_callback_stops_the_run_at_once(calls):
+    seen = []
+    plan = solve(team(), method='joint',
+                 on_iteration=lambda iteration: seen.append(iteration) or len(seen) == calls)
+    assert plan.status == 'cancelled'
+    assert list(plan.history) == seen
+    assert len(seen) <= calls + 1
+    assert plan.guaranteed_rate == seen[-1].guaranteed_rate
+
+
+def test_the_deadline_is_kept_and_leaves_the_best_plan_so_far():
+    scenario = team(slots=5000)
+    started = time.monotonic()
+    plan = solve(scenario, method='joint', time_limit=0.05)
+    assert plan.status == 'time_limit'
+    assert time.monotonic() - started < 5  # far from what the whole solve takes
+    assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
+
+
+@pytest.mark.parametrize('healthy', [0, 3, 40, 100])
+def test_numbers_that_fail_cost_steps_and_not_the_plan(monkeypatch, healthy):
+    calls = []
+    solver = barrier.dpbtrs
+
+    def solve_badly(*arguments, **options):
+        solution, info = solver(*arguments, **options)
+        calls.append(info)
+        return (solution if len(calls) <= healthy else solution * np.nan), info
+
+    monkeypatch.setattr(barrier, 'dpbtrs', solve_badly)
+    scenario = Scenario.paper(102)
+    plan = solve(scenario, method='joint')
+    assert isinstance(plan, Plan)
+    assert plan.status == 'numerical_trouble'
+    assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
+
+
+def moved_eavesdropper(scenario, distance):
+    eve = scenario.eavesdroppers[0]
+    place = (eve.position[0], eve.position[1] + distance)
+    return replace(scenario, eavesdroppers=(
+        replace(eve, position=place), *scenario.eavesdroppers[1:]))
+
+
+def test_a_warm_start_takes_fewer_steps_to_the_same_rate():
+    scenario = Scenario.paper(120)
+    moved = moved_eavesdropper(scenario, 5.0)
+    cold = solve(moved, method='joint')
+    warm = solve(moved, method='joint', initial=solve(scenario, method='joint'))
+    assert warm.guaranteed_rate >= cold.guaranteed_rate * (1 - 1e-5)
+    assert len(warm.history) < 0.6 * len(cold.history)
+
+
+def test_a_warm_start_is_never_lost():
+    scenario = team()
+    best = solve(scenario, method='joint')
+    assert solve(scenario, method='joint',
+                 initial=best).guaranteed_rate >= best.guaranteed_rate - 1e-12
+
+
+def test_a_jammer_leaves_the_kink_above_the_eavesdropper():
+    plan = solve(Scenario.paper(200), method='joint')
+    hovering = np.linalg.norm(plan.positions[1] - (200.0, 0.0), axis=-1).min()
+    assert 0.1 < hovering < 60.0
+
+
+def test_silent_slots_wake_up():
+    scenario = Scenario.paper(120)
+    silent = fly_hover_fly(scenario)
+    powers = silent.powers.copy()
+    powers[0] = 0.0
+    plan = solve(scenario, method='joint', initial=replace(silent, powers=powers))
+    assert plan.history[0].guaranteed_rate == 0.0
+    assert plan.guaranteed_rate > fly_hover_fly(scenario, 'optimised').guaranteed_rate
