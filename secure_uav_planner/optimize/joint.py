@@ -26,6 +26,7 @@ _COARSE_LEVEL, _FINAL_LEVEL = 1e-3, 1e-8
 _STEPS = 150
 _OFFERS = 4  # Steps between two offers to the run.
 _FEW = 20  # Slots.
+_WORTH_TRYING = 0.99
 
 
 class _Stop(Exception):
@@ -80,7 +81,7 @@ def _from_several(run, model):
     values = barrier.objective()
     rivals = np.flatnonzero(values >= (1 - _CLOSE) * values[0])[:_RIVALS]
     statuses = [_finish(run, _on_finer_grids(run, barrier, rival)) for rival in rivals]
-    _try_powers_alone(run, model)
+    _try_powers_alone(run, model, values[0])
     return 'converged' if 'converged' in statuses else statuses[0]
 
 
@@ -140,11 +141,13 @@ def _finish(run, barrier):
     return 'iteration_limit'
 
 
-def _try_powers_alone(run, model):
+def _try_powers_alone(run, model, joint_value):
     """
     Offer fly-hover-fly with optimised powers where that may be better than what was found.
 
     With hardly any slack in time flights do not matter, with few slots who talks when does.
+
+    :param joint_value: of the best start on the coarse grid, where the two are compared.
     """
     scenario = run.scenario
     positions = fly_hover_fly_positions(scenario)
@@ -161,16 +164,22 @@ def _try_powers_alone(run, model):
     barrier = Barrier(model, mission, np.array(x), 0.02)
     for _ in range(10):
         _advance(run, barrier, _COARSE_LEVEL)
-    alone = barrier.objective().max() / np.log(2)
-    if slots > _FEW and run.rate > 0.01 and alone < 0.95 * run.rate:
+    if (slots > _FEW and run.rate > 0.01
+            and barrier.objective().max() < _WORTH_TRYING * joint_value):
         return
-    alone = Run(scenario, positions, np.repeat(
-        [[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1),
-        lambda _: run.stop_reason() is not None, run.time_left)
+
+    def passed_on(_):
+        run.report('power')
+        return run.stop_reason() is not None
+
+    powers = np.repeat([[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1)
+    alone = Run(scenario, positions, powers, passed_on, run.time_left)
     optimise_powers(alone)
     run.solver_time += alone.solver_time
-    run.offer(alone.positions, alone.powers)
-    run.report('power')
+    if run.offer(alone.positions, alone.powers):
+        run.report('power')
+    if run.stop_reason() is not None:
+        raise _Stop(run.stop_reason())
 
 
 def _advance(run, barrier, level, offer=False):
