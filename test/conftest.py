@@ -4,9 +4,16 @@ import os
 import sys
 import tempfile
 
+from hypothesis import HealthCheck, Phase, settings
+
 os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='ros_log_')
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
 # Installed from wheels, ROS finds its index in the environment itself.
 os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
+
+# A failing example is worth more than a small one that took minutes to shrink.
+settings.register_profile('quick', deadline=None, phases=[
+    Phase.explicit, Phase.reuse, Phase.generate], suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile('quick')

@@ -19,7 +19,7 @@ def test_the_papers_scenario_reaches_the_reference(duration, at_least):
     assert plan.worst_case_rate >= plan.guaranteed_rate
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(scenarios(max_slots=8))
 def test_the_objective_never_falls_and_no_slot_leaks_more_than_arrives(scenario):
     plan = solve(scenario, method='alternating')
@@ -80,7 +80,7 @@ def test_a_warm_start_is_where_it_begins():
     assert len(warm.history) < len(cold.history)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(scenarios(max_uavs=2, max_slots=12), scenarios(max_uavs=2, max_slots=12))
 def test_any_plan_of_as_many_uavs_can_be_a_start(scenario, other):
     initial = fly_hover_fly(other)

@@ -50,7 +50,6 @@ def test_arrays_of_another_shape_are_refused(plan):
         replace(plan, powers='loud')
 
 
-@settings(deadline=None)
 @given(scenario=scenarios())
 def test_a_plan_survives_its_file(tmp_path_factory, scenario):
     path = tmp_path_factory.mktemp('plans') / 'plan.json'
@@ -75,7 +74,7 @@ def test_a_foreign_file_is_refused_by_name(tmp_path, text):
         Plan.load(path)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.data())
 def test_a_damaged_file_is_refused_or_still_a_feasible_plan(tmp_path_factory, data):
     path = tmp_path_factory.mktemp('plans') / 'plan.json'
@@ -101,7 +100,6 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, plan, monk
     assert [file.name for file in tmp_path.iterdir()] == ['plan.json']
 
 
-@settings(deadline=None)
 @given(scenarios(), st.data())
 def test_the_tail_of_a_plan_is_feasible_for_what_is_left(scenario, data):
     plan = replace(fly_hover_fly(scenario), start_ns=10**18)

@@ -14,7 +14,6 @@ def plan():
     return fly_hover_fly(Scenario.paper(102), 'optimised')
 
 
-@settings(deadline=None)
 @given(scenarios(), st.floats(-1, 2))
 def test_positions_are_interpolated_and_powers_held(scenario, share):
     plan = fly_hover_fly(scenario)

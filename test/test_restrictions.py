@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import cvxpy as cp
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
@@ -22,17 +22,25 @@ def rate(scenario, positions, powers):
     return float(guaranteed_rates(scenario, positions, powers).sum() * np.log(2))
 
 
+class Unsolved(Exception):
+    """The solver has no value for a point: it is outside of the restriction, or numerics."""
+
+
 def value(problem, fixed):
     """Return the restriction's value where its variables are fixed, in nats, to maximise."""
     pinned = cp.Problem(problem.objective, problem.constraints + [
         variable == point for variable, point in fixed])
-    pinned.solve(solver=cp.CLARABEL, ignore_dpp=True)
-    assert pinned.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+    try:
+        pinned.solve(solver=cp.CLARABEL, ignore_dpp=True)
+    except cp.SolverError:
+        raise Unsolved from None
+    if pinned.status != cp.OPTIMAL:
+        raise Unsolved
     sign = 1 if isinstance(problem.objective, cp.Maximize) else -1
     return sign * pinned.value
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scenarios(max_slots=3), st.integers(0, 2**32 - 1))
 def test_the_power_restriction_never_promises_more_than_the_rate_gains(scenario, seed):
     rng = np.random.default_rng(seed)
@@ -41,15 +49,22 @@ def test_the_power_restriction_never_promises_more_than_the_rate_gains(scenario,
     restriction = PowerProblem(*shape(scenario))
     best, _ = restriction.solve(scenario, positions, local)
     unit = np.array([[uav.average_power] for uav in scenario.uavs])
-    base = value(restriction.problem, [(restriction.power, local / unit)])
+
+    def promised(powers):
+        try:
+            return value(restriction.problem, [
+                (restriction.power, np.clip(powers, 0, None) / unit * (1 - 1e-9))])
+        except Unsolved:
+            assume(False)
+
+    base = promised(local)
     for powers in [random_powers(scenario, rng) for _ in range(3)] + [best]:
-        promised = value(restriction.problem, [
-            (restriction.power, np.clip(powers, 0, None) / unit * (1 - 1e-9))]) - base
+        promise = promised(powers) - base
         gained = rate(scenario, positions, powers) - rate(scenario, positions, local)
-        assert promised <= gained + 1e-5 * (1 + abs(promised))
+        assert promise <= gained + 1e-5 * (1 + abs(promise))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scenarios(max_slots=3), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
         scenario, seed, inside):
@@ -57,7 +72,7 @@ def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
     count, _, slots = shape(scenario)
     # Any place is within reach of any other, so that the restriction is seen everywhere.
     scenario = replace(scenario, uavs=tuple(
-        replace(uav, max_speed=1e5) for uav in scenario.uavs))
+        replace(uav, max_speed=1e4) for uav in scenario.uavs))
     local = rng.uniform(-400, 400, (count, slots + 2, 2))
     if inside:  # the error disc, and one jammer exactly above its centre
         eve = scenario.eavesdroppers[0]
@@ -74,7 +89,10 @@ def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
             (move, (path - start) / restriction.unit)
             for move, path, start in zip(restriction.moves, positions, local)])
 
-    base = promised(local)
+    try:
+        base = promised(local)
+    except Unsolved:
+        assume(False)
     for reach in (1.0, 30.0, 300.0):
         positions = local.copy()
         # Short enough for the linearised squares to be positive, as they must be.
@@ -83,8 +101,10 @@ def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
             try:
                 gain = promised(positions) - base
                 break
-            except AssertionError:
+            except Unsolved:
                 reach /= 2
+        else:
+            assume(False)
         gained = rate(scenario, positions, powers) - rate(scenario, local, powers)
         assert gain <= gained + 1e-5 * (1 + abs(gain))
 
