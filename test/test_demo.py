@@ -1,0 +1,48 @@
+"""The main job, run as a stranger runs it."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+from secure_uav_planner import Plan, Scenario
+
+
+@pytest.fixture(scope='module')
+def demo(tmp_path_factory):
+    out = tmp_path_factory.mktemp('demo') / 'out'
+    result = subprocess.run(
+        [sys.executable, '-m', 'secure_uav_planner.demo', '--out', str(out)],
+        capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return out, result.stdout
+
+
+def test_the_demo_plans_and_prints_the_plan_beside_its_baselines(demo):
+    _, text = demo
+    rates = {line.split('  ')[0]: float(line.split()[-3]) for line in text.splitlines()
+             if line.startswith(('fly_hover_fly', 'planned over DDS'))}
+    assert rates['fly_hover_fly_constant'] == pytest.approx(1.439, abs=1e-3)
+    assert rates['fly_hover_fly_optimised'] == pytest.approx(2.640, abs=1e-3)
+    assert rates['planned over DDS'] > 3.007
+
+
+def test_the_plan_that_was_received_is_saved_and_drawn(demo):
+    out, text = demo
+    plan = Plan.load(out / 'plan.json')
+    assert plan.scenario == Scenario.paper()
+    assert f'{plan.guaranteed_rate:.4f}' in text
+    assert (out / 'plan.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_the_demo_leaves_no_process_behind(demo):
+    for entry in Path('/proc').glob('[0-9]*'):
+        try:
+            command = (entry / 'cmdline').read_bytes().decode(errors='replace')
+            parent = (entry / 'stat').read_text().rsplit(')', 1)[1].split()[1]
+        except (OSError, IndexError):
+            continue  # it has just ended
+        if parent == '1' and 'secure_uav_planner.ros.' in command:
+            environment = (entry / 'environ').read_bytes().decode(errors='replace')
+            assert f'ROS_DOMAIN_ID={os.environ["ROS_DOMAIN_ID"]}\0' not in environment, command
