@@ -22,8 +22,8 @@ STATUSES = ('converged', 'iteration_limit', 'time_limit', 'cancelled', 'numerica
 """
 Why a method stopped; the plan is feasible whatever the reason.
 
-`numerical_trouble` says that a convex subproblem was not solved, so the best iterate before it
-was kept.
+`numerical_trouble` says that a convex subproblem or a Newton step could not be solved, so the
+best iterate before it was kept.
 """
 
 _FORMAT = {'format': 'secure_uav_planner/plan', 'version': 1}
@@ -38,7 +38,8 @@ class Iteration:
     :param step: what was optimised: 'start', 'power', 'trajectory' or 'joint'.
     :param guaranteed_rate: of the best feasible plan so far, mean over slots, bit/s/Hz.
     :param elapsed: since the call of solve, in s.
-    :param solver_time: of `elapsed`, spent inside the conic solver so far, in s.
+    :param solver_time: of `elapsed`, spent so far inside Clarabel, or for 'joint' on solving for
+        Newton steps, in s.
     """
 
     number: int

@@ -49,7 +49,7 @@ def changes(function, x, step):
     return np.moveaxis(np.array(columns), 0, -1).reshape(*columns[0].shape, *x.shape[-2:])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scenarios(), SEEDS)
 def test_the_rates_are_those_of_the_channel(scenario, seed):
     rng = np.random.default_rng(seed)
@@ -61,7 +61,7 @@ def test_the_rates_are_those_of_the_channel(scenario, seed):
         guaranteed_rates(scenario, positions, powers), rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scenarios(), SEEDS)
 def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
     rng = np.random.default_rng(seed)
@@ -72,7 +72,7 @@ def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
     np.testing.assert_allclose(model.powers(x), powers, atol=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scenarios(), SEEDS)
 def test_gradients_are_the_limits_of_differences(scenario, seed):
     rng = np.random.default_rng(seed)
@@ -86,7 +86,7 @@ def test_gradients_are_the_limits_of_differences(scenario, seed):
     assert (np.abs(exact - differences) / scale)[kept].max(initial=0) < 1e-5
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scenarios(), SEEDS)
 def test_hessians_are_the_differences_of_gradients_and_symmetric(scenario, seed):
     rng = np.random.default_rng(seed)
@@ -110,7 +110,7 @@ def test_hessians_are_the_differences_of_gradients_and_symmetric(scenario, seed)
                                atol=1e-12 * scale.max())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scenarios(), SEEDS, st.floats(0, 1))
 def test_rounding_the_kink_never_raises_the_guaranteed_rate(scenario, seed, softening):
     rng = np.random.default_rng(seed)

@@ -32,7 +32,7 @@ def test_the_papers_scenario_reaches_the_best_known_rate(duration, radius, at_le
     assert plan.worst_case_rate >= plan.guaranteed_rate - 1e-9
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(scenarios())
 def test_the_objective_never_falls_and_beats_the_baseline(scenario):
     plan = solve(scenario, method='joint')  # which checks that it is feasible
@@ -91,7 +91,7 @@ def test_the_joint_method_beats_the_alternating_one_on_a_team():
     assert solve(scenario, method='joint').guaranteed_rate >= alternating.guaranteed_rate
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.floats(0, 2 * np.pi), PLACE)
 def test_turning_and_shifting_the_map_changes_nothing(angle, shift):
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

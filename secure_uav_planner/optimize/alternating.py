@@ -4,6 +4,7 @@ import numpy as np
 
 from .powers import PowerProblem
 from .trajectory import TrajectoryProblem
+from ..channel import guaranteed_rates
 
 TOLERANCE = 1e-5
 """A round that gains less than this, in bit/s/Hz, is the last."""
@@ -13,17 +14,21 @@ MAX_ROUNDS = 100
 _POWER_STEPS = 3
 """Steps of III-A to one of III-B: they cost a tenth and gain more."""
 
-_QUIETER = (0.1, 0.01, 0.001)
+_QUIETER = (0.1, 0.01, 0.001, 0.0)
 
 
 def alternate(run):
     """
     Improve the run by the paper's algorithm until a round gains less than TOLERANCE.
 
+    Powers come first, as far as they go: the result is no worse than theirs alone.
+
     :param run: a Run.
     :return: the status it ends with, one of plan.STATUSES.
     """
     shape = _shape(run.scenario)
+    if not run.warm:
+        optimise_powers(run)
     return _rounds(run, [('power', PowerProblem(*shape))] * _POWER_STEPS
                    + [('trajectory', TrajectoryProblem(*shape))])
 
@@ -33,11 +38,18 @@ def optimise_powers(run):
     Improve only the powers of the run, by Section III-A; the rest is as for alternate.
 
     The powers have local optima, and those of loud jamming are usually the worse: the start is
-    whatever share of the jamming is best.
+    whatever share of the jamming is best, or none and the power of the slots that lose without
+    given to those that win.
     """
     loud = run.powers
     for share in _QUIETER:
         run.offer(powers=np.concatenate([loud[:1], share * loud[1:]]))
+    alone = np.zeros_like(loud)
+    alone[0] = [run.scenario.uavs[0].average_power]
+    winning = guaranteed_rates(run.scenario, run.positions, alone) > 0
+    if winning.any():
+        alone[0] *= winning / winning.mean()
+        run.offer(powers=alone)
     return _rounds(run, [('power', PowerProblem(*_shape(run.scenario)))], TOLERANCE / 100)
 
 

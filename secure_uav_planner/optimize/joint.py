@@ -7,7 +7,6 @@ winner is refined to the full grid, where a few more Newton steps finish it.
 
 import numpy as np
 
-from .alternating import optimise_powers
 from .barrier import Barrier, Mission
 from .derivatives import SlotModel
 from .fly_hover_fly import fly_hover_fly_positions
@@ -43,7 +42,7 @@ def joint(run):
     """
     try:
         model = SlotModel.of(run.scenario)
-        if getattr(run, 'warm', False):
+        if run.warm:
             return _from_plan(run, model)
         return _from_several(run, model)
     except _Stop as stop:
@@ -172,6 +171,7 @@ def _try_powers_alone(run, model, joint_value):
         run.report('power')
         return run.stop_reason() is not None
 
+    from .alternating import optimise_powers  # Only now: CVXPY takes a second to import.
     powers = np.repeat([[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1)
     alone = Run(scenario, positions, powers, passed_on, run.time_left)
     optimise_powers(alone)

@@ -11,14 +11,14 @@ from .run import Run
 from ..plan import Plan
 
 
-def _alternate(run):
+def _alternating():
     # Here and not above: CVXPY takes a second to import, and who plans jointly does not need it.
     from .alternating import alternate
-    return alternate(run)
+    return alternate
 
 
-METHODS = {'joint': joint, 'alternating': _alternate}
-"""What improves a Run until it has converged or must stop, and returns the Plan's status."""
+METHODS = {'joint': lambda: joint, 'alternating': _alternating}
+"""How to get what improves a Run until it has converged or must stop, by the method's name."""
 
 
 def solve(scenario, method='joint', on_iteration=None, time_limit=None, initial=None):
@@ -43,12 +43,13 @@ def solve(scenario, method='joint', on_iteration=None, time_limit=None, initial=
         raise ValueError(f'method is {method!r}; it must be one of {sorted(METHODS)!r}')
     if time_limit is not None and not time_limit > 0:
         raise ValueError(f'time_limit is {time_limit!r}; it must be above 0 s, or None')
+    improve = METHODS[method]()
     started = time.monotonic()
     positions, powers = (fly_hover_fly_positions(scenario), constant_powers(scenario)
                          ) if initial is None else adapted(scenario, initial)
     run = Run(scenario, positions, powers, on_iteration, time_limit, started,
               warm=initial is not None)
-    status = METHODS[method](run)
+    status = improve(run)
     return run.plan(method, status)
 
 
@@ -68,12 +69,12 @@ def fly_hover_fly(scenario, power='constant', on_iteration=None, time_limit=None
     """
     if power not in ('constant', 'optimised'):
         raise ValueError(f"power is {power!r}; it must be 'constant' or 'optimised'")
+    from .alternating import optimise_powers  # CVXPY, as above
     started = time.monotonic()
     positions, powers = fly_hover_fly_positions(scenario), constant_powers(scenario)
     method = f'fly_hover_fly_{power}'
     if power == 'constant':
         return Plan(scenario, positions, powers, method, solve_time=time.monotonic() - started)
-    from .alternating import optimise_powers  # CVXPY, as above
     run = Run(scenario, positions, powers, on_iteration, time_limit, started)
     status = optimise_powers(run)
     return run.plan(method, status)
