@@ -1,0 +1,74 @@
+"""The picture of a plan."""
+
+from hypothesis import given, settings
+from matplotlib.image import imread
+import numpy as np
+import pytest
+from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner.optimize.fly_hover_fly import fly_hover_fly_positions
+from secure_uav_planner.picture import draw_plan, power_level, save_picture
+from strategies import random_powers, scenarios
+
+
+@pytest.fixture(scope='module')
+def plans():
+    scenario = Scenario.paper(120, slots=24)
+    return [fly_hover_fly(scenario, power) for power in ('constant', 'optimised')]
+
+
+def is_close(color, pixels):
+    """Return where pixels (..., 3) have almost a colour '#rrggbb'."""
+    wanted = np.array([int(color[at:at + 2], 16) / 255 for at in (1, 3, 5)])
+    return np.abs(pixels - wanted).max(axis=-1) < 0.03
+
+
+def test_the_file_shows_both_uavs_the_disc_and_nothing_is_cut_off_at_its_edges(plans, tmp_path):
+    save_picture(plans[1], tmp_path / 'plan.png', plans[:1])
+    pixels = imread(tmp_path / 'plan.png')[..., :3]
+    assert pixels.shape[1] == 1800
+    for color in ('#0072B2', '#E69F00', '#D55E00', '#000000'):
+        assert is_close(color, pixels).sum() > 100
+    edges = np.concatenate([pixels[:3].reshape(-1, 3), pixels[-3:].reshape(-1, 3),
+                            pixels[:, :3].reshape(-1, 3), pixels[:, -3:].reshape(-1, 3)])
+    assert (edges == 1).all()
+
+
+def test_what_is_drawn_is_the_plan_and_the_power_holds_from_its_point_on(plans):
+    figure = draw_plan(plans[1], plans[:1])
+    map_axes, power_axes, rate_axes = figure.axes
+    (values, edges, _), = (
+        patch.get_data() for patch in power_axes.patches[:1])
+    assert values == pytest.approx(plans[1].powers[0])
+    assert edges == pytest.approx(plans[1].times[1:])
+    guaranteed = next(patch for patch in rate_axes.patches if patch.get_label() == 'guaranteed')
+    assert guaranteed.get_data().values == pytest.approx(plans[1].guaranteed_rates)
+    paths = [line.get_xydata() for line in map_axes.lines]
+    for path in plans[1].positions:
+        # The mission is long in y: the map is turned.
+        assert any(path.shape == drawn.shape and np.allclose(path[:, ::-1], drawn)
+                   for drawn in paths)
+
+
+def test_a_turned_map_keeps_left_and_right_and_the_flight_goes_to_the_right(plans):
+    axes = draw_plan(plans[0]).axes[0]
+    start, goal, east = (axes.transData.transform(place) for place in (
+        (500.0, 100.0), (-500.0, 100.0), (500.0, 110.0)))
+    assert goal[0] > start[0]
+    # South is to the right, so east must be up.
+    assert east[1] > start[1]
+
+
+def test_the_scale_of_power_tells_a_faint_jammer_from_a_silent_one():
+    level = power_level(np.array([0.0, 0.013, 1.3, 4.0]), 4.0)
+    assert level[0] == 0 and level[-1] == pytest.approx(1)
+    assert (np.diff(level) > 0.1).all()
+
+
+@settings(max_examples=10, deadline=None)
+@given(scenario=scenarios(max_uavs=4, max_eavesdroppers=3))
+def test_a_plan_of_any_mission_can_be_drawn(scenario):
+    plan = Plan(scenario, fly_hover_fly_positions(scenario),
+                random_powers(scenario, np.random.default_rng(0)))
+    figure = draw_plan(plan, [plan])
+    figure.draw_without_rendering()
+    assert len(figure.axes) == 3
