@@ -49,7 +49,6 @@ setup(
     maintainer_email='secure-uav-planner@users.noreply.github.com',
     description='Plans trajectories and powers of UAVs so that a transmission stays secret',
     license='Apache-2.0',
-    tests_require=['pytest'],
     entry_points={
         'console_scripts': [
             'planner = secure_uav_planner.ros.planner:main',

@@ -69,15 +69,13 @@ def fly_hover_fly(scenario, power='constant', on_iteration=None, time_limit=None
     """
     if power not in ('constant', 'optimised'):
         raise ValueError(f"power is {power!r}; it must be 'constant' or 'optimised'")
-    from .alternating import optimise_powers  # CVXPY, as above
-    started = time.monotonic()
-    positions, powers = fly_hover_fly_positions(scenario), constant_powers(scenario)
     method = f'fly_hover_fly_{power}'
+    positions, powers = fly_hover_fly_positions(scenario), constant_powers(scenario)
     if power == 'constant':
-        return Plan(scenario, positions, powers, method, solve_time=time.monotonic() - started)
-    run = Run(scenario, positions, powers, on_iteration, time_limit, started)
-    status = optimise_powers(run)
-    return run.plan(method, status)
+        return Plan(scenario, positions, powers, method)
+    from .alternating import optimise_powers  # CVXPY, as above
+    run = Run(scenario, positions, powers, on_iteration, time_limit)
+    return run.plan(method, optimise_powers(run))
 
 
 def constant_powers(scenario):
