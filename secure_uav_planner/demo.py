@@ -145,11 +145,14 @@ class _Client(Node):
         self._wait(self._poses_known, 'word of the poses from the planner')
         started = time.monotonic()
         print('planning ...', flush=True)
-        self._call(services['planner/plan'])
+        answer = self._call(services['planner/plan'])
+        if not answer.success:
+            raise DemoError(f'planner/plan: {answer.message}')
         elapsed = time.monotonic() - started
         self._wait(lambda: len(self._paths) == len(self._powers) == len(self._names), 'the plan')
         print(f'replaying at {_REPLAY_SPEED:g} times real time ...', flush=True)
-        self._call(services['replay/start'])
+        # The replay node may still be waiting for the plan that has come here already.
+        self._wait(lambda: self._call(services['replay/start']).success, 'the replay')
         self._wait(self._arrived, 'the end of the replay')
         positions = [[(at.pose.position.x, at.pose.position.y) for at in self._paths[name].poses]
                      for name in self._names]
@@ -184,8 +187,7 @@ class _Client(Node):
     def _call(self, service):
         future = service.call_async(Trigger.Request())
         self._wait(future.done, f'the answer of {service.srv_name}')
-        if not future.result().success:
-            raise DemoError(f'{service.srv_name}: {future.result().message}')
+        return future.result()
 
     def _wait(self, condition, what):
         until = time.monotonic() + _PATIENCE

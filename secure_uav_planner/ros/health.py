@@ -64,5 +64,3 @@ def values(plan, progress, busy, poses, parameters, counts, now):
         known = poses.get(topic)
         found[f'pose_age.{topic}'] = 'none' if known is None else known.age(now)
     return found
-
-

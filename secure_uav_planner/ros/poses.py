@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from rclpy.time import Time
 
+from ..scenario import LIMITS
+
 
 class PoseError(ValueError):
     """A pose that cannot be used; the text names the field, its value and what is allowed."""
@@ -68,7 +70,7 @@ class PoseBook:
                             f'it must be in frame {frame_id!r}, as the parameter frame_id says')
         covariance = getattr(message.pose, 'covariance', None)
         pose = message.pose if covariance is None else message.pose.pose
-        _check_finite(pose)
+        _check_values(pose)
         if covariance is not None:
             covariance = _horizontal_covariance(covariance)
         stamp = Time.from_msg(header.stamp).nanoseconds * 1e-9 or now
@@ -119,12 +121,17 @@ def error_radius(covariance, confidence):
     return math.sqrt(-2.0 * math.log1p(-confidence) * largest)
 
 
-def _check_finite(pose):
-    for part in ('position', 'orientation'):
-        for field in ('x', 'y', 'z', 'w')[:3 if part == 'position' else 4]:
-            value = getattr(getattr(pose, part), field)
-            if not math.isfinite(value):
-                raise PoseError(f'{part}.{field} is {value}; it must be finite')
+def _check_values(pose):
+    low, high = LIMITS['coordinate']
+    for field in 'xyz':
+        value = getattr(pose.position, field)
+        if not low <= value <= high:
+            raise PoseError(
+                f'position.{field} is {value}; it must be from {low:g} to {high:g} m')
+    for field in 'xyzw':
+        value = getattr(pose.orientation, field)
+        if not math.isfinite(value):
+            raise PoseError(f'orientation.{field} is {value}; it must be finite')
 
 
 def _horizontal_covariance(values):
