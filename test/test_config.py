@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, REPLAY, \
-    uav_parameters
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, REPLAY, uav_parameters)
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 import math
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, \
-    SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.validate_topic_name import validate_topic_name
 

@@ -19,8 +19,8 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from . import health, messages
-from .mission import GROUND_NODE_TOPIC, has_moved, pose_problems, pose_topic, scenario_from, \
-    updated
+from .mission import (
+    GROUND_NODE_TOPIC, has_moved, pose_problems, pose_topic, scenario_from, updated)
 from .parameters import eavesdropper_parameters, Parameters, PLANNER, uav_from, uav_parameters
 from .poses import PoseBook, PoseError
 from .process import run_node
