@@ -17,7 +17,7 @@ def summary(plan):
     """Return a plan in one line, without any place in it."""
     return (f'{plan.method} plan of {plan.scenario.slots} slots: guaranteed rate '
             f'{plan.guaranteed_rate:.4f}, worst-case rate {plan.worst_case_rate:.4f} bit/s/Hz, '
-            f'{plan.solve_time:.2f} s, {plan.history[-1].number} iterations, '
+            f'{plan.solve_time:.2f} s, {_iterations(plan)} iterations, '
             f'{REASONS[plan.status]}')
 
 
@@ -58,9 +58,13 @@ def values(plan, progress, busy, poses, parameters, counts, now):
             'plan.guaranteed_rate': plan.guaranteed_rate,
             'plan.worst_case_rate': plan.worst_case_rate,
             'plan.method': plan.method, 'plan.status': plan.status,
-            'plan.iterations': len(plan.history) - 1, 'plan.solve_time': plan.solve_time})
+            'plan.iterations': _iterations(plan), 'plan.solve_time': plan.solve_time})
     names = parameters['eavesdroppers'] + parameters['uavs']
     for topic in [GROUND_NODE_TOPIC, *map(pose_topic, names)]:
         known = poses.get(topic)
         found[f'pose_age.{topic}'] = 'none' if known is None else known.age(now)
     return found
+
+
+def _iterations(plan):
+    return max(0, len(plan.history) - 1)  # the first is the start

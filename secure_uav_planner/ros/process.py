@@ -7,7 +7,7 @@ import threading
 import time
 
 import rclpy
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
@@ -31,7 +31,7 @@ def run_node(make_node, args=None):
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
-    except (ValueError, RuntimeError, OSError, ParameterException,
+    except (ValueError, RuntimeError, OSError, ParameterException, NameValidationException,
             InvalidQosOverridesError) as error:
         print(f'cannot start: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
         rclpy.try_shutdown()
