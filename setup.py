@@ -9,8 +9,9 @@ ros = [
     'ros-jazzy-common-interfaces==5.3.6',
 ]
 view = ['matplotlib>=3.6']
+bench = [*view, 'casadi>=3.6']
 test = [
-    *view,
+    *bench,
     'colcon-common-extensions',
     'flake8',
     'flake8-blind-except',
@@ -43,7 +44,7 @@ setup(
     python_requires='>=3.10',
     install_requires=['setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'scipy>=1.11'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
-    extras_require={'ros': ros, 'view': view, 'bench': [*view, 'casadi>=3.6'], 'test': test},
+    extras_require={'ros': ros, 'view': view, 'bench': bench, 'test': test},
     zip_safe=True,
     maintainer='secure_uav_planner maintainers',
     maintainer_email='secure-uav-planner@users.noreply.github.com',
