@@ -19,7 +19,7 @@ _TIME_MARKS = 12
 _TIME_STEPS = [digit * 10.0 ** power for power in range(-6, 9) for digit in (1, 2, 5)]
 _STYLES = ('--', ':', '-.')
 _GREY = '0.45'
-_RATE = '#009E73'
+_RATE = '#6A3D9A'
 _NAMES = {
     'fly_hover_fly_constant': 'fly-hover-fly, constant power',
     'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',

@@ -5,7 +5,7 @@ from functools import cached_property
 import json
 import os
 from pathlib import Path
-import tempfile
+import uuid
 
 import numpy as np
 
@@ -202,15 +202,15 @@ class Plan:
             'guaranteed_rate': self.guaranteed_rate,
             'worst_case_rate': self.worst_case_rate,
         }
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix='.part')
+        temporary = path.with_name(f'{path.name}.{uuid.uuid4().hex}.part')
         try:
-            with os.fdopen(handle, 'w', encoding='utf-8') as file:
+            with open(temporary, 'x', encoding='utf-8') as file:
                 json.dump(document, file, allow_nan=False)
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)
         except BaseException:
-            os.unlink(temporary)
+            temporary.unlink(missing_ok=True)
             raise
 
     @classmethod

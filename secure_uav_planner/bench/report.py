@@ -80,6 +80,8 @@ def plot_scaling(path, rows):
                     color='#D55E00', label='CasADi and IPOPT, one start')
         axes.loglog(slots, [row['ipopt_solve'] for row in with_ipopt], 's--',
                     color='#E69F00', label='IPOPT without building')
+    axes.set_xticks([row['slots'] for row in rows], [str(row['slots']) for row in rows])
+    axes.set_xticks([], minor=True)
     axes.set_xlabel('slots N')
     axes.set_ylabel('time in s')
     axes.set_title('Scenario of the paper, T = 200 s')
