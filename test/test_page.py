@@ -1,0 +1,130 @@
+"""The page of a plan, in a real browser."""
+
+import shutil
+
+import pytest
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.page import save_page
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+
+CHROMIUM = next(filter(None, map(shutil.which, (
+    'chromium', 'chromium-browser', 'google-chrome'))), None)
+DRIVER = shutil.which('chromedriver')
+
+# Where the markers of the UAVs are drawn, in pixels of the window.
+DRAWN = '''
+return [...document.querySelectorAll('.xy .scatterlayer .trace .points path')]
+    .filter(path => arguments[0].includes(getComputedStyle(path).fill))
+    .map(path => { const box = path.getBoundingClientRect();
+                   return [box.x + box.width / 2, box.y + box.height / 2]; });
+'''
+BLUE, ORANGE, CROSS = 'rgb(0, 114, 178)', 'rgb(230, 159, 0)', 'rgb(213, 94, 0)'
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return fly_hover_fly(Scenario.paper(200, slots=40), 'optimised')
+
+
+@pytest.fixture(scope='module')
+def browser(plan, tmp_path_factory):
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip('needs chromium and chromedriver: apt install chromium chromium-driver')
+    folder = tmp_path_factory.mktemp('page')
+    save_page(plan, folder / 'plan.html')
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in ('headless', 'no-sandbox', 'disable-gpu', 'disable-dev-shm-usage',
+                 'disable-background-networking', 'disable-component-update', 'disable-sync',
+                 'no-first-run', 'window-size=1400,900', f'user-data-dir={folder / "profile"}'):
+        options.add_argument(f'--{flag}')
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+    try:
+        driver.get((folder / 'plan.html').as_uri())
+        WebDriverWait(driver, 30).until(
+            lambda page: page.find_elements(By.CSS_SELECTOR, '.slider-grip-rect'))
+        yield driver
+    finally:
+        driver.quit()
+
+
+def drawn(browser, *colors):
+    return browser.execute_script(DRAWN, colors)
+
+
+def slide(browser, share):
+    """Drag the slider's grip to a share of its rail."""
+    rail = browser.find_element(By.CSS_SELECTOR, '.slider-rail-rect').rect
+    grip = browser.find_element(By.CSS_SELECTOR, '.slider-grip-rect').rect
+    x, y = (int(grip[side] + grip[size] / 2) for side, size in (('x', 'width'), ('y', 'height')))
+    target = int(rail['x'] + share * rail['width'])
+    actions = ActionChains(browser)
+    actions.w3c_actions.pointer_action.move_to_location(x, y)
+    actions.w3c_actions.pointer_action.pointer_down()
+    actions.w3c_actions.pointer_action.move_to_location(target, y)
+    actions.w3c_actions.pointer_action.pointer_up()
+    actions.perform()
+
+
+def readout(browser):
+    return browser.find_element(By.CSS_SELECTOR, '.slider-label').text
+
+
+def wait_for(browser, condition):
+    WebDriverWait(browser, 20).until(lambda _: condition())
+
+
+def test_the_page_is_one_file_that_asks_for_nothing_and_logs_no_errors(browser):
+    asked = browser.execute_script(
+        'return performance.getEntriesByType("resource").map(entry => entry.name)')
+    assert [name for name in asked if not name.startswith('data:')] == []
+    assert [entry for entry in browser.get_log('browser') if entry['level'] == 'SEVERE'] == []
+
+
+@pytest.mark.parametrize('color', [BLUE, ORANGE])
+def test_the_slider_moves_the_uavs_and_the_readout(browser, color):
+    slide(browser, 0.0)
+    wait_for(browser, lambda: readout(browser).startswith('0.0 s'))
+    (x, y), = drawn(browser, color)
+    slide(browser, 0.5)
+    wait_for(browser, lambda: drawn(browser, color)[0] != [x, y])
+    time = float(readout(browser).split(' s:')[0])
+    assert 80 < time < 125
+    slide(browser, 1.0)
+    wait_for(browser, lambda: readout(browser).startswith('205.0 s'))
+    (end_x, end_y), = drawn(browser, color)
+    # The goal is 1000 m south of the start: straight down.
+    assert end_y > y + 200 and end_x == pytest.approx(x, abs=2)
+
+
+def test_play_flies_and_pause_holds(browser):
+    slide(browser, 0.0)
+    wait_for(browser, lambda: readout(browser).startswith('0.0 s'))
+    play, pause = browser.find_elements(By.CSS_SELECTOR, '.updatemenu-button')
+    play.click()
+    wait_for(browser, lambda: float(readout(browser).split(' s:')[0]) > 10)
+    pause.click()
+    assert 10 < float(readout(browser).split(' s:')[0]) < 205
+
+
+def test_the_readout_adds_up_to_what_the_plan_delivers(browser, plan):
+    slide(browser, 1.0)
+    wait_for(browser, lambda: readout(browser).startswith('205.0 s'))
+    delivered = float(readout(browser).split(', ')[-1].split(' bit/Hz')[0])
+    assert delivered == pytest.approx(plan.guaranteed_rate * plan.scenario.duration, abs=0.06)
+
+
+def test_the_worst_place_of_the_eavesdropper_is_shown_in_its_disc(browser):
+    slide(browser, 0.5)
+    places = drawn(browser, CROSS)
+    assert len(places) == 1
+    disc = browser.execute_script('''
+        return [...document.querySelectorAll('.xy .scatterlayer .trace path.js-fill')]
+            .map(path => { const box = path.getBoundingClientRect();
+                           return [box.left, box.right, box.top, box.bottom]; });''')[0]
+    assert disc[0] - 2 <= places[0][0] <= disc[1] + 2
+    assert disc[2] - 2 <= places[0][1] <= disc[3] + 2
