@@ -144,8 +144,10 @@ class _View:
                 x=[x], y=[y], mode='markers', name=uav.name, legendgroup=uav.name,
                 showlegend=False, text=[f'{watts:.3g} W'], marker={
                     'color': uav_color(index), 'symbol': _SYMBOLS[index % len(_SYMBOLS)],
-                    # Good plans jam with a hundredth of the power they transmit with.
-                    'size': 10 + 2 * float(np.log1p(1000 * watts / self.peak)),
+                    # Good plans jam with a hundredth of the power they transmit with; UAVs that
+                    # are at one place are one inside the other.
+                    'size': float((17 if index == 0 else 10)
+                                  + 2 * np.log1p(1000 * watts / self.peak)),
                     'line': {'color': 'white', 'width': 1.5}}), 1, 1))
             traces.append((self._dot(time, watts if watts > 0 else None, uav_color(index),
                                      uav.name), 1, 2))
@@ -173,7 +175,8 @@ class _View:
     @staticmethod
     def _dot(x, y, color, group):
         return go.Scatter(x=[x], y=[y], mode='markers', legendgroup=group, showlegend=False,
-                          hoverinfo='skip', marker={'color': color, 'size': 9})
+                          hoverinfo='skip', cliponaxis=False,
+                          marker={'color': color, 'size': 9})
 
 
 def _watts(power):
@@ -202,7 +205,8 @@ def _add_controls(figure, view, points):
         sliders=[{
             'active': 0, 'x': 0.12, 'len': 0.88, 'pad': {'t': 50},
             # The text of the steps is the readout; under the rail there would be no room.
-            'font': {'color': 'rgba(0,0,0,0)', 'size': 1}, 'ticklen': 0,
+            'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
+            'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',
             'currentvalue': {'font': {'color': '#222222', 'size': 14}},
             'steps': [{'label': view.readout(point), 'method': 'animate',
                        'args': [[str(point)], _STAY]} for point in points]}],

@@ -15,12 +15,12 @@ CHROMIUM = next(filter(None, map(shutil.which, (
 DRIVER = shutil.which('chromedriver')
 
 # Where the markers of the UAVs are drawn, in pixels of the window.
-DRAWN = '''
+DRAWN = """
 return [...document.querySelectorAll('.xy .scatterlayer .trace .points path')]
     .filter(path => arguments[0].includes(getComputedStyle(path).fill))
     .map(path => { const box = path.getBoundingClientRect();
                    return [box.x + box.width / 2, box.y + box.height / 2]; });
-'''
+"""
 BLUE, ORANGE, CROSS = 'rgb(0, 114, 178)', 'rgb(230, 159, 0)', 'rgb(213, 94, 0)'
 
 
@@ -122,9 +122,9 @@ def test_the_worst_place_of_the_eavesdropper_is_shown_in_its_disc(browser):
     slide(browser, 0.5)
     places = drawn(browser, CROSS)
     assert len(places) == 1
-    disc = browser.execute_script('''
+    disc = browser.execute_script("""
         return [...document.querySelectorAll('.xy .scatterlayer .trace path.js-fill')]
             .map(path => { const box = path.getBoundingClientRect();
-                           return [box.left, box.right, box.top, box.bottom]; });''')[0]
+                           return [box.left, box.right, box.top, box.bottom]; });""")[0]
     assert disc[0] - 2 <= places[0][0] <= disc[1] + 2
     assert disc[2] - 2 <= places[0][1] <= disc[3] + 2

@@ -1,0 +1,182 @@
+"""A plan and its replay as an MCAP file, which Foxglove and `ros2 bag` open."""
+
+from dataclasses import replace
+import os
+from pathlib import Path as File
+import re
+import tempfile
+
+from ament_index_python.packages import get_package_share_directory
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from mcap.writer import Writer
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from . import messages
+from .. import channel
+from ..playback import Playback
+
+_PRIMITIVES = {
+    'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',
+    'uint32', 'int64', 'uint64', 'string', 'wstring'}
+
+# As rosbag2 writes them, so that a bag that is played offers late subscribers the plan.
+_QOS = """- history: keep_last
+  depth: {depth}
+  reliability: reliable
+  durability: {durability}
+  deadline: {{sec: 9223372036, nsec: 854775807}}
+  lifespan: {{sec: 9223372036, nsec: 854775807}}
+  liveliness: automatic
+  liveliness_lease_duration: {{sec: 9223372036, nsec: 854775807}}
+  avoid_ros_namespace_conventions: false
+"""
+
+
+def record(plan, path, frame_id='map', rate=5.0, eavesdropper=None):
+    """
+    Write what the planner and the replay node publish for a plan, flown in real time.
+
+    :param plan: a Plan; without a start time it starts at 0.
+    :param path: of the MCAP file.
+    :param frame_id: of all that has a header.
+    :param rate: of what is streamed, in Hz of the plan's time.
+    :param eavesdropper: where it really is, (2,) in m; by default it is in every slot at the
+        worst place of its disc.
+    :raises ValueError: for a rate that is not positive.
+    :raises OSError: when the file cannot be written; an old one is left as it was.
+    """
+    if not rate > 0:
+        raise ValueError(f'rate is {rate!r}; it must be above 0 Hz')
+    if plan.start_ns is None:
+        plan = replace(plan, start_ns=0)
+    path = File(path)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix='.part')
+    try:
+        with os.fdopen(handle, 'wb') as file:
+            bag = _Bag(file, plan.start_ns)
+            _record_plan(bag, plan, frame_id)
+            _record_replay(bag, plan, frame_id, rate, eavesdropper)
+            bag.finish()
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def _record_plan(bag, plan, frame_id):
+    scenario = plan.scenario
+    stamp = messages.stamp_at(plan)
+    bag.write('/ground_node/pose', messages.pose_stamped(
+        frame_id, stamp, *scenario.ground_node, 0.0, 0.0))
+    for index, eve in enumerate(scenario.eavesdroppers):
+        estimate = PoseWithCovarianceStamped()
+        estimate.header.frame_id, estimate.header.stamp = frame_id, stamp
+        estimate.pose.pose = messages.pose(*eve.position, 0.0, 0.0)
+        name = 'eavesdropper' if len(scenario.eavesdroppers) == 1 else f'eavesdropper{index + 1}'
+        bag.write(f'/{name}/pose', estimate)
+    for index, uav in enumerate(scenario.uavs):
+        bag.write(f'/{uav.name}/path', messages.path(plan, index, frame_id), latched=True)
+        bag.write(f'/{uav.name}/power', messages.power(plan, index), latched=True)
+        bag.write(f'/{uav.name}/trajectory', messages.trajectory(plan, index, frame_id),
+                  latched=True)
+    bag.write('/planner/markers', messages.markers(plan, frame_id), latched=True)
+    bag.write('/planner/status', messages.status(
+        'planner', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
+            'state': 'idle', 'plan.guaranteed_rate': plan.guaranteed_rate,
+            'plan.worst_case_rate': plan.worst_case_rate, 'plan.method': plan.method,
+            'plan.status': plan.status, 'plan.solve_time': plan.solve_time}), latched=True)
+
+
+def _record_replay(bag, plan, frame_id, rate, eavesdropper):
+    scenario, playback = plan.scenario, Playback(plan)
+    worst = channel.worst_case_places(scenario, plan.positions, plan.powers)
+    times = np.arange(0.0, playback.duration, 1.0 / rate)
+    for time in (*times.tolist(), playback.duration):
+        moment, stamp = playback.at(time), messages.stamp_at(plan, time)
+        places = []
+        for uav, (x, y), yaw, velocity, watts in zip(
+                scenario.uavs, moment.positions, moment.headings, moment.velocities,
+                moment.powers):
+            places.append((x, y, uav.altitude))
+            bag.write(f'/{uav.name}/setpoint/pose', messages.pose_stamped(
+                frame_id, stamp, *places[-1], yaw), time)
+            bag.write(f'/{uav.name}/setpoint/power', messages.float64(watts), time)
+            bag.write(f'/{uav.name}/odom', messages.odometry(
+                frame_id, f'{uav.name}/base_link', stamp, places[-1], yaw, velocity), time)
+        slot = min(max(int(time / scenario.slot_duration + 1e-9), 1), scenario.slots) - 1
+        place = worst[slot] if eavesdropper is None else eavesdropper
+        bag.write('/replay/secrecy_rate', messages.float64(
+            playback.secrecy_rate(moment, place)), time)
+        bag.write('/replay/markers', messages.slot_markers(
+            frame_id, stamp, places, moment.powers), time)
+
+
+class _Bag:
+    """An MCAP file that is being written; schemas and channels are registered on first use."""
+
+    def __init__(self, file, start_ns):
+        self._start_ns = start_ns
+        self._schemas, self._channels = {}, {}
+        self._writer = Writer(file)
+        self._writer.start(profile='ros2', library='secure_uav_planner')
+
+    def write(self, topic, message, time=0.0, latched=False):
+        """Write a message at a time in s from the start of the plan."""
+        if topic not in self._channels:
+            qos = _QOS.format(depth=1 if latched else 10,
+                              durability='transient_local' if latched else 'volatile')
+            self._channels[topic] = self._writer.register_channel(
+                topic, 'cdr', self._schema(type(message)), {'offered_qos_profiles': qos})
+        at = self._start_ns + round(time * 1e9)
+        self._writer.add_message(
+            self._channels[topic], log_time=at, publish_time=at, data=serialize_message(message))
+
+    def finish(self):
+        """Write the index; without it the file is not complete."""
+        self._writer.finish()
+
+    def _schema(self, kind):
+        name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(
+                name, 'ros2msg', definition(name).encode())
+        return self._schemas[name]
+
+
+def definition(name):
+    """
+    Return the definition of a message type and of all it consists of, as MCAP wants it.
+
+    :param name: such as 'nav_msgs/msg/Path'.
+    """
+    own = _text(name)
+    parts, seen, left = [own], {name}, _members(own, name)
+    while left:
+        member = left.pop(0)
+        if member in seen:
+            continue
+        seen.add(member)
+        text = _text(member)
+        parts.append(f'{"=" * 80}\nMSG: {member.replace("/msg/", "/")}\n{text}')
+        left += _members(text, member)
+    return '\n'.join(parts)
+
+
+def _text(name):
+    package, folder, kind = name.split('/')
+    return (File(get_package_share_directory(package)) / folder / f'{kind}.msg').read_text()
+
+
+def _members(text, owner):
+    """Return the names of the message types among a definition's fields."""
+    found = []
+    for line in text.splitlines():
+        words = line.split('#')[0].split()
+        kind = re.sub(r'\[.*|<=.*', '', words[0]) if words else ''
+        if kind and kind not in _PRIMITIVES:
+            package, _, name = kind.rpartition('/')
+            found.append(f'{package.split("/")[0] or owner.split("/")[0]}/msg/{name}')
+    return found

@@ -1,0 +1,117 @@
+"""The recording of a plan and its replay, read back; the layouts that show it."""
+
+import json
+import pathlib
+import re
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+import numpy as np
+import pytest
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.ros.qos import LATCHED
+from secure_uav_planner.ros.recording import definition, record
+import yaml
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return fly_hover_fly(Scenario.paper(104, slots=26), 'optimised')
+
+
+@pytest.fixture(scope='module')
+def file(plan, tmp_path_factory):
+    path = tmp_path_factory.mktemp('recording') / 'plan.mcap'
+    record(plan, path, frame_id='earth', rate=2.0)
+    return path
+
+
+@pytest.fixture(scope='module')
+def read(file):
+    """Return the messages by topic, decoded from the definitions in the file alone."""
+    found = {}
+    with file.open('rb') as stream:
+        for schema, channel, message, decoded in make_reader(
+                stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, schema.name, decoded))
+    return found
+
+
+def test_every_topic_of_both_nodes_is_there_with_its_type(read):
+    types = {topic: entries[0][1] for topic, entries in read.items()}
+    expected = {
+        '/ground_node/pose': 'geometry_msgs/msg/PoseStamped',
+        '/eavesdropper/pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+        '/planner/markers': 'visualization_msgs/msg/MarkerArray',
+        '/planner/status': 'diagnostic_msgs/msg/DiagnosticStatus',
+        '/replay/markers': 'visualization_msgs/msg/MarkerArray',
+        '/replay/secrecy_rate': 'std_msgs/msg/Float64'}
+    for name in ('uav1', 'uav2'):
+        expected.update({
+            f'/{name}/path': 'nav_msgs/msg/Path',
+            f'/{name}/power': 'std_msgs/msg/Float64MultiArray',
+            f'/{name}/trajectory': 'trajectory_msgs/msg/MultiDOFJointTrajectory',
+            f'/{name}/setpoint/pose': 'geometry_msgs/msg/PoseStamped',
+            f'/{name}/setpoint/power': 'std_msgs/msg/Float64',
+            f'/{name}/odom': 'nav_msgs/msg/Odometry'})
+    assert types == expected
+
+
+def test_the_plan_can_be_read_back_from_it(read, plan):
+    for index, name in enumerate(('uav1', 'uav2')):
+        (_, _, path), = read[f'/{name}/path']
+        assert path.header.frame_id == 'earth'
+        assert np.array([(at.pose.position.x, at.pose.position.y) for at in path.poses]
+                        ) == pytest.approx(plan.positions[index])
+        (_, _, power), = read[f'/{name}/power']
+        assert np.array(power.data) == pytest.approx(plan.powers[index])
+
+
+def test_the_replay_ends_at_the_goal_and_delivers_the_worst_case_rate(read, plan):
+    times = [time for time, _, _ in read['/uav1/odom']]
+    assert np.diff(times).max() == 500_000_000 and times[-1] == 108_000_000_000
+    assert read['/uav1/odom'][-1][2].pose.pose.position.y == -500.0
+    rates = [message.data for time, _, message in read['/replay/secrecy_rate']
+             if time >= 4_000_000_000][:-1]
+    # Sampled between the points, the rate is only nearly that of the points.
+    assert np.mean(rates) == pytest.approx(plan.worst_case_rate, rel=0.05)
+
+
+def test_latched_topics_are_offered_latched(file):
+    with file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    offered = {channel.topic: yaml.safe_load(channel.metadata['offered_qos_profiles'])[0]
+               for channel in summary.channels.values()}
+    assert offered['/uav1/path']['durability'] == LATCHED.durability.name.lower()
+    assert offered['/uav1/odom']['durability'] == 'volatile'
+
+
+def test_rosbags_opens_it_as_well(file, plan):
+    from rosbags.highlevel import AnyReader
+    with AnyReader([file]) as reader:
+        connections = [one for one in reader.connections if one.topic == '/uav1/setpoint/pose']
+        last = [reader.deserialize(data, one.msgtype)
+                for one, _, data in reader.messages(connections)][-1]
+    assert last.pose.position.y == -500.0
+
+
+def test_a_definition_holds_every_type_that_it_needs_once():
+    text = definition('nav_msgs/msg/Path')
+    headings = [line[5:] for line in text.splitlines() if line.startswith('MSG: ')]
+    assert sorted(headings) == [
+        'builtin_interfaces/Time', 'geometry_msgs/Point', 'geometry_msgs/Pose',
+        'geometry_msgs/PoseStamped', 'geometry_msgs/Quaternion', 'std_msgs/Header']
+
+
+def test_a_wrong_rate_is_refused_and_leaves_no_file(plan, tmp_path):
+    with pytest.raises(ValueError, match='rate is 0'):
+        record(plan, tmp_path / 'plan.mcap', rate=0)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('layout', ['foxglove.json', 'planner.rviz'])
+def test_a_layout_shows_only_topics_that_are_recorded(read, layout):
+    text = (pathlib.Path(__file__).parents[1] / 'config' / layout).read_text()
+    (json.loads if layout.endswith('.json') else yaml.safe_load)(text)
+    named = set(re.findall(r'(/(?:planner|replay|uav\d)/\w+(?:/\w+)?)', text))
+    assert {'/planner/markers', '/replay/markers', '/uav1/path'} <= named <= set(read)
