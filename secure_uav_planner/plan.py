@@ -3,13 +3,12 @@
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 import json
-import os
 from pathlib import Path
-import uuid
 
 import numpy as np
 
 from . import channel
+from .files import write_atomically
 from .scenario import LIMITS, Scenario
 
 POSITION_TOLERANCE = 1e-6
@@ -187,7 +186,6 @@ class Plan:
 
         :raises OSError: when the file cannot be written; an old one is left as it was.
         """
-        path = Path(path)
         document = {
             **_FORMAT,
             'scenario': self.scenario.to_dict(),
@@ -202,16 +200,7 @@ class Plan:
             'guaranteed_rate': self.guaranteed_rate,
             'worst_case_rate': self.worst_case_rate,
         }
-        temporary = path.with_name(f'{path.name}.{uuid.uuid4().hex}.part')
-        try:
-            with open(temporary, 'x', encoding='utf-8') as file:
-                json.dump(document, file, allow_nan=False)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        write_atomically(path, json.dumps(document, allow_nan=False))
 
     @classmethod
     def load(cls, path):
