@@ -1,0 +1,343 @@
+"""Nodes that die, come back, join late, and clocks that misbehave."""
+
+from contextlib import contextmanager
+import random
+import signal
+import threading
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+import numpy as np
+import pytest
+from rclpy.time import Time
+from ros_client import Client, node_process, output_of, values_of, wait_for
+from rosgraph_msgs.msg import Clock
+from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner.ros.qos import LATCHED
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+SHORT = {'duration': 120.0, 'slots': 30}
+LONG = {'duration': 400.0, 'slots': 3000, 'method': 'alternating'}
+KINDS = {'path': Path, 'power': Float64MultiArray, 'trajectory': MultiDOFJointTrajectory}
+
+
+@pytest.fixture
+def client():
+    with Client() as client:
+        yield client
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / 'plan.json'
+
+
+def latched(client):
+    """Return the lists of all that belongs to a plan, by topic."""
+    topics = {f'{name}/{topic}': kind for name in ('uav1', 'uav2')
+              for topic, kind in KINDS.items()}
+    topics.update({'planner/markers': MarkerArray, 'planner/status': DiagnosticStatus})
+    return {topic: client.listen(kind, topic) for topic, kind in topics.items()}
+
+
+def whole(client):
+    """Return the last message of every topic of a plan, once there is one of each."""
+    got = latched(client)
+    wait_for(lambda: all(got.values()) and 'plan.stamp' in values_of(got['planner/status'][-1]),
+             what='a whole plan')
+    return {topic: heard[-1] for topic, heard in got.items()}
+
+
+def until_solving(client, **parameters):
+    """Start a long solve and return the future of its answer once it is under way."""
+    status = client.listen(DiagnosticStatus, 'planner/status')
+    client.set_parameters('planner', **{**LONG, **parameters})
+    answer = client.ask('planner/plan')
+    wait_for(lambda: status and 'progress.iteration' in values_of(status[-1]), what='progress')
+    assert not answer.done()
+    return answer
+
+
+# The planner dies
+
+
+def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file):
+    with node_process('planner', plan_file=file, **SHORT) as process:
+        client.send_paper()
+        assert client.call('planner/plan').success
+        with Client('before') as before:
+            first = whole(before)
+        until_solving(client)
+        process.kill()
+        assert process.wait(timeout=10) == -signal.SIGKILL
+    assert Plan.load(file).scenario.slots == 30
+    with node_process('planner', plan_file=file, **SHORT) as process, Client('after') as after:
+        again = whole(after)
+        for topic in first:
+            if topic != 'planner/status':
+                assert again[topic] == first[topic], topic
+        assert values_of(again['planner/status'])['plan.stamp'] == values_of(
+            first['planner/status'])['plan.stamp']
+        # It is a planner as before.
+        after.send_paper()
+        assert after.call('planner/plan').success
+
+
+@pytest.mark.parametrize('damage', [
+    lambda text: text[:len(text) // 2], lambda text: text.replace('"uav2"', '"other"'),
+    lambda text: text.replace('100.0', 'NaN', 1)], ids=['half', 'foreign', 'NaN'])
+def test_a_damaged_plan_file_is_a_warning_and_the_next_plan_replaces_it(client, file, damage):
+    fly_hover_fly(Scenario.paper(104, slots=8)).save(file)
+    file.write_text(damage(file.read_text()))
+    with node_process('planner', plan_file=file, **SHORT) as process:
+        wait_for(lambda: any('ready' in line for line in process.lines))
+        warnings = [line for line in process.lines if 'plan_file' in line]
+        assert len(warnings) == 1 and '[WARN]' in warnings[0]
+        client.send_paper()
+        assert client.call('planner/plan').success
+    assert Plan.load(file).scenario.slots == 30
+
+
+def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, tmp_path):
+    with node_process('planner', plan_file=tmp_path / 'no' / 'plan.json', **SHORT) as process:
+        client.send_paper()
+        assert client.call('planner/plan').success
+        with Client('latecomer') as late:
+            assert len(whole(late)['uav1/path'].poses) == 32
+        assert any('[ERROR]' in line and 'plan_file' in line for line in process.lines)
+
+
+def test_replay_flies_on_when_the_planner_is_killed(client):
+    setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_process('replay', speed=30.0) as replay:
+        with node_process('planner', **SHORT) as planner:
+            client.send_paper()
+            assert client.call('planner/plan').success
+            wait_for(lambda: client.call('replay/start').success, what='the plan at the replay')
+            wait_for(lambda: setpoints)
+            planner.kill()
+            planner.wait(timeout=10)
+        heard = len(setpoints)
+        assert setpoints[-1].pose.position.y > -500.0  # still on its way
+        wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
+        assert len(setpoints) > heard + 10 and replay.poll() is None
+        # A new planner's plan is heard. A new client: the old one still waits for the dead.
+        with node_process('planner', **SHORT), Client('after') as after:
+            after.send_paper()
+            got = sum('got a plan' in line for line in replay.lines)
+            assert after.call('planner/plan').success
+            wait_for(lambda: sum('got a plan' in line for line in replay.lines) > got)
+
+
+def test_who_joins_in_the_middle_of_a_solve_gets_the_whole_last_plan(client):
+    with node_process('planner', **SHORT):
+        client.send_paper()
+        assert client.call('planner/plan').success
+        solving = until_solving(client)
+        with Client('latecomer') as late:
+            got = whole(late)
+        assert not solving.done()
+        for topic, kind in KINDS.items():
+            for name in ('uav1', 'uav2'):
+                message = got[f'{name}/{topic}']
+                assert len(message.data if topic == 'power' else message.poses if topic == 'path'
+                           else message.points) == (30 if topic == 'power' else 32)
+        client.call('planner/cancel')
+
+
+@pytest.mark.soak
+def test_twenty_kills_at_any_time_leave_a_whole_plan_file(file):
+    rng, loaded = random.Random(1), 0
+    for _ in range(20):
+        with Client() as client, node_process('planner', plan_file=file, **SHORT) as process:
+            client.send_paper()
+            assert client.call('planner/plan').success
+            until = time.monotonic() + rng.uniform(0, 0.3)
+            while time.monotonic() < until:
+                client.call('planner/plan')
+            client.ask('planner/plan')
+            time.sleep(rng.uniform(0, 0.05))
+            process.kill()
+        Plan.load(file)
+        loaded += 1
+    left = len(list(file.parent.glob('*.part')))
+    print(f'\n{loaded} kills, {loaded} whole plan files, {left} unfinished ones beside them')
+
+
+@pytest.mark.soak
+def test_fifty_stops_in_a_row_are_clean():
+    rng, times = random.Random(2), []
+    for busy in 25 * [False, True]:
+        with node_process('planner', **(LONG if busy else SHORT)) as process:
+            wait_for(lambda: any('ready' in line for line in process.lines))
+            if busy:
+                with Client() as client:
+                    client.send_paper()
+                    client.ask('planner/plan')
+                    time.sleep(rng.uniform(0, 0.5))
+            else:
+                time.sleep(rng.uniform(0, 0.3))
+            process.send_signal(signal.SIGINT)
+            began = time.monotonic()
+            assert process.wait(timeout=10) == 0, output_of(process)
+            times.append(time.monotonic() - began)
+            assert 'Traceback' not in output_of(process)
+            assert 'ERROR' not in output_of(process) and 'FATAL' not in output_of(process)
+    print(f'\n50 stops, every other one in a solve, all clean: {np.median(times):.2f} s in the '
+          f'median, {max(times):.2f} s at most')
+
+
+# Clocks
+
+
+class SimulatedTime:
+    """A /clock that can be stopped and set; it runs faster than real time."""
+
+    def __init__(self, client, start=0.0, speedup=10.0):
+        self.now, self.running = start, True
+        self._publisher = client.node.create_publisher(Clock, '/clock', 10)
+        self._speedup = speedup
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        while not self._stop.wait(0.01):
+            if self.running:
+                self.now += 0.01 * self._speedup
+                self._publisher.publish(Clock(clock=Time(nanoseconds=round(
+                    self.now * 1e9)).to_msg()))
+
+    def close(self):
+        self._stop.set()
+        self._thread.join()
+
+
+@contextmanager
+def simulated_time(client, **options):
+    clock = SimulatedTime(client, **options)
+    try:
+        yield clock
+    finally:
+        clock.close()
+
+
+def stamp_of(message):
+    return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+
+
+def test_the_planner_plans_before_the_first_clock_and_while_it_stands(client):
+    paths = client.listen(Path, 'uav1/path')
+    with node_process('planner', use_sim_time='true', **SHORT):
+        zero = Time(nanoseconds=0).to_msg()
+        client.send_pose('ground_node/pose', 0, 0, stamp=zero)
+        client.send_estimate('eavesdropper/pose', 200, 0, stamp=zero)
+        assert client.call('planner/plan').success
+        wait_for(lambda: paths)
+        assert stamp_of(paths[-1]) == 0.0
+        with simulated_time(client, start=50.0) as clock:
+            def of_now():
+                client.send_pose('ground_node/pose', 0, 0, stamp=Time(
+                    nanoseconds=round(clock.now * 1e9)).to_msg(), heard=False)
+                client.send_estimate('eavesdropper/pose', 200, 0, stamp=Time(
+                    nanoseconds=round(clock.now * 1e9)).to_msg(), heard=False)
+                return client.call('planner/plan').success and stamp_of(paths[-1]) > 50.0
+            wait_for(of_now, what='a plan on simulated time')
+            clock.running = False
+            heard = client.listen(DiagnosticArray, '/diagnostics', 10)
+            wait_for(lambda: len(heard) >= 2, what='diagnostics while the clock stands')
+            solving = until_solving(client)
+            assert client.call('planner/cancel').success
+            wait_for(solving.done)
+            assert solving.result().message.startswith('cancelled')
+
+
+def test_the_planner_plans_after_the_clock_has_jumped_back(client):
+    paths = client.listen(Path, 'uav1/path')
+    with node_process('planner', use_sim_time='true', replan_period=5.0, **SHORT), \
+            simulated_time(client, start=1000.0, speedup=1.0) as clock:
+        def plan_at(low, high):
+            stamp = Time(nanoseconds=round(clock.now * 1e9)).to_msg()
+            client.send_pose('ground_node/pose', 0, 0, stamp=stamp, heard=False)
+            client.send_estimate('eavesdropper/pose', 200, 0, stamp=stamp, heard=False)
+            return client.call('planner/plan').success and any(
+                low <= stamp_of(path) <= high for path in paths)
+
+        wait_for(lambda: plan_at(1000.0, 2000.0), what='a first plan')
+        del paths[:]
+        clock.now = 10.0
+        wait_for(lambda: plan_at(10.0, 500.0), what='a plan after the jump')
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        wait_for(lambda: status and values_of(status[-1])['state'] == 'idle')
+        assert 0.0 <= float(values_of(status[-1])['plan.age']) < 100.0
+
+
+def test_replay_holds_while_the_clock_stands_and_no_jump_of_it_moves_a_uav(client, file):
+    """The UAVs neither leap nor turn back, whatever the clock does; they arrive."""
+    fly_hover_fly(Scenario.paper(104, slots=104), 'constant').save(file)
+    setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 5000)
+    with node_process('replay', use_sim_time='true', plan_file=file), \
+            simulated_time(client, start=1000.0) as clock:
+        assert client.call('replay/start').success
+        wait_for(lambda: setpoints and setpoints[-1].pose.position.y < 450.0, what='flight')
+
+        clock.running = False
+        wait_for(lambda: not grows(setpoints), what='a halt')
+        held = setpoints[-1].pose.position.y
+        clock.running = True
+        wait_for(lambda: setpoints[-1].pose.position.y < held - 50.0, what='flight again')
+
+        for earlier in (500.0, 0.0):
+            at = setpoints[-1].pose.position.y
+            clock.now = earlier
+            wait_for(lambda: setpoints[-1].pose.position.y < at - 50.0, what='flight on')
+        wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
+    place = np.array([(one.pose.position.x, one.pose.position.y) for one in setpoints])
+    # The jumps are of 5 km and more at 10 m/s; a busy machine drops a few setpoints.
+    assert np.hypot(*np.diff(place, axis=0).T).max() < 200.0
+    assert (np.diff(place[:, 1]) <= 1e-9).all()  # never back
+
+
+def grows(heard):
+    """Return whether messages still come."""
+    before = len(heard)
+    time.sleep(0.5)
+    return len(heard) > before
+
+
+def test_replay_without_any_clock_answers_and_starts_once_there_is_one(client, file):
+    fly_hover_fly(Scenario.paper(104, slots=26), 'constant').save(file)
+    setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_process('replay', use_sim_time='true', plan_file=file) as process:
+        assert client.call('replay/start').success
+        assert client.call('replay/pause').success
+        assert client.call('replay/start').success
+        assert not setpoints
+        # Not a leap of 1.7e9 s to the end of the plan when the time of day comes.
+        with simulated_time(client, start=1.7e9):
+            wait_for(lambda: len(setpoints) > 5)
+            assert setpoints[0].pose.position.y > 400.0
+            wait_for(lambda: setpoints[-1].pose.position.y < 400.0)
+        assert process.poll() is None
+
+
+def test_a_latched_plan_stays_whole_for_a_subscriber_of_every_moment(client):
+    """Join again and again while plans are made: a mixture is never all that one gets."""
+    with node_process('planner', **SHORT):
+        client.send_paper()
+        assert client.call('planner/plan').success
+        for slots in (10, 20, 40):
+            client.set_parameters('planner', slots=slots)
+            answer = client.ask('planner/plan')
+            with Client('latecomer') as late:
+                paths = [late.listen(Path, f'{name}/path', LATCHED) for name in ('uav1', 'uav2')]
+                powers = [late.listen(Float64MultiArray, f'{name}/power', LATCHED)
+                          for name in ('uav1', 'uav2')]
+                wait_for(answer.done)
+                wait_for(lambda: all(paths) and all(powers) and {
+                    len(heard[-1].poses) - 2 for heard in paths} | {
+                    len(heard[-1].data) for heard in powers} == {slots})

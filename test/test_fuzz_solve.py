@@ -1,0 +1,179 @@
+"""
+Missions of every kind through every method.
+
+The short form takes the same missions every time; the long one (marker `soak`) new ones, whose
+failures Hypothesis shrinks and prints.
+"""
+
+from collections import Counter
+import math
+import time
+
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import Eavesdropper, fly_hover_fly, METHODS, Scenario, solve, Uav
+
+POSITION_TOLERANCE, POWER_TOLERANCE = 1e-6, 1e-9  # m, W
+
+EXTREMES = (
+    'error radius larger than every distance', 'no error radius', 'eavesdropper at ground node',
+    '1 m low', '10 km high', 'altitudes of every kind', '20 dB', '120 dB',
+    'peak power is average power', 'powers of every kind', 'no slack', 'hardly any slack',
+    'one slot', 'two slots', 'jammers start on eavesdropper', 'transmitter starts on ground node',
+    'start is goal', 'slow', 'far apart', 'everything in one place', 'one second')
+
+
+@st.composite
+def hard_missions(draw, slots=None, uavs=None):
+    """Return missions that can be flown, with up to four extremes at once."""
+    extremes = draw(st.sets(st.sampled_from(EXTREMES), max_size=4))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    slots = slots or (1 if 'one slot' in extremes else 2 if 'two slots' in extremes
+                      else int(rng.integers(3, 30)))
+    size = 0.0 if 'everything in one place' in extremes else (
+        2e4 if 'far apart' in extremes else 600.0)
+    duration = 1.0 if 'one second' in extremes else rng.uniform(60, 200)
+
+    def place():
+        return tuple(rng.uniform(-size, size, 2).tolist())
+
+    ground = place()
+    eves = tuple(
+        Eavesdropper(
+            ground if 'eavesdropper at ground node' in extremes else place(),
+            0.0 if 'no error radius' in extremes else 1e5 if 'error radius larger than every '
+            'distance' in extremes else rng.uniform(0, 60)) for _ in range(rng.integers(1, 4)))
+    team = []
+    for index in range(uavs or rng.choice([1, 2, 2, 2, 3, 4])):
+        start = place()
+        if index == 0 and 'transmitter starts on ground node' in extremes:
+            start = ground
+        if index and 'jammers start on eavesdropper' in extremes:
+            start = eves[0].position
+        goal = start if 'start is goal' in extremes else place()
+        slowest = math.dist(start, goal) / (duration / slots * (slots + 1))
+        slack = 1.0 if 'no slack' in extremes else (
+            1 + 1e-9 if 'hardly any slack' in extremes else rng.uniform(1.05, 4))
+        # 10 m/s more let those who need not move do so.
+        speed = slowest * slack + (0.0 if slack < 1.01 or 'slow' in extremes else 10.0)
+        altitude = 1.0 if '1 m low' in extremes else 1e4 if '10 km high' in extremes else (
+            10.0**rng.uniform(0, 4) if 'altitudes of every kind' in extremes
+            else rng.uniform(50, 150))
+        average = 10.0**rng.uniform(-3, 1) if 'powers of every kind' in extremes else 1.0
+        peak = average * (1.0 if 'peak power is average power' in extremes
+                          else rng.uniform(1.5, 5))
+        team.append(Uav(f'uav{index + 1}', start, goal, altitude, max(speed, 1e-6), average, peak))
+    snr = 20.0 if '20 dB' in extremes else 120.0 if '120 dB' in extremes else rng.uniform(70, 90)
+    return Scenario(ground, eves, tuple(team), duration, slots, snr)
+
+
+def check_feasible(scenario, positions, powers):
+    """Assert every limit of the mission, by NumPy alone."""
+    count, slots = len(scenario.uavs), scenario.slots
+    assert positions.shape == (count, slots + 2, 2) and powers.shape == (count, slots)
+    assert np.isfinite(positions).all() and np.isfinite(powers).all()
+    for uav, path, watts in zip(scenario.uavs, positions, powers):
+        assert np.abs(path[0] - uav.start).max() <= POSITION_TOLERANCE
+        assert np.abs(path[-1] - uav.goal).max() <= POSITION_TOLERANCE
+        steps = np.hypot(*np.diff(path, axis=0).T)
+        assert steps.max() <= uav.max_speed * scenario.duration / slots + POSITION_TOLERANCE
+        assert watts.min() >= -POWER_TOLERANCE
+        assert watts.max() <= uav.peak_power + POWER_TOLERANCE
+        assert watts.mean() <= uav.average_power + POWER_TOLERANCE
+
+
+def guaranteed_rates(scenario, positions, powers):
+    """Return the guaranteed rate of every slot from its definition, slot by slot."""
+    snr = 10.0 ** (scenario.reference_snr_db / 10)
+    found = []
+    for n in range(scenario.slots):
+        places = positions[:, n + 1]
+
+        def rate(distances):
+            got = [snr * power / (distance**2 + uav.altitude**2) for power, distance, uav in zip(
+                powers[:, n], distances, scenario.uavs)]
+            return math.log1p(got[0] / (1 + sum(got[1:]))) / math.log(2)
+
+        leaks = []
+        for eve in scenario.eavesdroppers:
+            away = [math.dist(place, eve.position) for place in places]
+            leaks.append(rate([max(away[0] - eve.error_radius, 0.0),
+                               *(distance + eve.error_radius for distance in away[1:])]))
+        found.append(rate([math.dist(place, scenario.ground_node) for place in places])
+                     - max(leaks))
+    return np.array(found)
+
+
+def check_plan(scenario, plan, baseline):
+    """Assert what every plan promises, and that it is not below the baseline."""
+    check_feasible(scenario, plan.positions, plan.powers)
+    rates = guaranteed_rates(scenario, plan.positions, plan.powers)
+    scale = max(1.0, np.abs(rates).max())
+    assert np.abs(plan.guaranteed_rates - rates).max() <= 1e-6 * scale
+    assert rates.min() >= -1e-9 * scale  # a slot that would lose is silent
+    assert np.isfinite(plan.worst_case_rates).all()
+    assert (plan.worst_case_rates >= rates - 1e-6 * scale).all()
+    history = [iteration.guaranteed_rate for iteration in plan.history]
+    assert np.isfinite(history).all() and (np.diff(history) >= 0).all()
+    assert plan.guaranteed_rate >= baseline.guaranteed_rate * (1 - 1e-6) - 1e-9, (
+        f'{plan.method} ({plan.status}) {plan.guaranteed_rate!r}, '
+        f'fly-hover-fly with optimised power {baseline.guaranteed_rate!r}')
+
+
+def fuzz(method, missions, count, time_limit=None, derandomize=False):
+    """Solve missions by a method and check every plan; return a line of what was seen."""
+    gains, times, statuses = [], [], Counter()
+
+    @settings(max_examples=count, deadline=None, derandomize=derandomize, database=None,
+              suppress_health_check=list(HealthCheck))
+    @given(missions)
+    def check(scenario):
+        baseline = fly_hover_fly(scenario, 'optimised')
+        check_feasible(scenario, baseline.positions, baseline.powers)
+        began = time.monotonic()
+        plan = solve(scenario, method, time_limit=time_limit)
+        times.append(time.monotonic() - began)
+        statuses[plan.status] += 1
+        check_plan(scenario, plan, baseline)
+        gains.append(plan.guaranteed_rate - baseline.guaranteed_rate)
+
+    check()
+    assert len(gains) >= count
+    better = [gain for gain in gains if gain > 1e-4]
+    return (f'{method}: {len(gains)} missions, {dict(statuses)}; {len(better)} above '
+            f'fly-hover-fly with optimised power, by {np.median(better or [0.0]):.3f} in the '
+            f'median, none below by more than {max(0.0, -min(gains)):.1e} bit/s/Hz; '
+            f'{np.median(times):.3f} s in the median, {max(times):.2f} s at most')
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_every_plan_of_a_hard_mission_is_feasible_and_not_below_the_baseline(method):
+    fuzz(method, hard_missions(), 15, derandomize=True)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('method', METHODS)
+def test_hundreds_of_hard_missions(method):
+    print('\n' + fuzz(method, hard_missions(), 490))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('method', METHODS)
+def test_hard_missions_of_two_thousand_slots(method):
+    print('\n' + fuzz(method, hard_missions(slots=2000), 10, time_limit=4.0))
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_warm_start_from_any_other_mission_is_as_safe(method):
+    """A plan for one mission is bent to another's ends, slots and limits."""
+    @settings(max_examples=15, deadline=None, derandomize=True, database=None,
+              suppress_health_check=list(HealthCheck))
+    @given(hard_missions(uavs=2), hard_missions(uavs=2))
+    def check(before, now):
+        plan = solve(now, method, initial=fly_hover_fly(before))
+        check_feasible(now, plan.positions, plan.powers)
+        assert np.isfinite(plan.guaranteed_rates).all() and plan.guaranteed_rates.min() >= -1e-9
+
+    check()

@@ -1,0 +1,165 @@
+"""What the nodes may do, compared with what they do, and what their output gives away."""
+
+import math
+from pathlib import Path
+import re
+import time
+from xml.etree import ElementTree
+
+import pytest
+from ros_client import Client, node_process, output_of, wait_for
+from secure_uav_planner import Scenario
+from secure_uav_planner.scenario import LIMITS, MAX_MEMBERS
+
+POLICY = Path(__file__).parents[1] / 'config' / 'sros2_policy.xml'
+NODES = ('planner', 'replay')
+
+# What a rule of the policy allows, and which query of the graph shows it.
+QUERIES = {
+    ('topics', 'publish'): 'get_publisher_names_and_types_by_node',
+    ('topics', 'subscribe'): 'get_subscriber_names_and_types_by_node',
+    ('services', 'reply'): 'get_service_names_and_types_by_node',
+    ('services', 'request'): 'get_client_names_and_types_by_node',
+}
+
+
+def allowed(node):
+    """Return the names that the policy allows a node, by kind and right."""
+    profiles = [profile for profile in ElementTree.parse(POLICY).getroot().iter('profile')
+                if profile.get('node') == node]
+    assert len(profiles) == 1
+    found = {key: [] for key in QUERIES}
+    for rules in profiles[0]:
+        (right, qualifier), = rules.items()
+        assert qualifier == 'ALLOW'
+        for entry in rules:
+            name = entry.text.replace('~/', f'{node}/')
+            found[rules.tag, right].append(name if name.startswith('/') else f'/{name}')
+    return found
+
+
+def used(client, node):
+    """Return the names that a running node uses, by kind and right."""
+    return {key: sorted(name for name, _ in getattr(client.node, query)(node, '/'))
+            for key, query in QUERIES.items()}
+
+
+@pytest.fixture(scope='module')
+def graph():
+    """Return what both nodes use once discovery has settled, simulated time included."""
+    with Client() as client, \
+            node_process('planner', use_sim_time='true'), \
+            node_process('replay', use_sim_time='true'):
+        def known():
+            names = client.node.get_node_names()
+            return all(node in names for node in NODES)
+
+        wait_for(known, what='discovery of both nodes')
+        found, since = None, time.monotonic()
+
+        def settled():
+            nonlocal found, since
+            now = {node: used(client, node) for node in NODES}
+            if now != found:
+                found, since = now, time.monotonic()
+            return time.monotonic() - since > 2.0
+
+        wait_for(settled, what='a graph that stands still')
+        yield found
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_the_policy_allows_what_the_running_node_uses_and_nothing_else(graph, node):
+    assert {key: sorted(names) for key, names in allowed(node).items()} == graph[node]
+
+
+def test_the_policy_has_an_enclave_of_its_own_for_every_node_in_the_schemas_form():
+    root = ElementTree.parse(POLICY).getroot()
+    assert (root.tag, root.attrib) == ('policy', {'version': '0.2.0'})
+    assert [one.tag for one in root] == ['enclaves']
+    assert [one.get('path') for one in root[0]] == [
+        f'/secure_uav_planner/{node}' for node in NODES]
+    for enclave in root[0]:
+        profiles, = enclave
+        profile, = profiles
+        assert enclave.tag == 'enclave' and profiles.tag == 'profiles'
+        assert profile.tag == 'profile' and profile.get('ns') == '/'
+        for rules in profile:
+            assert (rules.tag, *rules.keys()) in QUERIES
+            names = [entry.text for entry in rules]
+            assert names and len(set(names)) == len(names)
+            assert {entry.tag for entry in rules} == {rules.tag[:-1]}
+            assert not any(set(name) & set('*?[') for name in names)  # no wildcards
+
+
+# Places nobody would write by chance: their digits must not turn up in any output.
+GROUND, EVE = (1731.41592, -1627.18281), (1916.80339, 1814.14213)
+
+
+def given_away(place):
+    """Return a pattern of what gives a coordinate away, at a resolution of a metre or finer."""
+    metres = {f'{function(abs(number)):.0f}' for number in place
+              for function in (math.floor, math.ceil)}
+    return re.compile(rf'(?<![\d.])(?:{"|".join(sorted(metres))})(?!\d)')
+
+
+def test_the_pattern_finds_what_gives_a_place_away():
+    for text in ('(1916.80339, 0.0)', 'x is 1917', '[2e7, 1814.1]', '-1627.2 m', 'at 1731.'):
+        assert any(given_away(place).search(text) for place in (GROUND, EVE))
+    for text in ('1795247976.1731', '[1731247976.17]', 'rate 3.1814', '21732 slots'):
+        assert not any(given_away(place).search(text) for place in (GROUND, EVE))
+
+
+def test_no_place_of_ground_node_or_eavesdropper_is_in_the_output():
+    with Client() as client, \
+            node_process('planner', duration=150.0, slots=33) as planner, \
+            node_process('replay', true_eavesdropper=list(EVE), ground_node=list(GROUND),
+                         speed=100.0, autostart='true') as replay:
+        client.send_pose('ground_node/pose', *GROUND)
+        client.send_estimate('eavesdropper/pose', *EVE, variance=2.0)
+        assert client.call('planner/plan').success
+        wait_for(lambda: any('end of the plan' in line for line in replay.lines))
+
+        # Every way to be refused, with the same places.
+        def warnings():
+            return sum('[WARN]' in line for line in planner.lines)
+
+        far = EVE[0] + 2e7
+        for send in (
+                lambda: client.send_pose('ground_node/pose', *GROUND, frame_id='odom'),
+                lambda: client.send_pose('ground_node/pose', GROUND[0], math.nan),
+                lambda: client.send_estimate('eavesdropper/pose', *EVE, variance=-1.0),
+                lambda: client.send_estimate('eavesdropper/pose', *EVE, variance=1e30),
+                lambda: client.send_estimate('eavesdropper/pose', far, EVE[1])):
+            before = warnings()
+            # It is refused when it comes, or else when it is planned with.
+            wait_for(lambda: (send(), client.call('planner/plan'), warnings() > before)[-1])
+            client.send_pose('ground_node/pose', *GROUND)
+            client.send_estimate('eavesdropper/pose', *EVE)
+        for values in ({'duration': 20.0}, {'uav1__start': [math.nan, EVE[0]]}):
+            client.set_parameters('planner', **values)
+        client.set_parameters('replay', true_eavesdropper=[EVE[0]])
+        assert not client.call('planner/plan').success
+    output = output_of(planner) + output_of(replay)
+    assert 'no new plan: duration' in output and 'is not used' in output  # it does speak
+    for place in (GROUND, EVE):
+        assert not given_away(place).findall(output), output
+
+
+@pytest.mark.parametrize('names', ['uavs', 'eavesdroppers'])
+def test_more_members_than_the_limit_are_refused_at_start(names):
+    many = '[' + ', '.join(f'n{index}' for index in range(MAX_MEMBERS + 1)) + ']'
+    with node_process('planner', **{names: many}) as process:
+        assert process.wait(timeout=30) == 1
+    assert names in output_of(process) and f'1 to {MAX_MEMBERS}' in output_of(process)
+
+
+def test_more_slots_than_the_limit_are_refused():
+    most = LIMITS['slots'][1]
+    with Client() as client, node_process('planner'):
+        for slots in (most + 1, 2**40):
+            result, = client.set_parameters('planner', slots=slots)
+            assert not result.successful and 'slots' in result.reason
+        assert client.set_parameters('planner', slots=most)[0].successful
+    with pytest.raises(ValueError, match='slots'):
+        Scenario.paper(slots=most + 1)
