@@ -1,0 +1,145 @@
+"""
+The reference of topics, services and parameters, read off the running nodes.
+
+`python -m secure_uav_planner.ros.reference` prints it as Markdown.
+"""
+
+from typing import NamedTuple
+
+import rclpy
+from rclpy.context import Context
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from .parameters import eavesdropper_parameters, PLANNER, REPLAY, uav_parameters
+from .planner import Planner
+from .replay import Replay
+
+_NAMESPACE = '/reference'
+_NAMES = {'uav1': '<uav>', 'uav2': '<uav>', 'eavesdropper': '<eavesdropper>'}
+_BUILT_IN = ('/rosout', '/parameter_events', '/clock')
+_MEANINGS = {
+    ('planner', 'ground_node/pose'): 'where the ground node is',
+    ('planner', '<eavesdropper>/pose'): 'the estimate; its covariance gives the error radius',
+    ('planner', '<uav>/pose'): 'optional: plan from where the UAV is',
+    ('planner', '<uav>/path'): 'every point of the plan, each with its time',
+    ('planner', '<uav>/power'): 'the power of every slot in W',
+    ('planner', '<uav>/trajectory'): 'positions and velocities of the plan',
+    ('planner', '~/markers'): 'the plan for RViz and Foxglove',
+    ('planner', '~/status'): 'state, rates and ages; also while solving',
+    ('planner', '/diagnostics'): 'the same once a second',
+    ('planner', '~/plan'): 'plan now; the answer is a summary, or the reason why not',
+    ('planner', '~/cancel'): 'stop the solve under way',
+    ('replay', '<uav>/path'): 'what to replay, unless `plan_file` is set',
+    ('replay', '<uav>/power'): 'what to replay, unless `plan_file` is set',
+    ('replay', '<uav>/setpoint/pose'): 'where the UAV should be now',
+    ('replay', '<uav>/setpoint/power'): 'the power of the current slot in W',
+    ('replay', '<uav>/odom'): 'a UAV that follows the plan exactly',
+    ('replay', '~/secrecy_rate'): 'now, in bit/s/Hz, where `true_eavesdropper` is set',
+    ('replay', '~/markers'): 'where the UAVs are',
+    ('replay', '~/start'): 'play, or play on',
+    ('replay', '~/pause'): 'hold the setpoint and go on streaming it',
+    ('replay', '~/reset'): 'go back to the start and stop streaming',
+}
+
+
+class Interface(NamedTuple):
+    """One topic or service of a node."""
+
+    node: str
+    direction: str
+    name: str
+    kind: str
+    qos: str
+
+
+def interfaces():
+    """Return every Interface of the two nodes, as they make them."""
+    context = Context()
+    rclpy.init(context=context, args=[])
+    try:
+        found = []
+        for kind in (Planner, Replay):
+            node = kind(context=context, namespace=_NAMESPACE)
+            try:
+                found += _interfaces_of(node)
+            finally:
+                node.close()
+                node.destroy_node()
+        return list(dict.fromkeys(found))
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
+def parameters():
+    """Return the Spec of every parameter of each node by name, `<uav>` for any UAV's."""
+    of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>')}
+    return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY}
+
+
+def markdown():
+    """Return the reference as Markdown."""
+    lines = []
+    found = interfaces()
+    for node, specs in parameters().items():
+        lines += [f'### {node}: topics and services', '',
+                  '| | name | type | QoS | meaning |', '| --- | --- | --- | --- | --- |']
+        lines += [f'| {one.direction} | `{one.name}` | {one.kind} | {one.qos} | '
+                  f'{_MEANINGS[node, one.name]} |' for one in found if one.node == node]
+        lines += ['', f'### {node}: parameters', '',
+                  '| name | default | allowed | meaning |', '| --- | --- | --- | --- |']
+        lines += [f'| `{name}` | {_default(name, spec)} | {spec.allowed} | {spec.description}'
+                  f'{" Set at start only." if spec.read_only else ""} |'
+                  for name, spec in specs.items()]
+        lines.append('')
+    return '\n'.join(lines)
+
+
+def _interfaces_of(node):
+    name = node.get_name()
+    entities = (
+        [('sub', one.topic_name, one.msg_type, 'msg', one.qos_profile)
+         for one in node.subscriptions]
+        + [('pub', one.topic_name, one.msg_type, 'msg', one.qos_profile)
+           for one in node.publishers]
+        + [('srv', one.service_name, one.srv_type, 'srv', None) for one in node.services])
+    return [
+        Interface(name, direction, _general(topic, name),
+                  f'{kind.__module__.split(".")[0]}/{folder}/{kind.__name__}', _in_words(qos))
+        for direction, topic, kind, folder, qos in entities
+        if topic not in _BUILT_IN and kind.__module__.split('.')[0] not in (
+            'rcl_interfaces', 'type_description_interfaces')]
+
+
+def _general(topic, node):
+    """Return a resolved name as it is in the code, for any UAV and any eavesdropper."""
+    if not topic.startswith(_NAMESPACE + '/'):
+        return topic
+    first, rest = topic[len(_NAMESPACE) + 1:].split('/', 1)
+    return f'{"~" if first == node else _NAMES.get(first, first)}/{rest}'
+
+
+def _in_words(qos):
+    if qos is None:
+        return ''
+    reliable = qos.reliability == ReliabilityPolicy.RELIABLE
+    latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return (f'{"reliable" if reliable else "best effort"}, '
+            f'{"transient local" if latched else "volatile"}, depth {qos.depth}')
+
+
+def _default(name, spec):
+    text = f'`{spec.default!r}`'
+    field = name.partition('<uav>.')[2]
+    other = uav_parameters('<uav>', 1).get(name) if field else None
+    if other is not None and other.default != spec.default:
+        text += f', of the others `{other.default!r}`'
+    return text
+
+
+def main():
+    """Print the reference."""
+    print(markdown())
+
+
+if __name__ == '__main__':
+    main()

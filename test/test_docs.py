@@ -1,0 +1,468 @@
+"""The documentation does what it says: its code runs, its names and links exist."""
+
+from importlib import import_module
+import inspect
+import os
+from pathlib import Path
+import re
+import runpy
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+from typing import NamedTuple
+
+import pytest
+import secure_uav_planner
+from secure_uav_planner import Iteration, Plan, playback, Scenario
+from secure_uav_planner.ros import reference
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, REPLAY, uav_parameters)
+import setuptools
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([ROOT / 'README.md', *(ROOT / 'docs').glob('*.md')])
+PATIENCE = 60.0
+
+
+class Block(NamedTuple):
+    """A fenced block: what it is in, the comment above, and where."""
+
+    language: str
+    text: str
+    note: str
+    line: int
+
+
+def blocks_of(page):
+    """Return the blocks of a page in their order."""
+    found, note, lines = [], '', page.read_text().splitlines()
+    number = 0
+    while number < len(lines):
+        line = lines[number]
+        if line.startswith('```'):
+            end = lines.index('```', number + 1)
+            text = '\n'.join(lines[number + 1:end]) + '\n'
+            found.append(Block(line[3:], text, note, number + 2))
+            number = end
+        if line.strip():
+            note = re.sub('<!-- (.*) -->', r'\1', line) if line.startswith('<!-- ') else ''
+        number += 1
+    return found
+
+
+def commands_of(block):
+    """Return the commands of a shell block as lists of words, without comments."""
+    lines = block.text.replace('\\\n', ' ').splitlines()
+    words = [shlex.split(line, comments=True) for line in lines]
+    found = []
+    for line in filter(None, words):
+        while '&&' in line:
+            found.append(line[:line.index('&&')])
+            line = line[line.index('&&') + 1:]
+        found.append(line)
+    return found
+
+
+@pytest.fixture(scope='module')
+def packaging():
+    """Return what setup.py says."""
+    said, before, real = {}, os.getcwd(), setuptools.setup
+    setuptools.setup = lambda **arguments: said.update(arguments)
+    try:
+        os.chdir(ROOT)
+        runpy.run_path('setup.py')
+    finally:
+        setuptools.setup = real
+        os.chdir(before)
+    return said
+
+
+@pytest.fixture(scope='module')
+def interfaces():
+    return reference.interfaces()
+
+
+class Walkthrough:
+    """A reader who does what a page says, in a folder of their own."""
+
+    def __init__(self, packaging, interfaces, folder):
+        self.packaging, self.interfaces, self.folder = packaging, interfaces, folder
+        self.uavs, self.eavesdroppers = {'uav1', 'uav2'}, {'eavesdropper'}
+        self.namespace = {'__name__': '__main__'}
+        self.unused, self.nodes = set(), {}
+
+    # Blocks
+
+    def do(self, page):
+        output = ''
+        for block in blocks_of(page):
+            where = f'{page.name}:{block.line}'
+            if block.note.startswith('no-test:'):
+                assert len(block.note) > len('no-test: ') + 10, f'{where}: no reason is given'
+            elif block.note.startswith('file: '):
+                self._write(block, block.note[6:])
+            elif block.language == 'python':
+                output = self._run_python(block, page)
+            elif block.language in ('sh', 'bash', 'console'):
+                for words in commands_of(block):
+                    self._do_command(words, where)
+            elif block.language == 'text':
+                assert_same(output, block.text, where)
+            else:
+                raise AssertionError(f'{where}: a block in {block.language!r} is not tested')
+        assert not self.unused, f'{page.name}: {self.unused} are written and never used'
+
+    def _write(self, block, name):
+        (self.folder / name).write_text(block.text)
+        self.unused.add(name)
+        if block.language == 'yaml':
+            self._check_yaml(block.text)
+
+    def _check_yaml(self, text):
+        for node, content in yaml.safe_load(text).items():
+            values = content['ros__parameters']
+            self.uavs |= set(values.get('uavs', ()))
+            self.eavesdroppers |= set(values.get('eavesdroppers', ()))
+            for name, value in flat(values):
+                self._check_parameter(node.strip('/*'), name, value)
+
+    def _run_python(self, block, page):
+        # Line numbers in a traceback are those of the page.
+        code = compile('\n' * (block.line - 1) + block.text, str(page), 'exec')
+        printed = []
+        self.namespace['print'] = lambda *words, **options: (
+            print(*words, **options) if 'file' in options
+            else printed.append(' '.join(map(str, words))))
+        exec(code, self.namespace)
+        return '\n'.join(printed)
+
+    # Commands
+
+    def _do_command(self, words, where):
+        told = f'{where}: {shlex.join(words)}'
+        if words[0] in ('planner', 'replay'):
+            self._start(words[0], words[1:], told)
+        elif words[0] in ('python', 'python3'):
+            self._run(words[1:], told)
+        elif not self._known(words, told):
+            raise AssertionError(f'{told}: nobody has tested such a command')
+
+    def _start(self, name, arguments, told):
+        """Start a node and wait until it is ready; the one of that name before is stopped."""
+        assert name in self._executables(), told
+        self._check_arguments(name, arguments)
+        self.stop(name)
+        process = subprocess.Popen(
+            [sys.executable, '-m', f'secure_uav_planner.ros.{name}', *arguments],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=self.folder,
+            env=environment())
+        self.nodes[name] = process
+        # What starts by itself has done its work when it says so.
+        word = 'end of the plan' if 'autostart:=true' in arguments else 'ready'
+        ready, process.output = threading.Event(), []
+
+        def read():
+            for line in process.stdout:
+                process.output.append(line)
+                if word in line:
+                    ready.set()
+
+        process.reader = threading.Thread(target=read, daemon=True)
+        process.reader.start()
+        assert ready.wait(PATIENCE), f'{told}: {"".join(process.output)}'
+
+    def stop(self, name):
+        """Stop a node as Ctrl-C does; it must end well."""
+        process = self.nodes.pop(name, None)
+        if process is None:
+            return
+        process.send_signal(signal.SIGINT)
+        try:
+            status = process.wait(timeout=10)
+        finally:
+            process.kill()
+        process.reader.join(timeout=5)
+        assert status == 0, ''.join(process.output)
+
+    def _run(self, arguments, told):
+        self.unused.discard(arguments[0])
+        result = subprocess.run(
+            [sys.executable, *arguments], cwd=self.folder, capture_output=True, text=True,
+            timeout=PATIENCE, env=environment())
+        assert result.returncode == 0, f'{told}: {result.stdout}{result.stderr}'
+
+    def _known(self, words, told):
+        """Check a command that is not run here; return whether it is of a known kind."""
+        first, rest = words[0], words[1:]
+        if first == 'make':
+            targets = re.findall(r'^([a-z]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
+            for target in rest:
+                assert '=' in target or target in targets, f'{told}: no target {target}'
+        elif first in ('pip', 'pip3'):
+            self._check_pip(rest, told)
+        elif first == 'colcon':
+            # test_colcon.py builds the package.
+            assert rest[0] in ('build', 'test', 'test-result'), told
+            if '--packages-select' in rest:
+                assert rest[rest.index('--packages-select') + 1] == self.packaging['name'], told
+        elif first == 'export':
+            assert re.fullmatch(r'(ROS_[A-Z_]+|RMW_IMPLEMENTATION|AMENT_PREFIX_PATH)=.*',
+                                rest[0]), told
+        elif words[:2] == ['ros2', 'security']:
+            assert rest[1] in ('create_keystore', 'create_enclave', 'create_permission',
+                               'generate_policy', 'generate_artifacts', 'list_enclaves'), told
+        elif first == 'ros2':
+            check = getattr(self, f'_check_ros2_{rest[0]}', None)
+            assert check is not None, f'{told}: nobody has tested such a command'
+            check(rest[1:], told)
+        else:
+            # These are the reader's own: a workspace, an environment.
+            return first in ('cd', 'git', 'mkdir', 'rosdep', '.', 'source')
+        return True
+
+    def _check_pip(self, rest, told):
+        assert rest[0] == 'install', told
+        for word in rest[1:]:
+            if word.startswith('.['):
+                for extra in word[2:-1].split(','):
+                    assert extra in self.packaging['extras_require'], told
+            elif not word.startswith('-') and word != '.':
+                assert word in self.packaging['install_requires'], told
+
+    def _check_ros2_run(self, rest, told):
+        assert rest[0] == self.packaging['name'], told
+        assert rest[1] in self._executables(), told
+        self._check_arguments(rest[1], rest[2:])
+
+    def _check_ros2_topic(self, rest, told):
+        words = [word for word in rest if not word.startswith('-')]
+        types = {self._general(one.name, one.node): one.kind for one in self.interfaces}
+        name = self._general(words[1].lstrip('/'))
+        assert name in types, f'{told}: no topic {name}'
+        if words[0] == 'pub':
+            assert words[2] == types[name], told
+            fill(kind_of(words[2])(), yaml.safe_load(words[3]))
+        else:
+            assert words[0] in ('echo', 'info', 'hz'), told
+
+    def _check_ros2_service(self, rest, told):
+        assert rest[0] == 'call', told
+        types = {self._general(one.name, one.node): one.kind for one in self.interfaces
+                 if one.direction == 'srv'}
+        name = rest[1].lstrip('/')
+        assert types.get(name) == rest[2], f'{told}: no service {name}'
+        kind_of(rest[2])
+
+    def _check_ros2_param(self, rest, told):
+        assert rest[0] in ('set', 'get', 'describe'), told
+        value = [yaml.safe_load(rest[3])] if rest[0] == 'set' else []
+        self._check_parameter(rest[1].lstrip('/'), rest[2], *value)
+
+    # Names
+
+    def _executables(self):
+        return [script.split(' = ')[0]
+                for script in self.packaging['entry_points']['console_scripts']]
+
+    def _general(self, name, node=None):
+        """Return a topic's name with <uav> and <eavesdropper> for theirs, ~ resolved."""
+        name = name.replace('~', node) if node else name
+        first, _, rest = name.partition('/')
+        if first in self.uavs:
+            return f'<uav>/{rest}'
+        return f'<eavesdropper>/{rest}' if first in self.eavesdroppers else name
+
+    def _check_parameter(self, node, name, *value):
+        specs = dict(PLANNER if node == 'planner' else REPLAY)
+        if node == 'planner':
+            for uav in self.uavs:
+                specs.update(uav_parameters(uav, 0))
+            for eavesdropper in self.eavesdroppers:
+                specs.update(eavesdropper_parameters(eavesdropper))
+        assert name in specs, f'{node} has no parameter {name}'
+        for one in value:
+            specs[name].checked(name, one)
+
+    def _check_arguments(self, node, arguments):
+        """Check what follows --ros-args."""
+        if not arguments:
+            return
+        assert arguments[0] == '--ros-args', arguments
+        for option, value in zip(arguments[1::2], arguments[2::2], strict=True):
+            if option == '-p':
+                name, _, text = value.partition(':=')
+                self._check_parameter(node, name, yaml.safe_load(text))
+            elif option == '-r':
+                name = self._general(value.partition(':=')[0])
+                assert name.startswith('__') or name in [
+                    one.name for one in self.interfaces if one.node == node], value
+            elif option == '--params-file':
+                self.unused.discard(value)
+                assert (self.folder / value).exists() or value.endswith(
+                    'share/secure_uav_planner/config/paper.yaml'), value
+            else:
+                assert option in ('--enclave', '--log-level'), option
+
+
+def environment():
+    """Return the variables of a process elsewhere, which finds the package here all the same."""
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
+    return {**os.environ, 'PYTHONUNBUFFERED': '1', 'PYTHONPATH': path}
+
+
+def flat(tree, prefix=''):
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flat(value, f'{prefix}{key}.')
+        else:
+            yield prefix + key, value
+
+
+def kind_of(name):
+    """Return the class of a message or a service by its ROS name."""
+    package, folder, kind = name.split('/')
+    return getattr(import_module(f'{package}.{folder}'), kind)
+
+
+def fill(message, values):
+    """Set the fields of a message; a wrong name or type raises."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            fill(getattr(message, name), value)
+        else:
+            setattr(message, name, value)
+
+
+def assert_same(printed, written, where):
+    """Compare words exactly and numbers to what rounding and another machine may change."""
+    number = re.compile(r'-?\d+\.\d+')
+    assert number.sub('#', printed).split() == number.sub('#', written).split(), where
+    for is_now, was in zip(number.findall(printed), number.findall(written)):
+        last_digit = 10.0 ** -len(was.split('.')[1])
+        tolerance = max(1.5 * last_digit, 1e-3)
+        assert abs(float(is_now) - float(was)) <= tolerance, f'{where}: {is_now} is not {was}'
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_block_of_a_page_does_what_it_says(
+        page, packaging, interfaces, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    reader = Walkthrough(packaging, interfaces, tmp_path)
+    try:
+        reader.do(page)
+        for name in list(reader.nodes):
+            reader.stop(name)
+    finally:
+        for process in reader.nodes.values():
+            process.kill()
+            process.wait()
+
+
+def test_an_unknown_command_and_a_wrong_name_are_noticed(packaging, interfaces, tmp_path):
+    for text in ('rm -rf x', 'make nonsense', 'ros2 topic echo /uav1/way',
+                 'ros2 topic pub /ground_node/pose geometry_msgs/msg/PoseStamped "{hat: {}}"',
+                 'ros2 run secure_uav_planner flyer', 'pip install secure_uav',
+                 'ros2 service call /planner/fly std_srvs/srv/Trigger', 'ros2 bag play x',
+                 'ros2 param set /planner duration true', 'ros2 param get /replay duration',
+                 'planner --ros-args -p duration:=-1.0', 'planner --ros-args -r uav9/pose:=x',
+                 'python missing.py'):
+        page = tmp_path / 'page.md'
+        page.write_text(f'```sh\n{text}\n```\n')
+        with pytest.raises((AssertionError, ValueError, AttributeError)):
+            Walkthrough(packaging, interfaces, tmp_path).do(page)
+    for text in ('<!-- no-test: -->\n```python\n1 / 0\n```\n', '```text\n1.0 m\n```\n',
+                 '```c\nint i;\n```\n', '<!-- file: a.py -->\n```python\n\n```\n'):
+        page.write_text(text)
+        with pytest.raises(AssertionError):
+            Walkthrough(packaging, interfaces, tmp_path).do(page)
+
+
+def anchors_of(page):
+    headings = re.findall(r'^#+ (.*)$', page.read_text(), re.MULTILINE)
+    return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_relative_link_leads_somewhere(page):
+    for target in re.findall(r'\]\(([^)\s]+)\)', page.read_text()):
+        if re.match('https?://', target):
+            continue
+        path, _, anchor = target.partition('#')
+        other = page.parent / path if path else page
+        assert other.exists(), target
+        if anchor:
+            assert anchor in anchors_of(other), target
+
+
+def test_the_generated_reference_is_current():
+    text = (ROOT / 'docs' / 'reference.md').read_text()
+    _, _, rest = text.partition('<!-- generated -->\n')
+    generated, end, _ = rest.partition('<!-- end of generated -->')
+    assert end
+    assert generated.strip() == reference.markdown().strip(), (
+        'put what `python -m secure_uav_planner.ros.reference` prints into docs/reference.md')
+
+
+# Names of others, and of messages, that the pages mention.
+FOREIGN = {
+    'frame_id', 'mrs_msgs', 'poses', 'px4_msgs', 'qos_overrides', 'secure_uav_planner',
+    'setpoint_trajectory', 'time_from_start',
+}
+
+
+def known_names():
+    """Return every parameter, argument, attribute and status that a page may mention."""
+    names = set(FOREIGN) | set(PLANNER) | set(REPLAY) | {'U', 'N', 'E'}
+    for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
+                  secure_uav_planner.Eavesdropper, playback, playback.Playback,
+                  playback.Moment, secure_uav_planner.channel):
+        names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
+    for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly):
+        names |= set(inspect.signature(function).parameters)
+    names |= set(secure_uav_planner.METHODS)
+    return names | set(secure_uav_planner.plan.STATUSES)
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_every_name_of_a_parameter_or_a_topic_exists(page, interfaces):
+    prose = re.sub('```.*?```', '', page.read_text(), flags=re.DOTALL)
+    known = known_names()
+    of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>')}
+    topics = {one.name for one in interfaces}
+    for code in re.findall('`([^`\n]+)`', prose):
+        if re.fullmatch(r'<(uav|eavesdropper)>\.\w+', code):
+            assert code in of_one, code
+        elif re.fullmatch(r'(<(uav|eavesdropper)>|~|ground_node)/[\w/]+', code):
+            assert code in topics, code
+        elif re.fullmatch(r'[a-z]+(_[a-z]+)+', code):
+            assert code in known, code
+        elif re.fullmatch(r'(Scenario|Plan|Uav|Eavesdropper|Iteration)\.\w+(\(.*\))?', code):
+            owner, name = code.partition('(')[0].split('.')
+            kind = getattr(secure_uav_planner, owner)
+            assert hasattr(kind, name) or name in kind.__dataclass_fields__, code
+
+
+def test_the_reference_of_the_python_api_has_the_signatures_of_the_code():
+    text = (ROOT / 'docs' / 'reference.md').read_text()
+    found = 0
+    for name in secure_uav_planner.__all__:
+        for code in re.findall(rf'`{name}\(([^`]*)\)`', text):
+            thing = getattr(secure_uav_planner, name)
+            parameters = inspect.signature(thing).parameters.values()
+            assert code == ', '.join(
+                one.name if one.default is one.empty else f'{one.name}={one.default!r}'
+                for one in parameters), name
+            found += 1
+    assert found >= 6
+
+
+def test_the_plan_file_has_the_fields_of_the_reference(tmp_path):
+    plan = secure_uav_planner.fly_hover_fly(Scenario.paper(120.0, slots=10))
+    plan.save(tmp_path / 'plan.json')
+    section = (ROOT / 'docs' / 'reference.md').read_text().split('## Plan file')[1].split('## ')[0]
+    rows = re.findall(r'^\| (`.*?) \|', section, re.MULTILINE)
+    documented = {name for row in rows for name in re.findall('`(.*?)`', row)}
+    assert documented == set(yaml.safe_load((tmp_path / 'plan.json').read_text()))
