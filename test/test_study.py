@@ -1,0 +1,193 @@
+"""The study, a reduced one for real: it is kept, goes on, stops cleanly, and checks the claims."""
+
+import csv
+from dataclasses import replace
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import joblib
+from matplotlib.image import imread
+import pytest
+from secure_uav_planner import METHODS, Plan, study
+from secure_uav_planner.study_claims import check_claims, write_claims
+from secure_uav_planner.study_figures import write_figures
+
+ROOT = pathlib.Path(__file__).parents[1]
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('study')
+
+
+@pytest.fixture(scope='module')
+def plans(folder):
+    return study.run(study.points(quick=True), folder / 'plans', jobs=1)
+
+
+def claim(plans, text):
+    found = [one for one in check_claims(plans) if text in one.text]
+    assert len(found) == 1
+    return found[0]
+
+
+@pytest.mark.parametrize('text', [
+    'all four schemes increase with T', 'significantly outperforms both',
+    'uav1 hovers close to but slightly away from the GN',
+    'uav2 hovers close to but slightly away from the eavesdropper', 'symmetric arcs',
+    'At T = 102 s both UAVs fly at the maximum speed',
+    'At T = 104 s both UAVs fly at the maximum speed'])
+def test_this_claim_of_the_paper_holds(plans, text):
+    assert claim(plans, text).holds, claim(plans, text).numbers
+
+
+def test_at_the_shortest_duration_the_design_is_not_similar_to_fly_hover_fly(plans):
+    # The paper says it is; there is time enough for more than 15%.
+    refuted = claim(plans, 'similar to fly-hover-fly')
+    assert not refuted.holds and '+20' in refuted.numbers
+
+
+def test_the_gap_to_a_known_place_is_slight_but_for_the_shortest_duration(plans):
+    # The guaranteed rate loses 5% at T = 200 s and just over 10% at T = 102 s.
+    assert '5.4% at T = 200 s' in claim(plans, 'slight gap').numbers
+    assert not claim(plans, 'slight gap').holds
+
+
+def test_a_claim_that_does_not_hold_is_reported_as_such(plans):
+    # The longest flight stands in for the shorter ones: nothing grows.
+    longest = {(point.experiment, point.scheme): plan for point, plan in plans.items()
+               if point.x == 200}
+    flat = {point: longest.get((point.experiment, point.scheme), plan)
+            for point, plan in plans.items()}
+    assert not claim(flat, 'all four schemes increase').holds
+
+
+def test_claims_are_written_with_their_numbers_and_verdicts(plans, tmp_path):
+    text = write_claims(plans, tmp_path / 'claims.md').read_text()
+    table = [line for line in text.splitlines() if line.startswith('| ')][2:]
+    assert len(table) == len(check_claims(plans)) >= 9
+    assert all(line.count('|') == 4 and ('| yes |' in line or '| **no** |' in line)
+               for line in table)
+
+
+def test_a_larger_disc_never_helps_and_more_power_over_the_noise_does(plans):
+    for experiment, sign in (('radius', -1), ('snr', 1)):
+        rates = [plan.guaranteed_rate for point, plan in sorted(
+            plans.items(), key=lambda entry: entry[0].x)
+            if point.experiment == experiment and point.scheme == study.PROPOSED]
+        assert len(rates) == 3
+        assert rates == sorted(rates, reverse=sign < 0)
+
+
+def test_every_method_has_its_convergence(plans):
+    assert {point.scheme for point in plans if point.experiment == 'convergence'} == set(METHODS)
+
+
+def test_the_full_study_has_at_least_twelve_durations_for_each_of_four_schemes():
+    found = [point for point in study.points() if point.experiment.startswith('duration')]
+    curves = {}
+    for point in found:
+        curves.setdefault((point.experiment, point.scheme), set()).add(point.x)
+    assert len(curves) == 4
+    assert all(len(durations) >= 12 and min(durations) == 102 and max(durations) == 200
+               for durations in curves.values())
+
+
+def test_figures_and_tables_are_written(plans, tmp_path):
+    written = write_figures(plans, tmp_path)
+    names = {path.name for path in written}
+    assert {f'{name}.{suffix}' for suffix in ('png', 'csv') for name in (
+        'trajectories', 'rate_against_duration', 'rate_against_radius', 'rate_against_snr',
+        'rate_against_jammers', 'convergence')} == names
+    for path in written:
+        if path.suffix == '.png':
+            assert imread(path).std() > 0.05
+    with (tmp_path / 'rate_against_duration.csv').open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12
+    kept = {(float(row['duration']), row['scheme'], float(row['error_radius_m'])):
+            float(row['guaranteed_rate']) for row in rows}
+    assert kept[200.0, 'fly-hover-fly, constant power', 10.0] == pytest.approx(1.439, abs=1e-3)
+    with (tmp_path / 'trajectories.csv').open() as file:
+        assert len(list(csv.DictReader(file))) == 2 * (104 + 106 + 202)
+
+
+def test_what_is_finished_is_not_computed_again_and_what_is_damaged_is(plans, folder, monkeypatch):
+    asked = []
+
+    def counted(point):
+        asked.append(point)
+        return plans[point]
+
+    monkeypatch.setattr(study, 'compute', counted)
+    again = study.run(list(plans), folder / 'plans', jobs=1)
+    assert asked == [] and again.keys() == plans.keys()
+    victim = next(point for point in plans if point.experiment == 'radius' and point.x == 60)
+    (folder / 'plans' / victim.file).write_text('{"half": ')
+    study.run(list(plans), folder / 'plans', jobs=1)
+    assert asked == [victim]
+    assert Plan.load(folder / 'plans' / victim.file).scenario == victim.scenario
+
+
+def test_another_scenario_scheme_or_code_is_another_file(monkeypatch):
+    point = study.points(quick=True)[0]
+    others = [replace(point, scheme='fly_hover_fly_optimised'),
+              replace(point, scenario=replace(point.scenario, reference_snr_db=81.0))]
+    names = {point.file, *(other.file for other in others)}
+    assert replace(point, experiment='elsewhere', x=3.0).file in names and len(names) == 3
+    monkeypatch.setattr(study, '_version', 'other')
+    assert point.file not in names
+
+
+def test_the_backend_that_is_configured_around_it_computes_it(tmp_path):
+    some = [point for point in study.points(quick=True)
+            if point.scheme == 'fly_hover_fly_constant' and point.x == 102]
+    with joblib.parallel_config('threading', n_jobs=2):
+        found = study.run(some, tmp_path)
+    assert found[some[0]].guaranteed_rate == pytest.approx(0.616, abs=1e-3)
+
+
+def group(process):
+    """Return the processes of a group that still run."""
+    found = []
+    for path in pathlib.Path('/proc').glob('[0-9]*/stat'):
+        try:
+            fields = path.read_text().rpartition(')')[2].split()
+        except OSError:
+            continue
+        if int(fields[2]) == process.pid and fields[0] != 'Z':
+            found.append(path.parent.name)
+    return found
+
+
+@pytest.mark.skipif(not pathlib.Path('/proc').is_dir(), reason='needs /proc')
+def test_interrupted_it_keeps_what_is_finished_and_leaves_neither_process_nor_traceback(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'secure_uav_planner.study', '--out', str(tmp_path), '--jobs', '2'],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(
+            [str(ROOT), os.environ.get('PYTHONPATH', '')])})
+    try:
+        until = time.monotonic() + 60
+        while len(list(tmp_path.glob('plans/*.json'))) < 3 and time.monotonic() < until:
+            time.sleep(0.05)
+        # As a terminal does it: to every process of the group.
+        os.killpg(process.pid, signal.SIGINT)
+        output, _ = process.communicate(timeout=20)
+        until = time.monotonic() + 10
+        while group(process) and time.monotonic() < until:
+            time.sleep(0.05)
+        assert group(process) == []
+    finally:
+        if group(process):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 130, output
+    assert 'Traceback' not in output and 'the same command goes on' in output
+    kept = list(tmp_path.glob('plans/*'))
+    assert len(kept) >= 3
+    for path in kept:
+        assert Plan.load(path)
