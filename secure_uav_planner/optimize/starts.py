@@ -70,6 +70,12 @@ def several_starts(scenario, model, slots):
             powers = np.repeat(powers, scenario.slots, axis=1)
             if jamming:
                 x = interior(scenario, model, positions, powers, slots)
+                if len(powers) > 2:
+                    # Jammers can be too many: one may do better alone.
+                    powers[2:] *= 1e-3
+                    starts.append(interior(
+                        scenario, model, positions, powers, slots, least=1e-5))
+                    levels.append(level)
             else:
                 winning = guaranteed_rates(scenario, positions, powers) > 0
                 if not winning.any():
