@@ -6,6 +6,7 @@ import pytest
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.page import save_page
 from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
@@ -42,7 +43,7 @@ def browser(plan, tmp_path_factory):
                  'no-first-run', 'window-size=1400,900', f'user-data-dir={folder / "profile"}'):
         options.add_argument(f'--{flag}')
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
-    driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
     try:
         driver.get((folder / 'plan.html').as_uri())
         WebDriverWait(driver, 30).until(
