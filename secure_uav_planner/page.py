@@ -51,7 +51,7 @@ def draw_page(plan):
     figure.frames = [
         go.Frame(name=str(point), traces=moving, data=[
             trace for trace, _, _ in view.moving_traces(point)]) for point in points]
-    _label_axes(figure)
+    _label_axes(figure, view.map_ranges())
     _add_controls(figure, view, points)
     return figure
 
@@ -79,6 +79,17 @@ class _View:
         last = self.plan.scenario.slots + 1
         return sorted({round(point) for point in np.linspace(
             0, last, min(last + 1, _MOST_FRAMES))})
+
+    def map_ranges(self):
+        """Return the ranges of x and y in m, with room for the markers of the UAVs."""
+        scenario = self.plan.scenario
+        points = np.concatenate([
+            self.plan.positions.reshape(-1, 2), [scenario.ground_node],
+            *(np.array(eve.position) + [[-eve.error_radius], [eve.error_radius]]
+              for eve in scenario.eavesdroppers)])
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = 0.06 * max(*(high - low), 10.0)
+        return np.stack([low - margin, high + margin], axis=1).tolist()
 
     def still_traces(self):
         """Return what does not move, with its row and column."""
@@ -171,10 +182,10 @@ def _watts(power):
     return f'{power:.2f} W' if power >= 0.1 or power == 0 else f'{1000 * power:.1f} mW'
 
 
-def _label_axes(figure):
-    figure.update_xaxes(title_text='x (m)', row=1, col=1)
-    figure.update_yaxes(title_text='y (m)', scaleanchor='x', constrain='domain', row=1, col=1)
-    figure.update_xaxes(constrain='domain', row=1, col=1)
+def _label_axes(figure, ranges):
+    figure.update_xaxes(title_text='x (m)', range=ranges[0], constrain='domain', row=1, col=1)
+    figure.update_yaxes(title_text='y (m)', range=ranges[1], constrain='domain', scaleanchor='x',
+                        row=1, col=1)
     figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
                         row=1, col=2)
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero', row=2, col=2)
