@@ -1,10 +1,8 @@
 """Section III: powers and trajectories in turn, by successive convex approximation."""
 
-import numpy as np
-
 from .powers import PowerProblem
+from .starts import offer_quieter
 from .trajectory import TrajectoryProblem
-from ..channel import guaranteed_rates
 
 TOLERANCE = 1e-5
 """A round that gains less than this, in bit/s/Hz, is the last."""
@@ -13,8 +11,6 @@ MAX_ROUNDS = 100
 
 _POWER_STEPS = 3
 """Steps of III-A to one of III-B: they cost a tenth and gain more."""
-
-_QUIETER = (0.1, 0.01, 0.001, 0.0)
 
 
 def alternate(run):
@@ -37,19 +33,9 @@ def optimise_powers(run):
     """
     Improve only the powers of the run, by Section III-A; the rest is as for alternate.
 
-    The powers have local optima, and those of loud jamming are usually the worse: the start is
-    whatever share of the jamming is best, or none and the power of the slots that lose without
-    given to those that win.
+    The powers have local optima; the start is the best of several levels of jamming.
     """
-    loud = run.powers
-    for share in _QUIETER:
-        run.offer(powers=np.concatenate([loud[:1], share * loud[1:]]))
-    alone = np.zeros_like(loud)
-    alone[0] = [run.scenario.uavs[0].average_power]
-    winning = guaranteed_rates(run.scenario, run.positions, alone) > 0
-    if winning.any():
-        alone[0] *= winning / winning.mean()
-        run.offer(powers=alone)
+    offer_quieter(run)
     return _rounds(run, [('power', PowerProblem(*_shape(run.scenario)))], TOLERANCE / 100)
 
 

@@ -22,6 +22,7 @@ def feasible_positions(scenario, positions):
     only one. An exceedance of 1e-8 costs a share of about 1e-8 of the way towards it.
     """
     line = straight_line(scenario)
+    positions = np.concatenate([line[:, :1], positions[:, 1:-1], line[:, -1:]], axis=1)
     share = np.zeros(len(positions))
     longest = np.linalg.norm(np.diff(positions, axis=1), axis=-1).max(axis=1)
     shortest = np.linalg.norm(line[:, 1] - line[:, 0], axis=-1)

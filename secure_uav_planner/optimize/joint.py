@@ -11,7 +11,7 @@ from .barrier import Barrier, Mission
 from .derivatives import SlotModel
 from .fly_hover_fly import fly_hover_fly_positions
 from .run import Run
-from .starts import interior, refined, several_starts
+from .starts import interior, offer_quieter, refined, several_starts
 
 _COARSE = 40  # Slots of the coarsest grid.
 _FINER = 8  # How much finer the next grid is at most.
@@ -26,6 +26,7 @@ _STEPS = 150
 _OFFERS = 4  # Steps between two offers to the run.
 _FEW = 20  # Slots.
 _WORTH_TRYING = 0.99
+_HARDLY_ANY = 0.1  # Rate, in bit/s/Hz.
 
 
 class _Stop(Exception):
@@ -163,17 +164,19 @@ def _try_powers_alone(run, model, joint_value):
     barrier = Barrier(model, mission, np.array(x), 0.02)
     for _ in range(10):
         _advance(run, barrier, _COARSE_LEVEL)
-    if (slots > _FEW and run.rate > 0.01
-            and barrier.objective().max() < _WORTH_TRYING * joint_value):
-        return
 
     def passed_on(_):
         run.report('power')
         return run.stop_reason() is not None
 
-    from .alternating import optimise_powers  # Only now: CVXPY takes a second to import.
     powers = np.repeat([[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1)
     alone = Run(scenario, positions, powers, passed_on, run.time_left)
+    offer_quieter(alone)
+    if (slots > _FEW and run.rate > _HARDLY_ANY
+            and barrier.objective().max() < _WORTH_TRYING * joint_value
+            and alone.rate < _WORTH_TRYING * run.rate):
+        return
+    from .alternating import optimise_powers  # Only now: CVXPY takes a second to import.
     optimise_powers(alone)
     run.solver_time += alone.solver_time
     if run.offer(alone.positions, alone.powers):

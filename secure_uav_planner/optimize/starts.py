@@ -6,6 +6,7 @@ from .fly_hover_fly import fly_hover_fly_positions
 from ..channel import guaranteed_rates
 
 _BESIDE = 0.7  # In altitudes.
+_QUIETER = (0.1, 0.01, 0.001, 0.0)
 
 
 def hovering_places(scenario):
@@ -85,6 +86,23 @@ def several_starts(scenario, model, slots):
             starts.append(x)
             levels.append(level)
     return np.array(starts), np.array(levels)
+
+
+def offer_quieter(run):
+    """
+    Offer less jamming to a Run, and none with the power of slots that lose given to the others.
+
+    Powers have local optima, and those of loud jamming are usually the worse.
+    """
+    loud = run.powers
+    for share in _QUIETER:
+        run.offer(powers=np.concatenate([loud[:1], share * loud[1:]]))
+    alone = np.zeros_like(loud)
+    alone[0] = run.scenario.uavs[0].average_power
+    winning = guaranteed_rates(run.scenario, run.positions, alone) > 0
+    if winning.any():
+        alone[0] *= winning / winning.mean()
+        run.offer(powers=alone)
 
 
 def interior(scenario, model, positions, powers, slots, share=0.05, least=None):

@@ -30,7 +30,7 @@ def scenario_from(parameters, poses, now):
     """
     Return the Scenario of a new mission: from where the UAVs are, if they say so.
 
-    :param parameters: Parameters of the planner.
+    :param parameters: values of the planner's parameters by name.
     :param poses: its PoseBook.
     :param now: the node's time in s.
     :raises ValueError: naming every topic without a usable pose, or what cannot be flown.

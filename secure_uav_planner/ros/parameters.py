@@ -221,6 +221,10 @@ class Parameters:
     def __getitem__(self, name):
         return self._values[name]
 
+    def snapshot(self):
+        """Return all values by name as they are now; a later change leaves them alone."""
+        return self._values
+
     def apply(self, check):
         """Check all values now and at every change by another function."""
         check(self._values)

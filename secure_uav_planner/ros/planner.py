@@ -31,6 +31,8 @@ from ..plan import Plan
 
 _STATUS_PERIOD = 0.1
 _REPLAN_CHECK_PERIOD = 0.1
+_PAUSE = 0.005
+_MOST_WARNINGS = 5  # Of a topic, until a good pose comes on it.
 
 
 class Planner(Node):
@@ -121,7 +123,8 @@ class Planner(Node):
             self._poses.take(topic, message, frame_id, self._now())
         except PoseError as error:
             reason = str(error)
-            if (topic, reason) not in self._warned:
+            if (topic, reason) not in self._warned and (
+                    sum(known[0] == topic for known in self._warned) < _MOST_WARNINGS):
                 self._warned.add((topic, reason))
                 self.get_logger().warning(f'{topic}: {reason}; it is not used')
         else:
@@ -132,11 +135,12 @@ class Planner(Node):
     # Planning on request
 
     def _on_plan(self, _request, response):
+        settings = self._settings.snapshot()
         try:
-            scenario = scenario_from(self._settings, self._poses, self._now())
+            scenario = scenario_from(settings, self._poses, self._now())
             plan = self._solver.start(
-                scenario, method=self._settings['method'],
-                time_limit=self._settings['time_limit'] or None,
+                scenario, method=settings['method'],
+                time_limit=settings['time_limit'] or None,
                 initial=self._initial(scenario)).result()
             if plan.status == 'cancelled':
                 raise CancelledError('cancelled')
@@ -185,18 +189,19 @@ class Planner(Node):
     # Planning again on the way
 
     def _replan_when_due(self):
-        period, distance = self._settings['replan_period'], self._settings['replan_distance']
+        settings = self._settings.snapshot()
+        period, distance = settings['replan_period'], settings['replan_distance']
         plan, now = self._plan, self._now()
         if plan is None or not (period or distance) or self._solver.busy:
             return
         elapsed = now - plan.start_ns * 1e-9
         point = max(0, math.ceil(
-            (elapsed + self._settings['replan_lead']) / plan.scenario.slot_duration))
+            (elapsed + settings['replan_lead']) / plan.scenario.slot_duration))
         if point >= plan.scenario.slots:
             return  # The mission ends before a new plan could take effect.
         try:
             tail = plan.tail(point)
-            scenario = updated(tail.scenario, self._settings, self._poses, now)
+            scenario = updated(tail.scenario, settings, self._poses, now)
         except ValueError:
             return  # The poses are missing or old, as the diagnostics say.
         # Against the clock jumping back, too: the period has passed when it is not to come.
@@ -205,8 +210,8 @@ class Planner(Node):
             return
         try:
             future = self._solver.start(
-                scenario, method=self._settings['method'], initial=tail,
-                time_limit=self._settings['replan_lead'])
+                scenario, method=settings['method'], initial=tail,
+                time_limit=settings['replan_lead'])
         except Busy:
             return
         self._last_planned = now
@@ -301,7 +306,7 @@ class Planner(Node):
 
 def main(args=None):
     """Run the planner node as a process."""
-    run_node(Planner, args)
+    run_node(Planner, args, pause=_PAUSE)
 
 
 if __name__ == '__main__':

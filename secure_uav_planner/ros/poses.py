@@ -6,9 +6,10 @@ import threading
 from typing import NamedTuple
 
 import numpy as np
-from rclpy.time import Time
 
 from ..scenario import LIMITS
+
+_SHOWN = 60  # Characters of a frame's name.
 
 
 class PoseError(ValueError):
@@ -64,16 +65,18 @@ class PoseBook:
         """
         header = message.header
         if header.frame_id != frame_id:
+            foreign = header.frame_id[:_SHOWN]
             with self._lock:
-                self._foreign[topic] = header.frame_id
-            raise PoseError(f'the pose is in frame {header.frame_id!r}; '
+                self._foreign[topic] = foreign
+            raise PoseError(f'the pose is in frame {foreign!r}; '
                             f'it must be in frame {frame_id!r}, as the parameter frame_id says')
         covariance = getattr(message.pose, 'covariance', None)
         pose = message.pose if covariance is None else message.pose.pose
         _check_values(pose)
         if covariance is not None:
             covariance = _horizontal_covariance(covariance)
-        stamp = Time.from_msg(header.stamp).nanoseconds * 1e-9 or now
+        # Not by rclpy's Time, which raises for what was before 1970.
+        stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
         known = KnownPose(
             frame_id, (pose.position.x, pose.position.y), covariance, stamp, now)
         with self._lock:

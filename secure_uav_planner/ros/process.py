@@ -14,15 +14,18 @@ from rclpy.signals import SignalHandlerOptions
 
 _THREADS = 4
 _LAST_ANSWERS = 0.3
+_AFTER_FAILURE = 0.01
 
 
-def run_node(make_node, args=None):
+def run_node(make_node, args=None, pause=0.0):
     """
     Run a node until SIGINT or SIGTERM and exit the process: 0 when told to, 1 on an error.
 
     :param make_node: makes the node, which has close(): stop all work, return whether none is
         left; a ValueError from it is a message to the user.
     :param args: command line, by default that of the process.
+    :param pause: after every callback, in s. It bounds what a flood of messages takes from other
+        threads, which share the interpreter, and what it delays the answer of a service.
     """
     stop = threading.Event()
     # rclpy's own handlers race with the executor's wait set; an event never does.
@@ -36,7 +39,7 @@ def run_node(make_node, args=None):
         print(f'cannot start: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
-    finished, failure = _spin(node, stop)
+    finished, failure = _spin(node, stop, pause)
     if failure is not None:
         node.get_logger().fatal(f'{type(failure).__name__}: {failure}')
     node.destroy_node()
@@ -49,21 +52,29 @@ def run_node(make_node, args=None):
     sys.exit(0 if failure is None else 1)
 
 
-def _spin(node, stop):
+def _spin(node, stop, pause):
     executor = MultiThreadedExecutor(num_threads=_THREADS)
     executor.add_node(node)
     failure = None
-    try:
-        while not stop.is_set():
+    while failure is None and not stop.is_set():
+        try:
             executor.spin_once(timeout_sec=0.2)
-    except Exception as error:
-        failure = error
+            time.sleep(pause)
+        except Exception as error:
+            # Also of rclpy's own services, which a malformed request makes raise.
+            node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}',
+                                    throttle_duration_sec=1.0)
+            failure = None if rclpy.ok() else error
+            time.sleep(_AFTER_FAILURE)
     finished = node.close()
     if failure is None:
         # Whoever waits for an answer still gets it.
         until = time.monotonic() + _LAST_ANSWERS
         while time.monotonic() < until:
-            executor.spin_once(timeout_sec=0.05)
+            try:
+                executor.spin_once(timeout_sec=0.05)
+            except Exception as error:
+                node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}')
     # Jazzy's executor does not wait for its threads, and a callback must not outlive the node.
     executor._executor.shutdown(wait=True)
     executor.shutdown(timeout_sec=0)
