@@ -23,7 +23,7 @@ soak: $(VENV)/.test
 bench: $(VENV)/.bench
 	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.bench
 
-study: $(VENV)/.view
+study: $(VENV)/.study
 	$(BIN)/python -m secure_uav_planner.study
 
 clean:

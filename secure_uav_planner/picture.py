@@ -9,7 +9,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 import numpy as np
 
-from .colors import EAVESDROPPER, GROUND_NODE, uav_color
+from .colors import EAVESDROPPER, GROUND_NODE, RATE, uav_color
 
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2
@@ -19,7 +19,6 @@ _TIME_MARKS = 12
 _TIME_STEPS = [digit * 10.0 ** power for power in range(-6, 9) for digit in (1, 2, 5)]
 _STYLES = ('--', ':', '-.')
 _GREY = '0.45'
-_RATE = '#6A3D9A'
 _NAMES = {
     'fly_hover_fly_constant': 'fly-hover-fly, constant power',
     'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
@@ -141,10 +140,10 @@ def draw_powers(axes, plan):
 def draw_rates(axes, plan, baselines=()):
     """Draw the guaranteed and the worst-case secrecy rate of every slot over time."""
     edges = plan.times[1:]
-    axes.stairs(plan.worst_case_rates, edges, color=_RATE, linewidth=1.3, linestyle='--',
+    axes.stairs(plan.worst_case_rates, edges, color=RATE, linewidth=1.3, linestyle='--',
                 label='worst case')
-    axes.stairs(plan.guaranteed_rates, edges, fill=True, color=_RATE, alpha=0.2)
-    axes.stairs(plan.guaranteed_rates, edges, color=_RATE, linewidth=1.8, label='guaranteed')
+    axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
+    axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label='guaranteed')
     for other, style in zip(baselines, _STYLES):
         # A slot that loses counts as silent, the [x]^+ of equation (R_sec).
         axes.stairs(np.maximum(0.0, other.guaranteed_rates), other.times[1:], color=_GREY,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from . import channel
-from .files import write_atomically
+from .files import atomic_file
 from .scenario import LIMITS, Scenario
 
 POSITION_TOLERANCE = 1e-6
@@ -200,7 +200,8 @@ class Plan:
             'guaranteed_rate': self.guaranteed_rate,
             'worst_case_rate': self.worst_case_rate,
         }
-        write_atomically(path, json.dumps(document, allow_nan=False))
+        with atomic_file(path) as file:
+            json.dump(document, file, allow_nan=False)
 
     @classmethod
     def load(cls, path):

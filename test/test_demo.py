@@ -34,6 +34,8 @@ def test_the_plan_that_was_received_is_saved_and_drawn(demo):
     assert plan.scenario == Scenario.paper()
     assert f'{plan.guaranteed_rate:.4f}' in text
     assert (out / 'plan.png').read_bytes().startswith(b'\x89PNG')
+    assert '<html' in (out / 'plan.html').read_text()[:100]
+    assert (out / 'plan.mcap').read_bytes().startswith(b'\x89MCAP0')
 
 
 def test_the_demo_leaves_no_process_behind(demo):

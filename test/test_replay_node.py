@@ -106,6 +106,15 @@ def test_pause_holds_and_reset_returns(client, file):
         wait_for(lambda: poses[-1].pose.position.y > held)
 
 
+def test_the_plan_is_drawn_when_asked(file, tmp_path):
+    picture = tmp_path / 'plan.png'
+    with node_process('replay', plan_file=file, picture_file=picture):
+        wait_for(picture.exists)
+        wait_for(lambda: picture.read_bytes().endswith(b'IEND\xaeB`\x82'))
+    with node_process('replay', plan_file=file, picture_file=tmp_path / 'no' / 'p.png') as process:
+        wait_for(lambda: any('goes on without' in line for line in process.lines))
+
+
 def test_it_loops_and_starts_by_itself_when_asked(file):
     with node_process('replay', plan_file=file, speed=2000.0, loop='true',
                       autostart='true') as process:

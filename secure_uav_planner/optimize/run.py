@@ -8,6 +8,9 @@ from .feasible import feasible_positions, feasible_powers, silence_losing_slots
 from ..channel import guaranteed_rates
 from ..plan import Iteration, Plan
 
+_NOTHING = 1e-7
+"""A slot with a lower rate, in bit/s/Hz, is not worth the power."""
+
 
 class Run:
     """
@@ -87,6 +90,7 @@ class Run:
 
     def plan(self, method, status):
         """Return the best iterate as a Plan, with the jammers quiet where nothing is sent."""
-        powers = np.where(self.powers[0] > 0, self.powers, 0.0)
+        rates = guaranteed_rates(self.scenario, self.positions, self.powers)
+        powers = np.where(rates > _NOTHING, self.powers, 0.0)
         return Plan(self.scenario, self.positions, powers, method, status,
                     tuple(self.history), self.elapsed)

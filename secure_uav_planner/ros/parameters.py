@@ -173,6 +173,7 @@ REPLAY = {
     'uavs': _UAVS,
     'plan_file': Spec('', 'Saved plan to replay; empty to replay the topics.', read_only=True),
     'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.'),
+    'picture_file': Spec('', 'PNG file to draw every plan to that is taken up; empty for none.'),
     'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
     'speed': Spec(1.0, 'Playback speed, 1 is real time.', (0.001, 10000.0)),
     'loop': Spec(False, 'Start again at the end.'),

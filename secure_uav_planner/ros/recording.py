@@ -1,10 +1,8 @@
 """A plan and its replay as an MCAP file, which Foxglove and `ros2 bag` open."""
 
 from dataclasses import replace
-import os
-from pathlib import Path as File
+from pathlib import Path
 import re
-import tempfile
 
 from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,6 +13,7 @@ from rclpy.serialization import serialize_message
 
 from . import messages
 from .. import channel
+from ..files import atomic_file
 from ..playback import Playback
 
 _PRIMITIVES = {
@@ -51,19 +50,11 @@ def record(plan, path, frame_id='map', rate=5.0, eavesdropper=None):
         raise ValueError(f'rate is {rate!r}; it must be above 0 Hz')
     if plan.start_ns is None:
         plan = replace(plan, start_ns=0)
-    path = File(path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix='.part')
-    try:
-        with os.fdopen(handle, 'wb') as file:
-            bag = _Bag(file, plan.start_ns)
-            _record_plan(bag, plan, frame_id)
-            _record_replay(bag, plan, frame_id, rate, eavesdropper)
-            bag.finish()
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with atomic_file(path, binary=True) as file:
+        bag = _Bag(file, plan.start_ns)
+        _record_plan(bag, plan, frame_id)
+        _record_replay(bag, plan, frame_id, rate, eavesdropper)
+        bag.finish()
 
 
 def _record_plan(bag, plan, frame_id):
@@ -167,7 +158,7 @@ def definition(name):
 
 def _text(name):
     package, folder, kind = name.split('/')
-    return (File(get_package_share_directory(package)) / folder / f'{kind}.msg').read_text()
+    return (Path(get_package_share_directory(package)) / folder / f'{kind}.msg').read_text()
 
 
 def _members(text, owner):

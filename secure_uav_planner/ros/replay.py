@@ -116,6 +116,15 @@ class Replay(Node):
                                f'{", ".join(self._uavs)}')
         if self._settings['autostart']:
             self._player.start()
+        if self._settings['picture_file']:
+            self._draw(plan, self._settings['picture_file'])
+
+    def _draw(self, plan, file):
+        try:
+            from ..picture import save_picture  # Only now: Matplotlib need not be there.
+            save_picture(plan, file)
+        except (ImportError, OSError, ValueError) as error:
+            self.get_logger().warning(f'picture_file: {error}; the replay goes on without')
 
     @property
     def _eavesdropper(self):
