@@ -18,7 +18,7 @@ test: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not soak'
 
 soak: $(VENV)/.test
-	$(BIN)/python -m pytest -m soak -s
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m soak -rP
 
 bench: $(VENV)/.bench
 	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.bench

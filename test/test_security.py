@@ -65,7 +65,7 @@ def graph():
             return time.monotonic() - since > 2.0
 
         wait_for(settled, what='a graph that stands still')
-        yield found
+        return found
 
 
 @pytest.mark.parametrize('node', NODES)

@@ -54,5 +54,5 @@ def _turning_place(start, goal, place, reach):
 def _along(origin, target, distance):
     """Return the points at the distances from origin towards target, stopping there."""
     length = math.dist(origin, target)
-    share = np.minimum(distance / length, 1.0) if length > 0 else np.zeros(len(distance))
+    share = np.minimum(distance, length) / length if length > 0 else np.zeros(len(distance))
     return origin + share[:, None] * (target - origin)
