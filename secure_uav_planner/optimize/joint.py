@@ -26,6 +26,7 @@ _STEPS = 150
 _OFFERS = 4  # Steps between two offers to the run.
 _FEW = 20  # Slots.
 _WORTH_TRYING = 0.99
+_PROMISING = 0.9  # Powers that are not optimised yet.
 _HARDLY_ANY = 0.1  # Rate, in bit/s/Hz.
 
 
@@ -165,18 +166,21 @@ def _try_powers_alone(run, model, joint_value):
     for _ in range(10):
         _advance(run, barrier, _COARSE_LEVEL)
 
+    powers = np.repeat([[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1)
+    quieter = Run(scenario, positions, powers)
+    offer_quieter(quieter)
+    if (slots > _FEW and run.rate > _HARDLY_ANY
+            and barrier.objective().max() < _WORTH_TRYING * joint_value
+            and quieter.rate < _PROMISING * run.rate):
+        return
+
     def passed_on(_):
         run.report('power')
         return run.stop_reason() is not None
 
-    powers = np.repeat([[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1)
-    alone = Run(scenario, positions, powers, passed_on, run.time_left)
-    offer_quieter(alone)
-    if (slots > _FEW and run.rate > _HARDLY_ANY
-            and barrier.objective().max() < _WORTH_TRYING * joint_value
-            and alone.rate < _WORTH_TRYING * run.rate):
-        return
     from .alternating import optimise_powers  # Only now: CVXPY takes a second to import.
+    # From the very start of the baseline, so that the result is no worse.
+    alone = Run(scenario, positions, powers, passed_on, run.time_left)
     optimise_powers(alone)
     run.solver_time += alone.solver_time
     if run.offer(alone.positions, alone.powers):
