@@ -189,3 +189,12 @@ class Client:
 def values_of(status):
     """Return the values of a DiagnosticStatus by key."""
     return {entry.key: entry.value for entry in status.values}
+
+
+def flat(tree, prefix=''):
+    """Yield the parameters of a parameter file's tree, their names joined by dots."""
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flat(value, f'{prefix}{key}.')
+        else:
+            yield prefix + key, value

@@ -3,19 +3,12 @@
 from pathlib import Path
 
 import pytest
+from ros_client import flat
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, REPLAY, uav_parameters)
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
-
-
-def flat(tree, prefix=''):
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from flat(value, f'{prefix}{key}.')
-        else:
-            yield prefix + key, value
 
 
 @pytest.mark.parametrize('node', ['planner', 'replay'])

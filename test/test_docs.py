@@ -14,6 +14,7 @@ import threading
 from typing import NamedTuple
 
 import pytest
+from ros_client import flat
 import secure_uav_planner
 from secure_uav_planner import Iteration, Plan, playback, Scenario
 from secure_uav_planner.ros import reference
@@ -311,14 +312,6 @@ def environment():
     """Return the variables of a process elsewhere, which finds the package here all the same."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
     return {**os.environ, 'PYTHONUNBUFFERED': '1', 'PYTHONPATH': path}
-
-
-def flat(tree, prefix=''):
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from flat(value, f'{prefix}{key}.')
-        else:
-            yield prefix + key, value
 
 
 def kind_of(name):

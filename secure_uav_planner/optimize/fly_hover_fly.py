@@ -1,4 +1,4 @@
-"""The fly-hover-fly trajectory of Section IV: the baseline, and where the methods start."""
+"""Fly-hover-fly with constant power, Section IV: the baseline, and where the methods start."""
 
 import math
 
@@ -24,6 +24,19 @@ def fly_hover_fly_positions(scenario, hover=None):
         _fly_hover_fly(np.array(uav.start), np.array(uav.goal), np.array(place, float), step,
                        scenario.slots)
         for uav, place, step in zip(scenario.uavs, hover, scenario.max_step)])
+
+
+def constant_powers(scenario, transmitting=1.0, jamming=1.0):
+    """
+    Return the same powers in every slot, (U, N) in W.
+
+    :param transmitting: share of its average power that the transmitter has.
+    :param jamming: share of theirs that the jammers have.
+    """
+    shares = np.full(len(scenario.uavs), jamming)
+    shares[0] = transmitting
+    level = shares * [uav.average_power for uav in scenario.uavs]
+    return np.repeat(level[:, None], scenario.slots, axis=1)
 
 
 def _fly_hover_fly(start, goal, place, step, slots):

@@ -9,7 +9,7 @@ import numpy as np
 
 from .barrier import Barrier, Mission
 from .derivatives import SlotModel
-from .fly_hover_fly import fly_hover_fly_positions
+from .fly_hover_fly import constant_powers, fly_hover_fly_positions
 from .run import Run
 from .starts import interior, offer_quieter, refined, several_starts
 
@@ -157,16 +157,14 @@ def _try_powers_alone(run, model, joint_value):
     mission.fixed[:] = True
     x = []
     for jamming in (0.5, 0.05):
-        powers = np.array([[uav.average_power * (jamming if index else 0.9)]
-                           for index, uav in enumerate(scenario.uavs)])
-        powers = np.repeat(powers, scenario.slots, axis=1)
+        powers = constant_powers(scenario, 0.9, jamming)
         x.append(interior(scenario, model, positions, powers, slots, share=0.0))
         x[-1][..., 0] *= 0.99
     barrier = Barrier(model, mission, np.array(x), 0.02)
     for _ in range(10):
         _advance(run, barrier, _COARSE_LEVEL)
 
-    powers = np.repeat([[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1)
+    powers = constant_powers(scenario)
     quieter = Run(scenario, positions, powers)
     offer_quieter(quieter)
     if (slots > _FEW and run.rate > _HARDLY_ANY

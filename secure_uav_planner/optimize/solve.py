@@ -2,10 +2,8 @@
 
 import time
 
-import numpy as np
-
 from .feasible import adapted
-from .fly_hover_fly import fly_hover_fly_positions
+from .fly_hover_fly import constant_powers, fly_hover_fly_positions
 from .joint import joint
 from .run import Run
 from ..plan import Plan
@@ -76,8 +74,3 @@ def fly_hover_fly(scenario, power='constant', on_iteration=None, time_limit=None
     from .alternating import optimise_powers  # CVXPY, as above
     run = Run(scenario, positions, powers, on_iteration, time_limit)
     return run.plan(method, optimise_powers(run))
-
-
-def constant_powers(scenario):
-    """Return the average power in every slot, (U, N) in W."""
-    return np.repeat([[uav.average_power] for uav in scenario.uavs], scenario.slots, axis=1)

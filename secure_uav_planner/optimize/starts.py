@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .fly_hover_fly import fly_hover_fly_positions
+from .fly_hover_fly import constant_powers, fly_hover_fly_positions
 from ..channel import guaranteed_rates
 
 _BESIDE = 0.7  # In altitudes.
@@ -66,9 +66,7 @@ def several_starts(scenario, model, slots):
         spread = np.linspace(0, len(places) - 1, min(number, len(places)))
         for hover in places[np.unique(spread.round().astype(int))]:
             positions = fly_hover_fly_positions(scenario, hover)
-            powers = np.array([[uav.average_power * (jamming if index else 0.9)]
-                               for index, uav in enumerate(scenario.uavs)])
-            powers = np.repeat(powers, scenario.slots, axis=1)
+            powers = constant_powers(scenario, 0.9, jamming)
             if jamming:
                 x = interior(scenario, model, positions, powers, slots)
                 if len(powers) > 2:

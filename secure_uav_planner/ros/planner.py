@@ -145,7 +145,7 @@ class Planner(Node):
             if plan.status == 'cancelled':
                 raise CancelledError('cancelled')
             plan = replace(plan, start_ns=self.get_clock().now().nanoseconds)
-            self._publish_plan(plan, 'plans')
+            text = self._publish_plan(plan, 'plans')
         except (ValueError, Busy, CancelledError) as error:
             response.success = False
             response.message = self._failed(str(error), DiagnosticStatus.WARN)
@@ -154,7 +154,7 @@ class Planner(Node):
             response.message = self._failed(
                 f'the solve failed: {type(error).__name__}: {error}', DiagnosticStatus.ERROR)
         else:
-            response.success, response.message = True, self._outcome[1]
+            response.success, response.message = True, text
         return response
 
     def _initial(self, scenario):
@@ -200,14 +200,16 @@ class Planner(Node):
         if point >= plan.scenario.slots:
             return  # The mission ends before a new plan could take effect.
         try:
-            tail = plan.tail(point)
-            scenario = updated(tail.scenario, settings, self._poses, now)
+            known = updated(plan.scenario, settings, self._poses, now)
         except ValueError:
             return  # The poses are missing or old, as the diagnostics say.
         # Against the clock jumping back, too: the period has passed when it is not to come.
         due = period and not 0 <= now - self._last_planned < period
-        if not (due or (distance and has_moved(plan.scenario, scenario, distance))):
+        if not (due or (distance and has_moved(plan.scenario, known, distance))):
             return
+        tail = plan.tail(point)
+        scenario = replace(tail.scenario, ground_node=known.ground_node,
+                           eavesdroppers=known.eavesdroppers)
         try:
             future = self._solver.start(
                 scenario, method=settings['method'], initial=tail,
@@ -255,6 +257,7 @@ class Planner(Node):
         self._publish_plan(plan, 'plans', restored=True)
 
     def _publish_plan(self, plan, count, restored=False):
+        """Publish all of a plan and return it in one line."""
         frame_id = self._settings['frame_id']
         # Everything is made before anything is sent: all of a plan is published, or nothing.
         made = [(publisher, make(plan, index, *more))
@@ -269,13 +272,16 @@ class Planner(Node):
         for publisher, message in made:
             publisher.publish(message)
         level = DiagnosticStatus.OK if plan.status == 'converged' else DiagnosticStatus.WARN
+        # Outside the lock, for it evaluates the rates; the plan keeps them for the status.
+        text = ('restored: ' if restored else '') + health.summary(plan)
         with self._lock:
             self._plan, self._last_planned = plan, self._now()
             self._counts[count] += 1
-            self._outcome = (level, ('restored: ' if restored else '') + health.summary(plan))
+            self._outcome = (level, text)
         log = self.get_logger()
-        (log.info if level == DiagnosticStatus.OK else log.warning)(self._outcome[1])
+        (log.info if level == DiagnosticStatus.OK else log.warning)(text)
         self._publish_status()
+        return text
 
     def _save(self, plan):
         try:

@@ -74,8 +74,6 @@ class Solver:
 
         try:
             plan = solve(scenario, on_iteration=on_iteration, **options)
-            # Both are evaluated once, here, rather than on a thread of the executor.
-            plan.guaranteed_rate, plan.worst_case_rate
         except Exception as error:
             _settle(future.set_exception, error)
         else:
