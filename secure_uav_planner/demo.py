@@ -24,11 +24,11 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from . import fly_hover_fly, Plan, Scenario
-from .page import save_page
-from .picture import save_picture
 from .ros.messages import pose
 from .ros.qos import LATCHED
 from .ros.recording import record
+from .view.page import save_page
+from .view.picture import save_picture
 
 _PATIENCE = 120.0
 _REPLAY_SPEED = 50.0

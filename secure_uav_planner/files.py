@@ -1,20 +1,27 @@
-"""Files that are there whole or not at all."""
+"""Files that exist whole or not at all."""
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 import os
 from pathlib import Path
+import stat
+from typing import Any, IO
 import uuid
 
 
 @contextmanager
-def atomic_file(path, binary=False):
+def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[IO[Any]]:
     """
-    Open a file to write such that a reader sees the old one or the new one, never a part.
+    Open a file for writing such that a reader sees the old content or the new, never a part.
 
-    :raises OSError: when it cannot be written; an old one is left as it was, as it is when the
-        body of the with statement raises.
+    A symbolic link is followed: what it points to is replaced.
+
+    :raises OSError: when the file cannot be written, or is a folder or a device. An old file is
+        left as it was, as it also is when the body of the with statement raises.
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        raise OSError(f'{path} is not a regular file and cannot be replaced')
     part = path.with_name(f'{path.name}.{uuid.uuid4().hex}.part')
     try:
         with open(part, 'xb' if binary else 'x', encoding=None if binary else 'utf-8') as file:
@@ -25,3 +32,34 @@ def atomic_file(path, binary=False):
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+    _sync_folder(path.parent)
+
+
+def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:
+    """
+    Return the text of a regular file.
+
+    :raises OSError: when it cannot be read, is not a regular file, or is larger than most_bytes.
+    :raises UnicodeDecodeError: when it is not UTF-8.
+    """
+    known = os.stat(path)  # Before opening: opening a pipe would wait for its other end.
+    if not stat.S_ISREG(known.st_mode):
+        raise OSError(f'{path} is not a regular file')
+    if known.st_size > most_bytes:
+        raise OSError(f'{path} has {known.st_size} bytes; at most {most_bytes} are read')
+    with open(path, encoding='utf-8') as file:
+        return file.read(most_bytes)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the new name last through a loss of power, where the file system can."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError:
+        pass
+    finally:
+        os.close(descriptor)

@@ -1,31 +1,49 @@
 """What is answered: trajectories and powers, what they achieve, and how they were found."""
 
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 import json
-from pathlib import Path
+import math
+import os
+from typing import Any, get_args, Literal, TypeAlias
 
 import numpy as np
 
 from . import channel
-from .files import atomic_file
-from .scenario import LIMITS, Scenario
+from .errors import OptionError, PlanError, PlanFileError, shown
+from .files import atomic_file, read_text
+from .limits import limits_of
+from .limits.power import TOLERANCE as POWER_TOLERANCE
+from .limits.speed import TOLERANCE as POSITION_TOLERANCE
+from .scenario import Array, checked_fields, LIMITS, read_only, Scenario
 
-POSITION_TOLERANCE = 1e-6
-"""How far in m a plan may exceed the largest step or miss its ends."""
+Objective: TypeAlias = Literal['guaranteed']
+"""What is maximised: 'guaranteed' is the paper's problem (P2)."""
 
-POWER_TOLERANCE = 1e-9
-"""How far in W a plan may exceed a limit of power."""
+Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
+                            'numerical_trouble']
+"""Why a method stopped; the plan is feasible whatever the reason."""
 
-STATUSES = ('converged', 'iteration_limit', 'time_limit', 'cancelled', 'numerical_trouble')
-"""
-Why a method stopped; the plan is feasible whatever the reason.
+STATUS_TEXTS: dict[Status, str] = {
+    'given': 'made by hand',
+    'converged': 'converged',
+    'iteration_limit': 'stopped at the iteration limit',
+    'time_limit': 'stopped at time_limit with the best feasible plan so far',
+    'cancelled': 'cancelled, with the best feasible plan so far',
+    'numerical_trouble': 'a step of the solver failed, the best feasible plan is kept',
+}
+"""What each status means to a person."""
 
-`numerical_trouble` says that a convex subproblem or a Newton step could not be solved, so the
-best iterate before it was kept.
-"""
+STATUSES: tuple[Status, ...] = get_args(Status)
 
-_FORMAT = {'format': 'secure_uav_planner/plan', 'version': 1}
+_FORMAT = 'secure_uav_planner/plan'
+_VERSION = 2  # Of the file; version 1 is that of 0.1.0.
+_MOST_BYTES = 2**29
+_LAST_SECOND = 2**31 - 1  # The last that a builtin_interfaces/Time can hold.
+
+__all__ = ['Iteration', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE', 'Plan', 'STATUSES',
+           'STATUS_TEXTS', 'Status']
 
 
 @dataclass(frozen=True)
@@ -35,7 +53,7 @@ class Iteration:
 
     :param number: counts from 1; 0 is the starting point.
     :param step: what was optimised: 'start', 'power', 'trajectory' or 'joint'.
-    :param guaranteed_rate: of the best feasible plan so far, mean over slots, bit/s/Hz.
+    :param rate: the objective of the best feasible plan so far, mean over slots, bit/s/Hz.
     :param elapsed: since the call of solve, in s.
     :param solver_time: of `elapsed`, spent so far inside Clarabel, or for 'joint' on solving for
         Newton steps, in s.
@@ -43,9 +61,14 @@ class Iteration:
 
     number: int
     step: str
-    guaranteed_rate: float
+    rate: float
     elapsed: float
     solver_time: float
+
+    @property
+    def guaranteed_rate(self) -> float:
+        """The rate, by its name in version 0.1."""
+        return self.rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,102 +85,123 @@ class Plan:
     :param solve_time: in s.
     :param start_ns: time of point 0 in ns on the clock of those who fly it, or None before a
         time has been set.
-    :raises ValueError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
-        and limit.
+    :param objective: what the method maximised.
+    :raises PlanError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
+        and limit; or for another field with a wrong value.
     """
 
     scenario: Scenario
-    positions: np.ndarray
-    powers: np.ndarray
+    positions: Array
+    powers: Array
     method: str = 'given'
-    status: str = 'converged'
+    status: Status = 'given'
     history: tuple[Iteration, ...] = ()
     solve_time: float = 0.0
     start_ns: int | None = None
+    objective: Objective = 'guaranteed'
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         count, slots = len(self.scenario.uavs), self.scenario.slots
         for field, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
-            try:
-                array = np.array(getattr(self, field), dtype=float)
-            except (TypeError, ValueError) as error:
-                raise ValueError(f'{field} must be an array of numbers: {error}') from None
-            if array.shape != shape or not np.isfinite(array).all():
-                raise ValueError(
-                    f'{field} has the shape {array.shape} and '
-                    f'{np.count_nonzero(~np.isfinite(array))} values that are not finite; '
-                    f'it must be finite with the shape {shape}')
-            array.setflags(write=False)
-            object.__setattr__(self, field, array)
-        if self.status not in STATUSES:
-            raise ValueError(f'status is {self.status!r}; it must be one of {STATUSES}')
+            object.__setattr__(self, field, _checked_array(field, getattr(self, field), shape))
+        for name, value, allowed in (('status', self.status, STATUSES),
+                                     ('objective', self.objective, get_args(Objective))):
+            if value not in allowed:
+                raise PlanError(f'{name} is {shown(value)}; it must be one of {allowed}')
         object.__setattr__(self, 'history', tuple(self.history))
-        self._check_feasible()
+        self._check_start()
+        self._check_ends()
+        for limit in limits_of(self.scenario):
+            limit.check(self.positions, self.powers)
 
-    def _check_feasible(self):
-        steps = np.linalg.norm(np.diff(self.positions, axis=1), axis=-1)
-        for uav, path, length, limit, power in zip(
-                self.scenario.uavs, self.positions, steps, self.scenario.max_step, self.powers):
+    def _check_start(self) -> None:
+        if self.start_ns is None:
+            return
+        last = (_LAST_SECOND - math.ceil(self.times[-1])) * 10**9
+        if (isinstance(self.start_ns, bool) or not isinstance(self.start_ns, (int, np.integer))
+                or not 0 <= self.start_ns <= last):
+            raise PlanError(f'start_ns is {shown(self.start_ns)}; it must be None or a whole '
+                            f'number from 0 to {last}, so that ROS can stamp the whole flight')
+        object.__setattr__(self, 'start_ns', int(self.start_ns))
+
+    def _check_ends(self) -> None:
+        for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
             for field, point in (('start', path[0]), ('goal', path[-1])):
                 if np.abs(point - getattr(uav, field)).max() > POSITION_TOLERANCE:
-                    raise ValueError(f'the {field} of {uav.name} is {tuple(point.tolist())}; '
-                                     f'it must be {getattr(uav, field)}')
-            if length.max() > limit + POSITION_TOLERANCE:
-                raise ValueError(f'{uav.name} moves {length.max():.9g} m after point '
-                                 f'{length.argmax()}; at most {limit:.9g} m are allowed')
-            if power.min() < -POWER_TOLERANCE:
-                raise ValueError(f'the power of {uav.name} is {power.min():.9g} W in slot '
-                                 f'{power.argmin() + 1}; it must not be negative')
-            if power.max() > uav.peak_power + POWER_TOLERANCE:
-                raise ValueError(f'the power of {uav.name} is {power.max():.9g} W in slot '
-                                 f'{power.argmax() + 1}; at most {uav.peak_power:g} W are allowed')
-            if power.mean() > uav.average_power + POWER_TOLERANCE:
-                raise ValueError(f'the average power of {uav.name} is {power.mean():.9g} W; '
-                                 f'at most {uav.average_power:g} W are allowed')
+                    raise PlanError(f'the {field} of {uav.name} is {tuple(point.tolist())}; '
+                                    f'it must be {getattr(uav, field)}')
+
+    def __repr__(self) -> str:
+        return (f'<Plan by {self.method} for {len(self.scenario.uavs)} UAVs and '
+                f'{self.scenario.slots} slots: guaranteed rate {self.guaranteed_rate:.4f} '
+                f'bit/s/Hz, {self.status}>')
+
+    def __getstate__(self) -> dict[str, Any]:
+        return dict(self.__dict__)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Arrays come back from a copy or a pickle writable.
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        self.__dict__.update(state)
 
     @property
-    def times(self):
+    def message(self) -> str:
+        """Why the method stopped, in words."""
+        return STATUS_TEXTS[self.status]
+
+    @property
+    def times(self) -> Array:
         """Time of every point from the start, (N+2,) in s."""
         return np.arange(self.scenario.slots + 2) * self.scenario.slot_duration
 
     @cached_property
-    def guaranteed_rates(self):
+    def guaranteed_rates(self) -> Array:
         """Guaranteed rate R-bar of every slot, (N,) in bit/s/Hz; see channel."""
-        return channel.guaranteed_rates(self.scenario, self.positions, self.powers)
+        return read_only(channel.guaranteed_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
-    def worst_case_rates(self):
+    def worst_case_rates(self) -> Array:
         """Worst-case rate R of every slot, (N,) in bit/s/Hz; see channel."""
-        return channel.worst_case_rates(self.scenario, self.positions, self.powers)
+        return read_only(channel.worst_case_rates(self.scenario, self.positions, self.powers))
 
     @property
-    def guaranteed_rate(self):
+    def guaranteed_rate(self) -> float:
         """Mean of guaranteed_rates, the objective of problem (P2), in bit/s/Hz."""
         return float(self.guaranteed_rates.mean())
 
     @property
-    def worst_case_rate(self):
+    def worst_case_rate(self) -> float:
         """Mean of worst_case_rates, the objective of problem (P1), in bit/s/Hz."""
         return float(self.worst_case_rates.mean())
 
-    def tail(self, point):
+    def evaluated(self) -> 'Plan':
+        """Return this plan after its rates have been evaluated, which it then keeps."""
+        for rates in ('guaranteed_rates', 'worst_case_rates'):
+            getattr(self, rates)
+        return self
+
+    def tail(self, point: int) -> 'Plan':
         """
         Return the rest of the plan from a point, as the plan of what is left of the mission.
 
         Its powers may use what the slots before have left of the average.
 
         :param point: where to start, from 0 to slots - 1.
-        :raises ValueError: for another point.
+        :raises OptionError: for another point.
         """
         if not 0 <= point < self.scenario.slots:
-            raise ValueError(f'point is {point!r}; it must be from 0 to {self.scenario.slots - 1}')
+            raise OptionError(
+                f'point is {shown(point)}; it must be from 0 to {self.scenario.slots - 1}')
         slots = self.scenario.slots - point
-        left = [self.scenario.slots * uav.average_power - power[:point].sum()
-                for uav, power in zip(self.scenario.uavs, self.powers)]
+        left = self.scenario.slots * self.scenario.average_powers - (
+            self.powers[:, :point].sum(axis=1))
         uavs = tuple(
             replace(uav, start=tuple(path[point].tolist()), average_power=min(
                 uav.peak_power, max(energy / slots, LIMITS['average_power'][0])))
-            for uav, path, energy in zip(self.scenario.uavs, self.positions, left))
+            for uav, path, energy in zip(
+                self.scenario.uavs, self.positions, left.tolist(), strict=True))
         step = self.scenario.slot_duration
         return replace(
             self, scenario=replace(self.scenario, uavs=uavs, slots=slots, duration=slots * step),
@@ -165,7 +209,7 @@ class Plan:
             start_ns=(None if self.start_ns is None else
                       self.start_ns + round(point * step * 1e9)))
 
-    def continued(self, point, tail):
+    def continued(self, point: int, tail: 'Plan') -> 'Plan':
         """
         Return this plan up to a point and another one of what was left from there.
 
@@ -180,14 +224,15 @@ class Plan:
             powers=np.concatenate([self.powers[:, :point], tail.powers], axis=1),
             start_ns=self.start_ns)
 
-    def save(self, path):
+    def save(self, path: str | os.PathLike[str]) -> None:
         """
         Write the plan to a JSON file, atomically: a reader sees the old file or the new one.
 
         :raises OSError: when the file cannot be written; an old one is left as it was.
         """
         document = {
-            **_FORMAT,
+            'format': _FORMAT,
+            'version': _VERSION,
             'scenario': self.scenario.to_dict(),
             'positions': self.positions.tolist(),
             'powers': self.powers.tolist(),
@@ -196,6 +241,7 @@ class Plan:
             'history': [asdict(iteration) for iteration in self.history],
             'solve_time': self.solve_time,
             'start_ns': self.start_ns,
+            'objective': self.objective,
             # For readers of the file; load computes them anew.
             'guaranteed_rate': self.guaranteed_rate,
             'worst_case_rate': self.worst_case_rate,
@@ -204,32 +250,73 @@ class Plan:
             json.dump(document, file, allow_nan=False)
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: str | os.PathLike[str]) -> 'Plan':
         """
-        Return the plan that save wrote.
+        Return the plan that save wrote, in this or an earlier version.
 
-        :raises OSError: when the file cannot be read.
-        :raises ValueError: when it is damaged, of another kind, or breaks its own scenario.
+        Fields that are missing take their defaults, so that files of earlier versions load.
+
+        :raises OSError: when the file cannot be read, is no regular file, or is too large.
+        :raises PlanFileError: when it is damaged, of another kind or of a newer version, or
+            breaks its own scenario.
         """
         try:
-            document = json.loads(Path(path).read_text(encoding='utf-8'))
-            if not isinstance(document, dict) or any(
-                    document.get(key) != value for key, value in _FORMAT.items()):
-                raise ValueError(f'it is not a {_FORMAT["format"]} of version 1')
-            return cls(
-                scenario=Scenario.from_dict(document['scenario']),
-                positions=document['positions'], powers=document['powers'],
-                method=str(document['method']), status=document['status'],
-                history=tuple(_iteration(entry) for entry in document['history']),
-                solve_time=float(document['solve_time']),
-                start_ns=None if document['start_ns'] is None else int(document['start_ns']))
-        except KeyError as error:
-            raise ValueError(f'{path} is not a plan: {error} is missing') from None
-        except (TypeError, ValueError, RecursionError) as error:
-            raise ValueError(f'{path} is not a plan: {error}') from None
+            return cls._of(json.loads(read_text(path, _MOST_BYTES)))
+        except (ValueError, RecursionError) as error:
+            raise PlanFileError(f'{path} is not a plan: {error}') from None
+
+    @classmethod
+    def _of(cls, document: object) -> 'Plan':
+        if not isinstance(document, dict) or document.get('format') != _FORMAT:
+            raise PlanFileError(f'it is not a {_FORMAT}')
+        version = document.get('version')
+        if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+            raise PlanFileError(f'its version is {shown(version)}')
+        if version > _VERSION:
+            raise PlanFileError(
+                f'it has format version {shown(version)}, which a newer secure_uav_planner wrote; '
+                f'this one reads up to version {_VERSION}')
+        values = {name: value for name, value in document.items() if name not in _COMPUTED}
+        if not isinstance(values.get('history', []), list):
+            raise PlanFileError(f'history is {shown(values["history"])}; it must be a list')
+        values['history'] = tuple(_iteration(entry) for entry in values.get('history', []))
+        values = checked_fields(cls, values)
+        values['scenario'] = Scenario.from_dict(values['scenario'])
+        if not isinstance(values.get('method', ''), str):
+            raise PlanFileError(f'method is {shown(values["method"])}; it must be a string')
+        return cls(**{**values, 'solve_time': _finite('solve_time', values.get('solve_time', 0))})
 
 
-def _iteration(entry):
-    if not isinstance(entry, dict) or set(entry) != {field.name for field in fields(Iteration)}:
-        raise ValueError(f'history has the entry {entry!r}')
-    return Iteration(**entry)
+_COMPUTED = ('format', 'version', 'guaranteed_rate', 'worst_case_rate')
+
+
+def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
+    try:
+        array = read_only(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise PlanError(f'{field} must be an array of numbers: {str(error)[:200]}') from None
+    if array.shape != shape or not np.isfinite(array).all():
+        raise PlanError(
+            f'{field} has the shape {array.shape} and '
+            f'{np.count_nonzero(~np.isfinite(array))} values that are not finite; '
+            f'it must be finite with the shape {shape}')
+    return array
+
+
+def _finite(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
+        raise PlanFileError(f'{name} is {shown(value)}; it must be a finite number')
+    return float(value)
+
+
+def _iteration(entry: object) -> Iteration:
+    """Return the Iteration of a file's entry, whose rate version 1 calls guaranteed_rate."""
+    if isinstance(entry, Mapping) and 'guaranteed_rate' in entry:
+        entry = {'rate' if name == 'guaranteed_rate' else name: value
+                 for name, value in entry.items()}
+    values = checked_fields(Iteration, entry)
+    for name in ('number', 'rate', 'elapsed', 'solver_time'):
+        _finite(f'history: {name}', values[name])
+    if not isinstance(values['number'], int) or not isinstance(values['step'], str):
+        raise PlanFileError(f'history has the entry {shown(entry)}')
+    return Iteration(**values)

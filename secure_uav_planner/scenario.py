@@ -1,10 +1,20 @@
 """What is asked: the mission, the channel and the people on the ground."""
 
-from dataclasses import asdict, dataclass, fields
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, MISSING
+import difflib
 from functools import cached_property
 import math
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InfeasibleMissionError, ScenarioError, shown
+
+Array: TypeAlias = NDArray[np.float64]
+Point: TypeAlias = tuple[float, float]
 
 LIMITS = {
     'coordinate': (-1e7, 1e7),
@@ -22,31 +32,7 @@ LIMITS = {
 MAX_MEMBERS = 32
 """The most UAVs, and the most eavesdroppers."""
 
-
-def _number(owner, field, value):
-    """Return value as a float, or raise ValueError naming field, value and what is allowed."""
-    low, high = LIMITS[field]
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if isinstance(value, bool) or not low <= number <= high:
-        raise ValueError(
-            f'{owner}{field} is {value!r}; it must be a number from {low:g} to {high:g}')
-    return number
-
-
-def _point(owner, field, value):
-    """Return value as a tuple of two floats, or raise ValueError naming field and value."""
-    low, high = LIMITS['coordinate']
-    try:
-        x, y = (float(coordinate) for coordinate in value)
-    except (TypeError, ValueError):
-        x = y = math.nan
-    if not (low <= x <= high and low <= y <= high):
-        raise ValueError(f'{owner}{field} is {value!r}; it must be two coordinates (x, y) '
-                         f'from {low:g} to {high:g} m')
-    return (x, y)
+_Kind = TypeVar('_Kind')
 
 
 @dataclass(frozen=True)
@@ -56,16 +42,20 @@ class Eavesdropper:
 
     :param position: centre of the disc, (x, y) in m.
     :param error_radius: epsilon, the radius in m within which it surely is.
-    :raises ValueError: naming the field, its value and what is allowed.
+    :param name: used in messages, topics and pictures.
+    :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
-    position: tuple[float, float]
+    position: Point
     error_radius: float = 0.0
+    name: str = 'eavesdropper'
 
-    def __post_init__(self):
-        object.__setattr__(self, 'position', _point('eavesdropper ', 'position', self.position))
+    def __post_init__(self) -> None:
+        _check_name('eavesdropper', self.name)
+        owner = f'{shown(self.name)[1:-1]} '
+        object.__setattr__(self, 'position', _point(owner, 'position', self.position))
         object.__setattr__(self, 'error_radius', _number(
-            'eavesdropper ', 'error_radius', self.error_radius))
+            owner, 'error_radius', self.error_radius))
 
 
 @dataclass(frozen=True)
@@ -76,31 +66,30 @@ class Uav:
     :param name: used in messages, topics and files.
     :param start: horizontal position at the start, (x, y) in m.
     :param goal: horizontal position at the end, (x, y) in m.
-    :param altitude: constant flying height H above the ground in m.
+    :param altitude: constant flying height H above the ground node in m.
     :param max_speed: V in m/s.
     :param average_power: P_ave, the limit of the mean over the slots, in W.
     :param peak_power: P_peak, the limit in every slot, in W.
-    :raises ValueError: naming the UAV, the field, its value and what is allowed.
+    :raises ScenarioError: naming the UAV, the field, its value and what is allowed.
     """
 
     name: str
-    start: tuple[float, float]
-    goal: tuple[float, float]
+    start: Point
+    goal: Point
     altitude: float
     max_speed: float
     average_power: float = 1.0
     peak_power: float = 4.0
 
-    def __post_init__(self):
-        if not isinstance(self.name, str) or not self.name:
-            raise ValueError(f'uav name is {self.name!r}; it must be a non-empty string')
-        owner = f'{self.name}.'
+    def __post_init__(self) -> None:
+        _check_name('uav', self.name)
+        owner = f'{shown(self.name)[1:-1]}.'
         for field in ('start', 'goal'):
             object.__setattr__(self, field, _point(owner, field, getattr(self, field)))
         for field in ('altitude', 'max_speed', 'average_power', 'peak_power'):
             object.__setattr__(self, field, _number(owner, field, getattr(self, field)))
         if self.peak_power < self.average_power:
-            raise ValueError(
+            raise ScenarioError(
                 f'{owner}peak_power is {self.peak_power!r}; '
                 f'it must be at least average_power, which is {self.average_power!r}')
 
@@ -108,7 +97,7 @@ class Uav:
 @dataclass(frozen=True)
 class Scenario:
     """
-    Problem (P2) of the paper, for any number of jammers and eavesdroppers.
+    A mission: problems (P1) and (P2) of the paper for any number of jammers and eavesdroppers.
 
     UAV 0 transmits to the ground node, every other UAV jams. Point n of a trajectory is passed
     at time n * duration / slots, n = 0..slots+1; power n holds at point n, n = 1..slots.
@@ -119,106 +108,221 @@ class Scenario:
     :param duration: T in s. The flight itself lasts (slots + 1) / slots * T.
     :param slots: N.
     :param reference_snr_db: beta_0 / sigma^2, the SNR at 1 m and 1 W, in dB.
-    :raises ValueError: naming the field, its value and what is allowed; for a mission that
-        cannot be flown, the shortest duration that can.
+    :raises ScenarioError: naming the field, its value and what is allowed.
+    :raises InfeasibleMissionError: for a mission that cannot be flown, naming the UAV and the
+        shortest duration that can.
     """
 
-    ground_node: tuple[float, float]
+    ground_node: Point
     eavesdroppers: tuple[Eavesdropper, ...]
     uavs: tuple[Uav, ...]
     duration: float
     slots: int
     reference_snr_db: float = 80.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, 'ground_node', _point('', 'ground_node', self.ground_node))
         for field, kind in (('eavesdroppers', Eavesdropper), ('uavs', Uav)):
             members = getattr(self, field)
             if (not isinstance(members, (tuple, list)) or not members
                     or len(members) > MAX_MEMBERS
                     or not all(isinstance(member, kind) for member in members)):
-                raise ValueError(f'{field} is {members!r}; it must be a tuple of '
-                                 f'1 to {MAX_MEMBERS} {kind.__name__}')
+                raise ScenarioError(f'{field} is {shown(members)}; it must be a tuple of '
+                                    f'1 to {MAX_MEMBERS} {kind.__name__}')
             object.__setattr__(self, field, tuple(members))
         names = [uav.name for uav in self.uavs]
         if len(set(names)) < len(names):
-            raise ValueError(f'uavs are named {names!r}; the names must be unique')
+            raise ScenarioError(f'uavs are named {shown(names)}; the names must be unique')
         object.__setattr__(self, 'duration', _number('', 'duration', self.duration))
-        if not isinstance(self.slots, (int, np.integer)):
-            raise ValueError(f'slots is {self.slots!r}; it must be a whole number')
+        if isinstance(self.slots, bool) or not isinstance(self.slots, (int, np.integer)):
+            raise ScenarioError(f'slots is {shown(self.slots)}; it must be a whole number')
         object.__setattr__(self, 'slots', int(_number('', 'slots', self.slots)))
         object.__setattr__(self, 'reference_snr_db', _number(
             '', 'reference_snr_db', self.reference_snr_db))
         self._check_reachable()
 
-    def _check_reachable(self):
-        for uav, step in zip(self.uavs, self.max_step):
-            distance = math.dist(uav.start, uav.goal)
+    def _check_reachable(self) -> None:
+        for uav, shortest in zip(self.uavs, self.shortest_durations, strict=True):
             # The tolerance admits the very duration that the message names.
-            if distance > (self.slots + 1) * step * (1 + 1e-12):
-                shortest = distance * self.slots / ((self.slots + 1) * uav.max_speed)
-                raise ValueError(
+            if shortest > self.duration * (1 + 1e-12):
+                raise InfeasibleMissionError(
                     f'duration is {self.duration:g} s; {uav.name} needs at least '
                     f'{math.ceil(shortest * 1000) / 1000:g} s from start to goal '
                     f'at {uav.max_speed:g} m/s')
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Arrays would come back from a copy or a pickle writable; they are computed again.
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     @classmethod
-    def paper(cls, duration=200.0, error_radius=10.0, slots=None):
+    def paper(cls, duration: float = 200.0, error_radius: float = 10.0,
+              slots: int | None = None) -> 'Scenario':
         """
         Return the scenario of the paper's Section IV.
 
         :param duration: T in s, at least 1000 m * N / (N + 1) / (10 m/s).
         :param error_radius: epsilon in m.
         :param slots: N; by default slots of one second.
-        :raises ValueError: as Scenario does.
+        :raises ScenarioError: as Scenario does.
         """
-        ends = {'start': (100.0, 500.0), 'goal': (100.0, -500.0)}
+        start, goal = (100.0, 500.0), (100.0, -500.0)
         return cls(
             ground_node=(0.0, 0.0),
             eavesdroppers=(Eavesdropper((200.0, 0.0), error_radius),),
-            uavs=(Uav('uav1', altitude=100.0, max_speed=10.0, **ends),
-                  Uav('uav2', altitude=110.0, max_speed=10.0, **ends)),
+            uavs=(Uav('uav1', start, goal, altitude=100.0, max_speed=10.0),
+                  Uav('uav2', start, goal, altitude=110.0, max_speed=10.0)),
             duration=duration,
             slots=max(1, round(duration)) if slots is None else slots)
 
     @property
-    def slot_duration(self):
+    def slot_duration(self) -> float:
         """Length of a slot, t_s = T / N, in s."""
         return self.duration / self.slots
 
     @cached_property
-    def max_step(self):
-        """Largest displacement from one point to the next, V_i * t_s, (U,) in m."""
-        return np.array([uav.max_speed for uav in self.uavs]) * self.slot_duration
+    def reference_snr(self) -> float:
+        """SNR at 1 m and 1 W, beta_0 / sigma^2, linear."""
+        return float(10.0 ** (self.reference_snr_db / 10.0))
 
     @cached_property
-    def reference_snr(self):
-        """SNR at 1 m and 1 W, beta_0 / sigma^2, linear."""
-        return 10.0 ** (self.reference_snr_db / 10.0)
+    def starts(self) -> Array:
+        """Where the UAVs start, (U, 2) in m, read-only as all arrays here."""
+        return read_only([uav.start for uav in self.uavs])
 
-    def to_dict(self):
+    @cached_property
+    def goals(self) -> Array:
+        """Where the UAVs end, (U, 2) in m."""
+        return read_only([uav.goal for uav in self.uavs])
+
+    @cached_property
+    def altitudes(self) -> Array:
+        """Flying heights H, (U,) in m."""
+        return read_only([uav.altitude for uav in self.uavs])
+
+    @cached_property
+    def max_speeds(self) -> Array:
+        """Largest speeds V, (U,) in m/s."""
+        return read_only([uav.max_speed for uav in self.uavs])
+
+    @cached_property
+    def max_step(self) -> Array:
+        """Largest displacement from one point to the next, V * t_s, (U,) in m."""
+        return read_only(self.max_speeds * self.slot_duration)
+
+    @cached_property
+    def average_powers(self) -> Array:
+        """Limits P_ave of the mean powers, (U,) in W."""
+        return read_only([uav.average_power for uav in self.uavs])
+
+    @cached_property
+    def peak_powers(self) -> Array:
+        """Limits P_peak of the powers of every slot, (U,) in W."""
+        return read_only([uav.peak_power for uav in self.uavs])
+
+    @cached_property
+    def eavesdropper_positions(self) -> Array:
+        """Centres of the discs, (E, 2) in m."""
+        return read_only([eve.position for eve in self.eavesdroppers])
+
+    @cached_property
+    def error_radii(self) -> Array:
+        """Radii epsilon of the discs, (E,) in m."""
+        return read_only([eve.error_radius for eve in self.eavesdroppers])
+
+    @cached_property
+    def eavesdropper_names(self) -> tuple[str, ...]:
+        """Names of the eavesdroppers; where several share one, it is followed by a number."""
+        names = [eve.name for eve in self.eavesdroppers]
+        taken, found = Counter(names), []
+        for index, name in enumerate(names):
+            number = index + 1
+            unique = name
+            while taken[unique] > 1 or unique in found:
+                unique, number = f'{name}{number}', number + 1
+            found.append(unique)
+        return tuple(found)
+
+    @cached_property
+    def shortest_durations(self) -> Array:
+        """The shortest duration with as many slots in which each UAV can fly, (U,) in s."""
+        distances = np.array([math.dist(uav.start, uav.goal) for uav in self.uavs])
+        return read_only(distances * self.slots / ((self.slots + 1) * self.max_speeds))
+
+    def to_dict(self) -> dict[str, Any]:
         """Return the scenario as plain numbers, strings, lists and dictionaries."""
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data):
+    def from_dict(cls, data: Mapping[str, Any]) -> 'Scenario':
         """
-        Return the scenario that to_dict wrote.
+        Return the scenario that to_dict wrote; missing fields take their defaults.
 
-        :raises ValueError: for a missing or unknown field as well as for a wrong value.
+        :raises ScenarioError: for an unknown field, a missing one that has no default, or a
+            wrong value.
         """
-        data = _known_fields(cls, data)
+        values = checked_fields(cls, data)
         for field, kind in (('eavesdroppers', Eavesdropper), ('uavs', Uav)):
-            if not isinstance(data[field], (list, tuple)):
-                raise ValueError(f'{field} is {data[field]!r}; it must be a list')
-            data[field] = tuple(kind(**_known_fields(kind, member)) for member in data[field])
-        return cls(**data)
+            if not isinstance(values[field], (list, tuple)):
+                raise ScenarioError(f'{field} is {shown(values[field])}; it must be a list')
+            values[field] = tuple(
+                kind(**checked_fields(kind, member)) for member in values[field])
+        return cls(**values)
 
 
-def _known_fields(kind, data):
-    names = {field.name for field in fields(kind)}
-    if not isinstance(data, dict) or set(data) != names:
-        found = sorted(data) if isinstance(data, dict) else data
-        raise ValueError(
-            f'{kind.__name__} has the fields {found!r}; it must have {sorted(names)!r}')
+def read_only(values: ArrayLike) -> Array:
+    """Return values as an array of floats of its own that cannot be written to."""
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+def checked_fields(kind: type[Any], data: object) -> dict[str, Any]:
+    """
+    Return data, a mapping, as the arguments of a dataclass.
+
+    :raises ScenarioError: naming an unknown field and the nearest known one, or a missing field.
+    """
+    if not isinstance(data, Mapping):
+        raise ScenarioError(f'{kind.__name__} is {shown(data)}; it must be a mapping of fields')
+    known = {field.name: field for field in fields(kind)}
+    for name in data:
+        if name not in known:
+            near = difflib.get_close_matches(str(name), known, 1)
+            hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(known)}'
+            raise ScenarioError(f'{kind.__name__} has no field {shown(name)}{hint}')
+    missing = [name for name, field in known.items() if name not in data
+               and field.default is MISSING and field.default_factory is MISSING]
+    if missing:
+        raise ScenarioError(f'{kind.__name__} lacks {", ".join(missing)}')
     return dict(data)
+
+
+def _check_name(what: str, name: object) -> None:
+    if not isinstance(name, str) or not name:
+        raise ScenarioError(f'{what} name is {shown(name)}; it must be a non-empty string')
+
+
+def _number(owner: str, field: str, value: Any) -> float:
+    """Return value as a float, or raise ScenarioError with field, value and what is allowed."""
+    low, high = LIMITS[field]
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if isinstance(value, (bool, str)) or not low <= number <= high:
+        raise ScenarioError(
+            f'{owner}{field} is {shown(value)}; it must be a number from {low:g} to {high:g}')
+    return number
+
+
+def _point(owner: str, field: str, value: Any) -> Point:
+    """Return value as a tuple of two floats, or raise ScenarioError with field and value."""
+    low, high = LIMITS['coordinate']
+    try:
+        x, y = (float(coordinate) for coordinate in value)
+    except (TypeError, ValueError, OverflowError):
+        x = y = math.nan
+    if not (low <= x <= high and low <= y <= high):
+        raise ScenarioError(f'{owner}{field} is {shown(value)}; it must be two coordinates '
+                            f'(x, y) from {low:g} to {high:g} m')
+    return (x, y)

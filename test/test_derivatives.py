@@ -3,7 +3,7 @@ from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Scenario
 from secure_uav_planner.channel import guaranteed_rates
-from secure_uav_planner.optimize.derivatives import SlotModel, Slots
+from secure_uav_planner.channel.derivatives import SlotModel, Slots
 from strategies import random_powers, scenarios
 
 SEEDS = st.integers(0, 2**32 - 1)

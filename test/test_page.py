@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario
-from secure_uav_planner.page import save_page
+from secure_uav_planner.view.page import save_page
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains

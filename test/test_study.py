@@ -13,8 +13,8 @@ import joblib
 from matplotlib.image import imread
 import pytest
 from secure_uav_planner import METHODS, Plan, study
-from secure_uav_planner.study_claims import check_claims, write_claims
-from secure_uav_planner.study_figures import write_figures
+from secure_uav_planner.study.claims import check_claims, write_claims
+from secure_uav_planner.study.figures import write_figures
 
 ROOT = pathlib.Path(__file__).parents[1]
 
@@ -123,7 +123,7 @@ def test_what_is_finished_is_not_computed_again_and_what_is_damaged_is(plans, fo
         asked.append(point)
         return plans[point]
 
-    monkeypatch.setattr(study, 'compute', counted)
+    monkeypatch.setattr('secure_uav_planner.study.plans.compute', counted)
     again = study.run(list(plans), folder / 'plans', jobs=1)
     assert asked == [] and again.keys() == plans.keys()
     victim = next(point for point in plans if point.experiment == 'radius' and point.x == 60)
@@ -139,7 +139,7 @@ def test_another_scenario_scheme_or_code_is_another_file(monkeypatch):
               replace(point, scenario=replace(point.scenario, reference_snr_db=81.0))]
     names = {point.file, *(other.file for other in others)}
     assert replace(point, experiment='elsewhere', x=3.0).file in names and len(names) == 3
-    monkeypatch.setattr(study, '_version', 'other')
+    monkeypatch.setattr('secure_uav_planner.study.points.code_version', lambda: 'other')
     assert point.file not in names
 
 

@@ -5,7 +5,7 @@ import time
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
-from .derivatives import Slots
+from ..channel.derivatives import Slots
 
 _BOUNDARY = 0.995  # The share of the way to its boundary that a variable may go in a step.
 _FACTOR = 10.0  # By which a power may change in a step.

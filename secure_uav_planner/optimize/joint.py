@@ -8,10 +8,10 @@ winner is refined to the full grid, where a few more Newton steps finish it.
 import numpy as np
 
 from .barrier import Barrier, Mission
-from .derivatives import SlotModel
 from .fly_hover_fly import constant_powers, fly_hover_fly_positions
 from .run import Run
 from .starts import interior, offer_quieter, refined, several_starts
+from ..channel.derivatives import SlotModel
 
 _COARSE = 40  # Slots of the coarsest grid.
 _FINER = 8  # How much finer the next grid is at most.

@@ -18,10 +18,10 @@ from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimens
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ..colors import EAVESDROPPER, GROUND_NODE, uav_color
 from ..plan import Plan
 from ..playback import headings, velocities
 from ..scenario import Eavesdropper, LIMITS, Scenario, Uav
+from ..view.colors import EAVESDROPPER, GROUND_NODE, uav_color
 
 
 def stamp_at(plan, seconds=0.0):

@@ -18,14 +18,15 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from . import health, messages
-from .mission import (
-    GROUND_NODE_TOPIC, has_moved, pose_problems, pose_topic, scenario_from, updated)
+from . import messages
 from .parameters import eavesdropper_parameters, Parameters, PLANNER, uav_from, uav_parameters
 from .poses import PoseBook, PoseError
 from .process import run_node
 from .qos import LATCHED, OVERRIDABLE, SENSOR
-from .solver import Busy, Solver
+from .scenarios import (
+    GROUND_NODE_TOPIC, has_moved, pose_problems, pose_topic, scenario_from, updated)
+from .status import level_and_text, summary, values
+from .worker import Busy, Worker
 from ..optimize.feasible import similar
 from ..plan import Plan
 
@@ -59,7 +60,7 @@ class Planner(Node):
 
         self._poses = PoseBook()
         self._warned = set()
-        self._solver = Solver(self._on_iteration)
+        self._worker = Worker(self._on_iteration)
         self._plan = None
         self._progress = None
         self._progress_shown = 0.0
@@ -105,7 +106,7 @@ class Planner(Node):
 
     def close(self):
         """Stop the solve under way; return whether nothing is left running."""
-        return self._solver.close(timeout=1.0)
+        return self._worker.close(timeout=1.0)
 
     def _now(self):
         return self.get_clock().now().nanoseconds * 1e-9
@@ -138,7 +139,7 @@ class Planner(Node):
         settings = self._settings.snapshot()
         try:
             scenario = scenario_from(settings, self._poses, self._now())
-            plan = self._solver.start(
+            plan = self._worker.start(
                 scenario, method=settings['method'],
                 time_limit=settings['time_limit'] or None,
                 initial=self._initial(scenario)).result()
@@ -176,7 +177,7 @@ class Planner(Node):
         return reason + stands
 
     def _on_cancel(self, _request, response):
-        response.success = self._solver.cancel()
+        response.success = self._worker.cancel()
         response.message = 'cancelling' if response.success else 'no solve is under way'
         return response
 
@@ -192,7 +193,7 @@ class Planner(Node):
         settings = self._settings.snapshot()
         period, distance = settings['replan_period'], settings['replan_distance']
         plan, now = self._plan, self._now()
-        if plan is None or not (period or distance) or self._solver.busy:
+        if plan is None or not (period or distance) or self._worker.busy:
             return
         elapsed = now - plan.start_ns * 1e-9
         point = max(0, math.ceil(
@@ -211,7 +212,7 @@ class Planner(Node):
         scenario = replace(tail.scenario, ground_node=known.ground_node,
                            eavesdroppers=known.eavesdroppers)
         try:
-            future = self._solver.start(
+            future = self._worker.start(
                 scenario, method=settings['method'], initial=tail,
                 time_limit=settings['replan_lead'])
         except Busy:
@@ -273,7 +274,7 @@ class Planner(Node):
             publisher.publish(message)
         level = DiagnosticStatus.OK if plan.status == 'converged' else DiagnosticStatus.WARN
         # Outside the lock, for it evaluates the rates; the plan keeps them for the status.
-        text = ('restored: ' if restored else '') + health.summary(plan)
+        text = ('restored: ' if restored else '') + summary(plan)
         with self._lock:
             self._plan, self._last_planned = plan, self._now()
             self._counts[count] += 1
@@ -292,12 +293,12 @@ class Planner(Node):
     def _status_message(self):
         now = self._now()
         with self._lock:
-            busy = self._solver.busy
+            busy = self._worker.busy
             progress = self._progress if busy else None
-            level, text = health.level_and_text(
+            level, text = level_and_text(
                 self._outcome, pose_problems(self._settings, self._poses, now), progress)
             return messages.status(
-                self.get_fully_qualified_name().lstrip('/'), level, text, health.values(
+                self.get_fully_qualified_name().lstrip('/'), level, text, values(
                     self._plan, progress, busy, self._poses, self._settings, self._counts, now))
 
     def _publish_status(self):

@@ -121,7 +121,7 @@ class Replay(Node):
 
     def _draw(self, plan, file):
         try:
-            from ..picture import save_picture  # Only now: Matplotlib need not be there.
+            from ..view.picture import save_picture  # Only now: Matplotlib need not be there.
             save_picture(plan, file)
         except (ImportError, OSError, ValueError) as error:
             self.get_logger().warning(f'picture_file: {error}; the replay goes on without')

@@ -2,7 +2,7 @@
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from .mission import GROUND_NODE_TOPIC, pose_topic
+from .scenarios import GROUND_NODE_TOPIC, pose_topic
 
 REASONS = {
     'converged': 'converged',
@@ -35,7 +35,7 @@ def level_and_text(outcome, poses, progress):
     level, text = outcome
     if progress is not None:
         return DiagnosticStatus.OK, (f'solving: iteration {progress.number}, guaranteed rate '
-                                     f'{progress.guaranteed_rate:.4f} bit/s/Hz')
+                                     f'{progress.rate:.4f} bit/s/Hz')
     if level == DiagnosticStatus.OK and poses:
         stale = all(problem.stale for problem in poses)
         return (DiagnosticStatus.STALE if stale else DiagnosticStatus.WARN,
@@ -49,7 +49,7 @@ def values(plan, progress, busy, poses, parameters, counts, now):
     if progress is not None:
         found.update({
             'progress.iteration': progress.number, 'progress.step': progress.step,
-            'progress.guaranteed_rate': progress.guaranteed_rate,
+            'progress.guaranteed_rate': progress.rate,
             'progress.elapsed': progress.elapsed})
     if plan is not None:
         found.update({

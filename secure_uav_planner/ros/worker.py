@@ -10,7 +10,7 @@ class Busy(RuntimeError):
     """A solve is under way."""
 
 
-class Solver:
+class Worker:
     """
     One solve at a time in a thread of its own.
 

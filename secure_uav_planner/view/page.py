@@ -4,9 +4,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from . import channel
 from .colors import EAVESDROPPER, GROUND_NODE, RATE, uav_color
-from .files import atomic_file
+from .. import channel
+from ..files import atomic_file
 
 _MOST_FRAMES = 400
 _PLAYING_TIME = 20.0

@@ -4,8 +4,8 @@ import csv
 
 from matplotlib.figure import Figure
 
-from .colors import uav_color
-from .picture import draw_map, name_of
+from ..view.colors import uav_color
+from ..view.picture import draw_map, name_of
 
 _SIZE = (9.0, 5.2)
 _DOTS_PER_INCH = 200

@@ -1,0 +1,13 @@
+"""
+Gains and rates: the paper's formulas, and their derivatives.
+
+Positions are (U, N+2, 2) in m and powers (U, N) in W throughout, as in Plan, for any N; gains are
+divided by the noise power, so they are SNRs per watt.
+"""
+
+from .rates import (
+    ground_gains, ground_rates, guaranteed_gains, guaranteed_rates, secrecy_rates)
+from .worst_case import worst_case_places, worst_case_rates
+
+__all__ = ['ground_gains', 'ground_rates', 'guaranteed_gains', 'guaranteed_rates',
+           'secrecy_rates', 'worst_case_places', 'worst_case_rates']

@@ -1,0 +1,77 @@
+"""The rates of a plan, by the plain formulas: what every published number comes from."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .links import FreeSpace, guaranteed_squared_distance
+from ..scenario import Array, Scenario
+
+
+def ground_gains(scenario: Scenario, positions: Array) -> Array:
+    """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
+    offset = positions[:, 1:-1] - np.array(scenario.ground_node)
+    return FreeSpace.of(scenario).gain(np.sum(offset**2, axis=-1))
+
+
+def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
+    """
+    Return the gains to each eavesdropper that the guarantee counts with, (E, U, N) in 1/W.
+
+    The best case for the transmitter and the worst case for each jammer, taken separately over
+    the disc: h-tilde of equation (r_e_approx), with the distance [d - eps]^+ inside the disc.
+    """
+    offset = positions[None, :, 1:-1] - scenario.eavesdropper_positions[:, None, None]
+    edge = np.repeat(scenario.error_radii[:, None, None], len(scenario.uavs), axis=1)
+    edge[:, 0] *= -1
+    return FreeSpace.of(scenario).gain(
+        guaranteed_squared_distance(np.sum(offset**2, axis=-1), edge))
+
+
+def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
+    """Return r_0[n], equation (R_UG), (N,) in bit/s/Hz."""
+    return rate_of(ground_gains(scenario, positions) * powers)
+
+
+def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
+    """
+    Return R-bar[n] of problem (P2), (N,) in bit/s/Hz, negative where the leak is larger.
+
+    A lower bound of worst_case_rates; equal to it when every error radius is zero.
+    """
+    leak = rate_of(np.moveaxis(guaranteed_gains(scenario, positions) * powers, 1, 0)).max(axis=0)
+    return ground_rates(scenario, positions, powers) - leak
+
+
+def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
+                  eavesdropper: ArrayLike) -> Array:
+    """
+    Return r_0[n] - r_e[n] for an eavesdropper whose place is known, (N,) in bit/s/Hz.
+
+    :param eavesdropper: its true place, (2,) or one for each slot, (N, 2), in m.
+    """
+    places = np.broadcast_to(np.asarray(eavesdropper, float), (powers.shape[1], 2))
+    leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None])[:, 0]
+    return ground_rates(scenario, positions, powers) - leak
+
+
+def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
+                  places: Array) -> Array:
+    """
+    Return r_e at places on the ground, (N, K) in bit/s/Hz.
+
+    :param uav_positions: (U, N, 2) in m.
+    :param places: (N, K, 2) in m.
+    """
+    offset = uav_positions[:, :, None] - places
+    gains = FreeSpace.of(scenario, axes=2).gain(np.sum(offset**2, axis=-1))
+    return rate_of(gains * powers[..., None])
+
+
+def rate_of(received: Array) -> Array:
+    """
+    Return log2(1 + S / (1 + J)), (...) in bit/s/Hz, as accurate for a small S.
+
+    :param received: powers over the noise power, the transmitter's S first, then those of the
+        jammers, whose sum is J; (U, ...).
+    """
+    return np.log1p(received[0] / (1.0 + received[1:].sum(axis=0))) / np.log(2.0)

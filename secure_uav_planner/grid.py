@@ -1,0 +1,126 @@
+"""The variables of the optimisation: units that keep numbers moderate, on a grid of slots."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scenario import Array, Scenario
+
+_NO_SLACK = 1e-7  # Share of its duration below which a flight has no freedom left.
+
+
+def _fixed_uavs(scenario: Scenario) -> NDArray[np.bool_]:
+    return scenario.shortest_durations > scenario.duration * (1 - _NO_SLACK)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """
+    A scenario's flight divided into slots, and its variables in units of its own.
+
+    Variables are x = (power, x, y) of every UAV in every slot, an array (..., N, U, 3): powers in
+    units of the UAV's average power, positions in units of `length` around the ground node.
+
+    :param scenario: whose flight it is; the flight's length stays the scenario's.
+    :param slots: into how many slots it is divided here.
+    :param fixed: UAVs whose positions are not variables, (U,); by default those whose duration
+        leaves them a single flight, so that nothing is strictly inside the limits.
+    """
+
+    scenario: Scenario
+    slots: int
+    fixed: NDArray[np.bool_] = field(default=None)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.fixed is None:
+            object.__setattr__(self, 'fixed', _fixed_uavs(self.scenario))
+
+    def divided(self, slots: int) -> 'Grid':
+        """Return the same flight divided into another number of slots."""
+        return replace(self, slots=slots)
+
+    @cached_property
+    def length(self) -> float:
+        """The unit of length, the geometric mean of the altitudes, in m."""
+        return float(np.exp(np.log(self.scenario.altitudes).mean()))
+
+    @property
+    def power(self) -> Array:
+        """The unit of power of every UAV, its average power, (U,) in W."""
+        return self.scenario.average_powers
+
+    @cached_property
+    def origin(self) -> Array:
+        """The position of the ground node, (2,) in m."""
+        return np.array(self.scenario.ground_node)
+
+    @cached_property
+    def starts(self) -> Array:
+        """Where the UAVs start, (U, 2) in units."""
+        return (self.scenario.starts - self.origin) / self.length
+
+    @cached_property
+    def goals(self) -> Array:
+        """Where the UAVs end, (U, 2) in units."""
+        return (self.scenario.goals - self.origin) / self.length
+
+    @cached_property
+    def slot_duration(self) -> float:
+        """Length of a slot of this grid in s: the flight has one move more than slots."""
+        scenario = self.scenario
+        return scenario.slot_duration * (scenario.slots + 1) / (self.slots + 1)
+
+    def variables(self, positions: Array, powers: Array) -> Array:
+        """Return x (..., N, U, 3) of positions (..., U, N, 2) in m and powers (..., U, N) in W."""
+        scaled = np.concatenate([(powers / self.power[:, None])[..., None],
+                                 (positions - self.origin) / self.length], axis=-1)
+        return np.moveaxis(scaled, -3, -2)
+
+    def positions(self, x: Array) -> Array:
+        """Return the positions of x with start and goal, (..., U, N+2, 2) in m."""
+        inner = np.moveaxis(x[..., 1:], -2, -3) * self.length + self.origin
+        ends = np.broadcast_to(
+            np.stack([self.scenario.starts, self.scenario.goals], axis=1),
+            (*inner.shape[:-2], 2, 2))
+        return np.concatenate([ends[..., :1, :], inner, ends[..., 1:, :]], axis=-2)
+
+    def powers(self, x: Array) -> Array:
+        """Return the powers (..., U, N) in W of x (..., N, U, 3)."""
+        return np.moveaxis(x[..., 0], -1, -2) * self.power[:, None]
+
+    def path(self, x: Array) -> Array:
+        """Return positions with start and goal in units, point by point, (..., N+2, U, 2)."""
+        path = np.empty((*x.shape[:-3], x.shape[-3] + 2, x.shape[-2], 2))
+        path[..., 1:-1, :, :] = x[..., 1:]
+        path[..., 0, :, :] = self.starts
+        path[..., -1, :, :] = self.goals
+        return path
+
+    def refined(self, x: Array, slots: int) -> Array:
+        """
+        Return variables (N, U, 3) of this grid on one of another number of slots.
+
+        Interpolation keeps the largest speed; the mean of the powers is kept by scaling.
+        """
+        path = resampled(self.path(x), slots + 2)
+        power = resampled(x[..., 0], slots, inner=True)
+        power *= np.minimum(1, x[..., 0].mean(axis=0) / power.mean(axis=0))
+        return np.concatenate([power[..., None], path[1:-1]], axis=-1)
+
+
+def resampled(values: Array, count: int, inner: bool = False) -> Array:
+    """
+    Return values over equal shares of a flight at another number of points, (count, ...).
+
+    :param values: (M, ...).
+    :param inner: whether the values are those of slots, which lie between start and goal.
+    """
+    more = 2 if inner else 0
+    old, new = (np.linspace(0, 1, number + more) for number in (len(values), count))
+    if inner:
+        old, new = old[1:-1], new[1:-1]
+    columns = values.reshape(len(values), -1).T
+    found = np.stack([np.interp(new, old, column) for column in columns], axis=-1)
+    return found.reshape(count, *values.shape[1:])

@@ -1,0 +1,27 @@
+"""
+The limits that a plan keeps, one class each; LIMITS names them all.
+
+A limit answers everything that its users ask of it, as base.Limit says: the check of a plan, the
+repair of an iterate, and its terms in both methods.
+"""
+
+from .base import Limit
+from .power import AveragePower, PeakPower
+from .speed import SpeedLimit
+from ..grid import Grid
+from ..scenario import Scenario
+
+LIMITS: tuple[type[Limit], ...] = (SpeedLimit, PeakPower, AveragePower)
+"""All limits, in the order in which a plan is checked and an iterate repaired."""
+
+
+def limits_of(scenario: Scenario, grid: Grid | None = None) -> tuple[Limit, ...]:
+    """
+    Return the limits of a scenario.
+
+    :param grid: on which the joint method asks them; by default the scenario's own.
+    """
+    return tuple(limit(scenario, grid) for limit in LIMITS)
+
+
+__all__ = ['AveragePower', 'LIMITS', 'Limit', 'PeakPower', 'SpeedLimit', 'limits_of']

@@ -1,0 +1,164 @@
+"""What every limit answers, whoever asks: a plan, the repair of an iterate, and the methods."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..grid import Grid
+from ..scenario import Array, Scenario
+
+ALL_SLOTS = -1
+"""The reach of a limit that couples all slots."""
+
+
+class Limit(ABC):
+    """
+    One limit of a scenario, written as c(x) >= 0 for inequalities that are met inside.
+
+    A new limit is one subclass of this, named in `limits.LIMITS`. `Plan` calls check; `feasible`
+    calls repair; `alternating` calls convex_form; `joint` calls the others on a Grid, always for
+    several starts at once, with x (S, N, U, 3) and arrays c whose first axis is the starts.
+
+    :cvar reach: how many slots beyond its own an inequality couples: 0 within a slot, 1 with the
+        next one, and so on, or ALL_SLOTS. The optimiser's band is as high as the largest reach.
+    :param scenario: whose limit it is.
+    :param grid: on which joint asks; by default the scenario's own.
+    """
+
+    reach: ClassVar[int]
+
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        self.scenario = scenario
+        self.grid = Grid(scenario, scenario.slots) if grid is None else grid
+
+    # For a plan
+
+    @abstractmethod
+    def check(self, positions: Array, powers: Array) -> None:
+        """
+        Check a plan in plain NumPy.
+
+        :param positions: (U, N+2, 2) in m.
+        :param powers: (U, N) in W.
+        :raises PlanError: naming UAV, place in the plan, value and limit.
+        """
+
+    def repair(self, positions: Array, powers: Array) -> tuple[Array, Array]:
+        """Return nearly feasible positions and powers made feasible."""
+        return positions, powers
+
+    # For the joint method
+
+    @property
+    def weight(self) -> float:
+        """The factor of its logarithms in the barrier function."""
+        return 1.0
+
+    @abstractmethod
+    def margin(self, iterate: 'Iterate') -> Array:
+        """Return c, positive strictly inside the limit, (S, ...)."""
+
+    @abstractmethod
+    def add_gradient(self, iterate: 'Iterate', force: Array, gradient: Array) -> None:
+        """Subtract the sum of force * dc/dx from a gradient (S, N, U, 3); force is as c."""
+
+    @abstractmethod
+    def change(self, iterate: 'Iterate', step: 'Step') -> Array:
+        """Return the derivative of c along a step, shaped as c."""
+
+    @abstractmethod
+    def longest_step(self, iterate: 'Iterate', step: 'Step', margin: Array, change: Array,
+                     share: float) -> Array:
+        """
+        Return how far each UAV may go along a step, (S, U), at most 1.
+
+        :param share: of the way to the boundary that may be gone.
+        """
+
+    def clip(self, x: Array, trial: Array, share: float, factor: float) -> None:
+        """
+        Stop every entry of a trial at this limit by itself, in place, where that is possible.
+
+        :param x: from where the trial goes, strictly inside.
+        :param share: of the way to the boundary that may be gone.
+        :param factor: by which a power may fall or rise.
+        """
+
+    def add_curvature(self, iterate: 'Iterate', dual: Array, margin: Array,
+                      matrix: Any) -> None:
+        """
+        Add the limit's part of the primal-dual Hessian to a BandMatrix.
+
+        That is -dual d2c/dx2 + dual/c (dc/dx)(dc/dx)^T, summed over its inequalities. A limit
+        that couples all slots gives dense_rows instead.
+        """
+
+    def dense_rows(self) -> Array | None:
+        """
+        Return the gradients of inequalities that couple all slots, (K, N * U * 3), or None.
+
+        They must not depend on x.
+        """
+        return None
+
+    # For the alternating method
+
+    def convex_form(self, variables: 'ConvexVariables') -> list[Any]:
+        """Return CVXPY constraints on those of the variables that the limit is about."""
+        return []
+
+
+class Iterate:
+    """
+    One x of several starts, and what limits compute from it.
+
+    :param grid: of the variables.
+    :param x: (S, N, U, 3).
+    """
+
+    def __init__(self, grid: Grid, x: Array) -> None:
+        self.x = x
+        self.power: Array = x[..., 0]
+        self.moves: Array = np.diff(grid.path(x), axis=1)
+        """From each point to the next, (S, N+1, U, 2)."""
+
+
+class Step:
+    """
+    A step from an Iterate.
+
+    :param change: of x, (S, N, U, 3).
+    """
+
+    def __init__(self, change: Array) -> None:
+        path = np.zeros((len(change), change.shape[1] + 2, change.shape[2], 2))
+        path[:, 1:-1] = change[..., 1:]
+        self.x = change
+        self.power: Array = change[..., 0]
+        self.moves: Array = np.diff(path, axis=1)
+        """The change of every move, (S, N+1, U, 2)."""
+
+
+@dataclass(frozen=True)
+class ConvexVariables:
+    """
+    What is variable in a convex problem of the alternating method.
+
+    :param paths: CVXPY expressions of every UAV's positions, (N+2, 2), or None where they are
+        given.
+    :param scale: the CVXPY parameter of units of these positions in a metre.
+    :param powers: a CVXPY expression of the powers in units of the average power, (U, N), or None
+        where they are given.
+    """
+
+    paths: list[Any] | None = None
+    scale: Any = None
+    powers: Any = None
+
+
+def step_to_zero(amount: Array, change: Array, share: float) -> Array:
+    """Return the number of steps, at most 1, that take a share of a positive amount away."""
+    most = share * amount
+    return most / np.maximum(-change, most)

@@ -1,0 +1,13 @@
+"""The study of the paper's scenario; run it by `python -m secure_uav_planner.study`."""
+
+from .plans import compute, run
+from .points import BASELINES, code_version, Point, points, PROPOSED
+
+__all__ = ['BASELINES', 'PROPOSED', 'Point', 'code_version', 'compute', 'main', 'points', 'run']
+
+
+def main(argv=None):
+    """Run the study as a program; return the exit status."""
+    # Imported here, because the workers need neither pictures nor claims.
+    from .__main__ import main as run_study
+    return run_study(argv)

@@ -1,0 +1,51 @@
+"""
+The study: the paper's figures, what it does not show, and whether its claims hold.
+
+Every finished point is kept in the output folder; a study that was stopped goes on from there.
+"""
+
+import argparse
+import pathlib
+import signal
+import sys
+
+from .claims import write_claims
+from .figures import write_figures
+from .plans import run
+from .points import points
+
+
+def main(argv=None):
+    """Run the study; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--out', type=pathlib.Path, default=pathlib.Path('out/study'),
+                        help='folder for figures, tables and finished plans')
+    parser.add_argument('--jobs', type=int, default=-1, help='processes at once, -1 for all cores')
+    parser.add_argument('--backend', help="joblib's, such as loky, threading, dask or ray")
+    parser.add_argument('--quick', action='store_true', help='a few points of every figure')
+    options = parser.parse_args(_without_ros_arguments(sys.argv[1:] if argv is None else argv))
+    wanted = points(options.quick)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        plans = run(wanted, options.out / 'plans', options.jobs, options.backend)
+        written = write_figures(plans, options.out)
+        written.append(write_claims(plans, options.out / 'claims.md'))
+    except KeyboardInterrupt:
+        kept = sum((options.out / 'plans' / point.file).exists() for point in wanted)
+        print(f'\nstopped: {kept} of {len(wanted)} points are kept, the same command goes on '
+              'from there', file=sys.stderr)
+        return 130
+    print('\n'.join(map(str, written)))
+    return 0
+
+
+def _without_ros_arguments(arguments):
+    try:
+        from rclpy.utilities import remove_ros_args
+    except ImportError:
+        return arguments
+    return remove_ros_args(['study', *arguments])[1:]
+
+
+if __name__ == '__main__':
+    sys.exit(main())

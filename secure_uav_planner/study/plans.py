@@ -1,0 +1,103 @@
+"""Computes the plans of the study and keeps every one that is finished."""
+
+from contextlib import contextmanager, nullcontext
+import os
+import pathlib
+import signal
+
+import joblib
+from tqdm import tqdm
+
+from .. import fly_hover_fly, METHODS, Plan, solve
+
+_THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
+                  'RAYON_NUM_THREADS')
+
+
+def compute(point):
+    """Return the Plan of a point, its rates computed."""
+    if point.scheme in METHODS:
+        plan = solve(point.scenario, method=point.scheme)
+    else:
+        plan = fly_hover_fly(point.scenario, point.scheme.rpartition('_')[2])
+    return plan.evaluated()  # Here, by the worker, rather than when the plan is saved.
+
+
+def run(wanted, folder, jobs=None, backend=None):
+    """
+    Return the Plan of every Point, computing only what the folder does not hold.
+
+    What is computed comes back to this process and is written at once, so that the workers may
+    be on other machines: choose them by `backend`, or around the call by joblib.parallel_config.
+    Convergence is timed, so its points come last and one by one.
+
+    :param wanted: Points.
+    :param folder: where finished plans are kept.
+    :param jobs: of joblib, by default as it is configured.
+    :param backend: of joblib, by default as it is configured.
+    :return: a dict of Plans by Point.
+    """
+    folder = pathlib.Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    plans, missing = {}, {}
+    for point in wanted:
+        plan = _kept(folder / point.file)
+        if plan is None:
+            missing.setdefault(point.file, []).append(point)
+        else:
+            plans[point] = plan
+    timed = [same for same in missing.values()
+             if any(point.experiment == 'convergence' for point in same)]
+    untimed = [same for same in missing.values() if same not in timed]
+    with tqdm(total=len(wanted), initial=len(plans), unit='plan', desc='study',
+              disable=None) as bar:
+        for group, options in ((untimed, {'n_jobs': jobs}), (timed, {'n_jobs': 1})):
+            with _computed([same[0] for same in group], backend, options) as results:
+                for number, plan in results:
+                    same = group[number]
+                    plan.save(folder / same[0].file)
+                    plans.update({point: plan for point in same})
+                    bar.update(len(same))
+    return plans
+
+
+def _kept(path):
+    try:
+        return Plan.load(path)
+    except (OSError, ValueError):
+        return None
+
+
+def _numbered(number, point):
+    return number, compute(point)
+
+
+@contextmanager
+def _computed(wanted, backend, options):
+    """Give the (number, Plan) of Points as they come; leave no worker behind on an error."""
+    threads = {name: os.environ.get(name) for name in _THREAD_COUNTS}
+    os.environ.update(dict.fromkeys(_THREAD_COUNTS, '1'))
+    chosen = (nullcontext() if backend is None or options['n_jobs'] == 1
+              else joblib.parallel_config(backend))
+    # Workers inherit it: Ctrl-C reaches all of a terminal's processes, and only this one may act.
+    handler = _ignore_interrupts()
+    try:
+        with chosen:
+            results = joblib.Parallel(return_as='generator_unordered', batch_size=1, **options)(
+                joblib.delayed(_numbered)(number, point) for number, point in enumerate(wanted))
+    finally:
+        if handler is not None:
+            signal.signal(signal.SIGINT, handler)
+        for name, value in threads.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+    try:
+        yield results
+    finally:
+        results.close()
+
+
+def _ignore_interrupts():
+    try:
+        return signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # not in the main thread, where signals do not come
+        return None

@@ -1,0 +1,87 @@
+"""The points of the study: what is planned for which figure."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+import hashlib
+import inspect
+import json
+import pathlib
+
+from .. import METHODS, Scenario, solve, Uav
+
+PROPOSED = inspect.signature(solve).parameters['method'].default
+"""What stands for the paper's proposed design."""
+
+BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
+
+_DURATIONS = (102, 104, 106, 108, 110, 115, 120, 130, 140, 150, 160, 170, 180, 190, 200)
+_RADII = (0, 5, 10, 15, 20, 30, 40, 50, 60)
+_SNRS = (60, 65, 70, 75, 80, 85, 90, 95, 100)
+_NOT_PLANNING = ('bench', 'ros', 'study', 'view', 'demo.py')
+
+
+@dataclass(frozen=True)
+class Point:
+    """
+    One plan of the study.
+
+    :param experiment: the figure it belongs to.
+    :param x: its place on the figure's horizontal axis.
+    :param scheme: a method of solve or one of BASELINES.
+    :param scenario: what is planned.
+    """
+
+    experiment: str
+    x: float
+    scheme: str
+    scenario: Scenario
+
+    @property
+    def file(self):
+        """Name of the file it is kept in: the same for the same problem, scheme and code."""
+        text = json.dumps([self.scenario.to_dict(), self.scheme, code_version()])
+        return f'{self.scheme}-{hashlib.sha256(text.encode()).hexdigest()[:20]}.json'
+
+
+def points(quick=False):
+    """Return the Points of the study; quick takes a few of every experiment."""
+    paper = Scenario.paper()
+    found = []
+
+    def add(experiment, x, scenario, schemes=(*BASELINES, PROPOSED)):
+        found.extend(Point(experiment, float(x), scheme, scenario) for scheme in schemes)
+
+    for duration in (102, 104, 200) if quick else _DURATIONS:
+        add('duration', duration, Scenario.paper(duration))
+        add('duration, radius 0', duration, Scenario.paper(duration, error_radius=0.0),
+            (PROPOSED,))
+    for radius in (0, 10, 60) if quick else _RADII:
+        add('radius', radius, Scenario.paper(error_radius=radius))
+    for snr in (70, 80, 90) if quick else _SNRS:
+        add('snr', snr, replace(paper, reference_snr_db=float(snr)))
+    for jammers in (0, 1, 2) if quick else (0, 1, 2, 3):
+        add('jammers', jammers, _with_jammers(paper, jammers))
+    for duration in (102,) if quick else (102, 200):
+        add('convergence', duration, Scenario.paper(duration), tuple(METHODS))
+    return found
+
+
+def _with_jammers(scenario, count):
+    """Return the scenario with a number of jammers like its own, 10 m above one another."""
+    transmitter, jammer = scenario.uavs
+    return replace(scenario, uavs=(transmitter, *(
+        Uav(f'uav{index + 2}', jammer.start, jammer.goal, jammer.altitude + 10.0 * index,
+            jammer.max_speed, jammer.average_power, jammer.peak_power)
+        for index in range(count))))
+
+
+@cache
+def code_version():
+    """Return a digest of the package's code: plans of other code are computed anew."""
+    package = pathlib.Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob('*.py')):
+        # Neither the nodes nor the pictures change a plan.
+        if path.relative_to(package).parts[0] not in _NOT_PLANNING:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
