@@ -43,17 +43,17 @@ class Grid:
 
     @cached_property
     def length(self) -> float:
-        """The unit of length, the geometric mean of the altitudes, in m."""
+        """Unit of length, the geometric mean of the altitudes, in m."""
         return float(np.exp(np.log(self.scenario.altitudes).mean()))
 
     @property
     def power(self) -> Array:
-        """The unit of power of every UAV, its average power, (U,) in W."""
+        """Unit of power of every UAV, its average power, (U,) in W."""
         return self.scenario.average_powers
 
     @cached_property
     def origin(self) -> Array:
-        """The position of the ground node, (2,) in m."""
+        """Position of the ground node, (2,) in m."""
         return np.array(self.scenario.ground_node)
 
     @cached_property
@@ -87,7 +87,7 @@ class Grid:
         return np.concatenate([ends[..., :1, :], inner, ends[..., 1:, :]], axis=-2)
 
     def powers(self, x: Array) -> Array:
-        """Return the powers (..., U, N) in W of x (..., N, U, 3)."""
+        """Return the powers of x in W, (..., U, N)."""
         return np.moveaxis(x[..., 0], -1, -2) * self.power[:, None]
 
     def path(self, x: Array) -> Array:

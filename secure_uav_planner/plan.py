@@ -67,7 +67,7 @@ class Iteration:
 
     @property
     def guaranteed_rate(self) -> float:
-        """The rate, by its name in version 0.1."""
+        """Rate under its name of version 0.1."""
         return self.rate
 
 

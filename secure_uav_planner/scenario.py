@@ -244,7 +244,7 @@ class Scenario:
 
     @cached_property
     def shortest_durations(self) -> Array:
-        """The shortest duration with as many slots in which each UAV can fly, (U,) in s."""
+        """Shortest duration with as many slots in which each UAV can fly, (U,) in s."""
         distances = np.array([math.dist(uav.start, uav.goal) for uav in self.uavs])
         return read_only(distances * self.slots / ((self.slots + 1) * self.max_speeds))
 

@@ -139,7 +139,7 @@ def test_another_scenario_scheme_or_code_is_another_file(monkeypatch):
               replace(point, scenario=replace(point.scenario, reference_snr_db=81.0))]
     names = {point.file, *(other.file for other in others)}
     assert replace(point, experiment='elsewhere', x=3.0).file in names and len(names) == 3
-    monkeypatch.setattr('secure_uav_planner.study.points.code_version', lambda: 'other')
+    monkeypatch.setattr('secure_uav_planner.study.experiments.code_version', lambda: 'other')
     assert point.file not in names
 
 

@@ -1,153 +1,134 @@
-"""The guaranteed rate of a slot with its exact gradient and Hessian, for all slots at once."""
+"""The rates of a slot with their exact gradients and Hessians, for all slots at once."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-_TINY = 1e-30
+from .links import FreeSpace, SmoothDiscDistance
+from ..grid import Grid
+from ..scenario import Array
 
 
 @dataclass(frozen=True, eq=False)
-class SlotModel:
+class Receivers:
     """
-    What a slot's rates depend on, in units that make every number moderate.
+    Who receives what the UAVs radiate, in the units of a Grid.
 
-    Variables are x = (power, x, y) of every UAV, an array (..., U, 3): powers in units of the
-    UAV's average power, places in units of `length` around the ground node. Receivers are the
-    ground node (0) and the eavesdroppers (1..E), K = E + 1 in all.
+    Receivers are the ground node (0) and the eavesdroppers (1..E), K = E + 1 in all.
 
-    :param length: the unit of length in m.
-    :param power: the unit of power of each UAV, (U,) in W.
-    :param origin: the place of the ground node, (2,) in m.
-    :param places: of the receivers, (K, 2).
-    :param edge: eps that the guarantee adds to a distance, or subtracts from it, (K, U).
-    :param squared_heights: H^2, (U,).
-    :param gains: SNR at unit distance and unit power, (U,).
+    :param positions: of the receivers, (K, 2).
+    :param edge: epsilon that the guarantee adds to a distance, or subtracts from it, (K, U).
+    :param link: of the UAVs, for arrays (..., K, U).
     """
 
-    length: float
-    power: np.ndarray
-    origin: np.ndarray
-    places: np.ndarray
-    edge: np.ndarray
-    squared_heights: np.ndarray
-    gains: np.ndarray
+    positions: Array
+    edge: Array
+    link: FreeSpace
 
     @classmethod
-    def of(cls, scenario):
-        """Return the model of a Scenario."""
-        heights = np.array([uav.altitude for uav in scenario.uavs])
-        length = float(np.exp(np.log(heights).mean()))
-        power = np.array([uav.average_power for uav in scenario.uavs])
-        origin = np.array(scenario.ground_node)
-        receivers = [scenario.ground_node] + [eve.position for eve in scenario.eavesdroppers]
-        radii = np.array([0.0] + [eve.error_radius for eve in scenario.eavesdroppers])
-        edge = np.repeat(radii[:, None], len(power), axis=1) / length
+    def of(cls, grid: Grid) -> 'Receivers':
+        """Return the receivers of a grid's scenario, with which the guarantee counts."""
+        scenario = grid.scenario
+        positions = np.concatenate([
+            [grid.origin], scenario.eavesdropper_positions]) - grid.origin
+        radii = np.append(0.0, scenario.error_radii)
+        edge = np.repeat(radii[:, None], len(scenario.uavs), axis=1) / grid.length
         edge[:, 0] *= -1
-        return cls(length, power, origin, (np.array(receivers) - origin) / length, edge,
-                   (heights / length)**2, scenario.reference_snr * power / length**2)
-
-    def variables(self, positions, powers):
-        """Return x (..., N, U, 3) of positions (..., U, N, 2) in m and powers (..., U, N) in W."""
-        scaled = np.concatenate([(powers / self.power[:, None])[..., None],
-                                 (positions - self.origin) / self.length], axis=-1)
-        return np.moveaxis(scaled, -3, -2)
-
-    def positions(self, x):
-        """Return places (..., U, N, 2) in m of x (..., N, U, 3)."""
-        return np.moveaxis(x[..., 1:], -2, -3) * self.length + self.origin
-
-    def powers(self, x):
-        """Return watts (..., U, N) of x (..., N, U, 3)."""
-        return np.moveaxis(x[..., 0], -1, -2) * self.power[:, None]
+        link = FreeSpace(scenario.reference_snr * grid.power / grid.length**2,
+                         (scenario.altitudes / grid.length)**2)
+        return cls(positions / grid.length, edge, link)
 
 
-class Slots:
+class SlotRates:
     """
     The rates at one x in nats, and their derivatives on request.
 
-    The kink of (d + eps)^2 at d = 0 is rounded: d becomes sqrt(d^2 + softening^2), which only
-    lowers the guaranteed rate.
+    The kink of (d + eps)^2 at d = 0 is rounded as SmoothDiscDistance does.
 
-    :param model: a SlotModel.
-    :param x: (..., N, U, 3).
+    :param receivers: who receives.
+    :param x: variables of a Grid, (..., N, U, 3).
     :param softening: of the jammers' distances, a number or an array of shape (..., 1).
+    :ivar ground: r_0 of every slot, (..., N).
+    :ivar leaks: r_e to every eavesdropper, (..., N, E).
     """
 
-    def __init__(self, model, x, softening=0.0):
-        self._model = model
+    def __init__(self, receivers: Receivers, x: Array, softening: ArrayLike = 0.0) -> None:
+        self._link = receivers.link
         self._power = x[..., None, :, 0]
-        self._dx = x[..., None, :, 1] - model.places[:, :1]
-        self._dy = x[..., None, :, 2] - model.places[:, 1:]
-        squared = self._dx**2 + self._dy**2
-        soft = np.asarray(softening)[..., None, None]**2 * (model.edge > 0)
-        self._distance = np.sqrt(squared + (soft + _TINY))
-        self._inside = self._distance <= -model.edge
-        cleared = squared + model.edge * (2 * self._distance + model.edge)
-        # The edge of the transmitter is negative: (d - eps)^2 = d^2 - 2 eps d + eps^2.
-        self._denominator = model.squared_heights + np.where(self._inside, 0.0, cleared)
-        self._gain = model.gains / self._denominator
-        received = self._gain * self._power
-        self._jammed = 1.0 + received[..., 1:].sum(axis=-1)
-        self._heard = self._jammed + received[..., 0]
-        rates = np.log1p(received[..., 0] / self._jammed)
-        self.ground = rates[..., 0]
-        """r_0 of every slot, (..., N)."""
-        self.leaks = rates[..., 1:]
-        """r_e to every eavesdropper, (..., N, E)."""
+        self._dx = x[..., None, :, 1] - receivers.positions[:, :1]
+        self._dy = x[..., None, :, 2] - receivers.positions[:, 1:]
+        self._distance = SmoothDiscDistance(
+            self._dx**2 + self._dy**2, receivers.edge,
+            np.asarray(softening, float)[..., None, None])
+        received = self._link.gain(self._distance.squared) * self._power
+        self._interference = 1.0 + received[..., 1:].sum(axis=-1)
+        self._total = self._interference + received[..., 0]
+        rates = np.log1p(received[..., 0] / self._interference)
+        self.ground: Array = rates[..., 0]
+        self.leaks: Array = rates[..., 1:]
 
-    def first_derivatives(self):
-        """
-        Return the gradients of all rates, r_0 first, (..., N, K, U, 3).
+    def derivatives(self) -> 'SlotDerivatives':
+        """Return the derivatives of all rates at this x."""
+        return SlotDerivatives(self)
 
-        They are differences of those of log(1 + S + J) and of log(1 + J), which are kept.
-        """
-        model = self._model
-        inside, denominator = self._inside, self._denominator
-        self._slope = np.where(inside, 0.0, 1.0 + model.edge / self._distance) / denominator
-        # Of the received power: by power, and by place along the offset.
-        self._by_place = -2.0 * self._gain * self._slope
-        along = self._by_place * self._power
-        gradient = np.stack([self._gain, along * self._dx, along * self._dy], axis=-1)
-        self._of_heard = gradient / self._heard[..., None, None]
-        self._of_jammed = gradient / self._jammed[..., None, None]
-        self._of_jammed[..., 0, :] = 0.0
-        return self._of_heard - self._of_jammed
 
-    def second_derivative(self, weights):
+class SlotDerivatives:
+    """
+    The derivatives of the rates of SlotRates.
+
+    A rate is log(1 + S + J) - log(1 + J): the logarithm of the total received power less that of
+    interference and noise. By the chain rule, both need only the gain's two derivatives by the
+    squared distance and that distance's by the position.
+
+    :ivar gradients: of all rates, r_0 first, (..., N, K, U, 3).
+    """
+
+    def __init__(self, rates: SlotRates) -> None:
+        self._power, self._dx, self._dy = rates._power, rates._dx, rates._dy
+        self._total, self._interference = rates._total, rates._interference
+        stretch, bend = rates._distance.derivatives()
+        gain, first, second = rates._link.derivatives(rates._distance.squared)
+        # The gradient of the gain by position is `_slope` (offset), and its Hessian
+        # `_slope` I + `_curvature` (offset)(offset)^T.
+        self._slope = 2.0 * first * stretch
+        self._curvature = 4.0 * second * stretch**2 - 2.0 * first * bend
+        along = self._slope * self._power
+        received = np.stack([gain, along * self._dx, along * self._dy], axis=-1)
+        self._of_total = received / self._total[..., None, None]
+        self._of_interference = received / self._interference[..., None, None]
+        self._of_interference[..., 0, :] = 0.0
+        self.gradients: Array = self._of_total - self._of_interference
+
+    def hessian(self, weights: Array) -> Array:
         """
         Return the Hessian of the weighted sum of all rates, (..., N, 3 U, 3 U).
 
-        To be called after first_derivatives.
-
         :param weights: of the rates, r_0 first, (..., N, K).
         """
-        model = self._model
-        bend = np.where(self._inside, 0.0, model.edge / self._distance**3) / self._denominator
-        curvature = self._gain * (2.0 * bend + 8.0 * self._slope**2)
-        weight = np.repeat((weights / self._heard)[..., None], len(model.gains), axis=-1)
-        weight[..., 1:] -= (weights / self._jammed)[..., None]
-        first = weight * self._by_place
-        second = weight * self._power * curvature
-        flat = (weight * self._by_place * self._power).sum(axis=-2)
-        by_x, by_y = second * self._dx, second * self._dy
-        users = len(model.gains)
-        shape = flat.shape[:-1]
-        stacked = (*shape, weights.shape[-1], 3 * users)
-        heard = self._of_heard.reshape(stacked)
-        jammed = self._of_jammed.reshape(stacked)
-        hessian = (np.swapaxes(jammed, -1, -2) * weights[..., None, :]) @ jammed
-        hessian -= (np.swapaxes(heard, -1, -2) * weights[..., None, :]) @ heard
-        block = np.einsum('...ujuk->...ujk', hessian.reshape(*shape, users, 3, users, 3))
-        power_x = (first * self._dx).sum(axis=-2)
-        power_y = (first * self._dy).sum(axis=-2)
-        x_y = (by_x * self._dy).sum(axis=-2)
+        uavs = self._power.shape[-1]
+        weight = np.repeat((weights / self._total)[..., None], uavs, axis=-1)
+        weight[..., 1:] -= (weights / self._interference)[..., None]
+        mixed = weight * self._slope
+        curvature = weight * self._power * self._curvature
+        isotropic = (mixed * self._power).sum(axis=-2)
+        along_x, along_y = curvature * self._dx, curvature * self._dy
+        slots = isotropic.shape[:-1]
+        rows = (*slots, weights.shape[-1], 3 * uavs)
+        total, interference = self._of_total.reshape(rows), self._of_interference.reshape(rows)
+        hessian: Array = (
+            np.swapaxes(interference, -1, -2) * weights[..., None, :]) @ interference
+        hessian -= (np.swapaxes(total, -1, -2) * weights[..., None, :]) @ total
+        block = np.einsum('...ujuk->...ujk', hessian.reshape(*slots, uavs, 3, uavs, 3))
+        power_x = (mixed * self._dx).sum(axis=-2)
+        power_y = (mixed * self._dy).sum(axis=-2)
+        x_y = (along_x * self._dy).sum(axis=-2)
         block[..., 0, 1] += power_x
         block[..., 1, 0] += power_x
         block[..., 0, 2] += power_y
         block[..., 2, 0] += power_y
-        block[..., 1, 1] += flat + (by_x * self._dx).sum(axis=-2)
-        block[..., 2, 2] += flat + (by_y * self._dy).sum(axis=-2)
+        block[..., 1, 1] += isotropic + (along_x * self._dx).sum(axis=-2)
+        block[..., 2, 2] += isotropic + (along_y * self._dy).sum(axis=-2)
         block[..., 1, 2] += x_y
         block[..., 2, 1] += x_y
         return hessian

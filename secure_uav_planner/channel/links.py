@@ -7,7 +7,6 @@ of the paper's Section III are valid for free space only.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -51,20 +50,6 @@ class FreeSpace:
         return gain, first, -2.0 * first / denominator
 
 
-class DiscDistance(NamedTuple):
-    """
-    The squared distance with which the guarantee counts, and how it changes.
-
-    :ivar squared: (d + edge)^2, or 0 inside the disc of a negative edge.
-    :ivar stretch: its derivative by d^2.
-    :ivar bend: minus twice its second derivative by d^2, times d.
-    """
-
-    squared: Array
-    stretch: Array
-    bend: Array
-
-
 def guaranteed_squared_distance(squared: Array, edge: Array) -> Array:
     """
     Return ([d + edge]^+)^2 of equation (r_e_approx) for squared distances d^2.
@@ -75,17 +60,28 @@ def guaranteed_squared_distance(squared: Array, edge: Array) -> Array:
     return np.maximum(np.sqrt(squared) + edge, 0.0)**2
 
 
-def smooth_disc_distance(squared: Array, edge: Array, softening: Array | float) -> DiscDistance:
+class SmoothDiscDistance:
     """
-    Return guaranteed_squared_distance with its derivatives, its kink at d = 0 rounded.
+    guaranteed_squared_distance with its derivatives, its kink at d = 0 rounded.
 
     Of jammers, d becomes sqrt(d^2 + softening^2), which only raises the distance and so only
     lowers the guaranteed rate.
+
+    :param squared: d^2, any shape that broadcasts with edge.
+    :param edge: as for guaranteed_squared_distance.
+    :param softening: of the jammers' distances, likewise.
+    :ivar squared: (d + edge)^2, or 0 inside the disc of a negative edge.
     """
-    distance = np.sqrt(squared + (np.asarray(softening)**2 * (edge > 0) + _TINY))
-    outside = distance > -edge
-    # (d + edge)^2 = d^2 + edge (2 d + edge), without the softening in its first term.
-    return DiscDistance(
-        np.where(outside, squared + edge * (2 * distance + edge), 0.0),
-        np.where(outside, 1.0 + edge / distance, 0.0),
-        np.where(outside, edge / distance**3, 0.0))
+
+    def __init__(self, squared: Array, edge: Array, softening: Array) -> None:
+        self._edge = edge
+        self._distance = np.sqrt(squared + (softening**2 * (edge > 0) + _TINY))
+        self._outside = self._distance > -edge
+        # (d + edge)^2 = d^2 + edge (2 d + edge), without the softening in its first term.
+        self.squared = np.where(
+            self._outside, squared + edge * (2 * self._distance + edge), 0.0)
+
+    def derivatives(self) -> tuple[Array, Array]:
+        """Return a, b: the gradient is 2 a (offset), the Hessian 2 a I - 2 b (offset)(offset)^T."""
+        return (np.where(self._outside, 1.0 + self._edge / self._distance, 0.0),
+                np.where(self._outside, self._edge / self._distance**3, 0.0))

@@ -21,12 +21,14 @@ class Limit(ABC):
     calls repair; `alternating` calls convex_form; `joint` calls the others on a Grid, always for
     several starts at once, with x (S, N, U, 3) and arrays c whose first axis is the starts.
 
+    :cvar of_flights: whether it limits positions rather than powers.
     :cvar reach: how many slots beyond its own an inequality couples: 0 within a slot, 1 with the
         next one, and so on, or ALL_SLOTS. The optimiser's band is as high as the largest reach.
     :param scenario: whose limit it is.
     :param grid: on which joint asks; by default the scenario's own.
     """
 
+    of_flights: ClassVar[bool] = False
     reach: ClassVar[int]
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
@@ -53,7 +55,7 @@ class Limit(ABC):
 
     @property
     def weight(self) -> float:
-        """The factor of its logarithms in the barrier function."""
+        """Factor of its logarithms in the barrier function."""
         return 1.0
 
     @abstractmethod

@@ -21,6 +21,7 @@ class SpeedLimit(Limit):
     A UAV that is fixed has no c of its own; its entries are 1.
     """
 
+    of_flights = True
     reach = 1
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:

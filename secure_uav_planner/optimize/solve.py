@@ -1,25 +1,38 @@
 """From a scenario to a plan: the methods and the baselines."""
 
+from collections.abc import Callable
 import time
+from typing import get_args, Literal, TypeAlias
 
+from .baselines import constant_powers, fly_hover_fly_positions
 from .feasible import adapted
-from .fly_hover_fly import constant_powers, fly_hover_fly_positions
-from .joint import joint
-from .run import Run
-from ..plan import Plan
+from .search import OnIteration, Search
+from ..errors import OptionError, shown
+from ..plan import Plan, Status
+from ..scenario import Scenario
+
+Method: TypeAlias = Literal['joint', 'alternating']
+"""A method of solve."""
+
+Power: TypeAlias = Literal['constant', 'optimised']
+"""The powers of fly_hover_fly."""
+
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
-def _alternating():
-    # Here and not above: CVXPY takes a second to import, and who plans jointly does not need it.
-    from .alternating import alternate
-    return alternate
+def _improve_by(method: Method) -> Callable[[Search], Status]:
+    """Return what improves a Search until it has converged or must stop."""
+    # Imported here, because CVXPY takes a second to import and only `alternating` needs it.
+    if method == 'alternating':
+        from .alternating import alternate
+        return alternate
+    from .joint import improve
+    return improve
 
 
-METHODS = {'joint': lambda: joint, 'alternating': _alternating}
-"""How to get what improves a Run until it has converged or must stop, by the method's name."""
-
-
-def solve(scenario, method='joint', on_iteration=None, time_limit=None, initial=None):
+def solve(scenario: Scenario, method: Method = 'joint',
+          on_iteration: OnIteration | None = None, time_limit: float | None = None,
+          initial: Plan | None = None) -> Plan:
     """
     Plan trajectories and powers that maximise the guaranteed secrecy rate, problem (P2).
 
@@ -34,24 +47,23 @@ def solve(scenario, method='joint', on_iteration=None, time_limit=None, initial=
     :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be
         for another scenario with as many UAVs; it is then bent to be feasible in this one.
     :return: a Plan.
-    :raises ValueError: for an unknown method, a time limit that is not positive, or an initial
+    :raises OptionError: for an unknown method, a time limit that is not positive, or an initial
         plan with another number of UAVs.
     """
     if method not in METHODS:
-        raise ValueError(f'method is {method!r}; it must be one of {sorted(METHODS)!r}')
-    if time_limit is not None and not time_limit > 0:
-        raise ValueError(f'time_limit is {time_limit!r}; it must be above 0 s, or None')
-    improve = METHODS[method]()
+        raise OptionError(f'method is {shown(method)}; it must be one of {sorted(METHODS)!r}')
+    _check_time_limit(time_limit)
     started = time.monotonic()
     positions, powers = (fly_hover_fly_positions(scenario), constant_powers(scenario)
                          ) if initial is None else adapted(scenario, initial)
-    run = Run(scenario, positions, powers, on_iteration, time_limit, started,
-              warm=initial is not None)
-    status = improve(run)
-    return run.plan(method, status)
+    search = Search(scenario, positions, powers, on_iteration, time_limit, started,
+                    warm=initial is not None)
+    return search.plan(method, _improve_by(method)(search))
 
 
-def fly_hover_fly(scenario, power='constant', on_iteration=None, time_limit=None):
+def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
+                  on_iteration: OnIteration | None = None,
+                  time_limit: float | None = None) -> Plan:
     """
     Return the paper's baselines: fly-hover-fly with constant or with optimised powers.
 
@@ -63,14 +75,22 @@ def fly_hover_fly(scenario, power='constant', on_iteration=None, time_limit=None
     :param on_iteration: as for solve.
     :param time_limit: as for solve.
     :return: a Plan.
-    :raises ValueError: for another power.
+    :raises OptionError: for another power, or a time limit that is not positive.
     """
-    if power not in ('constant', 'optimised'):
-        raise ValueError(f"power is {power!r}; it must be 'constant' or 'optimised'")
+    if power not in get_args(Power):
+        raise OptionError(f"power is {shown(power)}; it must be 'constant' or 'optimised'")
+    _check_time_limit(time_limit)
     method = f'fly_hover_fly_{power}'
     positions, powers = fly_hover_fly_positions(scenario), constant_powers(scenario)
     if power == 'constant':
-        return Plan(scenario, positions, powers, method)
+        return Plan(scenario, positions, powers, method, 'converged')
     from .alternating import optimise_powers  # CVXPY, as above
-    run = Run(scenario, positions, powers, on_iteration, time_limit)
-    return run.plan(method, optimise_powers(run))
+    search = Search(scenario, positions, powers, on_iteration, time_limit)
+    return search.plan(method, optimise_powers(search))
+
+
+def _check_time_limit(time_limit: float | None) -> None:
+    if time_limit is not None and (
+            isinstance(time_limit, (bool, str)) or not time_limit > 0):
+        raise OptionError(
+            f'time_limit is {shown(time_limit)}; it must be above 0 s, or None')

@@ -1,7 +1,7 @@
 """The study of the paper's scenario; run it by `python -m secure_uav_planner.study`."""
 
+from .experiments import BASELINES, code_version, Point, points, PROPOSED
 from .plans import compute, run
-from .points import BASELINES, code_version, Point, points, PROPOSED
 
 __all__ = ['BASELINES', 'PROPOSED', 'Point', 'code_version', 'compute', 'main', 'points', 'run']
 

@@ -11,8 +11,8 @@ import sys
 
 from .claims import write_claims
 from .figures import write_figures
+from .experiments import points
 from .plans import run
-from .points import points
 
 
 def main(argv=None):

@@ -1,11 +1,13 @@
-"""Fly-hover-fly with constant power, Section IV: the baseline, and where the methods start."""
+"""Fly-hover-fly with constant powers, Section IV: the baseline, and where the methods start."""
 
 import math
 
 import numpy as np
 
+from ..scenario import Array, Scenario
 
-def fly_hover_fly_positions(scenario, hover=None):
+
+def fly_hover_fly_positions(scenario: Scenario, hover: Array | None = None) -> Array:
     """
     Return straight flights at full speed to a hovering place and on to the goal, as late.
 
@@ -17,16 +19,17 @@ def fly_hover_fly_positions(scenario, hover=None):
     :return: positions, (U, N+2, 2) in m.
     """
     if hover is None:
-        eves = scenario.eavesdroppers
-        hover = [scenario.ground_node] + [
-            eves[jammer % len(eves)].position for jammer in range(len(scenario.uavs) - 1)]
+        eves = scenario.eavesdropper_positions
+        jammers = np.arange(len(scenario.uavs) - 1)
+        hover = np.concatenate([[scenario.ground_node], eves[jammers % len(eves)]])
     return np.stack([
-        _fly_hover_fly(np.array(uav.start), np.array(uav.goal), np.array(place, float), step,
-                       scenario.slots)
-        for uav, place, step in zip(scenario.uavs, hover, scenario.max_step)])
+        _fly_hover_fly(start, goal, place, step, scenario.slots)
+        for start, goal, place, step in zip(
+            scenario.starts, scenario.goals, hover, scenario.max_step.tolist(), strict=True)])
 
 
-def constant_powers(scenario, transmitting=1.0, jamming=1.0):
+def constant_powers(scenario: Scenario, transmitting: float = 1.0,
+                    jamming: float = 1.0) -> Array:
     """
     Return the same powers in every slot, (U, N) in W.
 
@@ -35,11 +38,10 @@ def constant_powers(scenario, transmitting=1.0, jamming=1.0):
     """
     shares = np.full(len(scenario.uavs), jamming)
     shares[0] = transmitting
-    level = shares * [uav.average_power for uav in scenario.uavs]
-    return np.repeat(level[:, None], scenario.slots, axis=1)
+    return np.repeat((shares * scenario.average_powers)[:, None], scenario.slots, axis=1)
 
 
-def _fly_hover_fly(start, goal, place, step, slots):
+def _fly_hover_fly(start: Array, goal: Array, place: Array, step: float, slots: int) -> Array:
     """Return the points of one UAV, (N+2, 2)."""
     turn = _turning_place(start, goal, place, (slots + 1) * step)
     count = np.arange(slots + 2)
@@ -49,7 +51,7 @@ def _fly_hover_fly(start, goal, place, step, slots):
     return np.where(leaving[:, None], homeward, outward)
 
 
-def _turning_place(start, goal, place, reach):
+def _turning_place(start: Array, goal: Array, place: Array, reach: float) -> Array:
     """Return the place nearest to `place` on the way there from which `goal` is in reach."""
     outward = math.dist(start, place)
     if outward + math.dist(place, goal) <= reach:
@@ -64,7 +66,7 @@ def _turning_place(start, goal, place, reach):
     return start + along * direction
 
 
-def _along(origin, target, distance):
+def _along(origin: Array, target: Array, distance: Array) -> Array:
     """Return the points at the distances from origin towards target, stopping there."""
     length = math.dist(origin, target)
     share = np.minimum(distance, length) / length if length > 0 else np.zeros(len(distance))

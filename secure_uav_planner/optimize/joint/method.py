@@ -1,0 +1,203 @@
+"""
+The joint method: positions and powers together.
+
+Several starts are improved side by side on a coarse grid, the best are kept in stages, and the
+winner is refined to the full grid, where a few more Newton steps finish it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .barrier import Barrier
+from .schedule import Schedule, SCHEDULE
+from .starts import several_starts, strictly_feasible
+from ..baselines import constant_powers, fly_hover_fly_positions
+from ..search import powers_without_jamming, Search
+from ...errors import NumericalError
+from ...grid import Grid
+from ...plan import Status
+from ...scenario import Array
+
+
+def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
+    """
+    Improve a Search by the joint method until it has converged or must stop; return its status.
+
+    Whatever happens, the search keeps the best feasible iterate.
+
+    :param search: a Search; when `warm`, its present plan is the only start.
+    """
+    method = _Joint(search, schedule)
+    try:
+        return method.from_present_plan() if search.warm else method.from_several_starts()
+    except _Stop as stop:
+        return stop.status
+    except (NumericalError, np.linalg.LinAlgError):
+        return 'numerical_trouble'
+
+
+class _Stop(Exception):
+    """The search must end in a status."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status)
+        self.status: Status = status
+
+
+class _Joint:
+    """The stages of the method on one Search."""
+
+    def __init__(self, search: Search, schedule: Schedule) -> None:
+        self._search = search
+        self._schedule = schedule
+        self._grid = Grid(search.scenario, search.scenario.slots)
+
+    def from_present_plan(self) -> Status:
+        """Improve the present plan."""
+        x = strictly_feasible(self._grid, self._search.positions, self._search.powers,
+                              share=self._schedule.warm_share)
+        return self._finish(
+            Barrier(self._grid, x[None], self._schedule.warm_mu, self._schedule))
+
+    def from_several_starts(self) -> Status:
+        """Find the best of several starts on a coarse grid and finish it, and a close rival."""
+        schedule = self._schedule
+        coarse = self._grid.divided(min(self._grid.slots, schedule.coarse_slots))
+        barrier = self._compete(coarse, *several_starts(coarse, schedule))
+        rates = barrier.rates()
+        rivals = np.flatnonzero(rates >= (1 - schedule.rival_gap) * rates[0])[:schedule.rivals]
+        statuses = [self._finish(self._on_finer_grids(barrier, rival)) for rival in rivals]
+        self._try_powers_alone(coarse, rates[0])
+        return 'converged' if 'converged' in statuses else statuses[0]
+
+    def _compete(self, grid: Grid, x: Array, mus: Array) -> Barrier:
+        """Return a Barrier of the best starts, best first."""
+        schedule = self._schedule
+        # A few of every kind first: in an easy mission all of them end in the same place.
+        scouts = np.arange(0, len(x), schedule.scouts)
+        barrier = self._best_of(Barrier(grid, x[scouts], mus[scouts], schedule))
+        if len(barrier.x) == 1:
+            return barrier
+        rest = np.setdiff1d(np.arange(len(x)), scouts)
+        others = self._best_of(Barrier(grid, x[rest], mus[rest], schedule))
+        barrier = Barrier(grid, np.concatenate([barrier.x, others.x]),
+                          np.concatenate([barrier.mu, others.mu]), schedule)
+        self._select(barrier, 0.5)
+        self._advance(barrier, schedule.last_steps, schedule.coarse_mu)
+        self._select(barrier, 0.0)
+        return barrier
+
+    def _best_of(self, barrier: Barrier) -> Barrier:
+        """Improve all starts of a Barrier and keep the best in stages."""
+        for stage in self._schedule.stages:
+            self._advance(barrier, stage.steps, self._schedule.coarse_mu)
+            self._select(barrier, stage.keep)
+            if len(barrier.x) == 1:
+                break
+        return barrier
+
+    def _select(self, barrier: Barrier, share: float) -> None:
+        """Keep a share of the distinct starts of a Barrier, best first, and try the best."""
+        barrier.keep(self._distinct(barrier.rates(), share))
+        self._try_best(barrier)
+
+    def _distinct(self, rates: Array, share: float) -> NDArray[np.intp]:
+        """Return the best starts, one of each rate, best first, and at least all rivals."""
+        order = np.argsort(-rates)
+        rates = rates[order]
+        new = np.append(True, -np.diff(rates) > self._schedule.distinct * abs(rates[0]))
+        order = order[new]
+        return order[:max(self._schedule.rivals, int(np.ceil(share * len(order))))]
+
+    def _on_finer_grids(self, barrier: Barrier, start: int) -> Barrier:
+        """Return one start of a Barrier on the full grid, by way of grids in between."""
+        schedule, full = self._schedule, self._grid.slots
+        one = Barrier(barrier.grid, barrier.x[[start]], barrier.mu[start], schedule)
+        while one.grid.slots < full:
+            slots = one.grid.slots
+            if one.grid is not barrier.grid:
+                self._advance(one, schedule.steps, schedule.middle_mu)
+            grids = int(np.ceil(np.log(full / slots) / np.log(schedule.refinement)))
+            finer = round(slots * (full / slots)**(1 / grids))
+            x = one.grid.refined(one.x[0], finer)
+            one = Barrier(one.grid.divided(finer), x[None], one.mu, schedule)
+        return one
+
+    def _finish(self, barrier: Barrier) -> Status:
+        """Converge on the full grid; return the status."""
+        for step in range(1, self._schedule.steps + 1):
+            self._step(barrier, self._schedule.final_mu)
+            if barrier.finished.all():
+                self._try_best(barrier)
+                return 'converged'
+            if step % self._schedule.try_every == 0:
+                self._try_best(barrier)
+        return 'iteration_limit'
+
+    def _try_powers_alone(self, coarse: Grid, joint_rate: float) -> None:
+        """
+        Try fly-hover-fly with optimised powers where that may be better than what was found.
+
+        When the duration leaves almost no slack, the trajectory cannot change; with few slots,
+        the power schedule decides. In both cases optimising the powers alone can win.
+
+        :param joint_rate: of the best start on the coarse grid, in nats.
+        """
+        schedule, search = self._schedule, self._search
+        flight = fly_hover_fly_positions(search.scenario)
+        probe = self._fixed_flight(coarse, flight, schedule.powers_jamming)
+        self._advance(probe, schedule.powers_probe_steps, schedule.coarse_mu)
+        at_once = Search(search.scenario, flight, constant_powers(search.scenario))
+        at_once.try_less_jamming()
+        if (coarse.slots > schedule.powers_few_slots and search.rate > schedule.powers_low_rate
+                and probe.rates().max() < schedule.powers_near * joint_rate
+                and at_once.rate < schedule.powers_near_at_once * search.rate):
+            return
+        if search.try_improve(flight, at_once.powers):
+            search.report('power')
+        self._finish(self._fixed_flight(
+            self._grid, flight, schedule.powers_jamming, at_once.powers))
+
+    def _fixed_flight(self, grid: Grid, flight: Array, jamming: tuple[float, ...],
+                      *more: Array) -> Barrier:
+        """
+        Return a Barrier whose positions are fixed on a flight.
+
+        :param jamming: shares of their average power with which the jammers begin.
+        :param more: further powers to begin with, (U, N) in W.
+        """
+        scenario = grid.scenario
+        fixed = Grid(scenario, grid.slots, np.ones(len(scenario.uavs), bool))
+        powers = [constant_powers(scenario, 0.9, share) for share in jamming]
+        alone = powers_without_jamming(scenario, flight)
+        found = [strictly_feasible(fixed, flight, one, share=0.0, least=1e-6)
+                 for one in (*powers, *more, *([] if alone is None else [alone]))]
+        x = np.array(found)
+        x[..., 0] *= 0.99
+        return Barrier(fixed, x, self._schedule.powers_mu, self._schedule)
+
+    def _advance(self, barrier: Barrier, steps: int, mu: float) -> None:
+        """Take a number of steps, or fewer where a single start finishes sooner."""
+        for _ in range(steps):
+            self._step(barrier, mu)
+            if len(barrier.x) == 1 and barrier.finished[0]:
+                return
+
+    def _step(self, barrier: Barrier, mu: float) -> None:
+        """Take a step, report it, and raise _Stop where the search must end."""
+        before = barrier.solver_time
+        barrier.iterate(mu)
+        self._search.solver_time += barrier.solver_time - before
+        if self._search.stop_reason() is not None:
+            self._try_best(barrier)
+        self._search.report('joint')
+        reason = self._search.stop_reason()
+        if reason is not None:
+            raise _Stop(reason)
+
+    def _try_best(self, barrier: Barrier) -> None:
+        """Propose the best start of a Barrier to the search, on the full grid."""
+        x = barrier.x[barrier.rates().argmax()]
+        if barrier.grid.slots != self._grid.slots:
+            x = barrier.grid.refined(x, self._grid.slots)
+        self._search.try_improve(self._grid.positions(x), self._grid.powers(x))

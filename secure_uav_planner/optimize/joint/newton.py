@@ -1,0 +1,143 @@
+"""The Newton system: a symmetric band matrix for each start, and a few dense rows."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpbtrf, dpbtrs
+
+from ...errors import NumericalError
+from ...scenario import Array
+
+_FIRST_SHIFT = 1e-12  # Of every factorisation, for matrices that are singular by rounding.
+_ONE_BY_ONE = 3  # Failures after which more and more slots are made convex at once,
+_ALL_AT_ONCE = 12  # and after which all are.
+_SHIFTS = 10.0 ** np.arange(-8, 9, 2)  # Of all variables when no projection is left to do.
+
+
+class BandMatrix:
+    """
+    The Hessians of a barrier function in x (N, U, 3), one for each of several starts.
+
+    Only the lower triangle is kept: entry [start, slot, column, offset] stands `offset` rows
+    below the diagonal in the column of that slot's variable.
+
+    :param hessians: those of the objective, slot by slot, (S, N, 3 U, 3 U); those of fixed
+        positions are set to zero in place.
+    :param reach: how many slots beyond its own a limit couples at most.
+    :param fixed: UAVs whose positions are no variables, (U,).
+    """
+
+    def __init__(self, hessians: Array, reach: int, fixed: NDArray[np.bool_]) -> None:
+        starts, slots, self._size = hessians.shape[:3]
+        constant = np.outer(fixed, [False, True, True]).ravel()
+        hessians[..., constant, :] = 0.0
+        hessians[..., constant] = 0.0
+        self._hessians = hessians
+        # Between slots a limit couples the two coordinates of one UAV, one row up or down.
+        height = self._size + (reach * self._size - self._size + 2 if reach else 0)
+        self._inside = np.arange(self._size)[:, None] + np.arange(self._size) < self._size
+        columns, offsets = np.indices((self._size, self._size))
+        self._pattern = np.where(self._inside, (columns + offsets) * self._size + columns, 0)
+        self._band = np.zeros((starts, slots, self._size, height))
+        self._band[..., :self._size] = self._lower(hessians)
+        self._band[..., constant, 0] = 1.0
+
+    def _lower(self, blocks: Array) -> Array:
+        """Return the lower triangles of blocks (..., 3 U, 3 U) by column and offset."""
+        flat = blocks.reshape(*blocks.shape[:-2], -1)
+        return flat[..., self._pattern] * self._inside
+
+    def add_powers(self, values: Array) -> None:
+        """Add values (S, N, U) to the diagonal of the powers."""
+        self._band[..., ::3, 0] += values
+
+    def add_positions(self, later: int, blocks: Array) -> None:
+        """
+        Add blocks that couple each UAV's position in a slot with that some slots later.
+
+        :param later: how many slots; with 0, only the lower triangles count.
+        :param blocks: (S, N - later, U, 2, 2), the later slot's coordinate first.
+        """
+        slots = blocks.shape[1]
+        for row in (0, 1):
+            for column in (0, 1):
+                offset = later * self._size + row - column
+                if offset >= 0:
+                    self._band[:, :slots, 1 + column::3, offset] += blocks[..., row, column]
+
+    def solve(self, right: Array, rows: Array, softness: Array) -> Array:
+        """
+        Return the solutions of (band + sum_k row_k row_k^T / softness_k) step = right.
+
+        Where a band is not positive definite it is made so, as little as that takes. A start
+        for which even that fails gets NaN.
+
+        :param right: (S, N * 3 U).
+        :param rows: (K, N * 3 U).
+        :param softness: (S, K).
+        :return: (S, N * 3 U).
+        """
+        found = np.empty_like(right)
+        together = np.empty((right.shape[1], 1 + len(rows)))
+        together[:, 1:] = rows.T
+        for start, one in enumerate(right):
+            together[:, 0] = one
+            try:
+                solved = dpbtrs(self._factor(start), together, lower=1)[0]
+                # Woodbury's formula.
+                products = rows @ solved
+                found[start] = solved[:, 0] - solved[:, 1:] @ np.linalg.solve(
+                    np.diag(softness[start]) + products[:, 1:], products[:, 0])
+            except (NumericalError, np.linalg.LinAlgError):
+                found[start] = np.nan
+        return found
+
+    def _factor(self, start: int) -> Array:
+        """
+        Return the Cholesky factor of a band that has been made positive definite.
+
+        First, the Hessians of the slots where the factorisation fails and of their neighbours
+        are projected on the semidefinite cone. All limits' terms are convex, so that this ends;
+        what rounding still breaks is mended by shifts of the diagonal.
+
+        :raises NumericalError: when no shift is large enough.
+        """
+        band, hessians = self._band[start], self._hessians[start]
+        if not np.isfinite(band).all():
+            raise NumericalError('the Hessian is not finite')
+        convex = np.zeros(len(band), bool)
+        failures = 0
+        while not convex.all():
+            band[..., 0] += _FIRST_SHIFT
+            factor, failed = _cholesky(band)
+            if not failed:
+                return factor
+            chosen = ~convex
+            if failures < _ALL_AT_ONCE:
+                width = 2**max(0, failures - _ONE_BY_ONE)
+                slot = (failed - 1) // self._size
+                near = np.zeros_like(convex)
+                near[max(0, slot - width):slot + width + 1] = True
+                if (near & chosen).any():
+                    chosen &= near
+            band[chosen, :, :self._size] += self._lower(_negative_part(hessians[chosen]))
+            convex |= chosen
+            failures += 1
+        scale = max(1.0, float(np.abs(band[..., 0]).max()))
+        for shift in _SHIFTS:
+            factor, failed = _cholesky(band)
+            if not failed:
+                return factor
+            band[..., 0] += shift * scale
+        raise NumericalError('the Hessian could not be made positive definite')
+
+
+def _cholesky(band: Array) -> tuple[Array, int]:
+    """Return the factor of a band (N, 3 U, height), and the row where it failed, from 1, or 0."""
+    factor, failed = dpbtrf(band.reshape(-1, band.shape[-1]).T, lower=1)
+    return factor, failed
+
+
+def _negative_part(blocks: Array) -> Array:
+    """Return what symmetric matrices lack to be positive semidefinite."""
+    values, vectors = np.linalg.eigh(blocks)
+    return (vectors * np.maximum(-values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)

@@ -1,0 +1,136 @@
+"""The state of one call of solve: its clock, its callback and the best feasible iterate."""
+
+from collections.abc import Callable
+import time
+from typing import TypeAlias
+
+import numpy as np
+
+from .feasible import feasible, without_losing_slots
+from ..channel import guaranteed_rates
+from ..plan import Iteration, Plan, Status
+from ..scenario import Array, Scenario
+
+OnIteration: TypeAlias = Callable[[Iteration], object]
+
+_NEGLIGIBLE_RATE = 1e-7
+"""A slot with a lower rate, in bit/s/Hz, is not worth any power."""
+
+_JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)
+"""Shares of the present jamming power that try_less_jamming tries."""
+
+
+class Search:
+    """
+    What every method shares.
+
+    A method proposes iterates by try_improve() and ends when stop_reason() is not None or it has
+    converged. Only feasible iterates that raise the true objective are kept, so the objective
+    is monotone and there is a plan at any time.
+
+    :param scenario: what to plan.
+    :param positions: feasible start, (U, N+2, 2) in m.
+    :param powers: feasible start, (U, N) in W.
+    :param on_iteration: called with every Iteration; stops the search by returning True.
+    :param time_limit: in s from `started`, or None.
+    :param started: reading of time.monotonic() from which time counts; by default now.
+    :param warm: whether the start is an earlier plan rather than a guess.
+    """
+
+    def __init__(self, scenario: Scenario, positions: Array, powers: Array,
+                 on_iteration: OnIteration | None = None, time_limit: float | None = None,
+                 started: float | None = None, warm: bool = False) -> None:
+        self.scenario = scenario
+        self.warm = warm
+        self.solver_time = 0.0
+        self.history: list[Iteration] = []
+        self._started = time.monotonic() if started is None else started
+        self._on_iteration = on_iteration
+        self._time_limit = time_limit
+        self._cancelled = False
+        self.positions = positions
+        self.powers = without_losing_slots(scenario, positions, powers)
+        self.rate = self._rate(self.positions, self.powers)
+        self.report('start')
+
+    def _rate(self, positions: Array, powers: Array) -> float:
+        return float(guaranteed_rates(self.scenario, positions, powers).mean())
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the search started, in s."""
+        return time.monotonic() - self._started
+
+    @property
+    def time_left(self) -> float:
+        """Time until the deadline in s, infinite without one."""
+        return np.inf if self._time_limit is None else self._time_limit - self.elapsed
+
+    def stop_reason(self) -> Status | None:
+        """Return the status in which the search must end now, or None."""
+        if self._cancelled:
+            return 'cancelled'
+        return 'time_limit' if self.time_left <= 0 else None
+
+    def try_improve(self, positions: Array | None = None, powers: Array | None = None) -> float:
+        """
+        Keep the iterate if, made feasible, it is better; return by how much in bit/s/Hz, or 0.
+
+        :param positions: (U, N+2, 2) in m, or None for the present ones.
+        :param powers: (U, N) in W, or None for the present ones.
+        """
+        positions, powers = feasible(
+            self.scenario, self.positions if positions is None else positions,
+            self.powers if powers is None else powers)
+        powers = without_losing_slots(self.scenario, positions, powers)
+        rate = self._rate(positions, powers)
+        gain = rate - self.rate
+        if not gain > 0:  # also when it is NaN
+            return 0.0
+        self.positions, self.powers, self.rate = positions, powers, rate
+        return gain
+
+    def try_less_jamming(self) -> None:
+        """
+        Try shares of the present jamming power, and no jamming in the slots that win without it.
+
+        Powers have local optima, and those with much jamming are usually the worse.
+        """
+        present = self.powers
+        for share in _JAMMING_SHARES:
+            self.try_improve(powers=np.concatenate([present[:1], share * present[1:]]))
+        alone = powers_without_jamming(self.scenario, self.positions)
+        if alone is not None:
+            self.try_improve(powers=alone)
+
+    def report(self, step: str) -> None:
+        """Add the present iterate to the history and call the callback."""
+        iteration = Iteration(len(self.history), step, self.rate, self.elapsed, self.solver_time)
+        self.history.append(iteration)
+        if self._on_iteration is not None and self._on_iteration(iteration):
+            self._cancelled = True
+
+    def plan(self, method: str, status: Status) -> Plan:
+        """Return the best iterate as a Plan, with jammers silent where nothing is transmitted."""
+        rates = guaranteed_rates(self.scenario, self.positions, self.powers)
+        powers = np.where(rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
+        return Plan(self.scenario, self.positions, powers, method, status,
+                    tuple(self.history), self.elapsed)
+
+
+def powers_without_jamming(scenario: Scenario, positions: Array,
+                           share: float = 1.0) -> Array | None:
+    """
+    Return powers that transmit only in the slots that win without any jamming, (U, N) in W.
+
+    The power of the other slots is given to these. None where no slot wins.
+
+    :param share: of the transmitter's average power that is used.
+    """
+    powers = np.zeros((len(scenario.uavs), scenario.slots))
+    powers[0] = share * scenario.average_powers[0]
+    winning = guaranteed_rates(scenario, positions, powers) > 0
+    if not winning.any():
+        return None
+    powers[0] *= winning / winning.mean()
+    return powers
