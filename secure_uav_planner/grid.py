@@ -1,6 +1,6 @@
 """The variables of the optimisation: units that keep numbers moderate, on a grid of slots."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,10 +9,6 @@ from numpy.typing import NDArray
 from .scenario import Array, Scenario
 
 _NO_SLACK = 1e-7  # Share of its duration below which a flight has no freedom left.
-
-
-def _fixed_uavs(scenario: Scenario) -> NDArray[np.bool_]:
-    return scenario.shortest_durations > scenario.duration * (1 - _NO_SLACK)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,17 +21,27 @@ class Grid:
 
     :param scenario: whose flight it is; the flight's length stays the scenario's.
     :param slots: into how many slots it is divided here.
-    :param fixed: UAVs whose positions are not variables, (U,); by default those whose duration
-        leaves them a single flight, so that nothing is strictly inside the limits.
+    :param fixed: UAVs whose positions are not variables, (U,).
     """
 
     scenario: Scenario
     slots: int
-    fixed: NDArray[np.bool_] = field(default=None)  # type: ignore[assignment]
+    fixed: NDArray[np.bool_]
 
-    def __post_init__(self) -> None:
-        if self.fixed is None:
-            object.__setattr__(self, 'fixed', _fixed_uavs(self.scenario))
+    @classmethod
+    def of(cls, scenario: Scenario, slots: int | None = None) -> 'Grid':
+        """
+        Return a grid of a scenario with some number of slots, by default its own.
+
+        The positions of a UAV are fixed where the duration leaves it a single flight, so that
+        nothing is strictly inside the limits.
+        """
+        fixed = scenario.shortest_durations > scenario.duration * (1 - _NO_SLACK)
+        return cls(scenario, scenario.slots if slots is None else slots, fixed)
+
+    def with_fixed_positions(self) -> 'Grid':
+        """Return the same grid with the positions of all UAVs fixed."""
+        return replace(self, fixed=np.ones_like(self.fixed))
 
     def divided(self, slots: int) -> 'Grid':
         """Return the same flight divided into another number of slots."""

@@ -8,8 +8,7 @@ from secure_uav_planner.bench import __main__ as bench
 from secure_uav_planner.bench import report
 from secure_uav_planner.bench.ipopt import solve_by_ipopt
 from secure_uav_planner.bench.missions import random_mission
-from secure_uav_planner.optimize.fly_hover_fly import fly_hover_fly_positions
-from secure_uav_planner.optimize.solve import constant_powers
+from secure_uav_planner.optimize.baselines import constant_powers, fly_hover_fly_positions
 
 
 def test_missions_are_the_same_for_a_seed_and_of_every_kind():

@@ -3,7 +3,8 @@ from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Scenario
 from secure_uav_planner.channel import guaranteed_rates
-from secure_uav_planner.channel.derivatives import SlotModel, Slots
+from secure_uav_planner.channel.derivatives import Receivers, SlotRates
+from secure_uav_planner.grid import Grid
 from strategies import random_powers, scenarios
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -18,25 +19,26 @@ def around_the_discs(scenario, rng):
     return np.where(near[..., None], np.array(eve.position) + offset, positions)
 
 
-def inner_variables(model, scenario, rng):
+def inner_variables(grid, rng):
     """Return x with every power above zero, as an interior-point method has it."""
-    x = model.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
+    scenario = grid.scenario
+    x = grid.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
     x[..., 0] += 0.05
     return x
 
 
-def rates_at(model, x):
-    slots = Slots(model, x)
-    return np.concatenate([slots.ground[..., None], slots.leaks], axis=-1)
+def rates_at(receivers, x):
+    rates = SlotRates(receivers, x)
+    return np.concatenate([rates.ground[..., None], rates.leaks], axis=-1)
 
 
-def smooth(model, x, step):
+def smooth(receivers, x, step):
     """Return which slots are farther from a kink of any distance than a step, (N,)."""
-    offset = x[..., None, :, 1:] - model.places[:, None]
+    offset = x[..., None, :, 1:] - receivers.positions[:, None]
     distance = np.linalg.norm(offset, axis=-1)
-    kink = np.where(model.edge < 0, -model.edge, 0.0)
+    kink = np.where(receivers.edge < 0, -receivers.edge, 0.0)
     apart = np.abs(distance - kink) > 4 * step
-    return (apart | (model.edge == 0)).all(axis=(-2, -1)) & (distance > 0.05).all(axis=(-2, -1))
+    return (apart | (receivers.edge == 0)).all(axis=(-2, -1)) & (distance > 0.05).all(axis=(-2, -1))
 
 
 def changes(function, x, step):
@@ -54,8 +56,9 @@ def changes(function, x, step):
 def test_the_rates_are_those_of_the_channel(scenario, seed):
     rng = np.random.default_rng(seed)
     positions, powers = around_the_discs(scenario, rng), random_powers(scenario, rng)
-    model = SlotModel.of(scenario)
-    slots = Slots(model, model.variables(positions[:, 1:-1], powers))
+    grid = Grid.of(scenario)
+    receivers = Receivers.of(grid)
+    slots = SlotRates(receivers, grid.variables(positions[:, 1:-1], powers))
     np.testing.assert_allclose(
         (slots.ground - slots.leaks.max(axis=-1)) / np.log(2),
         guaranteed_rates(scenario, positions, powers), rtol=1e-9, atol=1e-9)
@@ -66,22 +69,24 @@ def test_the_rates_are_those_of_the_channel(scenario, seed):
 def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
     rng = np.random.default_rng(seed)
     positions, powers = around_the_discs(scenario, rng), random_powers(scenario, rng)
-    model = SlotModel.of(scenario)
-    x = model.variables(positions[:, 1:-1], powers)
-    np.testing.assert_allclose(model.positions(x), positions[:, 1:-1], atol=1e-9)
-    np.testing.assert_allclose(model.powers(x), powers, atol=1e-12)
+    grid = Grid.of(scenario)
+    receivers = Receivers.of(grid)
+    x = grid.variables(positions[:, 1:-1], powers)
+    np.testing.assert_allclose(grid.positions(x)[:, 1:-1], positions[:, 1:-1], atol=1e-9)
+    np.testing.assert_allclose(grid.powers(x), powers, atol=1e-12)
 
 
 @settings(max_examples=40)
 @given(scenarios(), SEEDS)
 def test_gradients_are_the_limits_of_differences(scenario, seed):
     rng = np.random.default_rng(seed)
-    model = SlotModel.of(scenario)
-    x = inner_variables(model, scenario, rng)
+    grid = Grid.of(scenario)
+    receivers = Receivers.of(grid)
+    x = inner_variables(grid, rng)
     step = 1e-5
-    kept = smooth(model, x, step)
-    differences = changes(lambda at: rates_at(model, at), x, step)
-    exact = Slots(model, x).first_derivatives()
+    kept = smooth(receivers, x, step)
+    differences = changes(lambda at: rates_at(receivers, at), x, step)
+    exact = SlotRates(receivers, x).derivatives().gradients
     scale = 1 + np.abs(exact).max(axis=(-3, -2, -1), keepdims=True)
     assert (np.abs(exact - differences) / scale)[kept].max(initial=0) < 1e-5
 
@@ -90,19 +95,19 @@ def test_gradients_are_the_limits_of_differences(scenario, seed):
 @given(scenarios(), SEEDS)
 def test_hessians_are_the_differences_of_gradients_and_symmetric(scenario, seed):
     rng = np.random.default_rng(seed)
-    model = SlotModel.of(scenario)
-    x = inner_variables(model, scenario, rng)
+    grid = Grid.of(scenario)
+    receivers = Receivers.of(grid)
+    x = inner_variables(grid, rng)
     step = 1e-6
-    kept = smooth(model, x, step)
+    kept = smooth(receivers, x, step)
     weights = rng.normal(size=(scenario.slots, len(scenario.eavesdroppers) + 1))
     size = x.shape[-2] * 3
 
     def gradient(at):
-        return (weights[..., None, None] * Slots(model, at).first_derivatives()).sum(axis=-3)
+        return (weights[..., None, None] * SlotRates(receivers, at).derivatives().gradients).sum(axis=-3)
 
-    slots = Slots(model, x)
-    slots.first_derivatives()
-    exact = slots.second_derivative(weights)
+    slots = SlotRates(receivers, x)
+    exact = slots.derivatives().hessian(weights)
     differences = changes(gradient, x, step).reshape(scenario.slots, size, size)
     scale = 1 + np.abs(exact).max(axis=(-2, -1), keepdims=True)
     assert (np.abs(exact - differences) / scale)[kept].max(initial=0) < 1e-4
@@ -114,17 +119,19 @@ def test_hessians_are_the_differences_of_gradients_and_symmetric(scenario, seed)
 @given(scenarios(), SEEDS, st.floats(0, 1))
 def test_rounding_the_kink_never_raises_the_guaranteed_rate(scenario, seed, softening):
     rng = np.random.default_rng(seed)
-    model = SlotModel.of(scenario)
-    x = model.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
-    sharp, soft = Slots(model, x), Slots(model, x, np.array([softening]))
+    grid = Grid.of(scenario)
+    receivers = Receivers.of(grid)
+    x = grid.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
+    sharp, soft = SlotRates(receivers, x), SlotRates(receivers, x, np.array([softening]))
     assert (soft.leaks >= sharp.leaks - 1e-12).all()
     np.testing.assert_array_equal(soft.ground, sharp.ground)
 
 
 def test_the_gradient_at_the_very_kink_is_finite():
     scenario = Scenario.paper(102.0, slots=3)
-    model = SlotModel.of(scenario)
+    grid = Grid.of(scenario)
+    receivers = Receivers.of(grid)
     above = np.broadcast_to(scenario.eavesdroppers[0].position, (2, 3, 2))
-    slots = Slots(model, model.variables(above, np.ones((2, 3))))
-    assert np.isfinite(slots.first_derivatives()).all()
-    assert np.isfinite(slots.second_derivative(np.ones((3, 2)))).all()
+    slots = SlotRates(receivers, grid.variables(above, np.ones((2, 3))))
+    assert np.isfinite(slots.derivatives().gradients).all()
+    assert np.isfinite(slots.derivatives().hessian(np.ones((3, 2)))).all()

@@ -1,4 +1,6 @@
 from dataclasses import replace
+import subprocess
+import sys
 import time
 
 from hypothesis import given, settings
@@ -6,8 +8,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
-from secure_uav_planner.optimize import barrier
-from secure_uav_planner.optimize.feasible import straight_line
+from secure_uav_planner.errors import NumericalError
+from secure_uav_planner.limits.reference import straight_line
+from secure_uav_planner.optimize.joint import newton
 from strategies import PLACE, scenarios
 
 
@@ -133,19 +136,40 @@ def test_the_deadline_is_kept_and_leaves_the_best_plan_so_far():
 @pytest.mark.parametrize('healthy', [0, 3, 40, 100])
 def test_numbers_that_fail_cost_steps_and_not_the_plan(monkeypatch, healthy):
     calls = []
-    solver = barrier.dpbtrs
+    solver = newton.dpbtrs
 
     def solve_badly(*arguments, **options):
         solution, info = solver(*arguments, **options)
         calls.append(info)
         return (solution if len(calls) <= healthy else solution * np.nan), info
 
-    monkeypatch.setattr(barrier, 'dpbtrs', solve_badly)
+    monkeypatch.setattr(newton, 'dpbtrs', solve_badly)
     scenario = Scenario.paper(102)
     plan = solve(scenario, method='joint')
     assert isinstance(plan, Plan)
     assert plan.status == 'numerical_trouble'
     assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
+
+
+def test_a_factorisation_that_never_succeeds_is_numerical_trouble_and_keeps_the_plan(monkeypatch):
+    monkeypatch.setattr(newton, 'dpbtrf', lambda band, lower: (band, 1))
+    scenario = Scenario.paper(102)
+    plan = solve(scenario, method='joint')
+    assert plan.status == 'numerical_trouble'
+    assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
+
+
+def test_a_matrix_that_no_shift_can_mend_raises():
+    matrix = newton.BandMatrix(np.full((1, 4, 3, 3), np.nan), 1, np.zeros(1, bool))
+    with pytest.raises(NumericalError):
+        matrix._factor(0)
+    assert np.isnan(matrix.solve(np.ones((1, 12)), np.zeros((1, 12)), np.ones((1, 1)))).all()
+
+
+def test_the_default_method_does_not_import_cvxpy():
+    script = ("import sys; from secure_uav_planner import Scenario, solve; "
+              "solve(Scenario.paper(102.0, slots=8)); assert 'cvxpy' not in sys.modules")
+    subprocess.run([sys.executable, '-c', script], check=True)
 
 
 def moved_eavesdropper(scenario, distance):

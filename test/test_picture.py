@@ -5,7 +5,7 @@ from matplotlib.image import imread
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.optimize.fly_hover_fly import fly_hover_fly_positions
+from secure_uav_planner.optimize.baselines import fly_hover_fly_positions
 from secure_uav_planner.view.picture import draw_plan, power_level, save_picture
 from strategies import random_powers, scenarios
 

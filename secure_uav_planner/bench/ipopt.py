@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from ..channel import guaranteed_rates
-from ..optimize.feasible import feasible_positions, feasible_powers, silence_losing_slots
+from ..optimize.feasible import feasible, without_losing_slots
 
 _UNIT = 100.0  # m
 
@@ -101,8 +101,8 @@ def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
     values = np.array(found['x']).ravel()[:3 * uavs * slots].reshape(3, uavs, slots)
     path = positions.copy()
     path[:, 1:-1] = np.stack([values[0], values[1]], axis=-1) * _UNIT
-    path = feasible_positions(scenario, path)
-    power = silence_losing_slots(scenario, path, feasible_powers(scenario, values[2]))
+    path, power = feasible(scenario, path, values[2])
+    power = without_losing_slots(scenario, path, power)
     stats = solver.stats()
     return Answer(float(guaranteed_rates(scenario, path, power).mean()), built - started,
                   solved - built, stats['iter_count'], stats['return_status'])

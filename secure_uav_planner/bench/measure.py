@@ -9,7 +9,7 @@ import numpy as np
 
 from .ipopt import solve_by_ipopt
 from ..optimize import solve
-from ..optimize.fly_hover_fly import constant_powers, fly_hover_fly_positions
+from ..optimize.baselines import constant_powers, fly_hover_fly_positions
 
 _MEMORY = (
     'import resource, sys; from secure_uav_planner import Scenario, solve; '

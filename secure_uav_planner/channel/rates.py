@@ -38,7 +38,8 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
 
     A lower bound of worst_case_rates; equal to it when every error radius is zero.
     """
-    leak = rate_of(np.moveaxis(guaranteed_gains(scenario, positions) * powers, 1, 0)).max(axis=0)
+    received = np.moveaxis(guaranteed_gains(scenario, positions) * powers, 1, 0)
+    leak: Array = rate_of(received).max(axis=0)
     return ground_rates(scenario, positions, powers) - leak
 
 
@@ -74,4 +75,6 @@ def rate_of(received: Array) -> Array:
     :param received: powers over the noise power, the transmitter's S first, then those of the
         jammers, whose sum is J; (U, ...).
     """
-    return np.log1p(received[0] / (1.0 + received[1:].sum(axis=0))) / np.log(2.0)
+    interference: Array = received[1:].sum(axis=0)
+    rate: Array = np.log1p(received[0] / (1.0 + interference)) / np.log(2.0)
+    return rate

@@ -53,7 +53,8 @@ def _worst_leak_in_disc(scenario: Scenario, eve: Eavesdropper, uav_positions: Ar
     def into_disc(points: Array) -> Array:
         offset = points - centre
         distance = np.linalg.norm(offset, axis=-1, keepdims=True)
-        return centre + offset * np.minimum(1.0, radius / np.maximum(distance, 1e-300))
+        inside: Array = centre + offset * np.minimum(1.0, radius / np.maximum(distance, 1e-300))
+        return inside
 
     offset = np.swapaxes(uav_positions, 0, 1) - centre
     direction = offset / np.maximum(np.linalg.norm(offset, axis=-1, keepdims=True), 1e-300)

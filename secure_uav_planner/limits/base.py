@@ -33,7 +33,7 @@ class Limit(ABC):
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         self.scenario = scenario
-        self.grid = Grid(scenario, scenario.slots) if grid is None else grid
+        self.grid = Grid.of(scenario) if grid is None else grid
 
     # For a plan
 

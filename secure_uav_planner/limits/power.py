@@ -1,5 +1,6 @@
 """The limits of power, equation (power): a peak in every slot, and an average over all."""
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,8 @@ class PeakPower(Limit):
     def longest_step(self, iterate: Iterate, step: Step, margin: Array, change: Array,
                      share: float) -> Array:
         """Return the least over the slots, (S, U)."""
-        return step_to_zero(margin, change, share).min(axis=(1, 3))
+        least: Array = step_to_zero(margin, change, share).min(axis=(1, 3))
+        return least
 
     def clip(self, x: Array, trial: Array, share: float, factor: float) -> None:
         """Stop every power by itself."""
@@ -102,7 +104,8 @@ class AveragePower(Limit):
 
     def margin(self, iterate: Iterate) -> Array:
         """Return c, (S, U)."""
-        return 1.0 - iterate.power.mean(axis=1)
+        margin: Array = 1.0 - iterate.power.mean(axis=1)
+        return margin
 
     def add_gradient(self, iterate: Iterate, force: Array, gradient: Array) -> None:
         """Subtract force * dc/dx."""
@@ -110,7 +113,8 @@ class AveragePower(Limit):
 
     def change(self, iterate: Iterate, step: Step) -> Array:
         """Return the derivative of c along a step, (S, U)."""
-        return -step.power.mean(axis=1)
+        change: Array = -step.power.mean(axis=1)
+        return change
 
     def longest_step(self, iterate: Iterate, step: Step, margin: Array, change: Array,
                      share: float) -> Array:
@@ -128,5 +132,6 @@ class AveragePower(Limit):
         """Return a bound of every UAV's sum."""
         if variables.powers is None:
             return []
-        import cvxpy as cp  # Only here, where a CVXPY problem is being built anyway.
+        # Only here, where a CVXPY problem is being built anyway.
+        cp: Any = import_module('cvxpy')
         return [cp.sum(variables.powers, axis=1) <= self.scenario.slots]

@@ -1,5 +1,6 @@
 """The speed limit, equation (trajectory): the largest displacement from one point to the next."""
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ class SpeedLimit(Limit):
 
     def margin(self, iterate: Iterate) -> Array:
         """Return c, (S, N+1, U)."""
-        margin = 1.0 - (iterate.moves**2).sum(axis=-1) / self._square
+        margin: Array = 1.0 - (iterate.moves**2).sum(axis=-1) / self._square
         margin[..., self._fixed] = 1.0
         return margin
 
@@ -74,7 +75,8 @@ class SpeedLimit(Limit):
 
     def change(self, iterate: Iterate, step: Step) -> Array:
         """Return the derivative of c along a step, (S, N+1, U)."""
-        return (self._slope * iterate.moves * step.moves).sum(axis=-1)
+        change: Array = (self._slope * iterate.moves * step.moves).sum(axis=-1)
+        return change
 
     def longest_step(self, iterate: Iterate, step: Step, margin: Array, change: Array,
                      share: float) -> Array:
@@ -87,7 +89,8 @@ class SpeedLimit(Limit):
         length = np.where(half > 0, room / np.maximum(root + half, 1e-300),
                           (root - half) / np.maximum(bend, 1e-300))
         length[..., self._fixed] = 1.0
-        return np.minimum(1.0, length.min(axis=1))
+        least: Array = np.minimum(1.0, length.min(axis=1))
+        return least
 
     def add_curvature(self, iterate: Iterate, dual: Array, margin: Array, matrix: Any) -> None:
         """Add a 2 x 2 block for every move; see Limit."""
@@ -104,7 +107,8 @@ class SpeedLimit(Limit):
         """Return a cone for every UAV's moves."""
         if variables.paths is None:
             return []
-        import cvxpy as cp  # Only here, where a CVXPY problem is being built anyway.
+        # Only here, where a CVXPY problem is being built anyway.
+        cp: Any = import_module('cvxpy')
         return [cp.norm(path[1:] - path[:-1], axis=1) <= most * variables.scale
                 for path, most in zip(
                     variables.paths, self.scenario.max_step.tolist(), strict=True)]

@@ -44,7 +44,7 @@ def constant_powers(scenario: Scenario, transmitting: float = 1.0,
 def _fly_hover_fly(start: Array, goal: Array, place: Array, step: float, slots: int) -> Array:
     """Return the points of one UAV, (N+2, 2)."""
     turn = _turning_place(start, goal, place, (slots + 1) * step)
-    count = np.arange(slots + 2)
+    count = np.arange(slots + 2.0)
     outward = _along(start, turn, count * step)
     homeward = _along(goal, turn, (slots + 1 - count) * step)
     leaving = (slots + 1 - count) * step < math.dist(goal, turn)
@@ -59,8 +59,8 @@ def _turning_place(start: Array, goal: Array, place: Array, reach: float) -> Arr
     # |start + s u - goal| = reach - s, solved for the s at which to turn.
     direction = (place - start) / outward if outward > 0 else np.zeros(2)
     back = start - goal
-    denominator = 2 * (reach + back @ direction)
-    slack = max(0.0, reach**2 - back @ back)
+    denominator = 2 * (reach + float(back @ direction))
+    slack = max(0.0, reach**2 - float(back @ back))
     # Straight towards the goal with no slack, turning earlier or later is the same flight.
     along = min(outward, reach, slack / denominator if denominator > 1e-12 * reach else reach)
     return start + along * direction

@@ -50,7 +50,7 @@ class _Joint:
     def __init__(self, search: Search, schedule: Schedule) -> None:
         self._search = search
         self._schedule = schedule
-        self._grid = Grid(search.scenario, search.scenario.slots)
+        self._grid = Grid.of(search.scenario)
 
     def from_present_plan(self) -> Status:
         """Improve the present plan."""
@@ -106,8 +106,8 @@ class _Joint:
         order = np.argsort(-rates)
         rates = rates[order]
         new = np.append(True, -np.diff(rates) > self._schedule.distinct * abs(rates[0]))
-        order = order[new]
-        return order[:max(self._schedule.rivals, int(np.ceil(share * len(order))))]
+        distinct: NDArray[np.intp] = order[new]
+        return distinct[:max(self._schedule.rivals, int(np.ceil(share * len(distinct))))]
 
     def _on_finer_grids(self, barrier: Barrier, start: int) -> Barrier:
         """Return one start of a Barrier on the full grid, by way of grids in between."""
@@ -167,7 +167,7 @@ class _Joint:
         :param more: further powers to begin with, (U, N) in W.
         """
         scenario = grid.scenario
-        fixed = Grid(scenario, grid.slots, np.ones(len(scenario.uavs), bool))
+        fixed = grid.with_fixed_positions()
         powers = [constant_powers(scenario, 0.9, share) for share in jamming]
         alone = powers_without_jamming(scenario, flight)
         found = [strictly_feasible(fixed, flight, one, share=0.0, least=1e-6)

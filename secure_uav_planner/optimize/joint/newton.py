@@ -44,7 +44,8 @@ class BandMatrix:
     def _lower(self, blocks: Array) -> Array:
         """Return the lower triangles of blocks (..., 3 U, 3 U) by column and offset."""
         flat = blocks.reshape(*blocks.shape[:-2], -1)
-        return flat[..., self._pattern] * self._inside
+        lower: Array = flat[..., self._pattern] * self._inside
+        return lower
 
     def add_powers(self, values: Array) -> None:
         """Add values (S, N, U) to the diagonal of the powers."""
@@ -63,6 +64,13 @@ class BandMatrix:
                 offset = later * self._size + row - column
                 if offset >= 0:
                     self._band[:, :slots, 1 + column::3, offset] += blocks[..., row, column]
+
+    def dense(self, start: int) -> Array:
+        """Return the matrix of a start in full, (N * 3 U, N * 3 U); for small ones."""
+        band = self._band[start].reshape(-1, self._band.shape[-1])
+        lower: Array = sum(np.diag(band[:len(band) - offset, offset], -offset)
+                           for offset in range(min(len(band), band.shape[1])))
+        return lower + np.tril(lower, -1).T
 
     def solve(self, right: Array, rows: Array, softness: Array) -> Array:
         """
@@ -140,4 +148,6 @@ def _cholesky(band: Array) -> tuple[Array, int]:
 def _negative_part(blocks: Array) -> Array:
     """Return what symmetric matrices lack to be positive semidefinite."""
     values, vectors = np.linalg.eigh(blocks)
-    return (vectors * np.maximum(-values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    lacking: Array = (vectors * np.maximum(-values, 0.0)[..., None, :]) @ np.swapaxes(
+        vectors, -1, -2)
+    return lacking

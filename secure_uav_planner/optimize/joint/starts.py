@@ -49,7 +49,7 @@ def hovering_places(scenario: Scenario, schedule: Schedule) -> Array:
     side = np.array([-away[1], away[0]])
     for shift in (away, side, -side):
         places.append([ground + beside * shift] + [eves[eve] for eve in shares[0]])
-    found = np.array(places)
+    found: Array = np.array(places)
     first = np.unique(found.round(6), axis=0, return_index=True)[1]
     return found[np.sort(first)]
 
