@@ -3,8 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import channel
+from .errors import OptionError
+from .plan import Plan
+from .scenario import Array
 
 # Slower than this share of the largest speed, a direction of travel is numerical noise.
 _HOVERING = 1e-3
@@ -21,23 +25,23 @@ class Moment:
     :param powers: (U,) in W, those of the slot; zero outside the slots.
     """
 
-    positions: np.ndarray
-    velocities: np.ndarray
-    headings: np.ndarray
-    powers: np.ndarray
+    positions: Array
+    velocities: Array
+    headings: Array
+    powers: Array
 
 
-def velocities(plan):
+def velocities(plan: Plan) -> Array:
     """Return the velocity from every point to the next, (U, N+2, 2) in m/s; the last is zero."""
     moves = np.diff(plan.positions, axis=1) / plan.scenario.slot_duration
     return np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
 
 
-def headings(plan):
+def headings(plan: Plan) -> Array:
     """Return the direction of travel at every point, (U, N+2) in rad, held while hovering."""
     moves = velocities(plan)
     speed = np.linalg.norm(moves, axis=-1)
-    limit = _HOVERING * np.array([uav.max_speed for uav in plan.scenario.uavs])[:, None]
+    limit = _HOVERING * plan.scenario.max_speeds[:, None]
     moving = speed > limit
     # The index of the last point at which the UAV moved; before the first, that of the first.
     index = np.where(moving, np.arange(speed.shape[1]), -1)
@@ -55,13 +59,13 @@ class Playback:
     :param plan: a Plan.
     """
 
-    def __init__(self, plan):
+    def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self.duration = float(plan.times[-1])
         self._velocities = velocities(plan)
         self._headings = headings(plan)
 
-    def at(self, time):
+    def at(self, time: float) -> Moment:
         """
         Return the Moment at a time from the start in s, held before it and after the end.
 
@@ -79,7 +83,7 @@ class Playback:
         return Moment(before + share * (after - before), self._velocities[:, point],
                       self._headings[:, point], powers)
 
-    def secrecy_rate(self, moment, eavesdropper=None):
+    def secrecy_rate(self, moment: Moment, eavesdropper: ArrayLike | None = None) -> float:
         """
         Return the secrecy rate [r_0 - r_e]^+ of a moment in bit/s/Hz.
 
@@ -105,12 +109,12 @@ class Player:
     :ivar largest_step: between one setpoint and the next, in m.
     """
 
-    def __init__(self):
-        self.playback = None
-        self._next = None
+    def __init__(self) -> None:
+        self.playback: Playback | None = None
+        self._next: Playback | None = None
         self.reset()
 
-    def load(self, plan):
+    def load(self, plan: Plan) -> None:
         """Play a plan, now or, while another is played, when its start time has come."""
         playback = Playback(plan)
         if self.playback is None or not self.streaming or self.finished:
@@ -121,39 +125,42 @@ class Player:
             self._switch()
 
     @property
-    def finished(self):
+    def finished(self) -> bool:
         """Whether the end of the plan has been reached."""
         return self.playback is not None and self.time >= self.playback.duration
 
-    def start(self):
+    def start(self) -> None:
         """Play on, or from the start again at the end."""
         if self.finished:
             self.reset_time()
         self.playing = self.streaming = True
 
-    def pause(self):
+    def pause(self) -> None:
         """Hold the setpoint."""
         self.playing = False
 
-    def reset(self):
+    def reset(self) -> None:
         """Go back to the start and stop streaming."""
         self.playing = self.streaming = False
         self.reset_time()
 
-    def reset_time(self):
+    def reset_time(self) -> None:
         """Go back to the start."""
         self.time = self.delivered = self.largest_step = 0.0
-        self._last = None
+        self._last: Array | None = None
 
-    def advance(self, seconds, eavesdropper=None):
+    def advance(self, seconds: float, eavesdropper: ArrayLike | None = None) -> Moment:
         """
         Go on by a time in s if playing; return the Moment.
 
         :param eavesdropper: where it really is, (2,) in m, or None.
+        :raises OptionError: before a plan has been loaded.
         """
+        if self.playback is None:
+            raise OptionError('no plan has been loaded; there is nothing to play')
         if self.playing:
             end = min(self.time + seconds, self.playback.duration)
-            self.delivered += self._delivered_until(end, eavesdropper)
+            self.delivered += _delivered(self.playback, self.time, end, eavesdropper)
             self.time = end
             self._switch()
         moment = self.playback.at(self.time)
@@ -163,22 +170,23 @@ class Player:
         self._last = moment.positions
         return moment
 
-    def _delivered_until(self, end, eavesdropper):
-        """Integrate the secrecy rate from now to a time, slot by slot."""
-        step = self.playback.plan.scenario.slot_duration
-        inside = np.arange(np.floor(self.time / step) + 1, np.ceil(end / step)) * step
-        edges = np.concatenate([[self.time], inside, [end]])
-        return sum(
-            (after - before) * self.playback.secrecy_rate(
-                self.playback.at((before + after) / 2), eavesdropper)
-            for before, after in zip(edges, edges[1:]))
-
-    def _switch(self):
+    def _switch(self) -> None:
         """Change to the next plan where its time has come, at the same moment of time."""
-        if self._next is None:
+        if self.playback is None or self._next is None:
             return
         now, then = self.playback.plan.start_ns, self._next.plan.start_ns
-        time = self.time - (then - now) * 1e-9 if None not in (now, then) else 0.0
+        time = 0.0 if now is None or then is None else self.time - (then - now) * 1e-9
         if time >= 0 or self.finished:
             self.playback, self._next = self._next, None
             self.time = min(max(time, 0.0), self.playback.duration)
+
+
+def _delivered(playback: Playback, begin: float, end: float,
+               eavesdropper: ArrayLike | None) -> float:
+    """Return the secrecy rate integrated from one time to another, slot by slot, in bit/Hz."""
+    step = playback.plan.scenario.slot_duration
+    inside = np.arange(np.floor(begin / step) + 1, np.ceil(end / step)) * step
+    edges = [begin, *inside.tolist(), end]
+    return sum((after - before) * playback.secrecy_rate(
+        playback.at((before + after) / 2), eavesdropper)
+        for before, after in zip(edges, edges[1:], strict=False))

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, fields, MISSING
 import difflib
 from functools import cached_property
 import math
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +32,8 @@ LIMITS = {
 MAX_MEMBERS = 32
 """The most UAVs, and the most eavesdroppers."""
 
-_Kind = TypeVar('_Kind')
+MAX_COUPLINGS = 10**7
+"""The most pairs of variables that meet in a slot, slots * (3 uavs)^2: a step takes about 1 s."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,15 @@ class Scenario:
         object.__setattr__(self, 'slots', int(_number('', 'slots', self.slots)))
         object.__setattr__(self, 'reference_snr_db', _number(
             '', 'reference_snr_db', self.reference_snr_db))
+        self._check_size()
         self._check_reachable()
+
+    def _check_size(self) -> None:
+        most = MAX_COUPLINGS // (3 * len(self.uavs))**2
+        if self.slots > most:
+            raise ScenarioError(f'slots is {self.slots}; with {len(self.uavs)} uavs it must be '
+                                f'at most {most}, or a plan would take too long and too much '
+                                'memory')
 
     def _check_reachable(self) -> None:
         for uav, shortest in zip(self.uavs, self.shortest_durations, strict=True):

@@ -5,7 +5,6 @@ import time
 
 import numpy as np
 
-from ..channel import guaranteed_rates
 from ..optimize.feasible import feasible, without_losing_slots
 
 _UNIT = 100.0  # m
@@ -102,7 +101,7 @@ def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
     path = positions.copy()
     path[:, 1:-1] = np.stack([values[0], values[1]], axis=-1) * _UNIT
     path, power = feasible(scenario, path, values[2])
-    power = without_losing_slots(scenario, path, power)
+    _, rates = without_losing_slots(scenario, path, power)
     stats = solver.stats()
-    return Answer(float(guaranteed_rates(scenario, path, power).mean()), built - started,
+    return Answer(float(rates.mean()), built - started,
                   solved - built, stats['iter_count'], stats['return_status'])

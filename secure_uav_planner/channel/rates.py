@@ -4,13 +4,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .links import FreeSpace, guaranteed_squared_distance
-from ..scenario import Array, Scenario
+from ..scenario import Array, Eavesdropper, Scenario
 
 
 def ground_gains(scenario: Scenario, positions: Array) -> Array:
     """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
     offset = positions[:, 1:-1] - np.array(scenario.ground_node)
-    return FreeSpace.of(scenario).gain(np.sum(offset**2, axis=-1))
+    return FreeSpace.of(scenario).gain(offset[..., 0]**2 + offset[..., 1]**2)
 
 
 def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
@@ -20,11 +20,17 @@ def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
     The best case for the transmitter and the worst case for each jammer, taken separately over
     the disc: h-tilde of equation (r_e_approx), with the distance [d - eps]^+ inside the disc.
     """
-    offset = positions[None, :, 1:-1] - scenario.eavesdropper_positions[:, None, None]
-    edge = np.repeat(scenario.error_radii[:, None, None], len(scenario.uavs), axis=1)
-    edge[:, 0] *= -1
+    return np.stack([_guaranteed_gains_to(scenario, positions, eve)
+                     for eve in scenario.eavesdroppers])
+
+
+def _guaranteed_gains_to(scenario: Scenario, positions: Array, eve: Eavesdropper) -> Array:
+    """Return the guaranteed_gains to one eavesdropper, (U, N) in 1/W."""
+    offset = positions[:, 1:-1] - np.array(eve.position)
+    edge = np.full((len(positions), 1), eve.error_radius)
+    edge[0] *= -1
     return FreeSpace.of(scenario).gain(
-        guaranteed_squared_distance(np.sum(offset**2, axis=-1), edge))
+        guaranteed_squared_distance(offset[..., 0]**2 + offset[..., 1]**2, edge))
 
 
 def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
@@ -38,8 +44,11 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
 
     A lower bound of worst_case_rates; equal to it when every error radius is zero.
     """
-    received = np.moveaxis(guaranteed_gains(scenario, positions) * powers, 1, 0)
-    leak: Array = rate_of(received).max(axis=0)
+    # One eavesdropper after the other: arrays over all of them would not fit into the caches.
+    leak = np.full(powers.shape[1], -np.inf)
+    for eve in scenario.eavesdroppers:
+        received = _guaranteed_gains_to(scenario, positions, eve) * powers
+        np.maximum(leak, rate_of(received), out=leak)
     return ground_rates(scenario, positions, powers) - leak
 
 
@@ -64,7 +73,7 @@ def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
     :param places: (N, K, 2) in m.
     """
     offset = uav_positions[:, :, None] - places
-    gains = FreeSpace.of(scenario, axes=2).gain(np.sum(offset**2, axis=-1))
+    gains = FreeSpace.of(scenario, axes=2).gain(offset[..., 0]**2 + offset[..., 1]**2)
     return rate_of(gains * powers[..., None])
 
 

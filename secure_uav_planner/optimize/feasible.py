@@ -20,12 +20,17 @@ def feasible(scenario: Scenario, positions: Array, powers: Array) -> tuple[Array
     return positions, powers
 
 
-def without_losing_slots(scenario: Scenario, positions: Array, powers: Array) -> Array:
-    """Return the powers with the transmitter silent where its guaranteed rate is negative."""
-    losing = guaranteed_rates(scenario, positions, powers) < 0
+def without_losing_slots(scenario: Scenario, positions: Array,
+                         powers: Array) -> tuple[Array, Array]:
+    """
+    Return the powers with the transmitter silent where its guaranteed rate is negative.
+
+    :return: powers, (U, N) in W, and the guaranteed rates that they have, (N,) in bit/s/Hz.
+    """
+    rates = guaranteed_rates(scenario, positions, powers)
     powers = powers.copy()
-    powers[0, losing] = 0.0
-    return powers
+    powers[0, rates < 0] = 0.0
+    return powers, np.maximum(rates, 0.0)  # Where nothing is transmitted, nothing leaks.
 
 
 def similar(scenario: Scenario, other: Scenario) -> bool:

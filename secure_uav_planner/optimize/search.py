@@ -49,12 +49,13 @@ class Search:
         self._time_limit = time_limit
         self._cancelled = False
         self.positions = positions
-        self.powers = without_losing_slots(scenario, positions, powers)
-        self.rate = self._rate(self.positions, self.powers)
+        self.powers, self._rates = without_losing_slots(scenario, positions, powers)
         self.report('start')
 
-    def _rate(self, positions: Array, powers: Array) -> float:
-        return float(guaranteed_rates(self.scenario, positions, powers).mean())
+    @property
+    def rate(self) -> float:
+        """Objective of the present iterate, in bit/s/Hz."""
+        return float(self._rates.mean())
 
     @property
     def elapsed(self) -> float:
@@ -82,12 +83,11 @@ class Search:
         positions, powers = feasible(
             self.scenario, self.positions if positions is None else positions,
             self.powers if powers is None else powers)
-        powers = without_losing_slots(self.scenario, positions, powers)
-        rate = self._rate(positions, powers)
-        gain = rate - self.rate
+        powers, rates = without_losing_slots(self.scenario, positions, powers)
+        gain = float(rates.mean()) - self.rate
         if not gain > 0:  # also when it is NaN
             return 0.0
-        self.positions, self.powers, self.rate = positions, powers, rate
+        self.positions, self.powers, self._rates = positions, powers, rates
         return gain
 
     def try_less_jamming(self) -> None:
@@ -112,8 +112,7 @@ class Search:
 
     def plan(self, method: str, status: Status) -> Plan:
         """Return the best iterate as a Plan, with jammers silent where nothing is transmitted."""
-        rates = guaranteed_rates(self.scenario, self.positions, self.powers)
-        powers = np.where(rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
+        powers = np.where(self._rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
         return Plan(self.scenario, self.positions, powers, method, status,
                     tuple(self.history), self.elapsed)
 

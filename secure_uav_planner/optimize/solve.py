@@ -4,6 +4,7 @@ from collections.abc import Callable
 import time
 from typing import get_args, Literal, TypeAlias
 
+from . import joint
 from .baselines import constant_powers, fly_hover_fly_positions
 from .feasible import adapted
 from .search import OnIteration, Search
@@ -22,12 +23,11 @@ METHODS: tuple[Method, ...] = get_args(Method)
 
 def _improve_by(method: Method) -> Callable[[Search], Status]:
     """Return what improves a Search until it has converged or must stop."""
-    # Imported here, because CVXPY takes a second to import and only `alternating` needs it.
-    if method == 'alternating':
-        from .alternating import alternate
-        return alternate
-    from .joint import improve
-    return improve
+    if method == 'joint':
+        return joint.improve
+    # Imported here, because CVXPY takes a second to import.
+    from .alternating import alternate
+    return alternate
 
 
 def solve(scenario: Scenario, method: Method = 'joint',

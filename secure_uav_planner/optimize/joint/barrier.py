@@ -1,5 +1,6 @@
 """A primal-dual interior-point method for problem (P2), for several starts side by side."""
 
+from collections.abc import Callable
 import time
 
 import numpy as np
@@ -59,11 +60,15 @@ class Barrier:
     :param x: strictly feasible starts, (S, N, U, 3).
     :param mu: the barrier parameter to begin with, for all starts or for each, (S,).
     :param schedule: the tuned numbers.
+    :param check: called between parts of a step that may take long; what it raises ends the
+        step and leaves x as it was.
     """
 
-    def __init__(self, grid: Grid, x: Array, mu: float | Array, schedule: Schedule) -> None:
+    def __init__(self, grid: Grid, x: Array, mu: float | Array, schedule: Schedule,
+                 check: Callable[[], None] = lambda: None) -> None:
         self.grid = grid
         self.schedule = schedule
+        self.check = check
         self.receivers = Receivers.of(grid)
         self.limits = limits_of(grid.scenario, grid)
         self.solver_time = 0.0
@@ -105,7 +110,9 @@ class Barrier:
         """
         x, mu = self.x, self.mu
         here = Evaluation(self, x, mu) if self._known is None else self._known
+        self.check()
         gradient, hessian, leaks = self._model_of_slots(here)
+        self.check()
         central = [limit.weight * _quotient(mu, margin)
                    for limit, margin in zip(self.limits, here.margins, strict=True)]
         for limit, force in zip(self.limits, central, strict=True):
@@ -126,6 +133,7 @@ class Barrier:
 
     def try_from(self, x: Array, starts: NDArray[np.intp]) -> Evaluation:
         """Return the barrier function of some of the starts at another x."""
+        self.check()
         return Evaluation(self, x, self.mu[starts])
 
     def move(self, x: Array, known: Evaluation | None) -> None:
@@ -169,7 +177,7 @@ class Barrier:
             else:
                 limit.add_curvature(here.iterate, dual, margin, matrix)
         step = matrix.solve(-gradient.reshape(len(gradient), -1), self._rows,
-                            np.concatenate(softness, axis=1))
+                            np.concatenate(softness, axis=1), self.check)
         failed = ~np.isfinite(step).all(axis=1)
         if failed.all():
             raise NumericalError('no Newton step could be computed')

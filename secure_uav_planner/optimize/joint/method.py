@@ -57,13 +57,13 @@ class _Joint:
         x = strictly_feasible(self._grid, self._search.positions, self._search.powers,
                               share=self._schedule.warm_share)
         return self._finish(
-            Barrier(self._grid, x[None], self._schedule.warm_mu, self._schedule))
+            self._barrier(self._grid, x[None], self._schedule.warm_mu))
 
     def from_several_starts(self) -> Status:
         """Find the best of several starts on a coarse grid and finish it, and a close rival."""
         schedule = self._schedule
         coarse = self._grid.divided(min(self._grid.slots, schedule.coarse_slots))
-        barrier = self._compete(coarse, *several_starts(coarse, schedule))
+        barrier = self._compete(coarse, *several_starts(coarse, schedule, self._check))
         rates = barrier.rates()
         rivals = np.flatnonzero(rates >= (1 - schedule.rival_gap) * rates[0])[:schedule.rivals]
         statuses = [self._finish(self._on_finer_grids(barrier, rival)) for rival in rivals]
@@ -75,13 +75,13 @@ class _Joint:
         schedule = self._schedule
         # A few of every kind first: in an easy mission all of them end in the same place.
         scouts = np.arange(0, len(x), schedule.scouts)
-        barrier = self._best_of(Barrier(grid, x[scouts], mus[scouts], schedule))
+        barrier = self._best_of(self._barrier(grid, x[scouts], mus[scouts]))
         if len(barrier.x) == 1:
             return barrier
         rest = np.setdiff1d(np.arange(len(x)), scouts)
-        others = self._best_of(Barrier(grid, x[rest], mus[rest], schedule))
-        barrier = Barrier(grid, np.concatenate([barrier.x, others.x]),
-                          np.concatenate([barrier.mu, others.mu]), schedule)
+        others = self._best_of(self._barrier(grid, x[rest], mus[rest]))
+        barrier = self._barrier(grid, np.concatenate([barrier.x, others.x]),
+                                np.concatenate([barrier.mu, others.mu]))
         self._select(barrier, 0.5)
         self._advance(barrier, schedule.last_steps, schedule.coarse_mu)
         self._select(barrier, 0.0)
@@ -112,7 +112,7 @@ class _Joint:
     def _on_finer_grids(self, barrier: Barrier, start: int) -> Barrier:
         """Return one start of a Barrier on the full grid, by way of grids in between."""
         schedule, full = self._schedule, self._grid.slots
-        one = Barrier(barrier.grid, barrier.x[[start]], barrier.mu[start], schedule)
+        one = self._barrier(barrier.grid, barrier.x[[start]], barrier.mu[start])
         while one.grid.slots < full:
             slots = one.grid.slots
             if one.grid is not barrier.grid:
@@ -120,7 +120,7 @@ class _Joint:
             grids = int(np.ceil(np.log(full / slots) / np.log(schedule.refinement)))
             finer = round(slots * (full / slots)**(1 / grids))
             x = one.grid.refined(one.x[0], finer)
-            one = Barrier(one.grid.divided(finer), x[None], one.mu, schedule)
+            one = self._barrier(one.grid.divided(finer), x[None], one.mu)
         return one
 
     def _finish(self, barrier: Barrier) -> Status:
@@ -174,7 +174,17 @@ class _Joint:
                  for one in (*powers, *more, *([] if alone is None else [alone]))]
         x = np.array(found)
         x[..., 0] *= 0.99
-        return Barrier(fixed, x, self._schedule.powers_mu, self._schedule)
+        return self._barrier(fixed, x, self._schedule.powers_mu)
+
+    def _barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
+        """Return a Barrier that stops when the search must end."""
+        return Barrier(grid, x, mu, self._schedule, self._check)
+
+    def _check(self) -> None:
+        """Raise _Stop where the search must end."""
+        reason = self._search.stop_reason()
+        if reason is not None:
+            raise _Stop(reason)
 
     def _advance(self, barrier: Barrier, steps: int, mu: float) -> None:
         """Take a number of steps, or fewer where a single start finishes sooner."""
@@ -186,14 +196,16 @@ class _Joint:
     def _step(self, barrier: Barrier, mu: float) -> None:
         """Take a step, report it, and raise _Stop where the search must end."""
         before = barrier.solver_time
-        barrier.iterate(mu)
+        try:
+            barrier.iterate(mu)
+        except _Stop:
+            self._try_best(barrier)
+            raise
         self._search.solver_time += barrier.solver_time - before
         if self._search.stop_reason() is not None:
             self._try_best(barrier)
         self._search.report('joint')
-        reason = self._search.stop_reason()
-        if reason is not None:
-            raise _Stop(reason)
+        self._check()
 
     def _try_best(self, barrier: Barrier) -> None:
         """Propose the best start of a Barrier to the search, on the full grid."""

@@ -1,5 +1,7 @@
 """The Newton system: a symmetric band matrix for each start, and a few dense rows."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbtrf, dpbtrs
@@ -72,7 +74,8 @@ class BandMatrix:
                            for offset in range(min(len(band), band.shape[1])))
         return lower + np.tril(lower, -1).T
 
-    def solve(self, right: Array, rows: Array, softness: Array) -> Array:
+    def solve(self, right: Array, rows: Array, softness: Array,
+              check: Callable[[], None] = lambda: None) -> Array:
         """
         Return the solutions of (band + sum_k row_k row_k^T / softness_k) step = right.
 
@@ -82,12 +85,14 @@ class BandMatrix:
         :param right: (S, N * 3 U).
         :param rows: (K, N * 3 U).
         :param softness: (S, K).
+        :param check: called before each start; what it raises is passed on.
         :return: (S, N * 3 U).
         """
         found = np.empty_like(right)
         together = np.empty((right.shape[1], 1 + len(rows)))
         together[:, 1:] = rows.T
         for start, one in enumerate(right):
+            check()
             together[:, 0] = one
             try:
                 solved = dpbtrs(self._factor(start), together, lower=1)[0]

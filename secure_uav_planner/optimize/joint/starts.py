@@ -1,6 +1,6 @@
 """Where the joint method begins: flights to various hovering places."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -54,11 +54,14 @@ def hovering_places(scenario: Scenario, schedule: Schedule) -> Array:
     return found[np.sort(first)]
 
 
-def several_starts(grid: Grid, schedule: Schedule) -> tuple[Array, Array]:
+def several_starts(grid: Grid, schedule: Schedule,
+                   check: Callable[[], None] = lambda: None) -> tuple[Array, Array]:
     """
     Return strictly feasible starts (S, N, U, 3), and mu to begin each with, (S,).
 
     Each kind of start is spread over the hovering places.
+
+    :param check: called before each start; what it raises is passed on.
     """
     scenario = grid.scenario
     places = hovering_places(scenario, schedule)
@@ -66,6 +69,7 @@ def several_starts(grid: Grid, schedule: Schedule) -> tuple[Array, Array]:
     for kind in schedule.kinds:
         spread = np.linspace(0, len(places) - 1, min(kind.count, len(places)))
         for hover in places[np.unique(spread.round().astype(int))]:
+            check()
             positions = fly_hover_fly_positions(scenario, hover)
             for powers, least in _powers(scenario, positions, kind, schedule):
                 starts.append(strictly_feasible(grid, positions, powers, least=least))
