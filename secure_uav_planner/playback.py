@@ -1,6 +1,7 @@
 """A plan in continuous time: where the UAVs are between its points, and what is delivered."""
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -187,6 +188,6 @@ def _delivered(playback: Playback, begin: float, end: float,
     step = playback.plan.scenario.slot_duration
     inside = np.arange(np.floor(begin / step) + 1, np.ceil(end / step)) * step
     edges = [begin, *inside.tolist(), end]
-    return sum((after - before) * playback.secrecy_rate(
+    return math.fsum((after - before) * playback.secrecy_rate(
         playback.at((before + after) / 2), eavesdropper)
         for before, after in zip(edges, edges[1:], strict=False))

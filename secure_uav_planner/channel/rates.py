@@ -49,7 +49,8 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     for eve in scenario.eavesdroppers:
         received = _guaranteed_gains_to(scenario, positions, eve) * powers
         np.maximum(leak, rate_of(received), out=leak)
-    return ground_rates(scenario, positions, powers) - leak
+    rates: Array = ground_rates(scenario, positions, powers) - leak
+    return rates
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,

@@ -70,8 +70,9 @@ class BandMatrix:
     def dense(self, start: int) -> Array:
         """Return the matrix of a start in full, (N * 3 U, N * 3 U); for small ones."""
         band = self._band[start].reshape(-1, self._band.shape[-1])
-        lower: Array = sum(np.diag(band[:len(band) - offset, offset], -offset)
-                           for offset in range(min(len(band), band.shape[1])))
+        lower = np.zeros((len(band), len(band)))
+        for offset in range(min(len(band), band.shape[1])):
+            lower += np.diag(band[:len(band) - offset, offset], -offset)
         return lower + np.tril(lower, -1).T
 
     def solve(self, right: Array, rows: Array, softness: Array,
