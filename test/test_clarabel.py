@@ -1,0 +1,105 @@
+"""Clarabel by way of CVXPY: every problem has a solver of its own, and a failure is no error."""
+
+import clarabel
+import cvxpy as cp
+import numpy as np
+import pytest
+from secure_uav_planner import fly_hover_fly, Scenario, solve
+from secure_uav_planner.optimize.conic import solve_with_clarabel
+from secure_uav_planner.optimize.trajectory import TrajectoryProblem
+
+
+class PanicException(BaseException):
+    """As pyo3 names what becomes of a panic in Rust; no module exports the original."""
+
+
+def small_problem():
+    x = cp.Variable(2)
+    return cp.Problem(cp.Minimize(cp.norm(x)), [x >= 1])
+
+
+def refusing(error, after=0):
+    """Return what to put in the place of Clarabel's solver: it fails after some calls."""
+    healthy, calls = clarabel.DefaultSolver, []
+
+    def solver(*arguments):
+        calls.append(arguments)
+        if len(calls) > after:
+            raise error
+        return healthy(*arguments)
+
+    return solver
+
+
+@pytest.mark.parametrize('error', [
+    Exception('Data formatting error'), ValueError('NaN'), cp.SolverError('no luck'),
+    PanicException('index out of bounds'), MemoryError()])
+def test_whatever_the_solver_raises_is_a_failure(monkeypatch, error):
+    monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(error))
+    assert solve_with_clarabel(small_problem()) == (False, 0.0)
+
+
+def test_a_panic_or_an_error_of_clarabel_itself_is_a_failure(monkeypatch):
+    # Clarabel 0.10 panics when the cones do not fit the matrix, 0.11 raises a plain Exception.
+    healthy = clarabel.DefaultSolver
+    monkeypatch.setattr(clarabel, 'DefaultSolver', lambda p, q, a, b, cones, settings: healthy(
+        p, q, a, b, [*cones, clarabel.NonnegativeConeT(3)], settings))
+    assert solve_with_clarabel(small_problem()) == (False, 0.0)
+
+
+@pytest.mark.parametrize('stop', [KeyboardInterrupt, SystemExit])
+def test_a_person_who_stops_the_program_is_obeyed(monkeypatch, stop):
+    monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(stop()))
+    with pytest.raises(stop):
+        solve_with_clarabel(small_problem())
+
+
+def test_a_problem_that_is_not_convex_is_an_error_in_the_program():
+    x = cp.Variable()
+    with pytest.raises(cp.DCPError):
+        solve_with_clarabel(cp.Problem(cp.Maximize(cp.square(x)), [x <= 1]))
+
+
+@pytest.mark.parametrize('run', [
+    lambda scenario: solve(scenario, method='alternating'),
+    lambda scenario: fly_hover_fly(scenario, 'optimised')])
+@pytest.mark.parametrize('error', [
+    Exception('Data formatting error'), PanicException('index out of bounds')])
+def test_the_best_iterate_survives_whatever_the_solver_raises(monkeypatch, run, error):
+    monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(error, after=5))
+    plan = run(Scenario.paper(102))
+    assert plan.status == 'numerical_trouble'
+    assert plan.guaranteed_rate == pytest.approx(plan.history[5].rate)
+    assert plan.history[5].rate > plan.history[1].rate
+
+
+def test_every_solve_has_a_solver_of_its_own(monkeypatch):
+    healthy, made = clarabel.DefaultSolver, []
+    monkeypatch.setattr(
+        clarabel, 'DefaultSolver', lambda *given: made.append(given) or healthy(*given))
+    problem = small_problem()
+    for _ in range(3):
+        assert solve_with_clarabel(problem)[0]
+    assert len(made) == 3
+
+
+@pytest.mark.parametrize('slots', [102, 200])
+def test_a_large_mission_is_solved_where_other_powers_are_zero_than_before(slots):
+    # Then other entries of the matrices are zero, which CVXPY's warm start did not survive.
+    scenario = Scenario.paper(slots)
+    start = fly_hover_fly(scenario)
+    restriction = TrajectoryProblem(2, 1, slots)
+    for silent in (slice(0, 0), slice(0, 50), slice(40, 90)):
+        powers = start.powers.copy()
+        powers[:, silent] = 0.0
+        answer, seconds = restriction.solve(scenario, start.positions, powers)
+        assert answer is not None
+        assert seconds > 0
+        assert np.isfinite(answer).all()
+
+
+def test_a_large_mission_can_be_planned_twice():
+    scenario = Scenario.paper(104)
+    first, second = (solve(scenario, method='alternating') for _ in range(2))
+    assert first.status == second.status == 'converged'
+    assert first.guaranteed_rate == second.guaranteed_rate > 1.56
