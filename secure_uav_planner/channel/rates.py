@@ -7,30 +7,30 @@ from .links import FreeSpace, guaranteed_squared_distance
 from ..scenario import Array, Eavesdropper, Scenario
 
 
-def ground_gains(scenario: Scenario, positions: Array) -> Array:
-    """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
-    offset = positions[:, 1:-1] - np.array(scenario.ground_node)
-    return FreeSpace.of(scenario).gain(offset[..., 0]**2 + offset[..., 1]**2)
+def ground_squared_distances(scenario: Scenario, positions: Array) -> Array:
+    """Return the squared horizontal distances to the ground node, (U, N) in m^2."""
+    return _squared_norm(positions[:, 1:-1] - np.array(scenario.ground_node))
 
 
-def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
+def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
     """
-    Return the gains to each eavesdropper that the guarantee counts with, (E, U, N) in 1/W.
+    Return the squared distances to each eavesdropper that the guarantee uses, (E, U, N) in m^2.
 
     The best case for the transmitter and the worst case for each jammer, taken separately over
-    the disc: h-tilde of equation (r_e_approx), with the distance [d - eps]^+ inside the disc.
+    the disc: those of h-tilde in equation (r_e_approx), with [d - eps]^+ inside the disc.
     """
-    return np.stack([_guaranteed_gains_to(scenario, positions, eve)
+    return np.stack([_guaranteed_squared_distances_to(eve, positions)
                      for eve in scenario.eavesdroppers])
 
 
-def _guaranteed_gains_to(scenario: Scenario, positions: Array, eve: Eavesdropper) -> Array:
-    """Return the guaranteed_gains to one eavesdropper, (U, N) in 1/W."""
-    offset = positions[:, 1:-1] - np.array(eve.position)
-    edge = np.full((len(positions), 1), eve.error_radius)
-    edge[0] *= -1
-    return FreeSpace.of(scenario).gain(
-        guaranteed_squared_distance(offset[..., 0]**2 + offset[..., 1]**2, edge))
+def ground_gains(scenario: Scenario, positions: Array) -> Array:
+    """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
+    return FreeSpace.of(scenario).gain(ground_squared_distances(scenario, positions))
+
+
+def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
+    """Return the gains at guaranteed_squared_distances, h-tilde / sigma^2, (E, U, N) in 1/W."""
+    return FreeSpace.of(scenario).gain(guaranteed_squared_distances(scenario, positions))
 
 
 def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
@@ -46,9 +46,10 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     """
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
     leak = np.full(powers.shape[1], -np.inf)
+    link = FreeSpace.of(scenario)
     for eve in scenario.eavesdroppers:
-        received = _guaranteed_gains_to(scenario, positions, eve) * powers
-        np.maximum(leak, rate_of(received), out=leak)
+        gains = link.gain(_guaranteed_squared_distances_to(eve, positions))
+        np.maximum(leak, rate_of(gains * powers), out=leak)
     rates: Array = ground_rates(scenario, positions, powers) - leak
     return rates
 
@@ -74,7 +75,7 @@ def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
     :param places: (N, K, 2) in m.
     """
     offset = uav_positions[:, :, None] - places
-    gains = FreeSpace.of(scenario, axes=2).gain(offset[..., 0]**2 + offset[..., 1]**2)
+    gains = FreeSpace.of(scenario, axes=2).gain(_squared_norm(offset))
     return rate_of(gains * powers[..., None])
 
 
@@ -88,3 +89,16 @@ def rate_of(received: Array) -> Array:
     interference: Array = received[1:].sum(axis=0)
     rate: Array = np.log1p(received[0] / (1.0 + interference)) / np.log(2.0)
     return rate
+
+
+def _guaranteed_squared_distances_to(eve: Eavesdropper, positions: Array) -> Array:
+    """Return guaranteed_squared_distances for one eavesdropper, (U, N) in m^2."""
+    edge = np.full((len(positions), 1), eve.error_radius)
+    edge[0] *= -1
+    return guaranteed_squared_distance(
+        _squared_norm(positions[:, 1:-1] - np.array(eve.position)), edge)
+
+
+def _squared_norm(offset: Array) -> Array:
+    squared: Array = offset[..., 0]**2 + offset[..., 1]**2
+    return squared
