@@ -5,8 +5,8 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario, solve
-from secure_uav_planner.optimize.conic import solve_with_clarabel
-from secure_uav_planner.optimize.trajectory import TrajectoryProblem
+from secure_uav_planner.optimize.alternating.clarabel import solve as solve_with_clarabel
+from secure_uav_planner.optimize.alternating.trajectory import TrajectoryProblem
 
 
 class PanicException(BaseException):
@@ -88,11 +88,11 @@ def test_a_large_mission_is_solved_where_other_powers_are_zero_than_before(slots
     # Then other entries of the matrices are zero, which CVXPY's warm start did not survive.
     scenario = Scenario.paper(slots)
     start = fly_hover_fly(scenario)
-    restriction = TrajectoryProblem(2, 1, slots)
+    restriction = TrajectoryProblem(scenario)
     for silent in (slice(0, 0), slice(0, 50), slice(40, 90)):
         powers = start.powers.copy()
         powers[:, silent] = 0.0
-        answer, seconds = restriction.solve(scenario, start.positions, powers)
+        answer, seconds = restriction.solve(start.positions, powers)
         assert answer is not None
         assert seconds > 0
         assert np.isfinite(answer).all()

@@ -8,13 +8,9 @@ from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.channel import guaranteed_rates
-from secure_uav_planner.optimize.powers import PowerProblem
-from secure_uav_planner.optimize.trajectory import TrajectoryProblem
+from secure_uav_planner.optimize.alternating.powers import PowerProblem
+from secure_uav_planner.optimize.alternating.trajectory import TrajectoryProblem
 from strategies import random_powers, scenarios
-
-
-def shape(scenario):
-    return len(scenario.uavs), len(scenario.eavesdroppers), scenario.slots
 
 
 def rate(scenario, positions, powers):
@@ -46,14 +42,14 @@ def test_the_power_restriction_never_promises_more_than_the_rate_gains(scenario,
     rng = np.random.default_rng(seed)
     positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
     local = random_powers(scenario, rng)
-    restriction = PowerProblem(*shape(scenario))
-    best, _ = restriction.solve(scenario, positions, local)
+    restriction = PowerProblem(scenario)
+    best, _ = restriction.solve(positions, local)
     unit = np.array([[uav.average_power] for uav in scenario.uavs])
 
     def promised(powers):
         try:
             return value(restriction.problem, [
-                (restriction.power, np.clip(powers, 0, None) / unit * (1 - 1e-9))])
+                (restriction.powers, np.clip(powers, 0, None) / unit * (1 - 1e-9))])
         except Unsolved:
             assume(False)
 
@@ -69,7 +65,7 @@ def test_the_power_restriction_never_promises_more_than_the_rate_gains(scenario,
 def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
         scenario, seed, inside):
     rng = np.random.default_rng(seed)
-    count, _, slots = shape(scenario)
+    count, slots = len(scenario.uavs), scenario.slots
     # Any place is within reach of any other, so that the restriction is seen everywhere.
     scenario = replace(scenario, uavs=tuple(
         replace(uav, max_speed=1e4) for uav in scenario.uavs))
@@ -80,8 +76,8 @@ def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
             1.0, eve.error_radius / 2)
         local[-1, 1] = eve.position
     powers = random_powers(scenario, rng)
-    restriction = TrajectoryProblem(*shape(scenario))
-    answer, _ = restriction.solve(scenario, local, powers)
+    restriction = TrajectoryProblem(scenario)
+    answer, _ = restriction.solve(local, powers)
     assert answer is not None
 
     def promised(positions):
@@ -116,8 +112,7 @@ def test_a_jammer_above_the_estimate_leaves_it_when_that_pays():
     start = fly_hover_fly(scenario, 'optimised')
     above = np.linalg.norm(start.positions[1] - (60.0, 0.0), axis=-1) == 0
     assert above.sum() > 3
-    answer, _ = TrajectoryProblem(*shape(scenario)).solve(
-        scenario, start.positions, start.powers)
+    answer, _ = TrajectoryProblem(scenario).solve(start.positions, start.powers)
     away = answer[1, above] - (60.0, 0.0)
     assert (away[1:-1, 0] > 1.0).all()
     assert rate(scenario, answer, start.powers) > rate(scenario, start.positions, start.powers)

@@ -1,33 +1,39 @@
-"""How a CVXPY problem is handed to Clarabel."""
+"""How CVXPY hands a problem to Clarabel, and what becomes of a failure."""
 
 import logging
+import math
+import time
+from typing import Any
 import warnings
 
 import cvxpy as cp
-import numpy as np
-
-# Below this a solver could not even set up; above it the deadline is the caller's.
-_LEAST_TIME = 1e-3
 
 _LOG = logging.getLogger(__name__)
 
 
-def solve_with_clarabel(problem, time_left=np.inf):
+def solve(problem: Any, time_left: float = math.inf) -> tuple[bool, float]:
     """
-    Solve a problem with its present parameter values, by a solver of its own.
+    Solve a CVXPY problem with the present values of its parameters, by a solver of its own.
 
-    Whatever the solver raises is an answer, not an exception: the callers keep their best
-    iterate. A problem that breaks CVXPY's rules still raises, as that is an error in the program.
+    Whatever the solver raises is an answer and not an exception, as the callers keep their best
+    iterate. A problem that breaks CVXPY's rules still raises: that is an error in the program.
 
-    :param time_left: limit for the solver in s.
+    :param problem: a cvxpy.Problem.
+    :param time_left: the limit for compiling and solving in s.
     :return: whether the variables hold a solution, and the time inside Clarabel in s.
     """
-    options = {} if np.isinf(time_left) else {'time_limit': max(time_left, _LEAST_TIME)}
-    # The problems follow DPP, but the map from parameters to matrices that CVXPY would
-    # keep has as many rows as a matrix has entries: 3 GB and seconds for 200 slots,
-    # where filling in the values before compiling takes megabytes and 20 ms.
+    started = time.monotonic()
+    # The problems follow DPP, but the map from parameters to matrices that CVXPY would keep has
+    # as many rows as a matrix has entries: 3 GB and seconds for 200 slots, where inserting the
+    # values before compiling takes megabytes and 20 ms.
+    # Without solver_opts, CVXPY 1.9 fails when it unpacks the results.
     data, chain, inverse_data = problem.get_problem_data(
-        cp.CLARABEL, ignore_dpp=True, solver_opts=options)
+        cp.CLARABEL, ignore_dpp=True, solver_opts={})
+    options = {}
+    if time_left < math.inf:
+        options['time_limit'] = time_left - (time.monotonic() - started)
+        if options['time_limit'] <= 0:
+            return False, 0.0
     try:
         # Without a warm start: CVXPY's updates the solver of the last call, which Clarabel
         # refuses when an entry of a matrix has become zero, or is zero no longer. CVXPY 1.6.7 to

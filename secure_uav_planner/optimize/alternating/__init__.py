@@ -1,0 +1,10 @@
+"""
+The paper's algorithm, Section III: powers and trajectories in turn, as convex problems.
+
+CVXPY is imported here and nowhere below, as that takes a second.
+"""
+
+from .method import alternate, optimise_powers
+from .schedule import Schedule
+
+__all__ = ['Schedule', 'alternate', 'optimise_powers']

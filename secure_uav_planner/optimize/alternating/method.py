@@ -1,0 +1,78 @@
+"""Section III: powers and trajectories in turn, by successive convex approximation."""
+
+from collections.abc import Sequence
+
+from .powers import PowerProblem
+from .schedule import Schedule
+from .trajectory import TrajectoryProblem
+from ..search import Search
+from ...plan import Status
+
+_Problem = PowerProblem | TrajectoryProblem
+
+
+def alternate(search: Search, schedule: Schedule = Schedule()) -> Status:
+    """
+    Improve a search by the paper's algorithm until a round gains less than the tolerance.
+
+    Without somebody's plan to start from, the powers come first, as far as they go: the result
+    is no worse than theirs alone.
+
+    :param search: whose positions and powers are improved.
+    :param schedule: the tuned numbers.
+    :return: why the method stopped.
+    """
+    powers = PowerProblem(search.scenario)
+    if not search.warm:
+        _optimise_powers(search, powers, schedule)
+    trajectory = TrajectoryProblem(search.scenario)
+    return _rounds(search, [powers] * schedule.power_steps + [trajectory], schedule.tolerance,
+                   schedule)
+
+
+def optimise_powers(search: Search, schedule: Schedule = Schedule()) -> Status:
+    """
+    Improve only the powers of a search, by Section III-A.
+
+    The powers have local optima; the start is the best of several levels of jamming.
+
+    :param search: whose powers are improved.
+    :param schedule: the tuned numbers.
+    :return: why the method stopped.
+    """
+    return _optimise_powers(search, PowerProblem(search.scenario), schedule)
+
+
+def _optimise_powers(search: Search, problem: PowerProblem, schedule: Schedule) -> Status:
+    search.try_less_jamming()
+    return _rounds(search, [problem], schedule.powers_tolerance, schedule)
+
+
+def _rounds(search: Search, steps: Sequence[_Problem], tolerance: float,
+            schedule: Schedule) -> Status:
+    """Take the steps in turn until a round of them gains less than the tolerance."""
+    for _ in range(schedule.max_rounds):
+        before = search.rate
+        solved = True
+        for problem in steps:
+            reason = search.stop_reason()
+            if reason is not None:
+                return reason
+            solved &= _step(search, problem, schedule.stretch)
+        if search.rate - before < tolerance:
+            return search.stop_reason() or ('converged' if solved else 'numerical_trouble')
+    return 'iteration_limit'
+
+
+def _step(search: Search, problem: _Problem, factor: float) -> bool:
+    """Solve a restriction at the present iterate; return whether the solver succeeded."""
+    local = getattr(search, problem.block)
+    answer, seconds = problem.solve(search.positions, search.powers, search.time_left)
+    search.solver_time += seconds
+    if answer is not None:
+        # The restriction is cautious: go further along its step while the true rate rises.
+        length = 1.0
+        while search.try_improve(**{problem.block: local + length * (answer - local)}):
+            length *= factor
+    search.report(problem.step)
+    return answer is not None
