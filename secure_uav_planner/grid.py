@@ -49,12 +49,12 @@ class Grid:
 
     @cached_property
     def length(self) -> float:
-        """Unit of length, the geometric mean of the altitudes, in m."""
+        """Length that is the unit, the geometric mean of the altitudes, in m."""
         return float(np.exp(np.log(self.scenario.altitudes).mean()))
 
     @property
     def power(self) -> Array:
-        """Unit of power of every UAV, its average power, (U,) in W."""
+        """Power that is the unit of every UAV, its average power, (U,) in W."""
         return self.scenario.average_powers
 
     @cached_property

@@ -1,6 +1,5 @@
 """What is asked: the mission, the channel and the people on the ground."""
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, MISSING
 import difflib
@@ -242,11 +241,11 @@ class Scenario:
     def eavesdropper_names(self) -> tuple[str, ...]:
         """Names of the eavesdroppers; where several share one, it is followed by a number."""
         names = [eve.name for eve in self.eavesdroppers]
-        taken, found = Counter(names), []
-        for index, name in enumerate(names):
-            number = index + 1
+        found: list[str] = []
+        for number, name in enumerate(names, start=1):
             unique = name
-            while taken[unique] > 1 or unique in found:
+            while names.count(unique) > 1 or unique in found or (
+                    unique != name and unique in names):
                 unique, number = f'{name}{number}', number + 1
             found.append(unique)
         return tuple(found)

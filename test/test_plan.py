@@ -1,12 +1,19 @@
+import copy
 from dataclasses import replace
 import json
+import pathlib
+import pickle
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner.errors import PlanError, PlanFileError
+from secure_uav_planner.plan import STATUS_TEXTS, STATUSES
 from strategies import scenarios
+
+OLD = pathlib.Path(__file__).parent / 'data' / 'plan_0.1.0.json'
 
 
 @pytest.fixture
@@ -21,6 +28,30 @@ def test_a_plan_cannot_be_changed(plan):
         plan.powers[0, 0] = 1.0
     with pytest.raises(AttributeError):
         plan.powers = np.ones((2, 102))
+
+
+def test_neither_can_its_rates_nor_what_is_copied_from_it(plan):
+    for one in (plan, copy.deepcopy(plan), pickle.loads(pickle.dumps(plan.evaluated()))):
+        for array in (one.positions, one.powers, one.guaranteed_rates, one.worst_case_rates):
+            with pytest.raises(ValueError):
+                array[...] = 9.0
+        assert one.guaranteed_rate == plan.guaranteed_rate
+
+
+def test_a_plan_made_by_hand_says_so_and_shows_itself_in_one_line(plan):
+    given = Plan(plan.scenario, plan.positions, plan.powers)
+    assert (given.status, given.message) == ('given', 'made by hand')
+    assert len(repr(given)) < 150 and '\n' not in repr(given)
+
+
+def test_every_status_has_a_text():
+    assert set(STATUS_TEXTS) == set(STATUSES)
+
+
+@pytest.mark.parametrize('start_ns', [-5, 10**30, 2**63 - 1, 1.5, True, 'now'])
+def test_a_start_that_ros_cannot_stamp_is_refused(plan, start_ns):
+    with pytest.raises(PlanError, match='start_ns is .*it must be None or a whole number'):
+        replace(plan, start_ns=start_ns)
 
 
 def changed(array, index, value):
@@ -72,6 +103,74 @@ def test_a_foreign_file_is_refused_by_name(tmp_path, text):
     path.write_text(text)
     with pytest.raises(ValueError, match=r'foreign\.json is not a plan'):
         Plan.load(path)
+
+
+def test_the_plan_file_of_version_0_1_0_loads():
+    plan = Plan.load(OLD)
+    assert plan.guaranteed_rate == pytest.approx(1.342233798816924)
+    assert plan.worst_case_rate == pytest.approx(1.367454872686445)
+    assert (plan.status, plan.method, plan.start_ns) == (
+        'converged', 'joint', 1795246192039494728)
+    assert plan.history[-1].guaranteed_rate == plan.history[-1].rate
+
+
+def test_a_field_that_an_older_file_lacks_takes_its_default(tmp_path):
+    document = json.loads(OLD.read_text())
+    for field in ('history', 'status', 'method', 'solve_time', 'start_ns'):
+        del document[field]
+    del document['scenario']['reference_snr_db'], document['scenario']['uavs'][0]['peak_power']
+    path = tmp_path / 'less.json'
+    path.write_text(json.dumps(document))
+    plan = Plan.load(path)
+    assert (plan.status, plan.history, plan.scenario.uavs[0].peak_power) == ('given', (), 4.0)
+
+
+def test_a_file_of_a_newer_version_says_so(tmp_path):
+    document = {**json.loads(OLD.read_text()), 'version': 99, 'wind': 'from the west'}
+    path = tmp_path / 'newer.json'
+    path.write_text(json.dumps(document))
+    with pytest.raises(PlanFileError, match='version 99, which a newer secure_uav_planner wrote'):
+        Plan.load(path)
+
+
+@pytest.mark.parametrize('change, message', [
+    ({'status': 'finished'}, "status is 'finished'; it must be one of"),
+    ({'start_ns': 10**30}, 'start_ns is'), ({'start_ns': -5}, 'start_ns is'),
+    ({'wind': 1}, "Plan has no field 'wind'"), ({'powrs': 1}, 'did you mean powers'),
+    ({'history': 5}, 'history is 5'), ({'history': [{'number': 'one'}]}, 'Iteration lacks'),
+    ({'solve_time': 'long'}, "solve_time is 'long'"), ({'scenario': None}, 'Scenario is None'),
+    ({'positions': None}, 'positions'), ({'version': True}, 'its version is True')])
+def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):
+    path = tmp_path / 'wrong.json'
+    path.write_text(json.dumps({**json.loads(OLD.read_text()), **change}))
+    with pytest.raises(PlanFileError, match=message):
+        Plan.load(path)
+
+
+def test_a_number_of_four_hundred_digits_is_refused_in_a_short_line(tmp_path):
+    document = json.loads(OLD.read_text())
+    document['scenario']['slots'] = 10**400
+    path = tmp_path / 'huge.json'
+    path.write_text(json.dumps(document))
+    with pytest.raises(PlanFileError, match='slots is') as error:
+        Plan.load(path)
+    assert len(str(error.value)) < 300
+
+
+@pytest.mark.parametrize('device', ['/dev/zero', '/dev/full'])
+def test_a_device_is_neither_read_nor_replaced(plan, device):
+    with pytest.raises(OSError, match='not a regular file'):
+        Plan.load(device)
+    with pytest.raises(OSError, match='not a regular file'):
+        plan.save(device)
+    assert not pathlib.Path(device).is_file()
+
+
+def test_a_symbolic_link_is_followed_and_stays_a_link(plan, tmp_path):
+    target, link = tmp_path / 'target.json', tmp_path / 'link.json'
+    link.symlink_to(target)
+    plan.save(link)
+    assert link.is_symlink() and Plan.load(target).guaranteed_rate == plan.guaranteed_rate
 
 
 @settings(max_examples=60)

@@ -1,11 +1,15 @@
+import copy
 from dataclasses import replace
 import json
 import math
+import pickle
 
 from hypothesis import given
 from hypothesis import strategies as st
+import numpy as np
 import pytest
-from secure_uav_planner import Eavesdropper, Scenario, Uav
+from secure_uav_planner import Eavesdropper, errors, PlanningError, Scenario, Uav
+from secure_uav_planner.errors import ScenarioError
 from strategies import scenarios
 
 
@@ -86,3 +90,47 @@ def test_a_damaged_dictionary_is_refused(damage):
     damage(data)
     with pytest.raises(ValueError):
         Scenario.from_dict(data)
+
+
+def test_the_arrays_of_a_scenario_are_there_once_and_cannot_be_changed():
+    scenario = Scenario.paper()
+    for one in (scenario, copy.deepcopy(scenario), pickle.loads(pickle.dumps(scenario))):
+        for name in ('max_step', 'altitudes', 'max_speeds', 'average_powers', 'peak_powers',
+                     'starts', 'goals', 'eavesdropper_positions', 'error_radii'):
+            assert getattr(one, name) is getattr(one, name)
+            with pytest.raises(ValueError):
+                getattr(one, name)[0] = 0.0
+
+
+def test_eavesdroppers_of_one_name_are_told_apart():
+    def names(*given):
+        eves = tuple(Eavesdropper((0, 0), name=name) for name in given)
+        return replace(Scenario.paper(), eavesdroppers=eves).eavesdropper_names
+    assert names('north', 'south') == ('north', 'south')
+    assert names('a', 'b', 'a') == ('a1', 'b', 'a3')
+    assert names('a', 'a1', 'a') == ('a2', 'a1', 'a3')
+
+
+def test_what_is_too_large_to_plan_in_time_is_refused_with_the_most_that_is_not():
+    uav = Scenario.paper().uavs[0]
+    crowd = tuple(replace(uav, name=f'uav{number}') for number in range(32))
+    with pytest.raises(ScenarioError, match='with 32 uavs it must be at most 1085'):
+        replace(Scenario.paper(200.0, slots=1), uavs=crowd, slots=20000)
+    assert replace(Scenario.paper(200.0, slots=1085), uavs=crowd).slots == 1085
+    assert Scenario.paper(200.0, slots=20000).slots == 20000
+
+
+def test_messages_show_long_and_strange_values_in_short():
+    for value in ('x' * 10**6, 10**5000, np.float64(-1.0), list(range(10**5))):
+        with pytest.raises(ScenarioError) as error:
+            replace(Scenario.paper(), duration=value)
+        assert len(str(error.value)) < 200 and 'np.' not in str(error.value)
+
+
+def test_every_error_has_a_code_of_its_own_and_is_a_value_or_runtime_error():
+    classes = [kind for kind in vars(errors).values()
+               if isinstance(kind, type) and issubclass(kind, PlanningError)]
+    codes = [kind.code for kind in classes]
+    assert len(set(codes)) == len(codes) > 10
+    assert all(issubclass(kind, (ValueError, RuntimeError)) for kind in classes
+               if kind is not PlanningError)

@@ -82,6 +82,6 @@ class SmoothDiscDistance:
             self._outside, squared + edge * (2 * self._distance + edge), 0.0)
 
     def derivatives(self) -> tuple[Array, Array]:
-        """Return a, b: the gradient is 2 a (offset), the Hessian 2 a I - 2 b (offset)(offset)^T."""
+        """Return a, b of the gradient 2 a offset and the Hessian 2 a I - 2 b offset offset^T."""
         return (np.where(self._outside, 1.0 + self._edge / self._distance, 0.0),
                 np.where(self._outside, self._edge / self._distance**3, 0.0))

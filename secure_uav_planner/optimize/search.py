@@ -80,9 +80,12 @@ class Search:
         :param positions: (U, N+2, 2) in m, or None for the present ones.
         :param powers: (U, N) in W, or None for the present ones.
         """
-        positions, powers = feasible(
+        repaired_positions, repaired_powers = feasible(
             self.scenario, self.positions if positions is None else positions,
             self.powers if powers is None else powers)
+        # What stays the same stays so to the last bit.
+        positions = self.positions if positions is None else repaired_positions
+        powers = self.powers if powers is None else repaired_powers
         powers, rates = without_losing_slots(self.scenario, positions, powers)
         gain = float(rates.mean()) - self.rate
         if not gain > 0:  # also when it is NaN

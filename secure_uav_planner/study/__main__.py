@@ -10,8 +10,8 @@ import signal
 import sys
 
 from .claims import write_claims
-from .figures import write_figures
 from .experiments import points
+from .figures import write_figures
 from .plans import run
 
 

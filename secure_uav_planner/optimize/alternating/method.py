@@ -15,8 +15,8 @@ def alternate(search: Search, schedule: Schedule = Schedule()) -> Status:
     """
     Improve a search by the paper's algorithm until a round gains less than the tolerance.
 
-    Without somebody's plan to start from, the powers come first, as far as they go: the result
-    is no worse than theirs alone.
+    Unless an earlier plan is the start, the powers come first, as far as they go: the result is
+    no worse than theirs alone.
 
     :param search: whose positions and powers are improved.
     :param schedule: the tuned numbers.

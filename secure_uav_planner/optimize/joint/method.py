@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .barrier import Barrier
-from .schedule import Schedule, SCHEDULE
+from .schedule import SCHEDULE, Schedule
 from .starts import several_starts, strictly_feasible
 from ..baselines import constant_powers, fly_hover_fly_positions
 from ..search import powers_without_jamming, Search
