@@ -1,5 +1,7 @@
 """Clarabel by way of CVXPY: every problem has a solver of its own, and a failure is no error."""
 
+import time
+
 import clarabel
 import cvxpy as cp
 import numpy as np
@@ -52,6 +54,24 @@ def test_a_person_who_stops_the_program_is_obeyed(monkeypatch, stop):
     monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(stop()))
     with pytest.raises(stop):
         solve_with_clarabel(small_problem())
+
+
+@pytest.mark.parametrize('time_left', [-1.0, 0.0, 1e-9])
+def test_without_time_left_nothing_is_solved(monkeypatch, time_left):
+    # Not even started: compiling counts against the deadline, too.
+    monkeypatch.setattr(clarabel, 'DefaultSolver', None)
+    assert solve_with_clarabel(small_problem(), time_left) == (False, 0.0)
+
+
+def test_the_solver_stops_at_the_deadline():
+    scenario = Scenario.paper(200, slots=3000)
+    start = fly_hover_fly(scenario)
+    restriction = TrajectoryProblem(scenario)
+    started = time.monotonic()
+    answer, seconds = restriction.solve(start.positions, start.powers, time_left=1.0)
+    assert answer is None
+    assert seconds < 2.0
+    assert time.monotonic() - started < 5.0
 
 
 def test_a_problem_that_is_not_convex_is_an_error_in_the_program():

@@ -50,7 +50,8 @@ class TrajectoryProblem:
         constraints = [constraint for limit in self._limits
                        for constraint in limit.convex_form(
                            ConvexVariables(paths=paths, scale=self._scale))]
-        constraints += [end == 0 for move in self.moves for end in (move[0], move[-1])]
+        constraints.append(cp.hstack([
+            end for move in self.moves for end in (move[0], move[-1])]) == 0)
 
         moves = [move[1:-1] for move in self.moves]
         self._received = _ReceivedLoss(moves)
@@ -160,21 +161,23 @@ class _LogOfSum:
     """
 
     def __init__(self, moves: list[Any]) -> None:
-        self._slopes = [cp.Parameter(move.shape) for move in moves]
-        self._weights = [cp.Parameter(move.shape[0], nonneg=True) for move in moves]
         self.value: Any = 0.0
         self.constraints: list[Any] = []
+        self._slopes = [cp.Parameter(move.shape) for move in moves]
         if not moves:
-            return  # The logarithm of a sum of noise alone does not change.
+            return  # The logarithm of the noise alone does not change.
         slots = moves[0].shape[0]
-        self.value = cp.Variable(slots)
         self._noise = cp.Parameter(slots, nonneg=True)
-        terms = cp.multiply(self._noise, cp.exp(-self.value))
-        for slope, weight, move in zip(self._slopes, self._weights, moves, strict=True):
-            logarithm = cp.Variable(slots)
-            self.constraints.append(cp.exp(logarithm) <= 1 + _dot(slope, move))
-            terms += cp.multiply(weight, cp.exp(-logarithm - self.value))
-        self.constraints.append(terms <= 1)
+        self._weights = cp.Parameter((len(moves), slots), nonneg=True)
+        self.value = cp.Variable(slots)
+        logarithms = cp.Variable((len(moves), slots))
+        tangents = cp.vstack([
+            _dot(slope, move) for slope, move in zip(self._slopes, moves, strict=True)])
+        parts = cp.exp(-logarithms - cp.vstack([self.value] * len(moves)))
+        self.constraints += [
+            cp.exp(logarithms) <= 1 + tangents,
+            cp.multiply(self._noise, cp.exp(-self.value))
+            + cp.sum(cp.multiply(self._weights, parts), axis=0) <= 1]
 
     def set_local_point(self, received: Array, slopes: Array) -> None:
         """
@@ -183,13 +186,13 @@ class _LogOfSum:
         :param received: s_k, (K, N).
         :param slopes: gradients of y_k, (K, N, 2) in 1/unit.
         """
-        if not len(received):
+        if not self._slopes:
             return
         total = 1 + received.sum(axis=0)
         self._noise.value = 1 / total
-        for term, power in enumerate(received):
-            self._weights[term].value = power / total
-            self._slopes[term].value = slopes[term]
+        self._weights.value = received / total
+        for parameter, slope in zip(self._slopes, slopes, strict=True):
+            parameter.value = slope
 
 
 class _LeakageBound:
@@ -210,18 +213,19 @@ class _LeakageBound:
         # y_k is the logarithm of xi of (Ta_2) for the transmitter, of tau of (Ta_3) for jammers.
         self._total = _LogOfSum(moves)
         self._local_value = cp.Parameter(slots)
-        # -log(1 + sum of jamming), with c of the paper: weights of (d + eps)^2.
-        self._weights = [cp.Parameter(slots, nonneg=True) for _ in moves[1:]]
-        self._local_squares = cp.Parameter(slots)
-        centre = np.tile(eve.position, (slots, 1))
+        self.value: Any = self._local_value + self._total.value
         self.constraints: list[Any] = list(self._total.constraints)
-        self.value: Any = self._local_value + self._total.value - self._local_squares
-        for weight, position in zip(self._weights, positions[1:], strict=True):
-            distance = cp.Variable(slots)
-            self.constraints.append(
-                cp.norm(position - scale * centre, axis=1) + scale * eve.error_radius
-                <= distance)
-            self.value += cp.multiply(weight, cp.square(distance))
+        if len(moves) == 1:
+            return
+        # -log(1 + sum of jamming), with c of the paper: weights of (d + eps)^2.
+        self._weights = cp.Parameter((len(moves) - 1, slots), nonneg=True)
+        self._local_squares = cp.Parameter(slots)
+        distances = cp.Variable((len(moves) - 1, slots))
+        centre = np.tile(eve.position, (slots, 1))
+        self.constraints.append(distances >= scale * eve.error_radius + cp.vstack([
+            cp.norm(position - scale * centre, axis=1) for position in positions[1:]]))
+        self.value += cp.sum(cp.multiply(self._weights, cp.square(distances)), axis=0)
+        self.value -= self._local_squares
 
     def set_local_point(self, positions: Array, received: Array, distances: Array,
                         inverse: Array, away: Array) -> None:
@@ -243,10 +247,9 @@ class _LeakageBound:
             received, 2 * (distances * inverse)[..., None] * directions)
         jamming = 1 + received[1:].sum(axis=0)
         self._local_value.value = np.log1p(received[0] / jamming)
-        weights = received[1:] / jamming * inverse[1:]
-        for parameter, weight in zip(self._weights, weights, strict=True):
-            parameter.value = weight
-        self._local_squares.value = np.sum(weights * distances[1:]**2, axis=0)
+        if len(received) > 1:
+            self._weights.value = weights = received[1:] / jamming * inverse[1:]
+            self._local_squares.value = np.sum(weights * distances[1:]**2, axis=0)
 
 
 def _dot(slope: Any, move: Any) -> Any:
