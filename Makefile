@@ -15,7 +15,7 @@ demo: $(VENV)/.view
 
 # Tests of nodes mostly wait for each other: two at a time.
 test: $(VENV)/.test
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not soak'
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 soak: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m soak -rP

@@ -1,12 +1,14 @@
-"""A ROS environment of the tests' own, set before anything imports rclpy."""
+"""A ROS environment of the tests' own, set before anything imports rclpy; what a test needs."""
 
 from contextlib import ExitStack
+from importlib.util import find_spec
 import os
 import sys
 import tempfile
 
 from domain_coordinator import domain_id
 from hypothesis import HealthCheck, Phase, settings
+import pytest
 
 # Kept as long as the tests run; every worker of pytest-xdist gets a domain of its own.
 _reserved = ExitStack()
@@ -21,3 +23,52 @@ os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
 settings.register_profile('quick', deadline=None, phases=[
     Phase.explicit, Phase.reuse, Phase.generate], suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile('quick')
+
+# What `rosdep install` does not bring, and which tests need it; without it they are skipped.
+# In package.xml is what all others import.
+OPTIONAL = {
+    'test_bench.py': ['casadi'],
+    'test_colcon.py': ['colcon', 'colcon_ros'],
+    'test_demo.py': ['mcap', 'plotly'],
+    'test_docs.py': ['mcap', 'plotly'],
+    'test_page.py': ['plotly', 'selenium'],
+    'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],
+    'test_types.py': ['mypy'],
+}
+
+
+def is_there(module):
+    """Return whether a module can be imported, without doing it."""
+    try:
+        return find_spec(module) is not None
+    except ImportError:
+        return False
+
+
+class Skipped(pytest.Module):
+    """A file of tests that is skipped for want of a module."""
+
+    missing = ()
+
+    def collect(self):
+        """Skip all of it, with the reason."""
+        pytest.skip(f'needs {", ".join(self.missing)} from PyPI', allow_module_level=True)
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    """Skip a file that needs what is not installed."""
+    missing = [name for name in OPTIONAL.get(module_path.name, ()) if not is_there(name)]
+    if not missing:
+        return None
+    module = Skipped.from_parent(parent, path=module_path)
+    module.missing = missing
+    return module
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport():
+    """Add to the report of a test that failed what its nodes printed."""
+    report = (yield).get_result()
+    client = sys.modules.get('ros_client')
+    if report.failed and client is not None and (text := client.outputs()):
+        report.sections.append(('Output of the nodes', text))

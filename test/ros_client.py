@@ -1,4 +1,10 @@
-"""A program that talks to the nodes as any other would, and the nodes' processes."""
+"""
+A program that talks to the nodes as any other would, and the nodes' processes.
+
+No wait here depends on how fast the machine is: each is for something that comes true, and its
+patience only ends a test that would wait for ever. What the nodes of a failed test printed is in
+its report; see conftest.py.
+"""
 
 from contextlib import contextmanager
 import os
@@ -10,6 +16,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -19,7 +26,12 @@ from rclpy.qos import QoSProfile
 from secure_uav_planner.ros.qos import LATCHED
 from std_srvs.srv import Trigger
 
-PATIENCE = 30.0
+PATIENCE = 120.0
+ASK_AGAIN = 5.0  # s without an answer
+RESEND = 3.0  # s, well below the planner's default pose_timeout
+_SHOWN = 60  # Lines of a node's output in the report of a failed test.
+
+_started = []  # (test, Popen) of every node process, until another test begins.
 
 
 def wait_for(condition, patience=PATIENCE, what='the condition'):
@@ -29,6 +41,9 @@ def wait_for(condition, patience=PATIENCE, what='the condition'):
         assert time.monotonic() < until, f'{what} did not come true in {patience} s'
         time.sleep(0.01)
     return found
+
+
+# Processes
 
 
 @contextmanager
@@ -42,7 +57,8 @@ def node_process(name, *arguments, namespace=None, **parameters):
     process = subprocess.Popen(
         [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env={**os.environ, 'PYTHONUNBUFFERED': '1'})
-    process.lines = []
+    process.name, process.lines = name, []
+    _note(process)
     reader = threading.Thread(target=lambda: process.lines.extend(process.stdout), daemon=True)
     reader.start()
     process.reader = reader
@@ -52,21 +68,87 @@ def node_process(name, *arguments, namespace=None, **parameters):
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
             try:
-                process.wait(timeout=10)
+                process.wait(timeout=PATIENCE)
             except subprocess.TimeoutExpired:
                 process.kill()
         process.wait()
-        reader.join(timeout=5)
+        reader.join(timeout=PATIENCE)
+
+
+def stopped(process, number=signal.SIGINT):
+    """Send a signal to a process and return its exit status, however long it takes to end."""
+    process.send_signal(number)
+    return process.wait(timeout=PATIENCE)
 
 
 def output_of(process):
     """Return all output of a process that has ended."""
-    process.reader.join(timeout=5)
+    process.reader.join(timeout=PATIENCE)
     return ''.join(process.lines)
 
 
+def wait_for_line(process, text):
+    """Return the first line of a process's output that has a text in it, once there is one."""
+    def line():
+        return next((line for line in list(process.lines) if text in line), None)
+    return wait_for(line, what=f'{text!r} in the output of {process.name}')
+
+
+def outputs():
+    """Return what the node processes of this test printed last, and how they are."""
+    found = []
+    for _, process in _started:
+        status = process.poll()
+        state = 'running' if status is None else f'ended with status {status}'
+        found.append(f'--- {process.name} ({process.pid}), {state}\n')
+        found += process.lines[-_SHOWN:]
+    return ''.join(found)
+
+
+def _note(process):
+    """Keep a process for the report of its test, and forget those of tests before."""
+    test = os.environ.get('PYTEST_CURRENT_TEST', '').rpartition(' ')[0]
+    _started[:] = [(known, other) for known, other in _started
+                   if known == test or other.poll() is None]
+    _started.append((test, process))
+
+
+def _running():
+    return [process for _, process in _started if process.poll() is None]
+
+
+def memory_settles(process, work, quiet=5, least=0.5, most=60):
+    """
+    Repeat a piece of work until a process's memory has settled; return it after each, in MB.
+
+    Settled is when the last rounds, `quiet` of them, have added less than `least` MB together.
+    What a process needs once, such as caches and the pools of its allocator, comes to an end; a
+    leak does not, however fast the machine is.
+
+    :param most: rounds after which memory that still rises fails the test.
+    """
+    sizes = [memory(process)]
+    while len(sizes) <= quiet or sizes[-1] - sizes[-1 - quiet] >= least:
+        assert len(sizes) <= most, f'memory still rises after {most} rounds: {sizes} MB'
+        work()
+        sizes.append(memory(process))
+    return sizes
+
+
+def memory(process):
+    """Return the resident memory of a process in MB."""
+    with open(f'/proc/{process.pid}/statm', encoding='ascii') as file:
+        return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
 class Client:
-    """A node of its own context, spun in the background."""
+    """
+    A node of its own context, spun in the background.
+
+    Poses that it has sent with the time of now are sent again every few seconds, as a real
+    localisation would, so that they are not too old when a busy machine gets to them; as long as
+    the nodes live that ran when they were sent.
+    """
 
     def __init__(self, name='tester', namespace='', **options):
         self.context = Context()
@@ -74,15 +156,24 @@ class Client:
         self.node = Node(name, context=self.context, namespace=namespace, **options)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
+        self._publishers = {}
+        self._services = {}
+        self._parameters = {}
+        self._statuses = {}
+        self._poses = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
-        self._publishers = {}
-        self._services = {}
 
     def _spin(self):
+        sent = time.monotonic()
         while not self._stop.is_set():
             self._executor.spin_once(timeout_sec=0.05)
+            if time.monotonic() - sent > RESEND:
+                sent = time.monotonic()
+                for publish, hearers in list(self._poses.values()):
+                    if all(process.poll() is None for process in hearers):
+                        publish()
 
     def close(self):
         self._stop.set()
@@ -96,6 +187,8 @@ class Client:
 
     def __exit__(self, *_):
         self.close()
+
+    # Topics
 
     def listen(self, kind, topic, qos=LATCHED):
         """Return a list that grows with the messages of a topic."""
@@ -118,7 +211,7 @@ class Client:
             found = PoseStamped()
             self._fill(found.header, found.pose, x, y, frame_id, stamp)
             return found
-        self._send(self.publisher(PoseStamped, topic, qos), topic, message, heard)
+        self._send(self.publisher(PoseStamped, topic, qos), topic, message, stamp, heard)
 
     def send_estimate(self, topic, x, y, frame_id='map', stamp=None, variance=0.0, heard=True):
         """Send an estimate as send_pose does."""
@@ -127,19 +220,26 @@ class Client:
             self._fill(found.header, found.pose.pose, x, y, frame_id, stamp)
             found.pose.covariance[0] = found.pose.covariance[7] = float(variance)
             return found
-        self._send(self.publisher(PoseWithCovarianceStamped, topic), topic, message, heard)
+        self._send(
+            self.publisher(PoseWithCovarianceStamped, topic), topic, message, stamp, heard)
 
-    def _send(self, publisher, topic, message, heard):
-        if 'status' not in self._services:
-            self._services['status'] = self.listen(DiagnosticStatus, 'planner/status')
-        status = self._services['status']
+    def _send(self, publisher, topic, message, stamp, heard):
+        status = self.status_of('planner')
+
+        def publish():
+            publisher.publish(message())
 
         def known():
-            publisher.publish(message())
+            publish()
             time.sleep(0.1)
             return not heard or (status and values_of(status[-1]).get(
                 f'pose_age.{topic}', 'none') != 'none')
+
+        # Not while this one is on its way, and never again if it has a time of its own.
+        self._poses.pop(topic, None)
         wait_for(known, what=f'the pose of {topic}')
+        if heard and stamp is None:
+            self._poses[topic] = publish, _running()
 
     def _fill(self, header, pose, x, y, frame_id, stamp):
         header.frame_id = frame_id
@@ -152,38 +252,109 @@ class Client:
         self.send_pose('ground_node/pose', 0, 0, **options)
         self.send_estimate('eavesdropper/pose', 200, 0, **options)
 
+    def status_of(self, node):
+        """Return the list of a planner's status messages, which grows."""
+        if node not in self._statuses:
+            self._statuses[node] = self.listen(DiagnosticStatus, f'{node}/status')
+        return self._statuses[node]
+
+    # Services
+
     def ask(self, service, kind=Trigger, request=None):
         """Return the future of a service's answer."""
-        if service not in self._services:
-            self._services[service] = self.node.create_client(kind, service)
-        client = self._services[service]
-        wait_for(client.service_is_ready, what=f'the service {service}')
+        client = self._service(service, kind)
         return client.call_async(request or kind.Request())
 
-    def call(self, service, patience=PATIENCE):
-        """Return the answer of a Trigger service."""
-        future = self.ask(service)
-        wait_for(future.done, patience, f'the answer of {service}')
-        return future.result()
+    def call(self, service, kind=Trigger, request=None, patience=PATIENCE, lost=None):
+        """
+        Return the answer of a service, asked again when none comes for some seconds.
+
+        Of `~/plan`, it is the answer of one solve: the planner is not asked again while its
+        status says that it solves, and that it refuses to solve twice at once is no answer.
+
+        :param lost: returns whether there is no hope of an answer; then None is returned.
+        """
+        futures, asked = [], []
+        is_plan = service.endswith('/plan')
+        status = self.status_of(service.rpartition('/')[0]) if is_plan else []
+
+        def solving():
+            return status and values_of(status[-1]).get('state') == 'solving'
+
+        def answered():
+            if not asked or (time.monotonic() - asked[-1] > ASK_AGAIN and not solving()):
+                futures.append(self.ask(service, kind, request))
+                asked.append(time.monotonic())
+            for number, future in enumerate(futures):
+                if future.done() and not (is_plan and number and _is_busy(future.result())):
+                    return future.result()
+            return lost is not None and lost() and _NOTHING
+
+        found = wait_for(answered, patience, f'the answer of {service}')
+        return None if found is _NOTHING else found
+
+    def _service(self, service, kind):
+        """
+        Return the client of a service, once its server knows it.
+
+        `service_is_ready` only tells that the client knows the server. An answer to a client that
+        the server has not met within 100 ms is dropped. The server meets clients in their order:
+        it has met this one when it has answered one that was made later.
+        """
+        if service not in self._services:
+            client = self.node.create_client(kind, service)
+            wait_for(client.service_is_ready, what=f'the service {service}')
+            name = f'{service.rpartition("/")[0]}/get_parameters'
+            later = self.node.create_client(GetParameters, name)
+            wait_for(later.service_is_ready, what=f'the service {name}')
+            self._answer(lambda: later.call_async(GetParameters.Request()), name)
+            self._services[service] = client
+        client = self._services[service]
+        wait_for(client.service_is_ready, what=f'the service {service}')
+        return client
+
+    def _answer(self, ask, what):
+        """Return the first answer of what may be asked any number of times."""
+        futures, asked = [], []
+
+        def answer():
+            if not asked or time.monotonic() - asked[-1] > ASK_AGAIN:
+                futures.append(ask())
+                asked.append(time.monotonic())
+            return next((future for future in futures if future.done()), None)
+
+        return wait_for(answer, what=f'the answer of {what}').result()
+
+    # Parameters
+
+    def _parameter_client(self, node):
+        client = self._parameters.get(node)
+        if client is None:
+            client = self._parameters[node] = AsyncParameterClient(self.node, node)
+        wait_for(client.services_are_ready, what=f'the parameters of {node}')
+        return client
 
     def set_parameters(self, node, **values):
         """Return the results of setting parameters of a node."""
-        client = self._services.setdefault(node, AsyncParameterClient(self.node, node))
-        wait_for(client.services_are_ready, what=f'the parameters of {node}')
-        future = client.set_parameters([
-            rclpy.Parameter(name.replace('__', '.'), value=value)
-            for name, value in values.items()])
-        wait_for(future.done)
-        return future.result().results
+        client = self._parameter_client(node)
+        parameters = [rclpy.Parameter(name.replace('__', '.'), value=value)
+                      for name, value in values.items()]
+        return self._answer(lambda: client.set_parameters(parameters),
+                            f'{node}/set_parameters').results
 
     def get_parameters(self, node, *names):
         """Return the values of parameters of a node."""
-        client = self._services.setdefault(node, AsyncParameterClient(self.node, node))
-        wait_for(client.services_are_ready, what=f'the parameters of {node}')
-        future = client.get_parameters(list(names))
-        wait_for(future.done)
-        return [rclpy.parameter.parameter_value_to_python(value)
-                for value in future.result().values]
+        client = self._parameter_client(node)
+        found = self._answer(lambda: client.get_parameters(list(names)),
+                             f'{node}/get_parameters')
+        return [rclpy.parameter.parameter_value_to_python(value) for value in found.values]
+
+
+_NOTHING = object()
+
+
+def _is_busy(answer):
+    return not answer.success and 'under way' in answer.message
 
 
 def values_of(status):
