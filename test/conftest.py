@@ -27,10 +27,8 @@ settings.load_profile('quick')
 # What `rosdep install` does not bring, and which tests need it; without it they are skipped.
 # In package.xml is what all others import.
 OPTIONAL = {
-    'test_bench.py': ['casadi'],
     'test_colcon.py': ['colcon', 'colcon_ros'],
     'test_demo.py': ['mcap', 'plotly'],
-    'test_docs.py': ['mcap', 'plotly'],
     'test_page.py': ['plotly', 'selenium'],
     'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],
     'test_types.py': ['mypy'],

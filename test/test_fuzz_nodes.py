@@ -338,7 +338,7 @@ REPLAY_ACTIONS = st.one_of(
     st.sampled_from([('start',), ('pause',), ('reset',), ('good',)]))
 
 
-ROUNDS = 40  # Of lists of actions, at most: a node that refuses everything must not go on for ever.
+ROUNDS = 40  # At most, for a node that refuses everything.
 
 
 def fuzz(actions, act, examples, chance, is_enough):
@@ -490,7 +490,8 @@ def test_endless_new_frames_neither_flood_the_log_nor_fill_the_memory():
 
         def send_frames():
             for _ in range(1000):
-                publisher.publish(PoseStamped(header=Header(frame_id=f'{next(names)}' + 1000 * 'x')))
+                publisher.publish(PoseStamped(
+                    header=Header(frame_id=f'{next(names)}' + 1000 * 'x')))
                 time.sleep(0.0005)
             assert client.get_parameters('planner', 'frame_id') == ['map']  # it answers
 
