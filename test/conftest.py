@@ -1,14 +1,18 @@
 """A ROS environment of the tests' own, set before anything imports rclpy; what a test needs."""
 
 from contextlib import ExitStack
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 import os
+from pathlib import Path
+import runpy
 import sys
 import tempfile
 
 from domain_coordinator import domain_id
 from hypothesis import HealthCheck, Phase, settings
 import pytest
+import setuptools
 
 # Kept as long as the tests run; every worker of pytest-xdist gets a domain of its own.
 _reserved = ExitStack()
@@ -43,6 +47,17 @@ def is_there(module):
         return False
 
 
+def pytest_report_header():
+    """Say what the tests run with."""
+    found = []
+    for name in ('numpy', 'scipy', 'cvxpy', 'clarabel', 'shapely'):
+        try:
+            found.append(f'{name} {version(name)}')
+        except PackageNotFoundError:
+            found.append(f'no {name}')
+    return ', '.join(found)
+
+
 class Skipped(pytest.Module):
     """A file of tests that is skipped for want of a module."""
 
@@ -70,3 +85,17 @@ def pytest_runtest_makereport():
     client = sys.modules.get('ros_client')
     if report.failed and client is not None and (text := client.outputs()):
         report.sections.append(('Output of the nodes', text))
+
+
+@pytest.fixture(scope='session')
+def packaging():
+    """Return what setup.py says."""
+    said, before, real = {}, os.getcwd(), setuptools.setup
+    setuptools.setup = lambda **arguments: said.update(arguments)
+    try:
+        os.chdir(Path(__file__).resolve().parents[1])
+        runpy.run_path('setup.py')
+    finally:
+        setuptools.setup = real
+        os.chdir(before)
+    return said

@@ -1,0 +1,136 @@
+"""What the package says it needs is what it needs, and installing it harms nothing."""
+
+import ast
+import json
+import os
+from pathlib import Path
+import re
+import shlex
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+from conftest import OPTIONAL
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
+
+# The keys of rosdep for modules that are not called by it.
+KEYS = {name: f'python3-{name}' for name in (
+    'hypothesis', 'joblib', 'matplotlib', 'numpy', 'pytest', 'scipy', 'setuptools', 'shapely',
+    'tqdm')}
+KEYS.update({'cvxpy': 'python3-cvxpy-pip', 'yaml': 'python3-yaml'})
+# CVXPY brings it, and rosdep has no key.
+WITH_ANOTHER = {'clarabel': 'cvxpy'}
+# rosdep has no key, or only one that installs by pip and would bring NumPy 2; the nodes, their
+# tests and the library do without.
+FROM_PYPI = {'casadi', 'mcap', 'plotly', *(name for names in OPTIONAL.values() for name in names)}
+
+
+def depends(*kinds):
+    """Return the keys that package.xml names, by the kinds of dependency."""
+    return {entry.text for kind in kinds for entry in PACKAGE.iter(kind)}
+
+
+def imported(folder):
+    """Return the modules that the Python files of a folder import, each with one of the files."""
+    files = sorted((ROOT / folder).rglob('*.py'))
+    own = {file.stem for file in files} | {'secure_uav_planner'}
+    found = {}
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names = [node.module]
+            for name in (name.partition('.')[0] for name in names):
+                if name not in own and name not in sys.stdlib_module_names:
+                    found.setdefault(name, file.name)
+    return found
+
+
+@pytest.mark.parametrize('folder, kinds', [
+    ('secure_uav_planner', ['exec_depend']), ('test', ['exec_depend', 'test_depend'])])
+def test_package_xml_names_whatever_is_imported(folder, kinds):
+    named = depends(*kinds)
+    missing = {name: file for name, file in imported(folder).items()
+               if name not in FROM_PYPI
+               and KEYS.get(WITH_ANOTHER.get(name, name), name) not in named}
+    assert not missing
+
+
+def test_package_xml_names_nothing_else():
+    used = {**imported('secure_uav_planner'), **imported('test')}
+    keys = {KEYS.get(name, name) for name in used}
+    # setup.py may ask for what no module imports yet.
+    assert depends('exec_depend', 'test_depend') - keys <= {'python3-shapely'}
+
+
+def test_setup_py_and_package_xml_agree(packaging):
+    assert PACKAGE.find('version').text == packaging['version']
+    assert PACKAGE.find('maintainer').get('email') == packaging['maintainer_email']
+    for requirement in packaging['install_requires']:
+        name = re.split('[<>=]', requirement)[0]
+        key = KEYS[WITH_ANOTHER.get(name, name)]
+        assert key in depends('exec_depend', 'test_depend'), name
+
+
+def test_the_oldest_versions_that_are_tested_are_the_oldest_that_are_allowed(packaging):
+    text = (ROOT / 'test' / 'compat' / 'oldest.txt').read_text()
+    tested = dict(re.findall('^(.+)==(.+)$', text, re.MULTILINE))
+    allowed = dict(one.split('>=') for one in packaging['install_requires'] if '>=' in one)
+    assert set(tested) == set(allowed)
+    for name, version in allowed.items():
+        assert f'{tested[name]}.'.startswith(f'{version}.'), name
+
+
+# The README's way on Ubuntu 24.04
+
+
+def python_of_ubuntu():
+    """Return a Python that NumPy 1.26 has wheels for, the 3.12 of Ubuntu 24.04 if it is here."""
+    for name in ('python3.12', sys.executable):
+        try:
+            subprocess.run([name, '-c', 'import sys; assert sys.version_info < (3, 13)'],
+                           check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError):
+            continue
+        return name
+    pytest.skip('needs Python 3.12 or older, which NumPy 1.26 has wheels for')
+
+
+@pytest.fixture(scope='module')
+def ubuntu(tmp_path_factory):
+    """Return pip of an environment with the NumPy, SciPy and setuptools of Ubuntu 24.04."""
+    folder = tmp_path_factory.mktemp('ubuntu')
+    # Neither this project's nor ROS's own variables have a meaning in another environment.
+    environment = {name: value for name, value in os.environ.items() if name not in (
+        'PYTHONPATH', 'LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE')}
+    subprocess.run([python_of_ubuntu(), '-m', 'venv', folder], check=True, env=environment)
+
+    def pip(*arguments):
+        return subprocess.run([folder / 'bin' / 'python', '-m', 'pip', *arguments], text=True,
+                              capture_output=True, env=environment, timeout=600)
+
+    made = pip('install', '--quiet', '--only-binary', ':all:',
+               'numpy==1.26.4', 'scipy==1.11.4', 'setuptools==68.1.2')
+    if made.returncode:
+        pytest.skip('needs a package index: ' + made.stderr.strip().rpartition('\n')[2])
+    return pip
+
+
+def test_the_line_of_the_readme_brings_cvxpy_and_leaves_the_numpy_of_ubuntu_alone(ubuntu):
+    section = (ROOT / 'README.md').read_text().split('## In a ROS workspace')[1]
+    line = re.search('^pip install .*cvxpy.*$', section, re.MULTILINE)[0]
+    before_rosdep = section.index(line) < section.index('rosdep install')
+    words = shlex.split(line, comments=True)[1:]
+    result = ubuntu(*words, '--dry-run', '--quiet', '--report', '-')
+    assert result.returncode == 0, result.stderr
+    brought = {one['metadata']['name'].lower(): one['metadata']['version']
+               for one in json.loads(result.stdout)['install']}
+    assert 'numpy' not in brought and {'cvxpy', 'clarabel'} <= set(brought), brought
+    assert brought['cvxpy'].startswith('1.7.')  # what `make compat` tests beside NumPy 1.26
+    # rosdep leaves alone what is there, and otherwise asks pip for the newest.
+    assert before_rosdep

@@ -1,0 +1,88 @@
+"""The annotations of the public layer hold, for the package and for who uses it."""
+
+from configparser import ConfigParser
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIGURATION = ROOT / 'mypy.ini'
+
+ASKS = """
+from secure_uav_planner import Eavesdropper, Scenario, Uav
+
+scenario: Scenario = Scenario(
+    ground_node=(0.0, 0.0),
+    eavesdroppers=(Eavesdropper(position=(200.0, 0.0), error_radius=10.0),),
+    uavs=(Uav('sender', start=(100.0, 500.0), goal=(100.0, -500.0), altitude=100.0,
+              max_speed=10.0, average_power=1.0, peak_power=4.0),),
+    duration=120.0, slots=120, reference_snr_db=80.0)
+paper = Scenario.paper(duration=200.0)
+step: float = paper.slot_duration
+"""
+READS = """
+from secure_uav_planner import Plan, Scenario
+
+plan: Plan = Plan.load('plan.json')
+scenario: Scenario = plan.scenario
+rate: float = max(plan.guaranteed_rate, plan.worst_case_rate)
+shapes: list[tuple[int, ...]] = [plan.positions.shape, plan.powers.shape]
+plan.save('again.json')
+"""
+SOLVES = """
+from secure_uav_planner import fly_hover_fly, Iteration, Plan, Scenario, solve
+
+
+def on_iteration(iteration: Iteration) -> bool:
+    return iteration.guaranteed_rate > 1.0
+
+
+scenario = Scenario.paper(duration=120.0)
+plan: Plan = solve(scenario, method='joint', on_iteration=on_iteration, time_limit=1.0)
+again: Plan = solve(Scenario.paper(duration=200.0), initial=plan)
+baseline: Plan = fly_hover_fly(scenario, power='optimised')
+"""
+WRONG = """
+from secure_uav_planner import Scenario
+
+scenario = Scenario.paper(duration='long')
+"""
+
+
+def mypy(*arguments):
+    """Run mypy with the project's configuration; return its exit status and what it says."""
+    result = subprocess.run(
+        [sys.executable, '-m', 'mypy', '--config-file', CONFIGURATION, *arguments],
+        cwd=ROOT, capture_output=True, text=True, timeout=600)
+    return result.returncode, result.stdout + result.stderr
+
+
+def annotated():
+    """Return the files whose annotations are kept."""
+    parser = ConfigParser()
+    parser.read(CONFIGURATION)
+    return [name.strip() for name in parser['mypy']['files'].split(',')]
+
+
+def test_the_annotations_of_the_public_layer_hold():
+    status, text = mypy()
+    assert status == 0, text
+
+
+@pytest.mark.parametrize('code, needs', [
+    (ASKS, 'secure_uav_planner/scenario.py'), (READS, 'secure_uav_planner/scenario.py'),
+    (SOLVES, 'secure_uav_planner/optimize/solve.py')], ids=['ask', 'read', 'solve'])
+def test_what_a_user_writes_is_typed(code, needs, tmp_path):
+    if needs not in annotated():
+        pytest.skip(f'{needs} is not in mypy.ini yet')
+    (tmp_path / 'user.py').write_text(code)
+    status, text = mypy(str(tmp_path / 'user.py'))
+    assert status == 0, text
+
+
+def test_what_a_user_gets_wrong_is_told(tmp_path):
+    (tmp_path / 'user.py').write_text(WRONG)
+    status, text = mypy(str(tmp_path / 'user.py'))
+    assert status == 1 and 'arg-type' in text
