@@ -17,6 +17,8 @@ from ros_client import (
     Client, memory_settles, node_process, values_of, wait_for, wait_for_line)
 
 RATE = 200.0  # Hz
+# Far from solved when the tests stop it.
+LONG = {'duration': 400.0, 'slots': 3000, 'method': 'alternating', 'time_limit': 0.0}
 TOPICS = {
     'ground_node/pose': (PoseStamped, (0.0, 0.0)),
     'eavesdropper/pose': (PoseWithCovarianceStamped, (200.0, 0.0)),
@@ -70,8 +72,7 @@ def solving(client, status):
 
 
 def test_under_load_a_solve_is_cancelled_and_the_next_one_plans():
-    with Client() as client, node_process(
-            'planner', duration=400.0, slots=3000, method='alternating') as process:
+    with Client() as client, node_process('planner', **LONG) as process:
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()
         with poses(client) as sent:
@@ -117,8 +118,7 @@ def test_how_much_longer_a_solve_takes_under_load(method, slots):
 
 @pytest.mark.soak
 def test_how_soon_a_cancel_answers_under_load():
-    with Client() as client, node_process(
-            'planner', duration=400.0, slots=3000, method='alternating'):
+    with Client() as client, node_process('planner', **LONG):
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()
         times = []
