@@ -14,6 +14,7 @@ bench = [*view, 'casadi>=3.6']
 # What the tests of the library and of the nodes need; other tests need more.
 check = [
     'hypothesis',
+    'matplotlib>=3.6',
     'pytest',
     'pytest-xdist',
     'pyyaml',
