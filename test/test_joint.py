@@ -133,6 +133,22 @@ def test_the_deadline_is_kept_and_leaves_the_best_plan_so_far():
     assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
 
 
+@pytest.mark.parametrize('uavs, eavesdroppers, slots', [(32, 32, 1085), (7, 32, 20000)])
+def test_the_largest_scenarios_end_soon_after_their_deadline(uavs, eavesdroppers, slots):
+    rng = np.random.default_rng(0)
+    scenario = Scenario(
+        (0.0, 0.0), tuple(Eavesdropper(tuple(place), 30.0)
+                          for place in rng.uniform(-400, 400, (eavesdroppers, 2))),
+        tuple(Uav(f'uav{number}', tuple(start), tuple(goal), 100.0 + number, 12.0)
+              for number, (start, goal) in enumerate(rng.uniform(-500, 500, (uavs, 2, 2)))),
+        400.0, slots)
+    # Processor time, which a busy machine does not lengthen: from minutes before, to seconds.
+    started = time.process_time()
+    plan = solve(scenario, method='joint', time_limit=1.0)
+    assert time.process_time() - started < 10.0
+    assert plan.status == 'time_limit'
+
+
 @pytest.mark.parametrize('healthy', [0, 3, 40, 100])
 def test_numbers_that_fail_cost_steps_and_not_the_plan(monkeypatch, healthy):
     calls = []
