@@ -6,24 +6,30 @@ over DDS as any other program would.
 """
 
 import argparse
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import os
 import pathlib
 import signal
+import socket
 import subprocess
 import sys
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import rclpy
+from rclpy.client import Client
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from . import fly_hover_fly, Plan, Scenario
+from .errors import PlanningError
 from .ros.messages import pose
 from .ros.qos import LATCHED
 from .ros.recording import record
@@ -33,12 +39,17 @@ from .view.picture import save_picture
 _PATIENCE = 120.0
 _REPLAY_SPEED = 50.0
 
+# The domains whose ports Linux gives to nobody else, beyond those that tests and people use.
+_DOMAINS = range(215, 233)
 
-class DemoError(RuntimeError):
-    """The demo cannot go on; the text says why."""
+
+class DemoError(PlanningError, RuntimeError):
+    """The demo cannot go on; the text gives the reason."""
+
+    code = 'demo'
 
 
-def main(argv=None):
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the demo; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--out', type=pathlib.Path, default=pathlib.Path('out'),
@@ -46,10 +57,10 @@ def main(argv=None):
     parser.add_argument('--method', help="optimisation method, by default the planner's")
     options = parser.parse_args(argv)
     options.out.mkdir(parents=True, exist_ok=True)
-    _isolate(options.out)
     try:
-        plan = _plan_and_replay(Scenario.paper(), options.method)
-    except DemoError as error:
+        with _isolated(options.out):
+            plan = _plan_and_replay(Scenario.paper(), options.method)
+    except PlanningError as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -66,7 +77,7 @@ def main(argv=None):
     return 0
 
 
-def table(plans):
+def table(plans: Sequence[Plan]) -> str:
     """Return a text table of plans, a line each."""
     lines = [f'{"scheme":<26}{"guaranteed rate":>17}{"worst-case rate":>17}{"time":>9}',
              f'{"":<26}{"bit/s/Hz":>17}{"bit/s/Hz":>17}{"s":>9}']
@@ -75,14 +86,46 @@ def table(plans):
     return '\n'.join(lines)
 
 
-def _isolate(out):
+@contextmanager
+def _isolated(out: pathlib.Path) -> Iterator[None]:
     """Keep the ROS graph on this host and the logs in the folder, unless told otherwise."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
+    if 'ROS_DOMAIN_ID' in os.environ:
+        yield
+        return
+    with free_domain() as domain:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        yield
 
 
-def _plan_and_replay(scenario, method):
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """
+    Reserve a domain in which nobody is.
+
+    :raises DemoError: when all are taken.
+    """
+    first = os.getpid() % len(_DOMAINS)
+    for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
+        port = 7400 + 250 * domain
+        with socket.socket(type=socket.SOCK_STREAM) as reserved, \
+                socket.socket(type=socket.SOCK_DGRAM) as probe:
+            try:
+                # DDS uses UDP only: the TCP port of the number is what demos agree by.
+                reserved.bind(('127.0.0.1', port))
+                # The first participant of a domain takes this one for itself.
+                probe.bind(('', port + 10))
+            except OSError:
+                continue
+            probe.close()
+            yield domain
+            return
+    raise DemoError(f'the domains {_DOMAINS[0]} to {_DOMAINS[-1]} are taken; '
+                    f'set ROS_DOMAIN_ID to another one')
+
+
+def _plan_and_replay(scenario: Scenario, method: str | None) -> Plan:
     """Have the scenario planned and replayed by the nodes; return the plan that came back."""
     planner = ['-p', f'method:={method}'] if method else []
     place = np.array(scenario.eavesdroppers[0].position) - [
@@ -94,7 +137,7 @@ def _plan_and_replay(scenario, method):
 
 
 @contextmanager
-def _process(name, parameters):
+def _process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
     """Run a node in a process of its own, and stop it as Ctrl-C does."""
     process = subprocess.Popen(
         [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],
@@ -111,7 +154,7 @@ def _process(name, parameters):
 
 
 @contextmanager
-def _client(scenario):
+def _client(scenario: Scenario) -> Iterator['_Client']:
     rclpy.init(args=[])
     try:
         client = _Client(scenario)
@@ -126,7 +169,7 @@ def _client(scenario):
 class _Client(Node):
     """Sends the poses, asks for a plan and for its replay, and receives what comes back."""
 
-    def __init__(self, scenario):
+    def __init__(self, scenario: Scenario) -> None:
         super().__init__('demo')
         self._scenario = scenario
         self._names = [uav.name for uav in scenario.uavs]
@@ -141,13 +184,13 @@ class _Client(Node):
         self.create_subscription(DiagnosticStatus, 'planner/status', self._on_status, LATCHED)
         self.create_timer(0.2, self._send_poses)
 
-    def run(self):
+    def run(self) -> Plan:
         """Return the plan that was received, once its replay has ended."""
         services = {name: self.create_client(Trigger, name)
                     for name in ('planner/plan', 'replay/start')}
         for name, service in services.items():
             self._wait(service.service_is_ready, f'the service {name}')
-        self._wait(self._poses_known, 'word of the poses from the planner')
+        self._wait(self._poses_known, 'a status of the planner with both poses')
         started = time.monotonic()
         print('planning ...', flush=True)
         answer = self._call(services['planner/plan'])
@@ -164,11 +207,12 @@ class _Client(Node):
         return Plan(self._scenario, positions, [self._powers[name].data for name in self._names],
                     method='planned over DDS', solve_time=elapsed)
 
-    def _receive(self, kind, topic, kept, qos):
+    def _receive(self, kind: type, topic: str, kept: dict[str, Any], qos: QoSProfile | int
+                 ) -> None:
         name = topic.split('/')[0]
         self.create_subscription(kind, topic, lambda message: kept.update({name: message}), qos)
 
-    def _send_poses(self):
+    def _send_poses(self) -> None:
         place = PoseStamped()
         place.header.frame_id = 'map'
         place.header.stamp = self.get_clock().now().to_msg()
@@ -179,29 +223,29 @@ class _Client(Node):
         estimate.pose.pose = pose(*self._scenario.eavesdroppers[0].position, 0.0, 0.0)
         self._eavesdropper.publish(estimate)
 
-    def _on_status(self, message):
+    def _on_status(self, message: DiagnosticStatus) -> None:
         self._status = {entry.key: entry.value for entry in message.values}
         if 'progress.iteration' in self._status:
             print(f'  iteration {self._status["progress.iteration"]:>3}  guaranteed rate '
                   f'{self._status["progress.guaranteed_rate"]} bit/s/Hz', flush=True)
 
-    def _poses_known(self):
+    def _poses_known(self) -> bool:
         return all(self._status.get(f'pose_age.{name}/pose', 'none') != 'none'
                    for name in ('ground_node', 'eavesdropper'))
 
-    def _call(self, service):
+    def _call(self, service: Client) -> Trigger.Response:
         future = service.call_async(Trigger.Request())
         self._wait(future.done, f'the answer of {service.srv_name}')
         return future.result()
 
-    def _wait(self, condition, what):
+    def _wait(self, condition: Callable[[], object], what: str) -> None:
         until = time.monotonic() + _PATIENCE
         while not condition():
             if time.monotonic() > until:
                 raise DemoError(f'{what} did not come within {_PATIENCE:g} s')
             rclpy.spin_once(self, timeout_sec=0.1)
 
-    def _arrived(self):
+    def _arrived(self) -> bool:
         for name in self._names:
             here = self._places.get(name)
             goal = self._paths[name].poses[-1].pose.position

@@ -224,10 +224,12 @@ class Plan:
             powers=np.concatenate([self.powers[:, :point], tail.powers], axis=1),
             start_ns=self.start_ns)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], evaluate: bool = True) -> None:
         """
         Write the plan to a JSON file, atomically: a reader sees the old file or the new one.
 
+        :param evaluate: whether to write the worst-case rate, too, which for many slots takes
+            seconds to evaluate; it is for readers of the file, and load does not need it.
         :raises OSError: when the file cannot be written; an old one is left as it was.
         """
         document = {
@@ -244,7 +246,7 @@ class Plan:
             'objective': self.objective,
             # For readers of the file; load computes them anew.
             'guaranteed_rate': self.guaranteed_rate,
-            'worst_case_rate': self.worst_case_rate,
+            **({'worst_case_rate': self.worst_case_rate} if evaluate else {}),
         }
         with atomic_file(path) as file:
             json.dump(document, file, allow_nan=False)

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 from secure_uav_planner import Plan, Scenario
+from secure_uav_planner.demo import free_domain
 
 
 @pytest.fixture(scope='module')
@@ -36,6 +37,12 @@ def test_the_plan_that_was_received_is_saved_and_drawn(demo):
     assert (out / 'plan.png').read_bytes().startswith(b'\x89PNG')
     assert '<html' in (out / 'plan.html').read_text()[:100]
     assert (out / 'plan.mcap').read_bytes().startswith(b'\x89MCAP0')
+
+
+def test_the_demo_chooses_a_domain_that_no_test_uses_and_no_other_demo():
+    with free_domain() as one, free_domain() as other:
+        assert one != other
+        assert all(215 <= domain <= 232 for domain in (one, other))
 
 
 def test_the_demo_leaves_no_process_behind(demo):

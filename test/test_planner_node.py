@@ -262,10 +262,45 @@ def test_names_follow_the_namespace_and_the_lists_of_names(client):
             wait_for(lambda: all(paths))
 
 
+def test_a_pose_that_is_too_old_is_a_warning_and_not_the_level_of_a_node_that_has_stopped(client):
+    with node_process('planner', namespace='/fleet', pose_timeout=0.5):
+        with Client('member', namespace='/fleet') as member:
+            heard = member.listen(DiagnosticArray, '/diagnostics', 10)
+            member.send_paper()
+            wait_for(lambda: heard and 'pose_timeout' in heard[-1].status[0].message)
+            assert heard[-1].status[0].level == DiagnosticStatus.WARN
+            assert heard[-1].status[0].name == 'fleet/planner: plan'
+
+
+def test_misspelt_parameters_are_named_with_the_nearest(tmp_path):
+    file = tmp_path / 'mission.yaml'
+    file.write_text("""
+/**:
+  ros__parameters:
+    use_sim_time: false
+    durration: 150.0
+    uav1: {max_sped: 12.0}
+    qos_overrides: {/parameter_events: {publisher: {depth: 10}}}
+/**/replay:
+  ros__parameters: {loup: true}
+""")
+    expected = {'planner': {'durration': 'duration', 'uav1.max_sped': 'uav1.max_speed'},
+                'replay': {'loup': 'loop', 'durration': None, 'uav1.max_sped': None}}
+    for node, nearest in expected.items():
+        with node_process(node, '--params-file', str(file)) as process:
+            wait_for(lambda: any('ready' in line for line in process.lines))
+            warnings = [line for line in process.lines if 'there is no parameter' in line]
+        assert len(warnings) == len(nearest), warnings
+        for name, near in nearest.items():
+            line = next(line for line in warnings if f'no parameter {name}, ' in line)
+            assert '[WARN]' in line
+            assert near is None or line.endswith(f'did you mean {near}?\n')
+
+
 def test_diagnostics_come_about_every_second(client, planner):
     heard = client.listen(DiagnosticArray, '/diagnostics', 10)
     wait_for(lambda: len(heard) >= 3)
-    assert heard[-1].status[0].name == 'planner'
+    assert heard[-1].status[0].name == 'planner: plan'
     assert heard[-1].status[0].level == DiagnosticStatus.WARN
     assert 'no pose has come on ground_node/pose' in heard[-1].status[0].message
     times = [seconds(message.header.stamp) for message in heard[:3]]

@@ -1,5 +1,8 @@
 """How the nodes stop."""
 
+from collections import Counter
+from pathlib import Path
+import random
 import signal
 import time
 
@@ -45,3 +48,34 @@ def test_a_wrong_command_line_is_named():
         assert process.wait(timeout=30) == 1
     assert '/such/file.yaml' in output_of(process)  # rcl shortens long texts
     assert process.lines[-1].startswith('cannot start: ') and len(process.lines) <= 2
+
+
+@pytest.mark.parametrize('node', ['planner', 'replay'])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_the_modules_load_ends_the_node_quietly(node, number):
+    with node_process(node) as process:
+        # NumPy is among the first, and most are still to come.
+        wait_for(lambda: 'numpy' in Path(f'/proc/{process.pid}/maps').read_text())
+        process.send_signal(number)
+        assert process.wait(timeout=10) == 0
+    assert output_of(process) == ''
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('node', ['planner', 'replay'])
+def test_fifty_stops_at_any_time_of_the_first_two_seconds(node):
+    """Before its own code runs, Python itself answers a signal: that cannot be helped."""
+    rng, early, statuses = random.Random(5), 0, Counter()
+    for _ in range(50):
+        with node_process(node) as process:
+            time.sleep(rng.uniform(0, 2.0))
+            process.send_signal(signal.SIGINT)
+            status = process.wait(timeout=10)
+        text = output_of(process)
+        if 'secure_uav_planner' not in text and 'Traceback' in text or status == -signal.SIGINT:
+            early += 1
+            continue
+        statuses[status] += 1
+        assert 'Traceback' not in text, text
+    print(f'\n{node}: 50 stops, {early} of them before its own code, the others {statuses}')
+    assert set(statuses) == {0}

@@ -1,5 +1,6 @@
 """The recording of a plan and its replay, read back; the layouts that show it."""
 
+from dataclasses import replace
 import json
 import pathlib
 import re
@@ -8,7 +9,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.ros.qos import LATCHED
 from secure_uav_planner.ros.recording import definition, record
 import yaml
@@ -55,6 +56,17 @@ def test_every_topic_of_both_nodes_is_there_with_its_type(read):
             f'/{name}/setpoint/power': 'std_msgs/msg/Float64',
             f'/{name}/odom': 'nav_msgs/msg/Odometry'})
     assert types == expected
+
+
+def test_every_eavesdropper_has_a_topic_of_its_own_name(plan, tmp_path):
+    scenario = replace(plan.scenario, eavesdroppers=(
+        Eavesdropper((200.0, 0.0), 10.0, 'listener'), Eavesdropper((0.0, 150.0), 10.0, 'mallory')))
+    path = tmp_path / 'plan.mcap'
+    record(fly_hover_fly(scenario), path, rate=1.0)
+    with path.open('rb') as stream:
+        topics = {channel.topic for channel in make_reader(stream).get_summary().channels.values()}
+    assert {topic for topic in topics if topic.endswith('/pose') and 'setpoint' not in topic} == {
+        '/ground_node/pose', '/listener/pose', '/mallory/pose'}
 
 
 def test_the_plan_can_be_read_back_from_it(read, plan):

@@ -1,15 +1,22 @@
 """What the nodes' parameters are called, mean and allow, and the settings they make."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+import difflib
 import math
+from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
 from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.validate_topic_name import validate_topic_name
 
+from .text import brief
+from ..errors import ParameterError, PlanningError, shown
 from ..optimize import METHODS
-from ..scenario import LIMITS, MAX_MEMBERS, Scenario, Uav
+from ..scenario import LIMITS, MAX_MEMBERS, Point, Scenario, Uav
 
 _PAPER = Scenario.paper()
 
@@ -25,15 +32,15 @@ class Spec:
     :param choices: the strings allowed.
     """
 
-    default: object
+    default: Any
     description: str
-    limits: tuple = None
-    length: tuple = None
-    choices: tuple = None
+    limits: tuple[float, float] | None = None
+    length: tuple[int, int] | None = None
+    choices: tuple[str, ...] | None = None
     read_only: bool = False
 
     @property
-    def allowed(self):
+    def allowed(self) -> str:
         """Return what is allowed, in words."""
         noun = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string',
                 list: 'a list'}[type(self.default)]
@@ -48,17 +55,18 @@ class Spec:
         return noun
 
     @property
-    def _of_names(self):
+    def _of_names(self) -> bool:
         return isinstance(self.default, list) and self.limits is None
 
-    def checked(self, name, value):
-        """Return the value in the parameter's type, or raise ValueError."""
+    def checked(self, name: str, value: Any) -> Any:
+        """Return the value in the parameter's type, or raise ParameterError."""
         try:
             return self._converted(value)
         except (TypeError, ValueError, OverflowError, NameValidationException):
-            raise ValueError(f'{name} is {value!r}; it must be {self.allowed}') from None
+            raise ParameterError(
+                f'{name} is {shown(value)}; it must be {self.allowed}') from None
 
-    def _converted(self, value):
+    def _converted(self, value: Any) -> Any:
         kind = type(self.default)
         if kind is list:
             values = list(value)
@@ -73,15 +81,15 @@ class Spec:
             raise ValueError
         return value
 
-    def _number(self, value, kind):
-        # A whole number is welcome where a real one is meant: `duration: 150` in YAML.
+    def _number(self, value: Any, kind: type) -> float:
+        # A whole number may stand for a real one: `duration: 150` in YAML.
         if isinstance(value, bool) or not isinstance(value, (int, kind)):
             raise ValueError
         if not math.isfinite(value) or not self.limits[0] <= value <= self.limits[1]:
             raise ValueError
         return kind(value)
 
-    def descriptor(self):
+    def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(
             description=self.description, additional_constraints=f'Must be {self.allowed}.',
@@ -97,7 +105,7 @@ class Spec:
         return descriptor
 
 
-def _name(value):
+def _name(value: Any) -> str:
     """Return a name that can be part of a topic and of a parameter."""
     if not isinstance(value, str) or '/' in value or '~' in value:
         raise ValueError
@@ -127,6 +135,8 @@ PLANNER = {
                        'from its covariance.', (0.01, 0.999999)),
     'pose_timeout': Spec(10.0, 'Age in s beyond which a pose is not planned with; 0 for none.',
                          (0.0, 86400.0)),
+    'height_tolerance': Spec(2.0, 'How far the ground node and the eavesdroppers may be from '
+                             'z = 0 of the frame, in m.', (0.0, LIMITS['altitude'][1])),
     'plan_file': Spec('', 'File (JSON) that keeps the last plan over a restart; empty for none.',
                       read_only=True),
     'replan_period': Spec(0.0, 'Period in s of planning the rest of the mission again; 0 for '
@@ -142,27 +152,30 @@ PLANNER = {
 _FIELDS = {
     'start': 'Start (x, y) in m, used until a pose of the UAV has come.',
     'goal': 'Goal (x, y) in m.',
-    'altitude': 'Flying height H in m.',
+    'altitude': 'Flying height H above the ground node in m, the z of what is published.',
     'max_speed': 'Largest speed V in m/s.',
     'average_power': 'Limit of the mean power in W.',
     'peak_power': 'Limit of the power of every slot in W.',
 }
 
 
-def uav_parameters(name, index):
+def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     """Return the parameters of one UAV by name; the paper's values are the defaults."""
     uav = _PAPER.uavs[min(index, len(_PAPER.uavs) - 1)]
-    return {f'{name}.{field}': _uav_spec(getattr(uav, field), text, field)
-            for field, text in _FIELDS.items()}
+    return {**{f'{name}.{field}': _uav_spec(getattr(uav, field), text, field)
+               for field, text in _FIELDS.items()},
+            f'{name}.use_pose': Spec(
+                True, 'Whether to plan from the last pose of the UAV, if one has come, and not '
+                'from its start.')}
 
 
-def _uav_spec(default, text, field):
+def _uav_spec(default: Any, text: str, field: str) -> Spec:
     if isinstance(default, tuple):
         return Spec(list(default), text, LIMITS['coordinate'], length=(2, 2))
     return Spec(default, text, LIMITS[field])
 
 
-def eavesdropper_parameters(name):
+def eavesdropper_parameters(name: str) -> dict[str, Spec]:
     """Return the parameters of one eavesdropper by name."""
     return {f'{name}.error_radius': Spec(
         _PAPER.eavesdroppers[0].error_radius,
@@ -173,7 +186,8 @@ REPLAY = {
     'uavs': _UAVS,
     'plan_file': Spec('', 'Saved plan to replay; empty to replay the topics.', read_only=True),
     'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.'),
-    'picture_file': Spec('', 'PNG file to draw every plan to that is taken up; empty for none.'),
+    'picture_file': Spec('', 'PNG file in which every plan is drawn as it is taken up; empty for '
+                         'none.'),
     'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
     'speed': Spec(1.0, 'Playback speed, 1 is real time.', (0.001, 10000.0)),
     'loop': Spec(False, 'Start again at the end.'),
@@ -194,44 +208,56 @@ class Parameters:
 
     :param node: a Node.
     :param specs: Spec by parameter name.
-    :param check: called with all values by name; raises ValueError for a bad combination.
-    :raises ValueError: for a wrong value at start, naming the parameter.
+    :param check: called with all values by name; raises PlanningError for a bad combination.
+    :raises ParameterError: for a wrong value at start, naming the parameter.
     """
 
-    def __init__(self, node, specs, check=lambda values: None):
-        self._specs = {}
+    def __init__(self, node: Node, specs: Mapping[str, Spec],
+                 check: Callable[[dict[str, Any]], None] = lambda values: None) -> None:
+        self._specs: dict[str, Spec] = {}
         self._check = check
-        self._values = {}
+        self._values: dict[str, Any] = {}
         self._node = node
         self.declare(specs)
+        check(self._values)
         node.add_on_set_parameters_callback(self._on_set)
 
-    def declare(self, specs):
+    def declare(self, specs: Mapping[str, Spec]) -> None:
         """Declare further parameters."""
         values = {}
         for name, spec in specs.items():
             try:
                 self._node.declare_parameter(name, spec.default, spec.descriptor())
             except ParameterException as error:
-                raise ValueError(
-                    f'parameter {name}: {error.args[0]}; it must be {spec.allowed}') from None
+                raise ParameterError(f'parameter {brief(name, 100)}: {brief(error.args[0])}; it '
+                                     f'must be {spec.allowed}') from None
             values[name] = spec.checked(f'parameter {name}', self._node.get_parameter(name).value)
         self._specs.update(specs)
         self._values = {**self._values, **values}
 
-    def __getitem__(self, name):
+    def __getitem__(self, name: str) -> Any:
         return self._values[name]
 
-    def snapshot(self):
+    def snapshot(self) -> dict[str, Any]:
         """Return all values by name as they are now; a later change leaves them alone."""
         return self._values
 
-    def apply(self, check):
+    def apply(self, check: Callable[[dict[str, Any]], None]) -> None:
         """Check all values now and at every change by another function."""
         check(self._values)
         self._check = check
 
-    def _on_set(self, parameters):
+    def warn_of_unknown(self) -> None:
+        """Log the parameters that the node was given and does not have, each with the nearest."""
+        for name in sorted(_given(self._node)):
+            if self._node.has_parameter(name) or name.startswith(_OF_ROS):
+                continue
+            near = difflib.get_close_matches(name[:200], self._specs, 1)
+            hint = f'; did you mean {near[0]}?' if near else ''
+            self._node.get_logger().warning(
+                f'there is no parameter {brief(name, 100)}, it is ignored{hint}')
+
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
         values = dict(self._values)
         try:
             for parameter in parameters:
@@ -239,13 +265,22 @@ class Parameters:
                     values[parameter.name] = self._specs[parameter.name].checked(
                         parameter.name, parameter.value)
             self._check(values)
-        except ValueError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+        except PlanningError as error:
+            return SetParametersResult(successful=False, reason=brief(error))
         self._values = values
         return SetParametersResult(successful=True)
 
 
-def uav_from(values, name, start=None):
+_OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
+
+
+def _given(node: Node) -> list[str]:
+    """Return the names of all parameters of the command line and the files for a node."""
+    # rclpy has no other way to them; without it, misspelt names go unnoticed.
+    return list(getattr(node, '_parameter_overrides', {}))
+
+
+def uav_from(values: Mapping[str, Any], name: str, start: Point | None = None) -> Uav:
     """Return the Uav that the parameter values describe, from another start where given."""
     fields = {field: values[f'{name}.{field}'] for field in _FIELDS}
     if start is not None:

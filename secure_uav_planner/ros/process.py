@@ -1,5 +1,7 @@
 """A node as a process: start, spin, stop on a signal, exit status."""
 
+from collections.abc import Callable
+import inspect
 import os
 import signal
 import sys
@@ -9,20 +11,25 @@ import time
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
+
+from .text import brief, with_type
+from ..errors import PlanningError
 
 _THREADS = 4
 _LAST_ANSWERS = 0.3
 _AFTER_FAILURE = 0.01
 
 
-def run_node(make_node, args=None, pause=0.0):
+def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause: float = 0.0
+             ) -> None:
     """
     Run a node until SIGINT or SIGTERM and exit the process: 0 when told to, 1 on an error.
 
     :param make_node: makes the node, which has close(): stop all work, return whether none is
-        left; a ValueError from it is a message to the user.
+        left; a PlanningError from it is a message to the user.
     :param args: command line, by default that of the process.
     :param pause: after every callback, in s. It bounds what a flood of messages takes from other
         threads, which share the interpreter, and what it delays the answer of a service.
@@ -34,14 +41,19 @@ def run_node(make_node, args=None, pause=0.0):
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
-    except (ValueError, RuntimeError, OSError, ParameterException, NameValidationException,
+    except (PlanningError, RuntimeError, OSError, ParameterException, NameValidationException,
             InvalidQosOverridesError) as error:
-        print(f'cannot start: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
+        print(f'cannot start: {brief(error)}', file=sys.stderr, flush=True)
+        rclpy.try_shutdown()
+        sys.exit(1)
+    except ValueError as error:
+        # Of rclpy for some arguments, and else an error of this program: its class tells more.
+        print(f'cannot start: {with_type(error)}', file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
     finished, failure = _spin(node, stop, pause)
     if failure is not None:
-        node.get_logger().fatal(f'{type(failure).__name__}: {failure}')
+        node.get_logger().fatal(with_type(failure))
     node.destroy_node()
     rclpy.try_shutdown()
     if not finished:
@@ -52,7 +64,8 @@ def run_node(make_node, args=None, pause=0.0):
     sys.exit(0 if failure is None else 1)
 
 
-def _spin(node, stop, pause):
+def _spin(node: Node, stop: threading.Event, pause: float
+          ) -> tuple[bool, BaseException | None]:
     executor = MultiThreadedExecutor(num_threads=_THREADS)
     executor.add_node(node)
     failure = None
@@ -62,7 +75,7 @@ def _spin(node, stop, pause):
             time.sleep(pause)
         except Exception as error:
             # Also of rclpy's own services, which a malformed request makes raise.
-            node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}',
+            node.get_logger().error(f'a callback failed: {with_type(error)}',
                                     throttle_duration_sec=1.0)
             failure = None if rclpy.ok() else error
             time.sleep(_AFTER_FAILURE)
@@ -74,8 +87,16 @@ def _spin(node, stop, pause):
             try:
                 executor.spin_once(timeout_sec=0.05)
             except Exception as error:
-                node.get_logger().error(f'a callback failed: {type(error).__name__}: {error}')
-    # Jazzy's executor does not wait for its threads, and a callback must not outlive the node.
-    executor._executor.shutdown(wait=True)
-    executor.shutdown(timeout_sec=0)
+                node.get_logger().error(f'a callback failed: {with_type(error)}')
+    _shut_down(executor)
     return finished, failure
+
+
+def _shut_down(executor: MultiThreadedExecutor) -> None:
+    """Shut down an executor after its threads have ended: no callback outlives the node."""
+    if 'wait_for_threads' in inspect.signature(executor.shutdown).parameters:
+        executor.shutdown(wait_for_threads=True)
+    else:
+        # rclpy up to 7.1.6, as in the wheels, has no public way (ros2/rclpy#1309 adds it).
+        executor._executor.shutdown(wait=True)
+        executor.shutdown(timeout_sec=0)

@@ -62,11 +62,11 @@ def _record_plan(bag, plan, frame_id):
     stamp = messages.stamp_at(plan)
     bag.write('/ground_node/pose', messages.pose_stamped(
         frame_id, stamp, *scenario.ground_node, 0.0, 0.0))
-    for index, eve in enumerate(scenario.eavesdroppers):
+    for eve, name in zip(
+            scenario.eavesdroppers, scenario.eavesdropper_names, strict=True):
         estimate = PoseWithCovarianceStamped()
         estimate.header.frame_id, estimate.header.stamp = frame_id, stamp
         estimate.pose.pose = messages.pose(*eve.position, 0.0, 0.0)
-        name = 'eavesdropper' if len(scenario.eavesdroppers) == 1 else f'eavesdropper{index + 1}'
         bag.write(f'/{name}/pose', estimate)
     for index, uav in enumerate(scenario.uavs):
         bag.write(f'/{uav.name}/path', messages.path(plan, index, frame_id), latched=True)
@@ -75,7 +75,7 @@ def _record_plan(bag, plan, frame_id):
                   latched=True)
     bag.write('/planner/markers', messages.markers(plan, frame_id), latched=True)
     bag.write('/planner/status', messages.status(
-        'planner', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
+        'planner: plan', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
             'state': 'idle', 'plan.guaranteed_rate': plan.guaranteed_rate,
             'plan.worst_case_rate': plan.worst_case_rate, 'plan.method': plan.method,
             'plan.status': plan.status, 'plan.solve_time': plan.solve_time}), latched=True)

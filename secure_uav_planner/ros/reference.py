@@ -11,8 +11,8 @@ from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from .parameters import eavesdropper_parameters, PLANNER, REPLAY, uav_parameters
-from .planner import Planner
-from .replay import Replay
+from .planner_node import Planner
+from .replay_node import Replay
 
 _NAMESPACE = '/reference'
 _NAMES = {'uav1': '<uav>', 'uav2': '<uav>', 'eavesdropper': '<eavesdropper>'}

@@ -1,69 +1,90 @@
 """From parameters and poses to the scenario to solve."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 import math
+from typing import Any
 
 from .parameters import uav_from
-from .poses import error_radius
+from .poses import error_radius, PoseBook
+from ..errors import PoseError
 from ..scenario import Eavesdropper, Scenario
 
 GROUND_NODE_TOPIC = 'ground_node/pose'
 
 
-def pose_topic(name):
+def pose_topic(name: str) -> str:
     """Return the topic of a UAV's or an eavesdropper's pose."""
     return f'{name}/pose'
 
 
-def pose_problems(parameters, poses, now, of_uavs=True):
-    """Return the PoseProblem of every topic whose pose cannot be planned with."""
-    needed = [GROUND_NODE_TOPIC] + [pose_topic(name) for name in parameters['eavesdroppers']]
-    optional = [pose_topic(name) for name in parameters['uavs']] if of_uavs else []
-    problems = [
-        poses.problem(topic, parameters['frame_id'], now, parameters['pose_timeout'],
-                      optional=topic in optional)
-        for topic in needed + optional]
-    return [problem for problem in problems if problem]
-
-
-def scenario_from(parameters, poses, now):
+def pose_problems(parameters: Mapping[str, Any], poses: PoseBook, now: float,
+                  of_uavs: bool = True) -> list[PoseError]:
     """
-    Return the Scenario of a new mission: from where the UAVs are, if they say so.
+    Return why poses cannot be planned with, an error for every such topic.
+
+    :param parameters: values of the planner's parameters by name.
+    :param of_uavs: whether the UAVs' poses count, too.
+    """
+    frame_id, timeout = parameters['frame_id'], parameters['pose_timeout']
+    problems = [
+        poses.problem(topic, frame_id, now, timeout, parameters['height_tolerance'])
+        for topic in (GROUND_NODE_TOPIC, *map(pose_topic, parameters['eavesdroppers']))]
+    for name in parameters['uavs'] if of_uavs else ():
+        if not parameters[f'{name}.use_pose']:
+            continue
+        problem = poses.problem(pose_topic(name), frame_id, now, timeout, optional=True)
+        if problem is not None:
+            problem = type(problem)(
+                f'{problem}; send a new one, or set {name}.use_pose to false to plan from '
+                f'{name}.start')
+        problems.append(problem)
+    return [problem for problem in problems if problem is not None]
+
+
+def raise_first(problems: list[PoseError]) -> None:
+    """Raise the first problem's class with the texts of all, if there are any."""
+    if problems:
+        raise type(problems[0])('; '.join(map(str, problems)))
+
+
+def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, now: float) -> Scenario:
+    """
+    Return the Scenario of a new mission: from where the UAVs are, if they report it.
 
     :param parameters: values of the planner's parameters by name.
     :param poses: its PoseBook.
     :param now: the node's time in s.
-    :raises ValueError: naming every topic without a usable pose, or what cannot be flown.
+    :raises PoseError: naming every topic without a usable pose.
+    :raises ScenarioError: for a mission that cannot be flown, or a wrong combination of values.
     """
-    problems = pose_problems(parameters, poses, now)
-    if problems:
-        raise ValueError('; '.join(problem.text for problem in problems))
-    starts = [poses.get(pose_topic(name)) for name in parameters['uavs']]
+    raise_first(pose_problems(parameters, poses, now))
+    starts = [poses.get(pose_topic(name)) if parameters[f'{name}.use_pose'] else None
+              for name in parameters['uavs']]
     return Scenario(
         ground_node=poses.get(GROUND_NODE_TOPIC).position,
         eavesdroppers=_eavesdroppers(parameters, poses),
         uavs=tuple(uav_from(parameters, name, known and known.position)
-                   for name, known in zip(parameters['uavs'], starts)),
+                   for name, known in zip(parameters['uavs'], starts, strict=True)),
         duration=parameters['duration'], slots=parameters['slots'],
         reference_snr_db=parameters['reference_snr_db'])
 
 
-def updated(scenario, parameters, poses, now):
+def updated(scenario: Scenario, parameters: Mapping[str, Any], poses: PoseBook,
+            now: float) -> Scenario:
     """
     Return the scenario with the ground node and the eavesdroppers where they are known now.
 
-    :raises ValueError: naming every topic without a usable pose.
+    :raises PoseError: naming every topic without a usable pose.
     """
-    problems = pose_problems(parameters, poses, now, of_uavs=False)
-    if problems:
-        raise ValueError('; '.join(problem.text for problem in problems))
+    raise_first(pose_problems(parameters, poses, now, of_uavs=False))
     return replace(scenario, ground_node=poses.get(GROUND_NODE_TOPIC).position,
                    eavesdroppers=_eavesdroppers(parameters, poses))
 
 
-def has_moved(scenario, known, distance):
+def has_moved(scenario: Scenario, known: Scenario, distance: float) -> bool:
     """
-    Return whether the places on the ground differ by more than a distance in m.
+    Return whether positions on the ground differ by more than a distance in m.
 
     An error radius counts when it has changed by more than a tenth of the distance.
 
@@ -76,11 +97,11 @@ def has_moved(scenario, known, distance):
         for before, now in zip(scenario.eavesdroppers, known.eavesdroppers))
 
 
-def _eavesdroppers(parameters, poses):
+def _eavesdroppers(parameters: Mapping[str, Any], poses: PoseBook) -> tuple[Eavesdropper, ...]:
     found = []
     for name in parameters['eavesdroppers']:
         known = poses.get(pose_topic(name))
         radius = (error_radius(known.covariance, parameters['confidence'])
                   if known.covariance.any() else parameters[f'{name}.error_radius'])
-        found.append(Eavesdropper(known.position, radius))
+        found.append(Eavesdropper(known.position, radius, name))
     return tuple(found)

@@ -1,63 +1,138 @@
-"""What the planner says of itself: levels as diagnostics use them, and a value for everything."""
+"""What the planner reports of itself: levels as diagnostics use them, and values by key."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from .poses import PoseBook
 from .scenarios import GROUND_NODE_TOPIC, pose_topic
+from .text import brief
+from ..errors import PlanningError
+from ..plan import Iteration, Plan
 
-REASONS = {
-    'converged': 'converged',
-    'iteration_limit': 'stopped at the iteration limit',
-    'time_limit': 'stopped at time_limit with the best feasible plan so far',
-    'numerical_trouble': 'a step of the solver failed, the best feasible plan is kept',
-}
-"""What the status of a published plan means to a person."""
+LAST_PLAN_STANDS = '; the last plan stands'
 
 
-def summary(plan):
-    """Return a plan in one line, without any place in it."""
-    return (f'{plan.method} plan of {plan.scenario.slots} slots: guaranteed rate '
-            f'{plan.guaranteed_rate:.4f}, worst-case rate {plan.worst_case_rate:.4f} bit/s/Hz, '
-            f'{plan.solve_time:.2f} s, {_iterations(plan)} iterations, '
-            f'{REASONS[plan.status]}')
+class Outcome(NamedTuple):
+    """
+    How the last request or replan ended.
+
+    :ivar level: a level of DiagnosticStatus.
+    :ivar code: 'ok', or the code of the error.
+    :ivar text: the plan in one line, or the reason why there is none.
+    """
+
+    level: bytes
+    code: str
+    text: str
 
 
-def level_and_text(outcome, poses, progress):
+@dataclass
+class State:
+    """
+    The last plan and what has happened so far.
+
+    :ivar plan: the last plan that was published, or None.
+    :ivar evaluated: the last plan whose worst-case rate became known, or None.
+    """
+
+    plan: Plan | None = None
+    evaluated: Plan | None = None
+    outcome: Outcome = Outcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
+    counts: dict[str, int] = field(
+        default_factory=lambda: {'plans': 0, 'replans': 0, 'refusals': 0})
+
+    def publish(self, plan: Plan, count: str, prefix: str = '') -> str:
+        """
+        Take up a plan that is being published; return it in one line.
+
+        :param count: which of the counts goes up.
+        :param prefix: of the text.
+        """
+        self.plan = plan
+        self.counts[count] += 1
+        level = DiagnosticStatus.OK if plan.status == 'converged' else DiagnosticStatus.WARN
+        text = prefix + summary(plan, self.evaluated is plan)
+        self.outcome = Outcome(level, 'ok', text)
+        return text
+
+    def evaluate(self, plan: Plan) -> None:
+        """Note that the worst-case rate of a plan, published or not yet, is known now."""
+        self.evaluated = plan
+        before = summary(plan, False)
+        # Something else may have happened since the plan was published.
+        if self.plan is plan and self.outcome.text.endswith(before):
+            text = self.outcome.text.removesuffix(before) + summary(plan, True)
+            self.outcome = self.outcome._replace(text=text)
+
+    def refuse(self, error: PlanningError, reason: str, level: bytes) -> str:
+        """Note why there is no new plan; return the reason, with what becomes of the last one."""
+        text = reason + (LAST_PLAN_STANDS if self.plan is not None else '')
+        self.counts['refusals'] += 1
+        self.outcome = Outcome(level, getattr(error, 'code', PlanningError.code), text)
+        return text
+
+
+def summary(plan: Plan, evaluated: bool) -> str:
+    """
+    Return a plan in one line, without any position in it.
+
+    :param evaluated: whether its worst-case rate is known; to evaluate it can take long.
+    """
+    worst = (f'{plan.worst_case_rate:.4f} bit/s/Hz' if evaluated
+             else 'not evaluated yet (bit/s/Hz)')
+    return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: guaranteed rate '
+            f'{plan.guaranteed_rate:.4f}, worst-case rate {worst}, {plan.solve_time:.2f} s, '
+            f'{_iterations(plan)} iterations, {plan.message}')
+
+
+def level_and_text(outcome: Outcome, problems: Sequence[PlanningError],
+                   progress: Iteration | None) -> tuple[bytes, str]:
     """
     Return the level of the whole and why.
 
     ERROR: a solve failed. WARN: there is no way to plan now, or the last answer was not the best
-    there can be. STALE: a pose is too old to plan with. OK: none of these.
+    there can be. OK: none of these. STALE is not used: tools take it for a node that has stopped.
 
-    :param outcome: level and text of the last request or replan.
-    :param poses: every PoseProblem there is.
+    :param problems: of poses, which stand in the way of a plan.
     :param progress: the latest Iteration of a solve under way, or None.
     """
-    level, text = outcome
     if progress is not None:
         return DiagnosticStatus.OK, (f'solving: iteration {progress.number}, guaranteed rate '
                                      f'{progress.rate:.4f} bit/s/Hz')
-    if level == DiagnosticStatus.OK and poses:
-        stale = all(problem.stale for problem in poses)
-        return (DiagnosticStatus.STALE if stale else DiagnosticStatus.WARN,
-                '; '.join(problem.text for problem in poses))
-    return level, text
+    if outcome.level == DiagnosticStatus.OK and problems:
+        return DiagnosticStatus.WARN, '; '.join(map(str, problems))
+    return outcome.level, outcome.text
 
 
-def values(plan, progress, busy, poses, parameters, counts, now):
-    """Return the values of the status by key; see level_and_text for the parameters."""
-    found = {'state': 'solving' if busy else 'idle', **counts}
+def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook,
+           parameters: Mapping[str, Any], now: float) -> dict[str, Any]:
+    """
+    Return the values of the status by key.
+
+    :param progress: the latest Iteration of a solve under way, or None.
+    :param busy: whether a solve is under way.
+    :param parameters: of the node.
+    :param now: the node's time in s.
+    """
+    found: dict[str, Any] = {'state': 'solving' if busy else 'idle',
+                             'outcome.code': state.outcome.code, **state.counts}
     if progress is not None:
         found.update({
             'progress.iteration': progress.number, 'progress.step': progress.step,
-            'progress.guaranteed_rate': progress.rate,
-            'progress.elapsed': progress.elapsed})
+            'progress.guaranteed_rate': progress.rate, 'progress.elapsed': progress.elapsed})
+    plan = state.plan
     if plan is not None:
         found.update({
             'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
             'plan.age': now - plan.start_ns * 1e-9,
-            'plan.guaranteed_rate': plan.guaranteed_rate,
-            'plan.worst_case_rate': plan.worst_case_rate,
-            'plan.method': plan.method, 'plan.status': plan.status,
+            'plan.guaranteed_rate': plan.guaranteed_rate})
+        if state.evaluated is plan:
+            found['plan.worst_case_rate'] = plan.worst_case_rate
+        found.update({
+            'plan.method': brief(plan.method, 60), 'plan.status': plan.status,
             'plan.iterations': _iterations(plan), 'plan.solve_time': plan.solve_time})
     names = parameters['eavesdroppers'] + parameters['uavs']
     for topic in [GROUND_NODE_TOPIC, *map(pose_topic, names)]:
@@ -66,5 +141,5 @@ def values(plan, progress, busy, poses, parameters, counts, now):
     return found
 
 
-def _iterations(plan):
+def _iterations(plan: Plan) -> int:
     return max(0, len(plan.history) - 1)  # the first is the start

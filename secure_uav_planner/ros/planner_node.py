@@ -1,0 +1,291 @@
+"""The planner node: poses and parameters in, plans out."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path as FilePath
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from . import messages
+from .latest import Latest
+from .parameters import eavesdropper_parameters, Parameters, PLANNER, uav_from, uav_parameters
+from .plan_topics import PlanTopics, publish
+from .poses import PoseBook
+from .qos import LATCHED, OVERRIDABLE, SENSOR
+from .replanning import check_in_time, Replanning
+from .scenarios import GROUND_NODE_TOPIC, pose_problems, pose_topic, scenario_from
+from .status import level_and_text, State, values
+from .text import brief, with_type
+from .worker import Worker
+from ..errors import ParameterError, PlanFileError, PlanningError, PoseError, StoppedError
+from ..optimize.feasible import similar
+from ..plan import Plan
+from ..scenario import Scenario
+
+_STATUS_PERIOD = 0.1
+_REPLAN_CHECK_PERIOD = 0.1
+_EVALUATION = 0.5  # For how long a plan waits for its worst-case rate, in s.
+_SHORTEST_SOLVE = 0.01
+_MOST_WARNINGS = 5  # Of a topic, until a good pose comes on it.
+_LONGEST_REASON = 4000
+
+
+class Planner(Node):
+    """
+    Plans on request and, where asked to, again on the way; the README has its interface.
+
+    :raises PlanningError: for a wrong parameter, naming it.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('planner', **options)
+        self._settings = Parameters(self, PLANNER)
+        self._uavs = self._settings['uavs']
+        self._eavesdroppers = self._settings['eavesdroppers']
+        self._declare_members()
+        self._poses = PoseBook()
+        self._warned: set[tuple[str, str]] = set()
+        self._state = State()
+        self._status_sent = 0.0
+        self._lock = threading.RLock()  # Of the state.
+        # Held while a plan is compared with the last one and takes its place.
+        self._publishing = threading.Lock()
+        self._worker = Worker(self._on_iteration)
+        self._replanning = Replanning(
+            self._worker, self._poses, self._publish_replan, self._refuse_replan)
+        self._evaluation = Latest(self._evaluate)
+        self._make_interface()
+        self._restore()
+        self._publish_status()
+        self._settings.warn_of_unknown()
+        self.get_logger().info(brief('ready: ~/plan plans for ' + ', '.join(self._uavs)))
+
+    def _declare_members(self) -> None:
+        names = [*self._uavs, *self._eavesdroppers, 'ground_node']
+        if len(set(names)) < len(names):
+            raise ParameterError(f'parameters uavs and eavesdroppers give the names {names[:-1]}; '
+                                 f"they must be unique and not 'ground_node'")
+        for index, name in enumerate(self._uavs):
+            self._settings.declare(uav_parameters(name, index))
+        for name in self._eavesdroppers:
+            self._settings.declare(eavesdropper_parameters(name))
+        self._settings.apply(self._check)
+
+    def _make_interface(self) -> None:
+        poses, services = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
+        kinds = {GROUND_NODE_TOPIC: PoseStamped}
+        kinds.update({pose_topic(name): PoseWithCovarianceStamped
+                      for name in self._eavesdroppers})
+        kinds.update({pose_topic(name): PoseStamped for name in self._uavs})
+        for topic, kind in kinds.items():
+            self.create_subscription(
+                kind, topic, lambda message, topic=topic: self._on_pose(topic, message), SENSOR,
+                callback_group=poses, qos_overriding_options=OVERRIDABLE)
+        self._topics = PlanTopics(self, self._uavs)
+        self._status = self.create_publisher(
+            DiagnosticStatus, '~/status', LATCHED, qos_overriding_options=OVERRIDABLE)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, '/diagnostics', 10, qos_overriding_options=OVERRIDABLE)
+        # A ~/plan that waits keeps one of the executor's threads; everything else goes on.
+        self.create_service(Trigger, '~/plan', self._on_plan, callback_group=services)
+        self.create_service(Trigger, '~/cancel', self._on_cancel, callback_group=services)
+        # Both timers go on while simulated time stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._publish_diagnostics, callback_group=services, clock=steady)
+        self.create_timer(_REPLAN_CHECK_PERIOD, self._on_replan_check, clock=steady)
+
+    def close(self) -> bool:
+        """Stop the solve under way; return whether nothing is left running."""
+        stopped = self._worker.close(timeout=1.0)
+        return self._evaluation.close(timeout=0.1) and stopped
+
+    def _now(self) -> float:
+        return self.get_clock().now().nanoseconds * 1e-9
+
+    def _check(self, values: Mapping[str, Any]) -> None:
+        for name in self._uavs:
+            uav_from(values, name)
+
+    # Poses
+
+    def _on_pose(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped) -> None:
+        frame_id = self._settings['frame_id']
+        first = self._poses.get(topic) is None
+        try:
+            self._poses.take(topic, message, frame_id, self._now())
+        except PoseError as error:
+            reason = brief(error)
+            if (topic, reason) not in self._warned and (
+                    sum(known[0] == topic for known in self._warned) < _MOST_WARNINGS):
+                self._warned.add((topic, reason))
+                self.get_logger().warning(f'{topic}: {reason}; it is not used')
+        else:
+            self._warned -= {known for known in self._warned if known[0] == topic}
+            if first:
+                self._publish_status()
+
+    # Planning on request
+
+    def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        began = time.monotonic()
+        settings = self._settings.snapshot()
+        limit = settings['time_limit'] or None
+        try:
+            scenario = scenario_from(settings, self._poses, self._now())
+            # A replan under way is stopped, and none begins before this request is answered.
+            with self._worker.reserved(limit):
+                left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
+                plan = self._worker.start(
+                    scenario, method=settings['method'], time_limit=left,
+                    initial=self._initial(scenario)).result()
+                if plan.status == 'cancelled':
+                    raise StoppedError('cancelled')
+                plan = replace(plan, start_ns=self.get_clock().now().nanoseconds)
+                text = self._publish_plan(plan, 'plans')
+        except Exception as error:
+            response.success, response.message = False, self._refuse(error, 'the solve failed')
+        else:
+            response.success, response.message = True, text
+        return response
+
+    def _initial(self, scenario: Scenario) -> Plan | None:
+        """Return the last plan where it is a good start for the scenario."""
+        plan = self._state.plan
+        return plan if plan is not None and similar(scenario, plan.scenario) else None
+
+    def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response
+                   ) -> Trigger.Response:
+        response.success = self._worker.cancel()
+        response.message = 'cancelling' if response.success else 'no solve is under way'
+        return response
+
+    def _on_iteration(self) -> None:
+        if time.monotonic() - self._status_sent > _STATUS_PERIOD:
+            self._publish_status()
+
+    def _refuse(self, error: Exception, failure: str, level: bytes = DiagnosticStatus.WARN
+                ) -> str:
+        """
+        Note, log and return why there is no new plan.
+
+        :param failure: what failed, for an error that is not one of this package's.
+        :param level: for an error of this package's; of any other it is ERROR.
+        """
+        expected = isinstance(error, PlanningError)
+        reason = (brief(error, _LONGEST_REASON) if expected
+                  else f'{failure}: {with_type(error)}')
+        if not expected:
+            level = DiagnosticStatus.ERROR
+        with self._lock:
+            text = self._state.refuse(error, reason, level)
+        log = self.get_logger()
+        (log.error if level == DiagnosticStatus.ERROR else log.warning)(f'no new plan: {text}')
+        self._publish_status()
+        return text
+
+    # Planning again on the way
+
+    def _on_replan_check(self) -> None:
+        self._replanning.start_when_due(
+            self._state.plan, self._settings.snapshot(), self._now())
+
+    def _publish_replan(self, plan: Plan, continued: Plan, start_ns: int) -> None:
+        self._publish_plan(plan, 'replans', still_wanted=lambda: check_in_time(
+            self._state.plan, continued, start_ns, self.get_clock().now().nanoseconds))
+
+    def _refuse_replan(self, error: Exception) -> None:
+        stopped = isinstance(error, StoppedError)
+        self._refuse(error, 'the replan failed',
+                     DiagnosticStatus.OK if stopped else DiagnosticStatus.WARN)
+
+    # Publishing
+
+    def _restore(self) -> None:
+        """Publish the plan of the plan file, if there is one."""
+        file = self._settings['plan_file']
+        try:
+            if not file or not FilePath(file).exists():
+                return
+            plan = Plan.load(file)
+            if [uav.name for uav in plan.scenario.uavs] != self._uavs or plan.start_ns is None:
+                raise PlanFileError(f'{file} is not a plan for {", ".join(self._uavs)}')
+            self._publish_plan(plan, 'plans', restored=True)
+        except Exception as error:
+            text = brief(error) if isinstance(error, (PlanningError, OSError)) else (
+                with_type(error))
+            self.get_logger().warning(f'plan_file: {text}; it is not published')
+
+    def _publish_plan(self, plan: Plan, count: str, restored: bool = False,
+                      still_wanted: Callable[[], None] = lambda: None) -> str:
+        """
+        Publish all of a plan and return it in one line.
+
+        :param count: which of the counts goes up.
+        :param still_wanted: called when all is made; raises an error to publish nothing.
+        """
+        evaluated = self._evaluation.put(plan)
+        outgoing = self._topics.made(plan, self._settings['frame_id'])
+        known = evaluated.wait(_EVALUATION)
+        with self._publishing:
+            still_wanted()
+            if not restored:
+                self._save(plan, known)
+            publish(outgoing)
+            with self._lock:
+                text = self._state.publish(plan, count, 'restored: ' if restored else '')
+                good = self._state.outcome.level == DiagnosticStatus.OK
+            self._replanning.planned(self._now())
+        log = self.get_logger()
+        (log.info if good else log.warning)(text)
+        self._publish_status()
+        return text
+
+    def _evaluate(self, plan: Plan) -> None:
+        """Evaluate the rates of a plan, which takes long for many slots; not in the executor."""
+        try:
+            plan.evaluated()
+        except Exception as error:
+            self.get_logger().error(f'the rates cannot be evaluated: {with_type(error)}')
+            return
+        with self._lock:
+            self._state.evaluate(plan)
+            if plan is self._state.plan:
+                self._publish_status()
+
+    def _save(self, plan: Plan, evaluated: bool) -> None:
+        file = self._settings['plan_file']
+        if not file:
+            return
+        try:
+            plan.save(file, evaluate=evaluated)
+        except (OSError, ValueError) as error:
+            self.get_logger().error(
+                f'plan_file: {brief(error)}; the plan is published all the same')
+
+    def _status_message(self) -> DiagnosticStatus:
+        now, settings = self._now(), self._settings.snapshot()
+        with self._lock:
+            busy, progress = self._worker.busy, self._worker.progress
+            level, text = level_and_text(
+                self._state.outcome, pose_problems(settings, self._poses, now), progress)
+            return messages.status(
+                self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
+                values(self._state, progress, busy, self._poses, settings, now))
+
+    def _publish_status(self) -> None:
+        with self._lock:
+            self._status_sent = time.monotonic()
+            self._status.publish(self._status_message())
+
+    def _publish_diagnostics(self) -> None:
+        message = DiagnosticArray(status=[self._status_message()])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
