@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pytest
 from ros_client import flat
 import secure_uav_planner
-from secure_uav_planner import Iteration, Plan, playback, Scenario
+from secure_uav_planner import errors, Iteration, Plan, playback, Scenario
 from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, REPLAY, uav_parameters)
@@ -402,6 +402,7 @@ def known_names():
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly):
         names |= set(inspect.signature(function).parameters)
     names |= set(secure_uav_planner.METHODS)
+    names |= {kind.code for kind in vars(errors).values() if hasattr(kind, 'code')}
     return names | set(secure_uav_planner.plan.STATUSES)
 
 

@@ -200,7 +200,7 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
     with node_process('replay') as process:
         send(client, plan, 10**18)
         wait_for(lambda: any('got a plan' in line for line in process.lines))
-        send(client, plan, 2 * 10**18, change)
+        send(client, plan, 11 * 10**17, change)
         wait_for(lambda: any('not used' in line for line in process.lines), what='the refusal')
         time.sleep(0.5)
         refusals = [line for line in process.lines if 'not used' in line]
@@ -208,7 +208,7 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
         assert sum('got a plan' in line for line in process.lines) == 1
         assert not any('Warning' in line or 'np.' in line for line in process.lines)
         assert client.call('replay/start').success  # the plan before stands
-        send(client, plan, 3 * 10**18)
+        send(client, plan, 12 * 10**17)
         wait_for(lambda: sum('got a plan' in line for line in process.lines) == 2)
 
 
