@@ -1,8 +1,8 @@
 """
 The main job from end to end: poses in, a plan out, replayed, saved and drawn.
 
-The planner and the replay node run in processes of their own; this third process talks to them
-over DDS as any other program would.
+The planner and the replay node run in processes of their own; this third process uses their
+topics and services over DDS as any other program would.
 """
 
 import argparse

@@ -8,7 +8,6 @@ from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from rclpy.time import Time
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.playback import headings, velocities
 from secure_uav_planner.ros import cdr, messages

@@ -219,7 +219,8 @@ def test_while_solving_everything_else_answers_and_a_second_plan_is_refused(clie
 
 
 def test_a_cancelled_solve_leaves_the_last_plan_standing(client):
-    with node_process('planner', duration=120.0, slots=40, method='alternating'):
+    with node_process('planner', duration=120.0, slots=40, method='alternating',
+                      pose_timeout=0.0):
         path = client.listen(Path, 'uav1/path')
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()

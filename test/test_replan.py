@@ -154,7 +154,7 @@ def test_a_changed_error_radius_is_a_reason_to_plan_again(client):
 
 def test_a_failed_replan_leaves_the_old_plan_standing_and_says_why(client):
     with node_process('planner', replan_distance=5.0, replan_lead=0.01, duration=120.0,
-                      slots=6000, method='alternating'):
+                      slots=6000, method='alternating', pose_timeout=0.0):
         paths, _ = received(client)
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.set_parameters('planner', time_limit=0.5)

@@ -54,7 +54,8 @@ class Planner(Node):
         self._poses = PoseBook()
         self._warned: set[tuple[str, str]] = set()
         self._state = State()
-        self._status_sent = 0.0
+        self._closed = False
+        self._progress_sent = 0.0
         self._lock = threading.RLock()  # Of the state.
         # Held while a plan is compared with the last one and takes its place.
         self._publishing = threading.Lock()
@@ -104,6 +105,8 @@ class Planner(Node):
 
     def close(self) -> bool:
         """Stop the solve under way; return whether nothing is left running."""
+        with self._lock:
+            self._closed = True
         stopped = self._worker.close(timeout=1.0)
         return self._evaluation.close(timeout=0.1) and stopped
 
@@ -168,7 +171,10 @@ class Planner(Node):
         return response
 
     def _on_iteration(self) -> None:
-        if time.monotonic() - self._status_sent > _STATUS_PERIOD:
+        progress = self._worker.progress
+        first = progress is not None and progress.number == 0
+        if first or time.monotonic() - self._progress_sent > _STATUS_PERIOD:
+            self._progress_sent = time.monotonic()
             self._publish_status()
 
     def _refuse(self, error: Exception, failure: str, level: bytes = DiagnosticStatus.WARN
@@ -257,7 +263,7 @@ class Planner(Node):
             return
         with self._lock:
             self._state.evaluate(plan)
-            if plan is self._state.plan:
+            if plan is self._state.plan and not self._closed:
                 self._publish_status()
 
     def _save(self, plan: Plan, evaluated: bool) -> None:
@@ -282,7 +288,6 @@ class Planner(Node):
 
     def _publish_status(self) -> None:
         with self._lock:
-            self._status_sent = time.monotonic()
             self._status.publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:

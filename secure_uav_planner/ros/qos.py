@@ -5,16 +5,16 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 SENSOR = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT,
                     durability=DurabilityPolicy.VOLATILE)
-"""Of subscriptions: matches publishers of every kind; only the latest pose matters."""
+"""For subscriptions to poses: it matches every publisher; only the latest pose matters."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Of plans and status: who joins late gets the last one."""
+"""For plans and the status: a late subscriber gets the last one."""
 
 STREAM = QoSProfile(depth=10)
-"""Of setpoints."""
+"""For setpoints."""
 
 OVERRIDABLE = QoSOverridingOptions([
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY])
-"""Parameters `qos_overrides.<topic>.<publisher|subscription>.<policy>` change them at start."""
+"""The parameters `qos_overrides.<topic>.<publisher|subscription>.<policy>` set these at start."""

@@ -1,8 +1,10 @@
 """A plan and its replay as an MCAP file, which Foxglove and `ros2 bag` open."""
 
 from dataclasses import replace
+import os
 from pathlib import Path
 import re
+from typing import Any, IO
 
 from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -13,8 +15,11 @@ from rclpy.serialization import serialize_message
 
 from . import messages
 from .. import channel
+from ..errors import OptionError, shown
 from ..files import atomic_file
+from ..plan import Plan
 from ..playback import Playback
+from ..scenario import Point
 
 _PRIMITIVES = {
     'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',
@@ -33,21 +38,22 @@ _QOS = """- history: keep_last
 """
 
 
-def record(plan, path, frame_id='map', rate=5.0, eavesdropper=None):
+def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate: float = 5.0,
+           eavesdropper: Point | None = None) -> None:
     """
     Write what the planner and the replay node publish for a plan, flown in real time.
 
     :param plan: a Plan; without a start time it starts at 0.
     :param path: of the MCAP file.
-    :param frame_id: of all that has a header.
+    :param frame_id: the frame of all messages that have a header.
     :param rate: of what is streamed, in Hz of the plan's time.
     :param eavesdropper: where it really is, (2,) in m; by default it is in every slot at the
         worst place of its disc.
-    :raises ValueError: for a rate that is not positive.
+    :raises OptionError: for a rate that is not positive.
     :raises OSError: when the file cannot be written; an old one is left as it was.
     """
     if not rate > 0:
-        raise ValueError(f'rate is {rate!r}; it must be above 0 Hz')
+        raise OptionError(f'rate is {shown(rate)}; it must be above 0 Hz')
     if plan.start_ns is None:
         plan = replace(plan, start_ns=0)
     with atomic_file(path, binary=True) as file:
@@ -57,7 +63,7 @@ def record(plan, path, frame_id='map', rate=5.0, eavesdropper=None):
         bag.finish()
 
 
-def _record_plan(bag, plan, frame_id):
+def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
     scenario = plan.scenario
     stamp = messages.stamp_at(plan)
     bag.write('/ground_node/pose', messages.pose_stamped(
@@ -81,7 +87,8 @@ def _record_plan(bag, plan, frame_id):
             'plan.status': plan.status, 'plan.solve_time': plan.solve_time}), latched=True)
 
 
-def _record_replay(bag, plan, frame_id, rate, eavesdropper):
+def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float,
+                   eavesdropper: Point | None) -> None:
     scenario, playback = plan.scenario, Playback(plan)
     worst = channel.worst_case_places(scenario, plan.positions, plan.powers)
     times = np.arange(0.0, playback.duration, 1.0 / rate)
@@ -108,13 +115,14 @@ def _record_replay(bag, plan, frame_id, rate, eavesdropper):
 class _Bag:
     """An MCAP file that is being written; schemas and channels are registered on first use."""
 
-    def __init__(self, file, start_ns):
+    def __init__(self, file: IO[bytes], start_ns: int) -> None:
         self._start_ns = start_ns
-        self._schemas, self._channels = {}, {}
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
         self._writer = Writer(file)
         self._writer.start(profile='ros2', library='secure_uav_planner')
 
-    def write(self, topic, message, time=0.0, latched=False):
+    def write(self, topic: str, message: Any, time: float = 0.0, latched: bool = False) -> None:
         """Write a message at a time in s from the start of the plan."""
         if topic not in self._channels:
             qos = _QOS.format(depth=1 if latched else 10,
@@ -125,11 +133,11 @@ class _Bag:
         self._writer.add_message(
             self._channels[topic], log_time=at, publish_time=at, data=serialize_message(message))
 
-    def finish(self):
+    def finish(self) -> None:
         """Write the index; without it the file is not complete."""
         self._writer.finish()
 
-    def _schema(self, kind):
+    def _schema(self, kind: type) -> int:
         name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
         if name not in self._schemas:
             self._schemas[name] = self._writer.register_schema(
@@ -137,7 +145,7 @@ class _Bag:
         return self._schemas[name]
 
 
-def definition(name):
+def definition(name: str) -> str:
     """
     Return the definition of a message type and of all it consists of, as MCAP wants it.
 
@@ -156,12 +164,12 @@ def definition(name):
     return '\n'.join(parts)
 
 
-def _text(name):
+def _text(name: str) -> str:
     package, folder, kind = name.split('/')
     return (Path(get_package_share_directory(package)) / folder / f'{kind}.msg').read_text()
 
 
-def _members(text, owner):
+def _members(text: str, owner: str) -> list[str]:
     """Return the names of the message types among a definition's fields."""
     found = []
     for line in text.splitlines():

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import rclpy
 from rclpy.context import Context
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from .parameters import eavesdropper_parameters, PLANNER, REPLAY, uav_parameters
+from .parameters import eavesdropper_parameters, PLANNER, REPLAY, Spec, uav_parameters
 from .planner_node import Planner
 from .replay_node import Replay
 
@@ -52,7 +53,7 @@ class Interface(NamedTuple):
     qos: str
 
 
-def interfaces():
+def interfaces() -> list[Interface]:
     """Return every Interface of the two nodes, as they make them."""
     context = Context()
     rclpy.init(context=context, args=[])
@@ -70,13 +71,13 @@ def interfaces():
         rclpy.try_shutdown(context=context)
 
 
-def parameters():
+def parameters() -> dict[str, dict[str, Spec]]:
     """Return the Spec of every parameter of each node by name, `<uav>` for any UAV's."""
     of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>')}
     return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY}
 
 
-def markdown():
+def markdown() -> str:
     """Return the reference as Markdown."""
     lines = []
     found = interfaces()
@@ -94,7 +95,7 @@ def markdown():
     return '\n'.join(lines)
 
 
-def _interfaces_of(node):
+def _interfaces_of(node: Node) -> list[Interface]:
     name = node.get_name()
     entities = (
         [('sub', one.topic_name, one.msg_type, 'msg', one.qos_profile)
@@ -110,7 +111,7 @@ def _interfaces_of(node):
             'rcl_interfaces', 'type_description_interfaces')]
 
 
-def _general(topic, node):
+def _general(topic: str, node: str) -> str:
     """Return a resolved name as it is in the code, for any UAV and any eavesdropper."""
     if not topic.startswith(_NAMESPACE + '/'):
         return topic
@@ -118,7 +119,7 @@ def _general(topic, node):
     return f'{"~" if first == node else _NAMES.get(first, first)}/{rest}'
 
 
-def _in_words(qos):
+def _in_words(qos: QoSProfile | None) -> str:
     if qos is None:
         return ''
     reliable = qos.reliability == ReliabilityPolicy.RELIABLE
@@ -127,7 +128,7 @@ def _in_words(qos):
             f'{"transient local" if latched else "volatile"}, depth {qos.depth}')
 
 
-def _default(name, spec):
+def _default(name: str, spec: Spec) -> str:
     text = f'`{spec.default!r}`'
     field = name.partition('<uav>.')[2]
     other = uav_parameters('<uav>', 1).get(name) if field else None
@@ -136,7 +137,7 @@ def _default(name, spec):
     return text
 
 
-def main():
+def main() -> None:
     """Print the reference."""
     print(markdown())
 

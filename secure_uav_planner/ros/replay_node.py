@@ -1,4 +1,4 @@
-"""The replay node: a team of UAVs that follows a plan exactly."""
+"""The replay node: UAVs that follow a plan exactly."""
 
 from collections.abc import Mapping
 import math
@@ -47,7 +47,7 @@ class Replay(Node):
         self._drawing = Drawing(lambda reason: self.get_logger().warning(
             f'picture_file: {reason}; the replay goes on without'))
         self._announced_end = False
-        # All callbacks share the player: one at a time.
+        # All callbacks share the player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
         if self._settings['plan_file']:
             self._load_file(self._settings['plan_file'])
@@ -188,11 +188,11 @@ class Replay(Node):
     def _announce_end(self) -> None:
         delivered, step = self._player.delivered, self._player.largest_step
         what = ('delivered' if self._eavesdropper is None else 'delivered in secret')
-        whom = (' to the ground node, whatever leaked (true_eavesdropper is not set)'
-                if self._eavesdropper is None else
-                f', {delivered / self._player.playback.duration:.4f} bit/s/Hz on average')
+        detail = (' to the ground node, whatever leaked (true_eavesdropper is not set)'
+                  if self._eavesdropper is None else
+                  f', {delivered / self._player.playback.duration:.4f} bit/s/Hz on average')
         self.get_logger().info(
-            f'end of the plan: {what} {delivered:.2f} bit/Hz{whom}; largest deviation between '
+            f'end of the plan: {what} {delivered:.2f} bit/Hz{detail}; largest deviation between '
             f'consecutive setpoints {step:.3f} m')
         if self._settings['loop']:
             self._player.start()

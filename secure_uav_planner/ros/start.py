@@ -1,8 +1,7 @@
 """
-The executables' first step: a signal ends the process quietly even while its modules load.
+The first step of the executables: a signal ends the process at once while its modules load.
 
-Nothing is imported here that takes time. Before Python runs this, a signal meets Python's own
-handlers.
+Nothing that takes time is imported here. Before this module runs, the handlers are Python's own.
 """
 
 from importlib import import_module

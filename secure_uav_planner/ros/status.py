@@ -67,7 +67,7 @@ class State:
             text = self.outcome.text.removesuffix(before) + summary(plan, True)
             self.outcome = self.outcome._replace(text=text)
 
-    def refuse(self, error: PlanningError, reason: str, level: bytes) -> str:
+    def refuse(self, error: Exception, reason: str, level: bytes) -> str:
         """Note why there is no new plan; return the reason, with what becomes of the last one."""
         text = reason + (LAST_PLAN_STANDS if self.plan is not None else '')
         self.counts['refusals'] += 1
