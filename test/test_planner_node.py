@@ -267,7 +267,7 @@ def test_a_pose_that_is_too_old_is_a_warning_and_not_the_level_of_a_node_that_ha
     with node_process('planner', namespace='/fleet', pose_timeout=0.5):
         with Client('member', namespace='/fleet') as member:
             heard = member.listen(DiagnosticArray, '/diagnostics', 10)
-            member.send_paper()
+            member.send_paper(stamp=Time(sec=int(time.time()) - 60))
             wait_for(lambda: heard and 'pose_timeout' in heard[-1].status[0].message)
             assert heard[-1].status[0].level == DiagnosticStatus.WARN
             assert heard[-1].status[0].name == 'fleet/planner: plan'
