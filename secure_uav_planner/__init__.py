@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .errors import PlanningError
-    from .optimize import fly_hover_fly, METHODS, solve
+    from .optimize.solve import fly_hover_fly, METHODS, solve
     from .plan import Iteration, Plan
     from .scenario import Eavesdropper, Scenario, Uav
 

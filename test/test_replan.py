@@ -152,23 +152,6 @@ def test_a_changed_error_radius_is_a_reason_to_plan_again(client):
         wait_for(lambda: len(paths[0]) == 2)
 
 
-def test_a_failed_replan_leaves_the_old_plan_standing_and_says_why(client):
-    with node_process('planner', replan_distance=5.0, replan_lead=0.01, duration=120.0,
-                      slots=6000, method='alternating', pose_timeout=0.0):
-        paths, _ = received(client)
-        status = client.listen(DiagnosticStatus, 'planner/status')
-        client.set_parameters('planner', time_limit=0.5)
-        client.send_paper()
-        assert client.call('planner/plan').success
-        wait_for(lambda: paths[0])
-        client.send_estimate('eavesdropper/pose', 260, 0)
-        wait_for(lambda: 'replan' in status[-1].message, what='the reason')
-        assert 'replan_lead' in status[-1].message
-        assert 'the last plan stands' in status[-1].message
-        assert status[-1].level == DiagnosticStatus.WARN
-        assert len(paths[0]) == 1
-
-
 def test_a_plan_outlives_the_planner_in_its_file(client, tmp_path):
     file = tmp_path / 'plan.json'
     with node_process('planner', plan_file=file, duration=120.0, slots=40) as process:

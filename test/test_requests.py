@@ -159,3 +159,25 @@ def solve(scenario, **options):
         wait_for(lambda: 'plan.worst_case_rate' in values_of(status[-1]), patience=120,
                  what='the worst-case rate')
         assert 'not evaluated' not in status[-1].message
+
+
+def test_a_replan_that_comes_too_late_leaves_the_old_plan_and_gives_the_reason(client):
+    slow = """
+def solve(scenario, initial=None, **options):
+    if initial is not None:
+        time.sleep(0.5)
+    return replace(initial or fly_hover_fly(scenario), status='converged')
+"""
+    with planner_with(slow, replan_distance=5.0, replan_lead=0.1, duration=120.0, slots=1200):
+        paths = client.listen(Path, 'uav1/path')
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: paths)
+        client.send_estimate('eavesdropper/pose', 260, 0)
+        wait_for(lambda: 'replan' in status[-1].message, what='the reason')
+        assert 'replan_lead' in status[-1].message
+        assert 'the last plan stands' in status[-1].message
+        assert status[-1].level == DiagnosticStatus.WARN
+        assert values_of(status[-1])['outcome.code'] == 'late'
+        assert len(paths) == 1

@@ -32,7 +32,7 @@ def test_a_plan_that_is_valid_is_restored_whatever_it_says_of_its_origin(client,
         paths = client.listen(Path, 'uav2/path')
         status = client.listen(DiagnosticStatus, 'planner/status')
         wait_for(lambda: paths and status, what='the restored plan')
-        assert values_of(status[-1])['plan.status'] == change.get('status', 'given')
+        assert values_of(status[-1])['plan.status'] == change.get('status', PLAN.status)
         wait_for(lambda: any('ready' in line for line in process.lines))
         assert not any('plan_file' in line for line in process.lines)
         assert max(map(len, process.lines)) < 1000 and len(status[-1].message) < 1000

@@ -43,6 +43,8 @@ class Drawing:
 
     def _run(self, item: tuple[Plan, str]) -> None:
         plan, file = item
+        if self._closed:
+            return
         try:
             # In a session of its own, so that Ctrl-C in a terminal is not its concern.
             self._process = subprocess.Popen(
