@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rcl_interfaces.srv import GetParameters
 import rclpy
@@ -28,6 +28,7 @@ from std_srvs.srv import Trigger
 
 PATIENCE = 120.0
 ASK_AGAIN = 5.0  # s without an answer
+IDLE = 10  # s without a solve; the planner is idle while it still evaluates a plan, too
 RESEND = 3.0  # s, well below the planner's default pose_timeout
 _SHOWN = 60  # Lines of a node's output in the report of a failed test.
 
@@ -160,6 +161,7 @@ class Client:
         self._services = {}
         self._parameters = {}
         self._statuses = {}
+        self._states = {}
         self._poses = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -269,29 +271,43 @@ class Client:
         """
         Return the answer of a service, asked again when none comes for some seconds.
 
-        Of `~/plan`, it is the answer of one solve: the planner is not asked again while its
-        status says that it solves, and that it refuses to solve twice at once is no answer.
+        `~/plan` is asked again only when the planner has said for long that it solves nothing:
+        the answer was lost. Asked earlier, it would refuse, or plan twice.
 
         :param lost: returns whether there is no hope of an answer; then None is returned.
         """
-        futures, asked = [], []
-        is_plan = service.endswith('/plan')
-        status = self.status_of(service.rpartition('/')[0]) if is_plan else []
+        node, _, name = service.rpartition('/')
+        states = self._states_of(node) if name == 'plan' else None
+        futures, asked, known = [], [], [0]
 
-        def solving():
-            return status and values_of(status[-1]).get('state') == 'solving'
+        def is_due():
+            if asked and time.monotonic() - asked[-1] < ASK_AGAIN:
+                known[0] = len(states or ())
+                return False
+            return not asked or states is None or states[known[0]:][-IDLE:] == IDLE * ['idle']
 
         def answered():
-            if not asked or (time.monotonic() - asked[-1] > ASK_AGAIN and not solving()):
+            if is_due():
                 futures.append(self.ask(service, kind, request))
                 asked.append(time.monotonic())
-            for number, future in enumerate(futures):
-                if future.done() and not (is_plan and number and _is_busy(future.result())):
-                    return future.result()
-            return lost is not None and lost() and _NOTHING
+            done = next((future for future in futures if future.done()), None)
+            return done or (lost is not None and lost())
 
         found = wait_for(answered, patience, f'the answer of {service}')
-        return None if found is _NOTHING else found
+        return None if found is True else found.result()
+
+    def _states_of(self, node):
+        """Return a list that grows every second with what a planner does: 'idle' or 'solving'."""
+        if node not in self._states:
+            self._states[node] = []
+
+            def take(message):
+                # A name such as 'fleet/planner', or 'planner: plan'.
+                self._states[node] += [
+                    values_of(one)['state'] for one in message.status
+                    if one.name.partition(':')[0].endswith(node.strip('/'))]
+            self.node.create_subscription(DiagnosticArray, '/diagnostics', take, 10)
+        return self._states[node]
 
     def _service(self, service, kind):
         """
@@ -348,13 +364,6 @@ class Client:
         found = self._answer(lambda: client.get_parameters(list(names)),
                              f'{node}/get_parameters')
         return [rclpy.parameter.parameter_value_to_python(value) for value in found.values]
-
-
-_NOTHING = object()
-
-
-def _is_busy(answer):
-    return not answer.success and 'under way' in answer.message
 
 
 def values_of(status):
