@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 PATIENCE = 120.0
 ASK_AGAIN = 5.0  # s without an answer
-IDLE = 10  # s without a solve; the planner is idle while it still evaluates a plan, too
+IDLE = 60  # s without a solve; the planner is idle while it still evaluates a plan, too
 RESEND = 3.0  # s, well below the planner's default pose_timeout
 _SHOWN = 60  # Lines of a node's output in the report of a failed test.
 
