@@ -1,4 +1,4 @@
-"""What each tuned number of the joint method is worth: rate and time with it smaller and larger."""
+"""What each tuned number of the joint method is worth, in rate and in time."""
 
 import argparse
 from dataclasses import fields, replace
