@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .scenario import Array, Scenario
 
-_NO_SLACK = 1e-7  # Share of its duration below which a flight has no freedom left.
+_NO_SLACK = 1e-7  # Share of its limits that a flight must leave to be free to change.
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Grid:
         The positions of a UAV are fixed where the duration leaves it a single flight, so that
         nothing is strictly inside the limits.
         """
-        fixed = scenario.shortest_durations > scenario.duration * (1 - _NO_SLACK)
+        fixed = scenario.efforts > 1 - _NO_SLACK
         return cls(scenario, scenario.slots if slots is None else slots, fixed)
 
     def with_fixed_positions(self) -> 'Grid':
@@ -104,16 +104,71 @@ class Grid:
         path[..., -1, :, :] = self.goals
         return path
 
+    def _end_moves(self, x: Array) -> Array:
+        """Return the moves before the start and after the goal in units, (2, U, 2)."""
+        path = self.path(x)
+        moves = np.stack([path[1] - path[0], path[-1] - path[-2]])
+        for number, uav in enumerate(self.scenario.uavs):
+            for end, velocity in enumerate((uav.start_velocity, uav.goal_velocity)):
+                if velocity is not None:
+                    moves[end, number] = np.array(velocity) * self.slot_duration / self.length
+        return moves
+
     def refined(self, x: Array, slots: int) -> Array:
         """
         Return variables (N, U, 3) of this grid on one of another number of slots.
 
-        Interpolation keeps the largest speed; the mean of the powers is kept by scaling.
+        Interpolation keeps the largest speed, along the curve of UAVs with a limit of
+        acceleration all but that, too; the mean of the powers is kept by scaling.
         """
         path = resampled(self.path(x), slots + 2)
+        limited = np.isfinite(self.scenario.max_accelerations)
+        if limited.any():
+            curve = resampled_curve(self.path(x), self._end_moves(x), slots + 2)
+            path[:, limited] = curve[:, limited]
         power = resampled(x[..., 0], slots, inner=True)
         power *= np.minimum(1, x[..., 0].mean(axis=0) / power.mean(axis=0))
         return np.concatenate([power[..., None], path[1:-1]], axis=-1)
+
+
+def resampled_curve(path: Array, end_moves: Array, count: int) -> Array:
+    """
+    Return the control points of nearly the same quadratic B-spline with other slots.
+
+    The curve begins and ends half a slot of its own beyond the path. With other slots it is
+    warped in time by that much, while its ends keep their velocities.
+
+    :param path: control points, (M, U, 2).
+    :param end_moves: from the point before the first to it, and from the last to the one
+        behind, (2, U, 2).
+    :param count: of points.
+    :return: (count, U, 2), with the same first and last point.
+    """
+    last = len(path) - 1
+    points = np.concatenate([path[:1] - end_moves[:1], path, path[-1:] + end_moves[1:]])
+    slope, bend = (points[2:] - points[:-2]) / 2, np.diff(points, n=2, axis=0)
+
+    def at(times: Array) -> tuple[Array, Array]:
+        """Return position and velocity at times in slots, straight on beyond the ends."""
+        inside = np.clip(times, -0.5, last + 0.5)
+        node = np.clip(np.round(inside), 0, last).astype(int)
+        by = (inside - node)[:, None, None]
+        velocity = slope[node] + bend[node] * by
+        beyond = (times - inside)[:, None, None]
+        return (path[node] + slope[node] * by + bend[node] * (by**2 / 2 + 0.125)
+                + beyond * velocity), velocity
+
+    slot = last / (count - 1)
+    times = np.arange(count) * slot
+    warped = (times + slot / 2) * (last + 1) / (last + slot) - 0.5
+    share = (times / last)[:, None, None]
+    drift = (times - warped)[:, None, None] * (
+        (1 - share) * end_moves[0] + share * end_moves[1])
+    position, _ = at(warped)
+    change = at(warped + slot / 2)[1] - at(warped - slot / 2)[1]
+    found = position + drift - slot / 8 * change
+    found[0], found[-1] = path[0], path[-1]
+    return found
 
 
 def resampled(values: Array, count: int, inner: bool = False) -> Array:

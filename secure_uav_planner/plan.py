@@ -15,8 +15,8 @@ from .errors import OptionError, PlanError, PlanFileError, shown
 from .files import atomic_file, read_text
 from .limits import limits_of
 from .limits.power import TOLERANCE as POWER_TOLERANCE
-from .limits.speed import TOLERANCE as POSITION_TOLERANCE
-from .scenario import Array, checked_fields, LIMITS, read_only, Scenario
+from .limits.norm import TOLERANCE as POSITION_TOLERANCE
+from .scenario import Array, checked_fields, LIMITS, Point, read_only, Scenario, Uav
 
 Objective: TypeAlias = Literal['guaranteed']
 """What is maximised: 'guaranteed' is the paper's problem (P2)."""
@@ -186,7 +186,8 @@ class Plan:
         """
         Return the rest of the plan from a point, as the plan of what is left of the mission.
 
-        Its powers may use what the slots before have left of the average.
+        Its powers may use what the slots before have left of the average. A UAV with a limit of
+        acceleration keeps the velocity it has.
 
         :param point: where to start, from 0 to slots - 1.
         :raises OptionError: for another point.
@@ -197,12 +198,13 @@ class Plan:
         slots = self.scenario.slots - point
         left = self.scenario.slots * self.scenario.average_powers - (
             self.powers[:, :point].sum(axis=1))
+        step = self.scenario.slot_duration
         uavs = tuple(
-            replace(uav, start=tuple(path[point].tolist()), average_power=min(
-                uav.peak_power, max(energy / slots, LIMITS['average_power'][0])))
+            replace(uav, start=tuple(path[point].tolist()),
+                    start_velocity=_velocity(uav, path, point, step), average_power=min(
+                        uav.peak_power, max(energy / slots, LIMITS['average_power'][0])))
             for uav, path, energy in zip(
                 self.scenario.uavs, self.positions, left.tolist(), strict=True))
-        step = self.scenario.slot_duration
         return replace(
             self, scenario=replace(self.scenario, uavs=uavs, slots=slots, duration=slots * step),
             positions=self.positions[:, point:], powers=self.powers[:, point:], history=(),
@@ -303,6 +305,16 @@ def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
             f'{np.count_nonzero(~np.isfinite(array))} values that are not finite; '
             f'it must be finite with the shape {shape}')
     return array
+
+
+def _velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:
+    """Return the velocity with which a UAV comes to a point of its path, (N+2, 2), in m/s."""
+    if point == 0:
+        return uav.start_velocity
+    x, y = ((path[point] - path[point - 1]) / step).tolist()
+    # A plan may exceed the speed by its tolerance.
+    factor = min(1.0, uav.max_speed / max(math.hypot(x, y), 1e-300))
+    return (factor * x, factor * y)
 
 
 def _finite(name: str, value: object) -> float:

@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InfeasibleMissionError, ScenarioError, shown
+from .kinematics import Vehicle
+
+_ROUNDING = 1e-9
+_EFFORT_TOLERANCE = 1e-9
 
 Array: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float]
@@ -20,6 +24,7 @@ LIMITS = {
     'error_radius': (0.0, 1e7),
     'altitude': (1e-3, 1e6),
     'max_speed': (1e-6, 1e6),
+    'max_acceleration': (1e-6, 1e6),
     'average_power': (1e-9, 1e6),
     'peak_power': (1e-9, 1e6),
     'duration': (1e-6, 1e8),
@@ -70,6 +75,11 @@ class Uav:
     :param max_speed: V in m/s.
     :param average_power: P_ave, the limit of the mean over the slots, in W.
     :param peak_power: P_peak, the limit in every slot, in W.
+    :param max_acceleration: the largest acceleration along the flown curve in m/s^2, or None for
+        the paper's vehicle, which has no such limit.
+    :param start_velocity: (x, y) in m/s at the start, or None where it is free. It counts only
+        with a limit of acceleration.
+    :param goal_velocity: likewise at the goal.
     :raises ScenarioError: naming the UAV, the field, its value and what is allowed.
     """
 
@@ -80,6 +90,9 @@ class Uav:
     max_speed: float
     average_power: float = 1.0
     peak_power: float = 4.0
+    max_acceleration: float | None = None
+    start_velocity: Point | None = (0.0, 0.0)
+    goal_velocity: Point | None = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         _check_name('uav', self.name)
@@ -92,6 +105,26 @@ class Uav:
             raise ScenarioError(
                 f'{owner}peak_power is {self.peak_power!r}; '
                 f'it must be at least average_power, which is {self.average_power!r}')
+        if self.max_acceleration is not None:
+            object.__setattr__(self, 'max_acceleration', _number(
+                owner, 'max_acceleration', self.max_acceleration))
+        for field in ('start_velocity', 'goal_velocity'):
+            if getattr(self, field) is not None:
+                velocity = _point(owner, field, getattr(self, field))
+                if math.hypot(*velocity) > self.max_speed * (1 + _ROUNDING):
+                    raise ScenarioError(
+                        f'{owner}{field} is {velocity}, {math.hypot(*velocity):g} m/s; it must '
+                        f'be at most max_speed, which is {self.max_speed:g} m/s')
+                object.__setattr__(self, field, velocity)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """What its flight is limited by."""
+        displacement = (self.goal[0] - self.start[0], self.goal[1] - self.start[1])
+        if self.max_acceleration is None:
+            return Vehicle(displacement, self.max_speed)
+        return Vehicle(displacement, self.max_speed, self.max_acceleration,
+                       self.start_velocity, self.goal_velocity)
 
 
 @dataclass(frozen=True)
@@ -150,13 +183,15 @@ class Scenario:
                                 'memory')
 
     def _check_reachable(self) -> None:
-        for uav, shortest in zip(self.uavs, self.shortest_durations, strict=True):
-            # The tolerance admits the very duration that the message names.
-            if shortest > self.duration * (1 + 1e-12):
+        for uav, effort in zip(self.uavs, self.efforts, strict=True):
+            if effort > 1 + _EFFORT_TOLERANCE:
+                shortest = uav.vehicle.shortest_step(self.slots) * self.slots
+                limits = f'{uav.max_speed:g} m/s'
+                if uav.max_acceleration is not None:
+                    limits += f' and {uav.max_acceleration:g} m/s^2'
                 raise InfeasibleMissionError(
                     f'duration is {self.duration:g} s; {uav.name} needs at least '
-                    f'{math.ceil(shortest * 1000) / 1000:g} s from start to goal '
-                    f'at {uav.max_speed:g} m/s')
+                    f'{math.ceil(shortest * 1000) / 1000:g} s from start to goal at {limits}')
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.
@@ -251,10 +286,16 @@ class Scenario:
         return tuple(found)
 
     @cached_property
-    def shortest_durations(self) -> Array:
-        """Shortest duration with as many slots in which each UAV can fly, (U,) in s."""
-        distances = np.array([math.dist(uav.start, uav.goal) for uav in self.uavs])
-        return read_only(distances * self.slots / ((self.slots + 1) * self.max_speeds))
+    def efforts(self) -> Array:
+        """Share of its limits that the flight of least effort of each UAV uses, (U,)."""
+        return read_only([uav.vehicle.least_effort(self.slots, self.slot_duration)[0]
+                          for uav in self.uavs])
+
+    @cached_property
+    def max_accelerations(self) -> Array:
+        """Largest accelerations, (U,) in m/s^2, infinite without a limit."""
+        return read_only([math.inf if uav.max_acceleration is None else uav.max_acceleration
+                          for uav in self.uavs])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the scenario as plain numbers, strings, lists and dictionaries."""

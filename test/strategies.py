@@ -1,5 +1,7 @@
 """Hypothesis strategies: missions of every kind, small enough to solve in a moment."""
 
+from dataclasses import replace
+
 from hypothesis import strategies as st
 import numpy as np
 from secure_uav_planner import Eavesdropper, Scenario, Uav
@@ -20,14 +22,32 @@ def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
         shortest = np.hypot(goal[0] - start[0], goal[1] - start[1]) / (
             duration * (slots + 1) / slots)
         average = draw(st.sampled_from([0.1, 1.0]))
-        uavs.append(Uav(
+        uav = Uav(
             f'uav{index + 1}', start, goal, draw(st.sampled_from([30.0, 100.0, 300.0])),
-            max(1.0, shortest * slack), average, average * draw(st.sampled_from([1.0, 4.0]))))
+            max(1.0, shortest * slack), average, average * draw(st.sampled_from([1.0, 4.0])))
+        uavs.append(draw(limited(uav, slots, duration / slots)))
     eavesdroppers = [
         Eavesdropper(draw(PLACE), draw(st.sampled_from([0.0, 10.0, 60.0, 400.0])))
         for _ in range(draw(st.integers(1, max_eavesdroppers)))]
     return Scenario(draw(PLACE), tuple(eavesdroppers), tuple(uavs), duration, slots,
                     draw(st.sampled_from([60.0, 80.0, 100.0])))
+
+
+@st.composite
+def limited(draw, uav, slots, step):
+    """Return a UAV, in some cases with a limit of acceleration with which it can fly."""
+    if not draw(st.booleans()):
+        return uav
+    share = st.floats(-0.5, 0.5)
+    velocity = st.one_of(st.none(), st.just((0.0, 0.0)), st.tuples(share, share).map(
+        lambda of: (of[0] * uav.max_speed, of[1] * uav.max_speed)))
+    uav = replace(uav, start_velocity=draw(velocity), goal_velocity=draw(velocity),
+                  max_acceleration=uav.max_speed / step * draw(st.sampled_from([0.1, 0.5, 3.0])))
+    while uav.vehicle.least_effort(slots, step)[0] > 1:
+        if uav.max_acceleration > 100 * uav.max_speed / step:
+            return replace(uav, max_acceleration=None)
+        uav = replace(uav, max_acceleration=2 * uav.max_acceleration)
+    return uav
 
 
 def random_powers(scenario, rng):

@@ -111,7 +111,8 @@ def test_rotation_and_translation_change_no_rate(scenario, seed, angle, shift):
         eavesdroppers=tuple(replace(eve, position=move(eve.position))
                             for eve in scenario.eavesdroppers),
         uavs=tuple(replace(uav, start=move(uav.start), goal=move(uav.goal),
-                           max_speed=uav.max_speed * (1 + 1e-9)) for uav in scenario.uavs))
+                           max_speed=uav.max_speed * (1 + 1e-9),
+                           max_acceleration=None) for uav in scenario.uavs))
     for rates in (channel.guaranteed_rates, channel.worst_case_rates):
         assert rates(moved, move(positions), powers) == pytest.approx(
             rates(scenario, positions, powers), abs=1e-6)

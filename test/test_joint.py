@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
 from secure_uav_planner.errors import NumericalError
-from secure_uav_planner.limits.reference import straight_line
+from secure_uav_planner.grid import Grid
+from secure_uav_planner.limits.reference import reference_flight
 from secure_uav_planner.optimize.joint import newton
 from strategies import PLACE, scenarios
 
@@ -72,7 +73,7 @@ def test_without_slack_in_time_the_flight_is_straight_and_the_powers_are_planned
     scenario = replace(Scenario.paper(shortest * (1 + 1e-12), slots=100),
                        ground_node=(50.0, 0.0))
     plan = solve(scenario, method='joint')
-    np.testing.assert_allclose(plan.positions, straight_line(scenario), atol=1e-6)
+    np.testing.assert_allclose(plan.positions, reference_flight(Grid.of(scenario)), atol=1e-6)
     # Only with silent jammers, and only near the ground node, is there anything to win.
     assert plan.guaranteed_rate > 0.12
 

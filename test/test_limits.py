@@ -74,7 +74,7 @@ def test_curvature_is_that_of_the_barrier_function(scenario, seed):
                             np.zeros(x.shape[2], bool))
         margin = limit.margin(Iterate(grid, x))
         limit.add_curvature(Iterate(grid, x), 1 / margin, margin, matrix)
-        step = random_step(grid, x, rng, 1e-4 * margin.min())
+        step = random_step(grid, x, rng, 1e-5 * margin.min())
 
         def gradient(at):
             found = np.zeros_like(at)

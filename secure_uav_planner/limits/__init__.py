@@ -5,23 +5,25 @@ A limit answers everything that its users ask of it, as base.Limit says: the che
 repair of an iterate, and its terms in both methods.
 """
 
+from .acceleration import AccelerationLimit
 from .base import Limit
 from .power import AveragePower, PeakPower
 from .speed import SpeedLimit
 from ..grid import Grid
 from ..scenario import Scenario
 
-LIMITS: tuple[type[Limit], ...] = (SpeedLimit, PeakPower, AveragePower)
+LIMITS: tuple[type[Limit], ...] = (
+    SpeedLimit, AccelerationLimit, PeakPower, AveragePower)
 """All limits, in the order in which a plan is checked and an iterate repaired."""
 
 
 def limits_of(scenario: Scenario, grid: Grid | None = None) -> tuple[Limit, ...]:
     """
-    Return the limits of a scenario.
+    Return the limits that a scenario has.
 
     :param grid: on which the joint method asks them; by default the scenario's own.
     """
-    return tuple(limit(scenario, grid) for limit in LIMITS)
+    return tuple(limit(scenario, grid) for limit in LIMITS if limit.applies_to(scenario))
 
 
-__all__ = ['AveragePower', 'LIMITS', 'Limit', 'PeakPower', 'SpeedLimit', 'limits_of']
+__all__ = ['AccelerationLimit', 'AveragePower', 'LIMITS', 'Limit', 'PeakPower', 'SpeedLimit', 'limits_of']

@@ -35,6 +35,11 @@ class Limit(ABC):
         self.scenario = scenario
         self.grid = Grid.of(scenario) if grid is None else grid
 
+    @classmethod
+    def applies_to(cls, scenario: Scenario) -> bool:
+        """Return whether a scenario has this limit."""
+        return True
+
     # For a plan
 
     @abstractmethod
@@ -47,8 +52,15 @@ class Limit(ABC):
         :raises PlanError: naming UAV, place in the plan, value and limit.
         """
 
-    def repair(self, positions: Array, powers: Array) -> tuple[Array, Array]:
-        """Return nearly feasible positions and powers made feasible."""
+    def repair(self, positions: Array, powers: Array,
+               margin: float = 0.0) -> tuple[Array, Array]:
+        """
+        Return nearly feasible positions and powers made feasible.
+
+        :param positions: (U, N+2, 2) in m.
+        :param powers: (U, N) in W.
+        :param margin: share of the limit that is left, by limits on positions.
+        """
         return positions, powers
 
     # For the joint method

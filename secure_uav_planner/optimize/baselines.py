@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from ..scenario import Array, Scenario
+from ..limits import limits_of
+from ..scenario import Array, Scenario, Uav
 
 
 def fly_hover_fly_positions(scenario: Scenario, hover: Array | None = None) -> Array:
@@ -22,10 +23,17 @@ def fly_hover_fly_positions(scenario: Scenario, hover: Array | None = None) -> A
         eves = scenario.eavesdropper_positions
         jammers = np.arange(len(scenario.uavs) - 1)
         hover = np.concatenate([[scenario.ground_node], eves[jammers % len(eves)]])
-    return np.stack([
+    positions = np.stack([
         _fly_hover_fly(start, goal, place, step, scenario.slots)
-        for start, goal, place, step in zip(
-            scenario.starts, scenario.goals, hover, scenario.max_step.tolist(), strict=True)])
+        if uav.max_acceleration is None else _smooth_fly_hover_fly(uav, place, scenario)
+        for uav, start, goal, place, step in zip(
+            scenario.uavs, scenario.starts, scenario.goals, hover, scenario.max_step.tolist(),
+            strict=True)])
+    if np.isfinite(scenario.max_accelerations).any():
+        powers = np.zeros((len(positions), scenario.slots))
+        for limit in limits_of(scenario):
+            positions, powers = limit.repair(positions, powers)
+    return positions
 
 
 def constant_powers(scenario: Scenario, transmitting: float = 1.0,
@@ -49,6 +57,33 @@ def _fly_hover_fly(start: Array, goal: Array, place: Array, step: float, slots: 
     homeward = _along(goal, turn, (slots + 1 - count) * step)
     leaving = (slots + 1 - count) * step < math.dist(goal, turn)
     return np.where(leaving[:, None], homeward, outward)
+
+
+def _smooth_fly_hover_fly(uav: Uav, place: Array, scenario: Scenario) -> Array:
+    """
+    Return the points of a UAV with a limit of acceleration, (N+2, 2).
+
+    A mean of its velocities over some slots makes it accelerate evenly for so long. Where it
+    turns without hovering this is not enough, which is left to the repair.
+    """
+    slots, duration = scenario.slots, scenario.slot_duration
+    start, goal = np.array(uav.start), np.array(uav.goal)
+    step = uav.max_speed * duration
+    width = math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * duration))
+    if width > slots:
+        return start + uav.vehicle.least_effort(slots, duration)[1]
+    ends = [np.zeros(2) if velocity is None else np.array(velocity) * duration
+            for velocity in (uav.start_velocity, uav.goal_velocity)]
+    begin, end = start + ends[0] * (width - 1) / 2, goal - ends[1] * (width - 1) / 2
+    if math.dist(begin, end) > (slots + 2 - width) * step:
+        return start + uav.vehicle.least_effort(slots, duration)[1]
+    moves = np.diff(_fly_hover_fly(begin, end, place, step, slots + 1 - width), axis=0)
+    moves = np.concatenate([[ends[0]] * (width - 1), moves, [ends[1]] * (width - 1)]
+                           ) if width > 1 else moves
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    means = (sums[width:] - sums[:-width]) / width
+    points = start + np.concatenate([np.zeros((1, 2)), np.cumsum(means, axis=0)])
+    return points + np.linspace(0, 1, slots + 2)[:, None] * (goal - points[-1])
 
 
 def _turning_place(start: Array, goal: Array, place: Array, reach: float) -> Array:

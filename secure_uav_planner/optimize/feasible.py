@@ -8,7 +8,6 @@ from ..channel import guaranteed_rates
 from ..errors import OptionError
 from ..grid import resampled
 from ..limits import limits_of
-from ..limits.reference import straight_line
 from ..plan import Plan
 from ..scenario import Array, Point, Scenario
 
@@ -68,7 +67,7 @@ def adapted(scenario: Scenario, plan: Plan) -> tuple[Array, Array]:
     positions = np.swapaxes(
         resampled(np.swapaxes(plan.positions, 0, 1), scenario.slots + 2), 0, 1)
     share = np.linspace(0, 1, scenario.slots + 2)
-    ends = straight_line(scenario)[:, [0, -1]] - positions[:, [0, -1]]
+    ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = resampled(plan.powers.T, scenario.slots, inner=True).T
     return feasible(scenario, positions, powers)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .barrier import Barrier
 from .schedule import SCHEDULE, Schedule
-from .starts import several_starts, strictly_feasible
+from .starts import inside_limits, several_starts, strictly_feasible
 from ..baselines import constant_powers, fly_hover_fly_positions
 from ..search import powers_without_jamming, Search
 from ...errors import NumericalError
@@ -119,8 +119,13 @@ class _Joint:
                 self._advance(one, schedule.steps, schedule.middle_mu)
             grids = int(np.ceil(np.log(full / slots) / np.log(schedule.refinement)))
             finer = round(slots * (full / slots)**(1 / grids))
+            grid = one.grid.divided(finer)
             x = one.grid.refined(one.x[0], finer)
-            one = self._barrier(one.grid.divided(finer), x[None], one.mu)
+            x = grid.variables(inside_limits(grid, grid.positions(x))[:, 1:-1], grid.powers(x))
+            mu = one.mu
+            if np.isfinite(grid.scenario.max_accelerations).any():
+                mu = np.maximum(mu, schedule.refined_mu)
+            one = self._barrier(grid, x[None], mu)
         return one
 
     def _finish(self, barrier: Barrier) -> Status:

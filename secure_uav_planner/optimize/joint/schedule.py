@@ -57,6 +57,9 @@ class Schedule:
     :param rival_gap: how much lower than the best the second may be, as a share, to be finished.
     :param coarse_mu: barrier parameter at which the competition ends.
     :param middle_mu: barrier parameter at which a grid in between ends.
+    :param refined_mu: barrier parameter with which a finer grid begins at least, where a limit of
+        acceleration keeps interpolation from staying centred. At T = 102 s, 1e-3 stopped 6 to
+        11% below the best, and 0.01 1.2% below.
     :param final_mu: barrier parameter at which the method has converged.
     :param steps: the most Newton steps on one grid.
     :param try_every: steps between two proposals to the search.
@@ -102,6 +105,7 @@ class Schedule:
     rival_gap: float = 0.01
     coarse_mu: float = 1e-3
     middle_mu: float = 1e-4
+    refined_mu: float = 0.03
     final_mu: float = 1e-8
     steps: int = 150
     try_every: int = 4

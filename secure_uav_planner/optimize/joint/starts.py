@@ -8,9 +8,12 @@ from .schedule import Schedule, StartKind
 from ..baselines import constant_powers, fly_hover_fly_positions
 from ..search import powers_without_jamming
 from ...grid import Grid, resampled
+from ...limits import limits_of
+from ...limits.reference import reference_flight
 from ...scenario import Array, Scenario
 
 _TRANSMITTING = 0.9  # Share of its average power with which the transmitter begins.
+_MARGIN = 0.01  # Share of a limit of acceleration that is left where it can be.
 _SILENT = 1e-5  # Power of a jammer that is off, in units of its average power.
 
 
@@ -102,12 +105,25 @@ def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float 
     :param share: by which to go from the plan into the interior.
     :param least: powers in units of the average power, by default a fifth of the share.
     """
-    path = resampled(np.swapaxes(positions, 0, 1), grid.slots + 2)
-    line = path[0] + np.linspace(0, 1, grid.slots + 2)[:, None, None] * (path[-1] - path[0])
-    path += share * (line - path)
+    flights = np.swapaxes(resampled(np.swapaxes(positions, 0, 1), grid.slots + 2), 0, 1)
+    flights = inside_limits(grid, flights + share * (reference_flight(grid) - flights))
     average, peak = grid.scenario.average_powers, grid.scenario.peak_powers
     margin = 0.2 * share
     power = resampled(powers.T, grid.slots, inner=True)
     power = np.clip(power, (margin if least is None else least) * average, (1 - margin) * peak)
     power *= np.minimum(1, (1 - margin) * average / power.mean(axis=0))
-    return grid.variables(np.swapaxes(path[1:-1], 0, 1), power.T)
+    return grid.variables(flights[:, 1:-1], power.T)
+
+
+def inside_limits(grid: Grid, positions: Array) -> Array:
+    """
+    Return positions (U, N+2, 2) in m that are strictly inside the limits of acceleration.
+
+    Blending towards the reference flight and interpolation keep the other limits.
+    """
+    if not np.isfinite(grid.scenario.max_accelerations).any():
+        return positions
+    powers = np.zeros((len(positions), grid.slots))
+    for limit in limits_of(grid.scenario, grid):
+        positions, powers = limit.repair(positions, powers, _MARGIN)
+    return positions

@@ -1,0 +1,183 @@
+"""Limits on the length of differences of a UAV's points: what speed and acceleration share."""
+
+from abc import abstractmethod
+from importlib import import_module
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import ConvexVariables, Iterate, Limit, Step
+from .reference import reference_flight
+from ..errors import PlanError
+from ..grid import Grid
+from ..scenario import Array, Scenario
+
+TOLERANCE = 1e-6
+"""How far in m a difference of a plan's points may exceed its limit."""
+
+
+class NormLimit(Limit):
+    """
+    A limit c = 1 - |d|^2 / r^2 on differences d = sum_k a_k q[m + k - lead] of points.
+
+    A UAV to which it does not apply, or which is fixed, has no c of its own: its entries are 1.
+
+    :cvar stencil: the weights a_k.
+    :cvar lead: how many points before the start the first difference reaches.
+    """
+
+    of_flights = True
+    stencil: ClassVar[tuple[float, ...]]
+    lead: ClassVar[int]
+
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        super().__init__(scenario, grid)
+        self._most = self._longest()
+        open_ends = ~np.isfinite(self._most) | self._free_ends()
+        self._ignored: NDArray[np.bool_] = open_ends | self.grid.fixed
+        self._has_ignored = bool(self._ignored.any())
+        self._absent = open_ends
+        radius = np.where(np.isfinite(self._most), self._most, 1.0) / self.grid.length
+        self._square = radius**2
+        # The gradient of c by a difference is this times the difference.
+        self._slope = -2.0 / self._square[:, None]
+
+    @abstractmethod
+    def _longest(self) -> Array:
+        """Return r, (U,) in m, infinite for UAVs without this limit."""
+
+    @abstractmethod
+    def _free_ends(self) -> NDArray[np.bool_]:
+        """Return which differences do not count, (M, U)."""
+
+    @abstractmethod
+    def _excess(self, uav: int, place: int, value: float) -> str:
+        """Return what is wrong with a plan, for the difference after a point."""
+
+    @abstractmethod
+    def differences(self, positions: Array) -> Array:
+        """Return d of positions (U, N+2, 2), (U, M, 2) in their unit, here m."""
+
+    @abstractmethod
+    def _of_iterate(self, iterate: Iterate) -> Array:
+        """Return d of an iterate, (S, M, U, 2)."""
+
+    @abstractmethod
+    def _of_step(self, step: Step) -> Array:
+        """Return the change of d by a step, (S, M, U, 2)."""
+
+    def check(self, positions: Array, powers: Array) -> None:
+        """Check every difference of a plan; see Limit."""
+        lengths = self._lengths(positions)
+        for uav, (length, most) in enumerate(zip(lengths, self._most.tolist(), strict=True)):
+            if length.max() > most + TOLERANCE:
+                raise PlanError(self._excess(uav, int(length.argmax()), float(length.max())))
+
+    def repair(self, positions: Array, powers: Array,
+               margin: float = 0.0) -> tuple[Array, Array]:
+        """
+        Return the positions blended with the reference flight as far as the limit asks for.
+
+        No flight has a smaller largest difference in relation to its limits than the reference;
+        when a mission leaves no slack it is the only one. An exceedance of 1e-8 costs a share of
+        about 1e-8 of the way towards it.
+
+        :param margin: share of the limit that is left, where the reference leaves as much.
+        """
+        reference = reference_flight(self.grid)
+        positions = np.concatenate(
+            [reference[:, :1], positions[:, 1:-1], reference[:, -1:]], axis=1)
+        longest = self._lengths(positions).max(axis=1)
+        least = self._lengths(reference).max(axis=1)
+        with np.errstate(invalid='ignore'):  # of UAVs without the limit
+            excess = longest - (1 - margin) * self._most
+            slack = np.maximum((1 - margin) * self._most - least, 0)
+        share = np.zeros(len(positions))
+        over = excess > 0
+        share[over] = excess[over] / (excess[over] + slack[over])
+        blended = positions + share[:, None, None] * (reference - positions)
+        blended[:, [0, -1]] = reference[:, [0, -1]]
+        return blended, powers
+
+    def _lengths(self, positions: Array) -> Array:
+        """Return |d|, 0 where it does not count, (U, M) in m."""
+        lengths: Array = np.linalg.norm(self.differences(positions), axis=-1)
+        lengths[self._absent.T] = 0.0
+        return lengths
+
+    def margin(self, iterate: Iterate) -> Array:
+        """Return c, (S, M, U)."""
+        margin: Array = 1.0 - (self._of_iterate(iterate)**2).sum(axis=-1) / self._square
+        if self._has_ignored:
+            margin[:, self._ignored] = 1.0
+        return margin
+
+    def add_gradient(self, iterate: Iterate, force: Array, gradient: Array) -> None:
+        """Subtract force * dc/dx."""
+        pull = force[..., None] * self._slope * self._of_iterate(iterate)
+        if self._has_ignored:
+            pull[:, self._ignored] = 0.0
+        slots = gradient.shape[1]
+        for place, weight in enumerate(self.stencil):
+            begin = 1 + self.lead - place
+            gradient[..., 1:] -= weight * pull[:, begin:begin + slots]
+
+    def change(self, iterate: Iterate, step: Step) -> Array:
+        """Return the derivative of c along a step, (S, M, U)."""
+        change: Array = (self._slope * self._of_iterate(iterate)
+                         * self._of_step(step)).sum(axis=-1)
+        if self._has_ignored:
+            change[:, self._ignored] = 0.0
+        return change
+
+    def longest_step(self, iterate: Iterate, step: Step, margin: Array, change: Array,
+                     share: float) -> Array:
+        """Return the least of the roots of c(x + s step) = (1 - share) c(x), (S, U)."""
+        bend = (self._of_step(step)**2).sum(axis=-1) / self._square
+        half = -0.5 * change
+        room = share * margin
+        root = np.sqrt(half**2 + bend * room)
+        # The positive root of bend s^2 + 2 half s = room, without cancellation.
+        length = np.where(half > 0, room / np.maximum(root + half, 1e-300),
+                          (root - half) / np.maximum(bend, 1e-300))
+        if self._has_ignored:
+            length[:, self._ignored] = 1.0
+        least: Array = np.minimum(1.0, length.min(axis=1))
+        return least
+
+    def add_curvature(self, iterate: Iterate, dual: Array, margin: Array, matrix: Any) -> None:
+        """Add a 2 x 2 block for every pair of points in a difference; see Limit."""
+        found = self._of_iterate(iterate)
+        block = (4 * dual / (margin * self._square**2))[..., None, None] * (
+            found[..., :, None] * found[..., None, :])
+        block[..., 0, 0] += 2 * dual / self._square
+        block[..., 1, 1] += 2 * dual / self._square
+        if self._has_ignored:
+            block[:, self._ignored] = 0.0
+        slots = iterate.x.shape[1]
+        for first, weight in enumerate(self.stencil):
+            for second in range(first, len(self.stencil)):
+                later = second - first
+                begin = 1 + self.lead - first
+                matrix.add_positions(later, weight * self.stencil[second]
+                                     * block[:, begin:begin + slots - later])
+
+    def convex_form(self, variables: ConvexVariables) -> list[Any]:
+        """Return a cone for every UAV's differences."""
+        if variables.paths is None:
+            return []
+        # Only here, where a CVXPY problem is being built anyway.
+        cp: Any = import_module('cvxpy')
+        constraints = []
+        for uav, (path, most) in enumerate(zip(
+                variables.paths, self._most.tolist(), strict=True)):
+            counted = np.flatnonzero(~self._absent[:, uav])
+            if np.isfinite(most) and len(counted):
+                found = self._of_expression(path, uav, variables.scale)
+                constraints.append(cp.norm(found[counted], axis=1) <= most * variables.scale)
+        return constraints
+
+    @abstractmethod
+    def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
+        """Return d of a CVXPY expression of a UAV's positions, (M, 2) in units."""

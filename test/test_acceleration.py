@@ -1,0 +1,146 @@
+"""Vehicles with a limit of acceleration, which fly the curve that the points control."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import fly_hover_fly, Plan, Scenario, solve, Uav
+from secure_uav_planner.errors import InfeasibleMissionError, PlanError, ScenarioError
+from secure_uav_planner.grid import Grid
+from secure_uav_planner.kinematics import Vehicle
+from strategies import scenarios
+
+
+def limited(duration, acceleration, **changes):
+    """Return the paper's scenario with both UAVs limited."""
+    scenario = Scenario.paper(float(duration))
+    return replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=acceleration, **changes) for uav in scenario.uavs))
+
+
+@pytest.mark.parametrize('acceleration, duration, best_known', [
+    (5.0, 102, 1.1707), (5.0, 120, 1.9497), (5.0, 200, 2.9961), (3.0, 102, 0.6339),
+    (3.0, 120, 1.8967), (3.0, 200, 2.9644), (2.0, 120, 1.8360), (2.0, 200, 2.9281),
+    (1.0, 120, 1.6452), (1.0, 200, 2.8142)])
+def test_the_best_known_rates_with_a_limit_are_reached(acceleration, duration, best_known):
+    plan = solve(limited(duration, acceleration))
+    assert plan.status == 'converged'
+    assert plan.guaranteed_rate >= 0.999 * best_known
+
+
+@pytest.mark.parametrize('duration, best_known', [(102, 1.3695), (120, 1.9855), (200, 3.0176)])
+def test_free_ends_cost_next_to_nothing(duration, best_known):
+    scenario = limited(duration, 1.0, start_velocity=None, goal_velocity=None)
+    assert solve(scenario).guaranteed_rate >= 0.999 * best_known
+
+
+def test_the_alternating_method_keeps_the_limit_too():
+    scenario = limited(120, 2.0)
+    assert solve(scenario, method='alternating').guaranteed_rate >= 0.995 * 1.8360
+
+
+def accelerations(plan, uav):
+    """Return those of the flown curve at many times, by differences of its positions."""
+    scenario = plan.scenario
+    step = scenario.slot_duration
+    path = plan.positions[uav]
+    one = scenario.uavs[uav]
+    begin = path[0] - np.array(one.start_velocity or (path[1] - path[0]) / step) * step
+    end = path[-1] + np.array(one.goal_velocity or (path[-1] - path[-2]) / step) * step
+    points = np.concatenate([[begin], path, [end]])
+    return np.linalg.norm(np.diff(points, n=2, axis=0), axis=-1) / step**2
+
+
+@settings(max_examples=25)
+@given(scenarios(max_uavs=2, max_eavesdroppers=1))
+def test_every_plan_keeps_its_limits_by_an_independent_measure(scenario):
+    for plan in (solve(scenario), fly_hover_fly(scenario)):
+        for number, uav in enumerate(scenario.uavs):
+            if uav.max_acceleration is not None:
+                found = accelerations(plan, number)
+                assert found.max() <= uav.max_acceleration + 2e-6 / scenario.slot_duration**2
+
+
+@settings(max_examples=60)
+@given(scenarios(max_uavs=1), st.floats(0, 1))
+def test_the_flight_of_least_effort_uses_no_more_than_another(scenario, share):
+    plan = fly_hover_fly(scenario)
+    effort, flight = scenario.uavs[0].vehicle.least_effort(
+        scenario.slots, scenario.slot_duration)
+    positions = scenario.starts[0] + flight
+    assert np.allclose(positions[-1], scenario.goals[0])
+    replace(plan, positions=np.concatenate(
+        [positions[None, :-1], scenario.goals[None, None, 0]], axis=1))
+    moves = np.linalg.norm(np.diff(plan.positions[0], axis=0), axis=-1).max()
+    most = [moves / scenario.max_step[0]]
+    if scenario.uavs[0].max_acceleration is not None:
+        counted = slice(scenario.uavs[0].start_velocity is None,
+                        None if scenario.uavs[0].goal_velocity is not None else -1)
+        most.append(accelerations(plan, 0)[counted].max() / scenario.uavs[0].max_acceleration)
+    assert effort <= max(most) * (1 + 1e-6) + 1e-9
+
+
+def test_what_cannot_be_flown_names_the_uav_its_limits_and_the_shortest_duration_that_can():
+    with pytest.raises(InfeasibleMissionError, match=(
+            r'uav1 needs at least 102\.99 s from start to goal at 10 m/s and 2 m/s\^2')):
+        limited(102, 2.0)
+    replace(limited(200, 2.0), duration=102.99, slots=102)
+    slow = Uav('a', (0.0, 0.0), (300.0, 0.0), 100.0, 10.0, max_acceleration=0.5,
+               start_velocity=(-9.0, 3.0), goal_velocity=None)
+    scenario = replace(Scenario.paper(), uavs=(slow,), duration=200.0, slots=50)
+    with pytest.raises(InfeasibleMissionError) as error:
+        replace(scenario, duration=30.0)
+    shortest = float(str(error.value).split('at least ')[1].split(' s')[0])
+    assert replace(scenario, duration=shortest).efforts[0] <= 1 + 1e-9
+    with pytest.raises(InfeasibleMissionError):
+        replace(scenario, duration=shortest - 0.01)
+
+
+@pytest.mark.parametrize('changes, message', [
+    ({'max_acceleration': 0.0}, 'scout.max_acceleration is 0.0; it must be'),
+    ({'max_acceleration': -1.0}, 'max_acceleration is -1.0'),
+    ({'max_acceleration': math.nan}, 'max_acceleration is nan'),
+    ({'start_velocity': (8.0, 8.0)}, 'scout.start_velocity is .* at most max_speed'),
+    ({'goal_velocity': (math.nan, 0.0)}, 'goal_velocity is'), ({'start_velocity': 3}, 'is 3')])
+def test_a_wrong_limit_or_velocity_is_named(changes, message):
+    good = Uav('scout', (0, 0), (1, 1), 100.0, 10.0)
+    with pytest.raises(ScenarioError, match=message):
+        replace(good, **changes)
+
+
+def test_a_plan_that_accelerates_too_much_is_refused_with_the_place():
+    scenario = limited(200, 2.0)
+    plan = solve(Scenario.paper(200.0))
+    with pytest.raises(PlanError, match=r'uav1 accelerates by .* m/s\^2 at point \d+; at most 2'):
+        Plan(scenario, plan.positions, plan.powers)
+
+
+@pytest.mark.parametrize('point', [0, 1, 57, 118])
+def test_the_tail_of_a_plan_goes_on_with_the_velocity_it_has(point):
+    plan = solve(limited(120, 2.0))
+    tail = plan.tail(point)
+    again = solve(tail.scenario, initial=tail)
+    assert again.guaranteed_rate >= tail.guaranteed_rate - 1e-6
+    whole = plan.continued(point, again)  # which checks the acceleration where they meet
+    assert whole.guaranteed_rate >= plan.guaranteed_rate - 1e-6
+
+
+@settings(max_examples=60)
+@given(scenarios(max_uavs=2), st.integers(1, 200))
+def test_a_curve_with_other_slots_keeps_its_ends_and_nearly_its_acceleration(scenario, slots):
+    coarse = Grid.of(scenario)
+    positions = fly_hover_fly(scenario).positions[:, 1:-1]
+    x = coarse.variables(positions, np.ones(positions.shape[:2]))
+    fine = coarse.divided(slots)
+    path = fine.positions(coarse.refined(x, slots))
+    assert np.isfinite(path).all()
+    assert np.allclose(path[:, 0], scenario.starts) and np.allclose(path[:, -1], scenario.goals)
+
+
+def test_a_hundred_times_as_many_slots_change_a_smooth_flight_by_little():
+    vehicle = Vehicle((0.0, -1000.0), 10.0, 2.0, (0.0, 0.0), (0.0, 0.0))
+    coarse, fine = (vehicle.least_effort(slots, 200.0 / slots)[0] for slots in (200, 20000))
+    assert coarse == pytest.approx(fine, rel=0.02)
