@@ -159,8 +159,8 @@ def resampled_curve(path: Array, end_moves: Array, count: int) -> Array:
                 + beyond * velocity), velocity
 
     slot = last / (count - 1)
-    times = np.arange(count) * slot
-    warped = (times + slot / 2) * (last + 1) / (last + slot) - 0.5
+    times: Array = np.arange(float(count)) * slot
+    warped: Array = (times + slot / 2) * (last + 1) / (last + slot) - 0.5
     share = (times / last)[:, None, None]
     drift = (times - warped)[:, None, None] * (
         (1 - share) * end_moves[0] + share * end_moves[1])

@@ -14,8 +14,8 @@ from . import channel
 from .errors import OptionError, PlanError, PlanFileError, shown
 from .files import atomic_file, read_text
 from .limits import limits_of
-from .limits.power import TOLERANCE as POWER_TOLERANCE
 from .limits.norm import TOLERANCE as POSITION_TOLERANCE
+from .limits.power import TOLERANCE as POWER_TOLERANCE
 from .scenario import Array, checked_fields, LIMITS, Point, read_only, Scenario, Uav
 
 Objective: TypeAlias = Literal['guaranteed']

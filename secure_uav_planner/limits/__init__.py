@@ -26,4 +26,5 @@ def limits_of(scenario: Scenario, grid: Grid | None = None) -> tuple[Limit, ...]
     return tuple(limit(scenario, grid) for limit in LIMITS if limit.applies_to(scenario))
 
 
-__all__ = ['AccelerationLimit', 'AveragePower', 'LIMITS', 'Limit', 'PeakPower', 'SpeedLimit', 'limits_of']
+__all__ = ['AccelerationLimit', 'AveragePower', 'LIMITS', 'Limit', 'PeakPower', 'SpeedLimit',
+           'limits_of']
