@@ -181,3 +181,44 @@ def solve(scenario, initial=None, **options):
         assert status[-1].level == DiagnosticStatus.WARN
         assert values_of(status[-1])['outcome.code'] == 'late'
         assert len(paths) == 1
+
+
+def test_answers_do_not_depend_on_what_was_logged_before(client):
+    # rclpy refuses two severities at one line of code.
+    turns = """
+from itertools import cycle
+from secure_uav_planner.errors import OptionError
+turns = cycle(['converged', 'time_limit', OptionError('no'), ZeroDivisionError('oh')])
+def solve(scenario, **options):
+    turn = next(turns)
+    if isinstance(turn, Exception):
+        raise turn
+    return replace(fly_hover_fly(scenario), status=turn)
+"""
+    with planner_with(turns, pose_timeout=0.0):
+        client.send_paper()
+        answers = [client.call('planner/plan') for _ in range(8)]
+    assert [answer.success for answer in answers] == [True, True, False, False] * 2
+    assert 'no;' in answers[2].message and 'ZeroDivisionError' in answers[3].message
+
+
+def test_the_state_is_solving_until_the_request_has_been_answered(client):
+    slow = """
+from secure_uav_planner import Plan
+Plan.evaluated = lambda plan: time.sleep(3.0) or plan
+def solve(scenario, **options):
+    return fly_hover_fly(scenario)
+"""
+    with planner_with(slow, pose_timeout=0.0):
+        status = client.listen(DiagnosticStatus, 'planner/status', DEEP)
+        diagnostics = client.listen(DiagnosticArray, '/diagnostics', 100)
+        client.send_paper()
+        states = [values_of(one.status[0])['state'] for one in diagnostics]
+        assert set(states) <= {'idle'}
+        future = client.ask('planner/plan')
+        wait_for(lambda: status and values_of(status[-1])['state'] == 'solving'
+                 or future.done())
+        wait_for(future.done)
+        wait_for(lambda: values_of(status[-1])['state'] == 'idle', what='an idle planner')
+    assert future.result().success
+    assert 'solving' in [values_of(one)['state'] for one in status]

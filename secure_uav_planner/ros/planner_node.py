@@ -153,6 +153,7 @@ class Planner(Node):
                     raise StoppedError('cancelled')
                 plan = replace(plan, start_ns=self.get_clock().now().nanoseconds)
                 text = self._publish_plan(plan, 'plans')
+            self._publish_status()  # that the request has been answered
         except Exception as error:
             response.success, response.message = False, self._refuse(error, 'the solve failed')
         else:
@@ -192,8 +193,7 @@ class Planner(Node):
             level = DiagnosticStatus.ERROR
         with self._lock:
             text = self._state.refuse(error, reason, level)
-        log = self.get_logger()
-        (log.error if level == DiagnosticStatus.ERROR else log.warning)(f'no new plan: {text}')
+        self._log(level, f'no new plan: {text}')
         self._publish_status()
         return text
 
@@ -247,12 +247,21 @@ class Planner(Node):
             publish(outgoing)
             with self._lock:
                 text = self._state.publish(plan, count, 'restored: ' if restored else '')
-                good = self._state.outcome.level == DiagnosticStatus.OK
+                level = self._state.outcome.level
             self._replanning.planned(self._now())
-        log = self.get_logger()
-        (log.info if good else log.warning)(text)
+        self._log(level, text)
         self._publish_status()
         return text
+
+    def _log(self, level: bytes, text: str) -> None:
+        """Log at a level of DiagnosticStatus; rclpy wants a line of code for each severity."""
+        log = self.get_logger()
+        if level == DiagnosticStatus.ERROR:
+            log.error(text)
+        elif level == DiagnosticStatus.WARN:
+            log.warning(text)
+        else:
+            log.info(text)
 
     def _evaluate(self, plan: Plan) -> None:
         """Evaluate the rates of a plan, which takes long for many slots; not in the executor."""

@@ -45,7 +45,11 @@ class Worker:
 
     @property
     def busy(self) -> bool:
-        """Return whether a solve is under way."""
+        """Return whether a solve is under way, or a request has not been answered yet."""
+        return self._reservation.locked() or self._solving
+
+    @property
+    def _solving(self) -> bool:
         job = self._job
         return job is not None and not job.future.done()
 
@@ -105,7 +109,7 @@ class Worker:
     def cancel(self) -> bool:
         """Ask the solve under way to stop; return whether there is one."""
         with self._lock:
-            busy = self.busy
+            busy = self._solving
             self._request_cancel.set()
             if self._job is not None:
                 self._job.cancel.set()
