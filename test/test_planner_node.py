@@ -366,3 +366,25 @@ def test_the_defaults_are_the_papers_scenario(client):
         assert [list(v) if not np.isscalar(v) else v for v in read] == [
             paper.duration, paper.slots, 80.0, 110.0, [100.0, 500.0], 10.0]
         assert replace(paper, eavesdroppers=(Eavesdropper((200.0, 0.0), 10.0),)) == paper
+
+
+def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client):
+    with node_process('planner', duration=120.0, slots=60, uav1__max_acceleration=2.0,
+                      uav2__max_acceleration=2.0):
+        path = client.listen(Path, 'uav1/path')
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: path)
+        points = np.array([(at.pose.position.x, at.pose.position.y) for at in path[-1].poses])
+        # At rest at both ends, so that the points before and behind are the ends.
+        points = np.concatenate([points[:1], points, points[-1:]])
+        found = np.linalg.norm(np.diff(points, n=2, axis=0), axis=-1) / 2.0**2
+        assert 1.5 < found.max() <= 2.0 + 1e-5
+        results = client.set_parameters('planner', uav1__start_velocity=[20.0, 0.0])
+        assert not results[0].successful and 'start_velocity' in results[0].reason
+        assert client.set_parameters('planner', uav1__max_acceleration=0.0)[0].successful
+        assert client.set_parameters('planner', uav1__goal_velocity=[3.0])[0].successful is False
+        client.set_parameters('planner', uav1__max_acceleration=0.1)
+        refused = client.call('planner/plan')
+        assert not refused.success and 'uav1 needs at least' in refused.message
+        assert '0.1 m/s^2' in refused.message

@@ -156,7 +156,13 @@ _FIELDS = {
     'max_speed': 'Largest speed V in m/s.',
     'average_power': 'Limit of the mean power in W.',
     'peak_power': 'Limit of the power of every slot in W.',
+    'max_acceleration': 'Largest acceleration in m/s^2; 0 for no limit.',
+    'start_velocity': 'Velocity (x, y) in m/s at the start, counts with a limit of acceleration; '
+                      'empty where it is free.',
+    'goal_velocity': 'Velocity (x, y) in m/s at the goal, counts with a limit of acceleration; '
+                     'empty where it is free.',
 }
+_NO_LIMIT = 0.0
 
 
 def uav_parameters(name: str, index: int) -> dict[str, Spec]:
@@ -171,7 +177,10 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
 
 def _uav_spec(default: Any, text: str, field: str) -> Spec:
     if isinstance(default, tuple):
-        return Spec(list(default), text, LIMITS['coordinate'], length=(2, 2))
+        shortest = 0 if field.endswith('velocity') else 2
+        return Spec(list(default), text, LIMITS['coordinate'], length=(shortest, 2))
+    if default is None:
+        return Spec(_NO_LIMIT, text, (_NO_LIMIT, LIMITS[field][1]))
     return Spec(default, text, LIMITS[field])
 
 
@@ -283,6 +292,9 @@ def _given(node: Node) -> list[str]:
 def uav_from(values: Mapping[str, Any], name: str, start: Point | None = None) -> Uav:
     """Return the Uav that the parameter values describe, from another start where given."""
     fields = {field: values[f'{name}.{field}'] for field in _FIELDS}
+    fields['max_acceleration'] = fields['max_acceleration'] or None
+    for field in ('start_velocity', 'goal_velocity'):
+        fields[field] = fields[field] or None
     if start is not None:
         fields['start'] = start
     return Uav(name, **fields)
