@@ -1,18 +1,21 @@
 """A plan in continuous time: where the UAVs are between its points, and what is delivered."""
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import channel
+from .curve import Curve
 from .errors import OptionError
 from .plan import Plan
-from .scenario import Array
+from .scenario import Array, read_only
 
-# Slower than this share of the largest speed, a direction of travel is numerical noise.
-_HOVERING = 1e-3
+# Three points of a Gauss-Legendre rule, on the interval from -1/2 to 1/2.
+_PLACES = (-math.sqrt(0.15), 0.0, math.sqrt(0.15))
+_WEIGHTS = (5 / 18, 8 / 18, 5 / 18)
 
 
 @dataclass(frozen=True)
@@ -24,65 +27,60 @@ class Moment:
     :param velocities: (U, 2) in m/s.
     :param headings: (U,) in rad, counter-clockwise from x.
     :param powers: (U,) in W, those of the slot; zero outside the slots.
+    :param accelerations: (U, 2) in m/s^2, zero for UAVs without a limit of acceleration.
     """
 
     positions: Array
     velocities: Array
     headings: Array
     powers: Array
-
-
-def velocities(plan: Plan) -> Array:
-    """Return the velocity from every point to the next, (U, N+2, 2) in m/s; the last is zero."""
-    moves = np.diff(plan.positions, axis=1) / plan.scenario.slot_duration
-    return np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
-
-
-def headings(plan: Plan) -> Array:
-    """Return the direction of travel at every point, (U, N+2) in rad, held while hovering."""
-    moves = velocities(plan)
-    speed = np.linalg.norm(moves, axis=-1)
-    limit = _HOVERING * plan.scenario.max_speeds[:, None]
-    moving = speed > limit
-    # The index of the last point at which the UAV moved; before the first, that of the first.
-    index = np.where(moving, np.arange(speed.shape[1]), -1)
-    last = np.maximum.accumulate(index, axis=1)
-    first = np.argmax(moving, axis=1)[:, None]
-    angle = np.arctan2(moves[..., 1], moves[..., 0])
-    held = np.take_along_axis(angle, np.where(last < 0, first, last), axis=1)
-    return np.where(moving.any(axis=1, keepdims=True), held, 0.0)
+    accelerations: Array
 
 
 class Playback:
     """
-    A plan as a function of time.
+    A plan as a function of time, along the curve that is flown.
 
     :param plan: a Plan.
+    :ivar begin: when the first UAV leaves its start, in s from point 0: 0, or half a slot
+        earlier where a UAV has a limit of acceleration.
+    :ivar duration: when the last UAV reaches its goal, likewise.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        self.duration = float(plan.times[-1])
-        self._velocities = velocities(plan)
-        self._headings = headings(plan)
+        self.curve = Curve(plan.scenario, plan.positions)
+        self.begin, self.duration = self.curve.begin, self.curve.end
 
     def at(self, time: float) -> Moment:
         """
-        Return the Moment at a time from the start in s, held before it and after the end.
+        Return the Moment at a time from point 0 in s; before and after the flight the UAVs rest.
 
-        Positions are interpolated; power n holds from point n to point n + 1.
+        Power n holds from the time of point n to that of point n + 1.
         """
+        motion = self.curve.at([time])
         slots = self.plan.scenario.slots
-        step = self.plan.scenario.slot_duration
-        time = min(max(time, 0.0), self.duration)
-        point = min(int(time / step + 1e-9), slots + 1)
-        share = 0.0 if point > slots else time / step - point
-        before, after = self.plan.positions[:, point], self.plan.positions[
-            :, min(point + 1, slots + 1)]
-        powers = (self.plan.powers[:, point - 1] if 1 <= point <= slots
-                  else np.zeros(len(before)))
-        return Moment(before + share * (after - before), self._velocities[:, point],
-                      self._headings[:, point], powers)
+        slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
+        powers = (self.plan.powers[:, slot - 1] if 1 <= slot <= slots
+                  else np.zeros(len(self.plan.powers)))
+        return Moment(motion.positions[:, 0], motion.velocities[:, 0], motion.headings[:, 0],
+                      powers, motion.accelerations[:, 0])
+
+    @cached_property
+    def guaranteed_rates(self) -> Array:
+        """
+        Guaranteed rates in continuous time, as means over each slot, (N,) in bit/s/Hz.
+
+        They differ from the plan's, which are those at the points, by the discretisation.
+        """
+        plan = self.plan
+        count, step = plan.scenario.slots, plan.scenario.slot_duration
+        rates = np.zeros(count)
+        for place, weight in zip(_PLACES, _WEIGHTS, strict=True):
+            times = (np.arange(1, count + 1) + 0.5 + place) * step
+            positions = np.pad(self.curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
+            rates += weight * channel.guaranteed_rates(plan.scenario, positions, plan.powers)
+        return read_only(rates)
 
     def secrecy_rate(self, moment: Moment, eavesdropper: ArrayLike | None = None) -> float:
         """
@@ -147,7 +145,8 @@ class Player:
 
     def reset_time(self) -> None:
         """Go back to the start."""
-        self.time = self.delivered = self.largest_step = 0.0
+        self.time = 0.0 if self.playback is None else self.playback.begin
+        self.delivered = self.largest_step = 0.0
         self._last: Array | None = None
 
     def advance(self, seconds: float, eavesdropper: ArrayLike | None = None) -> Moment:
@@ -179,7 +178,7 @@ class Player:
         time = 0.0 if now is None or then is None else self.time - (then - now) * 1e-9
         if time >= 0 or self.finished:
             self.playback, self._next = self._next, None
-            self.time = min(max(time, 0.0), self.playback.duration)
+            self.time = min(max(time, self.playback.begin), self.playback.duration)
 
 
 def _delivered(playback: Playback, begin: float, end: float,
@@ -188,6 +187,8 @@ def _delivered(playback: Playback, begin: float, end: float,
     step = playback.plan.scenario.slot_duration
     inside = np.arange(np.floor(begin / step) + 1, np.ceil(end / step)) * step
     edges = [begin, *inside.tolist(), end]
-    return math.fsum((after - before) * playback.secrecy_rate(
-        playback.at((before + after) / 2), eavesdropper)
-        for before, after in zip(edges, edges[1:], strict=False))
+    return math.fsum(
+        (after - before) * weight * playback.secrecy_rate(
+            playback.at((before + after) / 2 + place * (after - before)), eavesdropper)
+        for before, after in zip(edges, edges[1:], strict=False)
+        for place, weight in zip(_PLACES, _WEIGHTS, strict=True))

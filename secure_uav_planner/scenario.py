@@ -119,7 +119,7 @@ class Uav:
 
     @property
     def vehicle(self) -> Vehicle:
-        """Ends and limits of its flight."""
+        """Flight limits, and where the flight begins and ends."""
         displacement = (self.goal[0] - self.start[0], self.goal[1] - self.start[1])
         if self.max_acceleration is None:
             return Vehicle(displacement, self.max_speed)

@@ -9,15 +9,20 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from secure_uav_planner import fly_hover_fly, Scenario
-from secure_uav_planner.playback import headings, velocities
+from secure_uav_planner.curve import Curve
 from secure_uav_planner.ros import cdr, messages
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 
 def plan_of(slots, name='uav2'):
     scenario = Scenario.paper(300.0, slots=slots)
-    scenario = replace(scenario, uavs=(scenario.uavs[0], replace(scenario.uavs[1], name=name)))
+    scenario = replace(scenario, uavs=(
+        scenario.uavs[0], replace(scenario.uavs[1], name=name, max_acceleration=2.0)))
     return replace(fly_hover_fly(scenario), start_ns=1763727000123456789)
+
+
+def motion_of(plan):
+    return Curve(plan.scenario, plan.positions).at(plan.times)
 
 
 def path(plan, uav, frame_id):
@@ -27,7 +32,8 @@ def path(plan, uav, frame_id):
     message.poses = [
         messages.pose_stamped(frame_id, messages.stamp_at(plan, time), x, y,
                               plan.scenario.uavs[uav].altitude, yaw)
-        for time, (x, y), yaw in zip(plan.times, plan.positions[uav], headings(plan)[uav])]
+        for time, (x, y), yaw in zip(
+            plan.times, plan.positions[uav], motion_of(plan).headings[uav])]
     return message
 
 
@@ -35,14 +41,16 @@ def trajectory(plan, uav, frame_id):
     """Return the trajectory as objects."""
     message = MultiDOFJointTrajectory(joint_names=[plan.scenario.uavs[uav].name])
     message.header.frame_id, message.header.stamp = frame_id, messages.stamp_at(plan)
-    for time, (x, y), (vx, vy), yaw in zip(
-            plan.times, plan.positions[uav], velocities(plan)[uav], headings(plan)[uav]):
+    motion = motion_of(plan)
+    for time, (x, y), (vx, vy), (ax, ay), yaw in zip(
+            plan.times, *(of[uav] for of in motion[:3]), motion.headings[uav]):
         at = messages.pose(x, y, plan.scenario.uavs[uav].altitude, yaw)
         nanoseconds = round(float(time) * 1e9)
         message.points.append(MultiDOFJointTrajectoryPoint(
             transforms=[Transform(translation=Vector3(
                 x=at.position.x, y=at.position.y, z=at.position.z), rotation=at.orientation)],
             velocities=[Twist(linear=Vector3(x=float(vx), y=float(vy)))],
+            accelerations=[Twist(linear=Vector3(x=float(ax), y=float(ay)))],
             time_from_start=Duration(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)))
     return message
 

@@ -1,11 +1,12 @@
 from dataclasses import replace
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import channel, fly_hover_fly, Scenario
-from secure_uav_planner.playback import headings, Playback, Player, velocities
+from secure_uav_planner.curve import Curve
+from secure_uav_planner.playback import Playback, Player
 from strategies import scenarios
 
 
@@ -20,9 +21,10 @@ def test_positions_are_interpolated_and_powers_held(scenario, share):
     playback = Playback(plan)
     time = share * playback.duration
     moment = playback.at(time)
-    for path, at in zip(plan.positions, moment.positions):
-        assert at == pytest.approx([
-            np.interp(time, plan.times, path[:, axis]) for axis in range(2)], abs=1e-6)
+    for uav, path, at in zip(scenario.uavs, plan.positions, moment.positions):
+        if uav.max_acceleration is None:
+            assert at == pytest.approx([
+                np.interp(time, plan.times, path[:, axis]) for axis in range(2)], abs=1e-6)
     slot = np.floor(np.clip(time, 0, playback.duration) / scenario.slot_duration + 1e-9)
     expected = plan.powers[:, int(slot) - 1] if 1 <= slot <= scenario.slots else 0.0
     assert moment.powers == pytest.approx(np.broadcast_to(expected, len(moment.powers)))
@@ -38,12 +40,61 @@ def test_at_the_points_the_rate_is_that_of_the_slots(plan):
 
 def test_headings_are_held_while_hovering():
     plan = fly_hover_fly(Scenario.paper(200))
-    hovering = np.linalg.norm(velocities(plan), axis=-1) == 0
-    heading = headings(plan)
+    motion = Curve(plan.scenario, plan.positions).at(plan.times)
+    hovering = np.linalg.norm(motion.velocities, axis=-1) == 0
+    heading = motion.headings
     assert hovering[0].sum() > 50
     assert np.unique(np.round(heading[0], 9)).size == 2
     assert heading[0, 0] == pytest.approx(np.arctan2(-500, -100))
     assert heading[0, -1] == pytest.approx(np.arctan2(-500, 100))
+
+
+@settings(max_examples=60)
+@given(scenarios(), st.integers(0, 2**32 - 1))
+def test_the_curve_is_smooth_and_keeps_its_limits_at_any_time(scenario, seed):
+    plan = fly_hover_fly(scenario)
+    curve = Curve(scenario, plan.positions)
+    times = np.random.default_rng(seed).uniform(curve.begin, curve.end, 400)
+    small = 1e-6 * scenario.slot_duration
+    before, here, after = (curve.at(times + by) for by in (-small, 0.0, small))
+    smooth = np.isfinite(scenario.max_accelerations)
+    # Position, velocity and acceleration belong together.
+    speed = (after.positions - before.positions) / (2 * small)
+    scale = scenario.max_speeds[:, None, None]
+    assert (np.abs(speed - here.velocities) / scale)[smooth].max(initial=0) < 1e-4
+    for values, most in ((here.velocities, scenario.max_speeds),
+                         (here.accelerations, scenario.max_accelerations)):
+        found = np.linalg.norm(values, axis=-1).max(axis=1)
+        assert (found <= most * (1 + 1e-6) + 3e-6 / scenario.slot_duration**2)[smooth].all()
+    # It leaves the points by no more than a t_s^2 / 8.
+    apart = np.linalg.norm(curve.at(plan.times).positions - plan.positions, axis=-1).max(axis=1)
+    assert (apart <= scenario.max_accelerations * scenario.slot_duration**2 / 8 + 1e-6).all()
+
+
+def test_a_uav_at_rest_leaves_its_start_and_reaches_its_goal_half_a_slot_beyond_the_points():
+    scenario = replace(Scenario.paper(200), uavs=tuple(
+        replace(uav, max_acceleration=2.0) for uav in Scenario.paper(200).uavs))
+    plan = fly_hover_fly(scenario)
+    curve = Curve(scenario, plan.positions)
+    assert (curve.begin, curve.end) == (-0.5, 201.5)
+    first, last = curve.at([-0.5]), curve.at([201.5])
+    assert np.allclose(first.positions[:, 0], scenario.starts)
+    assert np.allclose(last.positions[:, 0], scenario.goals)
+    assert np.allclose(first.velocities, 0) and np.allclose(last.velocities, 0)
+    halves = curve.at(plan.times[:-1] + 0.5)
+    assert np.allclose(halves.positions, (plan.positions[:, 1:] + plan.positions[:, :-1]) / 2)
+    assert np.allclose(halves.velocities, np.diff(plan.positions, axis=1))
+
+
+def test_rates_along_the_curve_are_those_of_dense_samples(plan):
+    playback = Playback(plan)
+    dense = []
+    for share in (np.arange(40) + 0.5) / 40:
+        times = plan.times[1:-1] + share * plan.scenario.slot_duration
+        positions = np.pad(playback.curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
+        dense.append(channel.guaranteed_rates(plan.scenario, positions, plan.powers))
+    assert playback.guaranteed_rates == pytest.approx(np.mean(dense, axis=0), abs=1e-4)
+    assert playback.guaranteed_rates.mean() == pytest.approx(plan.guaranteed_rate, abs=2e-2)
 
 
 def play(player, step, eavesdropper=None):

@@ -54,6 +54,7 @@ def test_every_topic_of_both_nodes_is_there_with_its_type(read):
             f'/{name}/trajectory': 'trajectory_msgs/msg/MultiDOFJointTrajectory',
             f'/{name}/setpoint/pose': 'geometry_msgs/msg/PoseStamped',
             f'/{name}/setpoint/power': 'std_msgs/msg/Float64',
+            f'/{name}/setpoint/trajectory': 'trajectory_msgs/msg/MultiDOFJointTrajectory',
             f'/{name}/odom': 'nav_msgs/msg/Odometry'})
     assert types == expected
 

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from ros_client import Client, node_process, output_of, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.curve import Curve
 from secure_uav_planner.playback import Player
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.qos import LATCHED
 from std_msgs.msg import Float64
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 
 @pytest.fixture(scope='module')
@@ -253,3 +255,35 @@ def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
         wait_for(picture.exists)
     print('\nlongest gaps between setpoints at 50 Hz:', *(f'{gap:.3f} s' for gap in gaps))
     assert min(gaps) < 0.1
+
+
+def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):
+    scenario = Scenario.paper(120.0, slots=40)
+    scenario = replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=1.5) for uav in scenario.uavs))
+    smooth = fly_hover_fly(scenario)
+    smooth.save(tmp_path / 'smooth.json')
+    found = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
+    with node_process('replay', plan_file=tmp_path / 'smooth.json', speed=2.0, rate=50.0):
+        assert client.call('replay/start').success
+        wait_for(lambda: len(found) > 200)
+        assert client.call('replay/pause').success
+        wait_for(lambda: not found[-1].points[0].velocities[0].linear.y)
+    assert found[0].joint_names == ['uav1'] and found[0].header.frame_id == 'map'
+    curve = Curve(scenario, smooth.positions)
+    times = np.linspace(curve.begin, curve.end, 20001)
+    motion = curve.at(times)
+    for message in found[:200:10]:
+        point, = message.points
+        at = point.transforms[0]
+        assert at.translation.z == scenario.uavs[0].altitude
+        nearest = np.hypot(motion.positions[0, :, 0] - at.translation.x,
+                           motion.positions[0, :, 1] - at.translation.y).argmin()
+        velocity = np.array([point.velocities[0].linear.x, point.velocities[0].linear.y])
+        # Played at twice the speed.
+        assert velocity == pytest.approx(2 * motion.velocities[0, nearest], abs=0.1)
+        assert np.hypot(point.accelerations[0].linear.x,
+                        point.accelerations[0].linear.y) <= 4 * 1.5 + 1e-6
+    y = np.array([message.points[0].transforms[0].translation.y for message in found[:200]])
+    assert abs(np.diff(y, n=2)).max() < 1.0  # It begins from rest and does not jump.
+    assert found[0].points[0].transforms[0].translation.y == pytest.approx(500.0, abs=0.1)

@@ -10,8 +10,8 @@ import struct
 
 import numpy as np
 
+from ..curve import Curve, Motion
 from ..plan import Plan
-from ..playback import headings, velocities
 from ..scenario import Array
 
 _LITTLE_ENDIAN = b'\x00\x01\x00\x00'
@@ -19,39 +19,51 @@ _STAMP = [('sec', '<i4', ()), ('nanosec', '<u4', ())]
 _POSE = [('position', '<f8', (3,)), ('orientation', '<f8', (4,))]
 _POINT = [('transforms', '<u4', ()), *_POSE,
           ('velocities', '<u4', ()), ('linear', '<f8', (3,)), ('angular', '<f8', (3,)),
-          ('accelerations', '<u4', ()), *_STAMP]
+          ('accelerations', '<u4', ()), ('change', '<f8', (3,)), ('angular_change', '<f8', (3,)),
+          *_STAMP]
 
 
 def path(plan: Plan, uav: int, frame_id: str) -> bytes:
-    """Return the nav_msgs/Path of a UAV by index; every pose has the time of its point."""
+    """Return the nav_msgs/Path of a UAV by index; every pose is a point with its time."""
     name = _string(frame_id)
+    points = Curve(plan.scenario, plan.positions).at(plan.times)._replace(
+        positions=plan.positions)
     pose_stamped = [*_STAMP, ('length', '<u4', ()), ('name', f'S{len(name)}', ()), *_POSE]
-    position, orientation = _poses(plan, uav)
+    position, orientation = _poses(plan, uav, points)
     values = {**_stamps(plan.start_ns + _nanoseconds(plan)), 'length': len(name), 'name': name,
               'position': position, 'orientation': orientation}
     return _sequence(_header(plan, frame_id), pose_stamped, len(position), values)
 
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> bytes:
-    """Return the trajectory_msgs/MultiDOFJointTrajectory of a UAV, its joint named as the UAV."""
-    position, orientation = _poses(plan, uav)
-    speed = np.zeros_like(position)
-    speed[:, :2] = velocities(plan)[uav]
+    """
+    Return the trajectory_msgs/MultiDOFJointTrajectory of a UAV, its joint named as the UAV.
+
+    It has position, velocity and acceleration of the flown curve at the times of the points.
+    """
+    motion = Curve(plan.scenario, plan.positions).at(plan.times)
+    position, orientation = _poses(plan, uav, motion)
     values = {'transforms': 1, 'position': position, 'orientation': orientation,
-              'velocities': 1, 'linear': speed, 'angular': 0.0, 'accelerations': 0,
-              **_stamps(_nanoseconds(plan))}
+              'velocities': 1, 'linear': _level(motion.velocities[uav]), 'angular': 0.0,
+              'accelerations': 1, 'change': _level(motion.accelerations[uav]),
+              'angular_change': 0.0, **_stamps(_nanoseconds(plan))}
     name = _string(plan.scenario.uavs[uav].name)
     start = _aligned(_header(plan, frame_id), 4) + struct.pack('<II', 1, len(name)) + name
     return _sequence(start, _POINT, len(position), values)
 
 
-def _poses(plan: Plan, uav: int) -> tuple[Array, Array]:
-    """Return the positions (N+2, 3) and the orientations (N+2, 4) of a UAV at its points."""
-    half = headings(plan)[uav] / 2
+def _level(vectors: Array) -> Array:
+    """Return horizontal vectors (K, 2) with a third component of zero, (K, 3)."""
+    return np.pad(vectors, ((0, 0), (0, 1)))
+
+
+def _poses(plan: Plan, uav: int, motion: Motion) -> tuple[Array, Array]:
+    """Return the positions (K, 3) and the orientations (K, 4) of a UAV in a motion."""
+    half = motion.headings[uav] / 2
     zero = np.zeros_like(half)
-    altitude = np.full_like(half, plan.scenario.uavs[uav].altitude)
-    return (np.column_stack([plan.positions[uav], altitude]),
-            np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1))
+    position = _level(motion.positions[uav])
+    position[:, 2] = plan.scenario.uavs[uav].altitude
+    return position, np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
 
 
 def _nanoseconds(plan: Plan) -> np.ndarray:

@@ -12,13 +12,14 @@ from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3
+from geometry_msgs.msg import (
+    Point, Pose, PoseStamped, Quaternion, Transform, Twist, Vector3)
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension
-from trajectory_msgs.msg import MultiDOFJointTrajectory
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from . import cdr
@@ -67,6 +68,30 @@ def power(plan: Plan, uav: int) -> Float64MultiArray:
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
     """Return the MultiDOFJointTrajectory of a UAV, its joint named as the UAV."""
     return deserialize_message(cdr.trajectory(plan, uav, frame_id), MultiDOFJointTrajectory)
+
+
+def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence[Any]
+                        ) -> MultiDOFJointTrajectory:
+    """
+    Return a MultiDOFJointTrajectory of one point: what an autopilot needs to follow without lag.
+
+    :param name: of the UAV, which names the joint.
+    :param motion: position (x, y, z) in m, yaw in rad, velocity (x, y) in m/s and acceleration
+        (x, y) in m/s^2.
+    """
+    (x, y, z), yaw, velocity, acceleration = motion
+    message = MultiDOFJointTrajectory(joint_names=[name])
+    message.header.frame_id, message.header.stamp = frame_id, stamp
+    message.points = [MultiDOFJointTrajectoryPoint(
+        transforms=[Transform(translation=Vector3(x=float(x), y=float(y), z=float(z)),
+                              rotation=_facing(yaw))],
+        velocities=[_level(velocity)], accelerations=[_level(acceleration)])]
+    return message
+
+
+def _level(vector: Sequence[float]) -> Twist:
+    """Return a Twist of a horizontal vector, or of its derivative."""
+    return Twist(linear=Vector3(x=float(vector[0]), y=float(vector[1])))
 
 
 def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[float],

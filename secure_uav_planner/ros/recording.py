@@ -95,10 +95,12 @@ def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float,
     for time in (*times.tolist(), playback.duration):
         moment, stamp = playback.at(time), messages.stamp_at(plan, time)
         places = []
-        for uav, (x, y), yaw, velocity, watts in zip(
+        for uav, (x, y), yaw, velocity, acceleration, watts in zip(
                 scenario.uavs, moment.positions, moment.headings, moment.velocities,
-                moment.powers):
+                moment.accelerations, moment.powers, strict=True):
             places.append((x, y, uav.altitude))
+            bag.write(f'/{uav.name}/setpoint/trajectory', messages.trajectory_setpoint(
+                uav.name, frame_id, stamp, (places[-1], yaw, velocity, acceleration)), time)
             bag.write(f'/{uav.name}/setpoint/pose', messages.pose_stamped(
                 frame_id, stamp, *places[-1], yaw), time)
             bag.write(f'/{uav.name}/setpoint/power', messages.float64(watts), time)

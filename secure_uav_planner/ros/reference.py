@@ -24,7 +24,7 @@ _MEANINGS = {
     ('planner', '<uav>/pose'): 'optional: plan from where the UAV is',
     ('planner', '<uav>/path'): 'every point of the plan, each with its time',
     ('planner', '<uav>/power'): 'the power of every slot in W',
-    ('planner', '<uav>/trajectory'): 'positions and velocities of the plan',
+    ('planner', '<uav>/trajectory'): 'position, velocity, acceleration of the curve at each point',
     ('planner', '~/markers'): 'the plan for RViz and Foxglove',
     ('planner', '~/status'): 'state, rates and ages; also while solving',
     ('planner', '/diagnostics'): 'the same once a second',
@@ -33,6 +33,8 @@ _MEANINGS = {
     ('replay', '<uav>/path'): 'what to replay, unless `plan_file` is set',
     ('replay', '<uav>/power'): 'what to replay, unless `plan_file` is set',
     ('replay', '<uav>/setpoint/pose'): 'where the UAV should be now',
+    ('replay', '<uav>/setpoint/trajectory'):
+        'position, velocity, acceleration and yaw now: what an autopilot needs to follow',
     ('replay', '<uav>/setpoint/power'): 'the power of the current slot in W',
     ('replay', '<uav>/odom'): 'a UAV that follows the plan exactly',
     ('replay', '~/secrecy_rate'): 'now, in bit/s/Hz, where `true_eavesdropper` is set',

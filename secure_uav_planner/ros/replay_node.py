@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from . import messages
@@ -80,6 +81,8 @@ class Replay(Node):
                 kind, topic, STREAM, qos_overriding_options=OVERRIDABLE)
 
         self._poses = [stream(PoseStamped, f'{name}/setpoint/pose') for name in self._uavs]
+        self._trajectories = [stream(MultiDOFJointTrajectory, f'{name}/setpoint/trajectory')
+                              for name in self._uavs]
         self._watts = [stream(Float64, f'{name}/setpoint/power') for name in self._uavs]
         self._odometry = [stream(Odometry, f'{name}/odom') for name in self._uavs]
         self._rate = stream(Float64, '~/secrecy_rate')
@@ -168,6 +171,7 @@ class Replay(Node):
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
         scenario = self._player.playback.plan.scenario
+        speed = self._settings['speed'] if self._player.playing else 0.0
         places = []
         for index, (uav, (x, y), yaw) in enumerate(
                 zip(scenario.uavs, moment.positions, moment.headings)):
@@ -175,10 +179,12 @@ class Replay(Node):
             self._poses[index].publish(
                 messages.pose_stamped(self._frame_id, stamp, *places[-1], yaw))
             self._watts[index].publish(messages.float64(moment.powers[index]))
-            velocity = moment.velocities[index] * self._settings['speed']
+            velocity = moment.velocities[index] * speed
             self._odometry[index].publish(messages.odometry(
-                self._frame_id, f'{uav.name}/base_link', stamp, places[-1], yaw,
-                velocity if self._player.playing else 0 * velocity))
+                self._frame_id, f'{uav.name}/base_link', stamp, places[-1], yaw, velocity))
+            self._trajectories[index].publish(messages.trajectory_setpoint(
+                uav.name, self._frame_id, stamp,
+                (places[-1], yaw, velocity, moment.accelerations[index] * speed**2)))
         self._markers.publish(
             messages.slot_markers(self._frame_id, stamp, places, moment.powers))
         if self._eavesdropper is not None:

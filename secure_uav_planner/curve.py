@@ -1,0 +1,118 @@
+"""
+The curve that the UAVs fly, in continuous time.
+
+The points of a UAV with a limit of acceleration are the control points of a uniform quadratic
+B-spline: it passes (q[n] + q[n+1]) / 2 half a slot after point n, with the velocity
+(q[n+1] - q[n]) / t_s, and between two such moments its acceleration is constant. So it leaves its
+start half a slot before point 0 and reaches its goal half a slot after point N+1. A UAV without
+the limit flies straight from point to point.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .scenario import Array, Scenario
+
+# Slower than this share of the largest speed, a direction of travel is numerical noise.
+_HOVERING = 1e-3
+
+
+class Motion(NamedTuple):
+    """
+    How the UAVs move at some times.
+
+    :ivar positions: (U, K, 2) in m.
+    :ivar velocities: (U, K, 2) in m/s.
+    :ivar accelerations: (U, K, 2) in m/s^2.
+    :ivar headings: directions of travel, held while hovering, (U, K) in rad from x to y.
+    """
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    headings: Array
+
+
+class Curve:
+    """
+    The flight of all UAVs as a function of time.
+
+    :param scenario: whose UAVs fly.
+    :param positions: points of the flight, (U, N+2, 2) in m, for any N.
+    :ivar begin: when the first UAV leaves its start, in s from point 0.
+    :ivar end: when the last UAV reaches its goal, likewise.
+    """
+
+    def __init__(self, scenario: Scenario, positions: Array) -> None:
+        self._points = positions
+        self._step = scenario.slot_duration
+        self._last = positions.shape[1] - 1
+        self._smooth: NDArray[np.bool_] = np.isfinite(scenario.max_accelerations)
+        margin = self._step / 2 if self._smooth.any() else 0.0
+        self.begin = -margin
+        self.end = self._last * self._step + margin
+        moves = np.diff(positions, axis=1)
+        first, last = moves[:, :1].copy(), moves[:, -1:].copy()
+        for number, uav in enumerate(scenario.uavs):
+            if uav.start_velocity is not None:
+                first[number] = np.array(uav.start_velocity) * self._step
+            if uav.goal_velocity is not None:
+                last[number] = np.array(uav.goal_velocity) * self._step
+        # The moves w[-1], w[0], ..., w[N+1].
+        self._moves = np.concatenate([first, moves, last], axis=1)
+        self._headings = _headings(moves, scenario.max_step)
+        self._slow = _HOVERING * scenario.max_speeds[:, None]
+
+    def at(self, times: ArrayLike) -> Motion:
+        """
+        Return the motion at times in s from point 0; before its begin and after its end it rests.
+
+        :param times: (K,).
+        """
+        nodes = np.asarray(times, float) / self._step
+        straight, smooth = self._straight_at(nodes), self._smooth_at(nodes)
+        chosen = [np.where(self._smooth[:, None, None], one, other)
+                  for one, other in zip(smooth, straight, strict=True)]
+        position, velocity, acceleration = chosen
+        velocity, acceleration = velocity / self._step, acceleration / self._step**2
+        # A share of a slot late, as times are rounded: the heading of a move holds in all of it.
+        node = np.clip(np.floor(nodes + 1e-9), 0, self._last).astype(int)
+        held = self._headings[:, node]
+        fast = self._smooth[:, None] & (np.linalg.norm(velocity, axis=-1) > self._slow)
+        heading = np.where(fast, np.arctan2(velocity[..., 1], velocity[..., 0]), held)
+        return Motion(position, velocity, acceleration, heading)
+
+    def _straight_at(self, nodes: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the polyline, by slots."""
+        inside = np.clip(nodes, 0, self._last)
+        node = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
+        by = np.where(node < self._last, inside - node, 0.0)[:, None]
+        flying = (nodes >= -1e-9) & (node < self._last)
+        move = np.where(flying[:, None], self._moves[:, 1 + node], 0.0)
+        return self._points[:, node] + by * move, move, np.zeros_like(move)
+
+    def _smooth_at(self, nodes: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the B-spline, by slots."""
+        inside = np.clip(nodes, -0.5, self._last + 0.5)
+        node = np.clip(np.round(inside), 0, self._last).astype(int)
+        by = (inside - node)[:, None]
+        before, after = self._moves[:, node], self._moves[:, 1 + node]
+        slope, bend = (before + after) / 2, after - before
+        flying = (inside == nodes)[:, None]
+        return (self._points[:, node] + slope * by + bend * (by**2 / 2 + 0.125),
+                np.where(flying, slope + bend * by, 0.0), np.where(flying, bend, 0.0))
+
+
+def _headings(moves: Array, max_step: Array) -> Array:
+    """Return the direction of travel from every point, (U, N+2) in rad, held while hovering."""
+    moves = np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
+    moving = np.linalg.norm(moves, axis=-1) > _HOVERING * max_step[:, None]
+    # The index of the last point at which the UAV moved; before the first, that of the first.
+    index = np.where(moving, np.arange(moves.shape[1]), -1)
+    last = np.maximum.accumulate(index, axis=1)
+    first = np.argmax(moving, axis=1)[:, None]
+    angle = np.arctan2(moves[..., 1], moves[..., 0])
+    held = np.take_along_axis(angle, np.where(last < 0, first, last), axis=1)
+    return np.where(moving.any(axis=1, keepdims=True), held, 0.0)
