@@ -1,88 +1,124 @@
-"""The worst case: the place in the discs where the leak is largest, searched for in every slot."""
+"""The worst case: the place in the discs where the leak is largest, proven in every slot."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
-from .rates import ground_rates, leakage_rates
-from ..scenario import Array, Eavesdropper, Scenario
+from .disc_search import DiscSearch, leak_of, likely_places, TOLERANCE
+from .inverse_sinr import Pairs
+from .links import FreeSpace, guaranteed_squared_distance
+from .rates import ground_rates, guaranteed_rates, rate_of
+from ..scenario import Array, Scenario
 
-# The search for the worst place: a polar grid and every UAV's nearest and farthest place in the
-# disc, then a compass search from the best few, whose step halves until it no longer matters.
-_RINGS, _RAYS, _STARTS, _HALVINGS, _CHUNK = 12, 48, 4, 44, 256
-_COMPASS = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=-1)
+_AT_ONCE = 2**15  # Triples of a slot, an eavesdropper and a UAV, so that arrays fit into caches.
+_ROUNDING = 1e-12  # Of a leak in bit/s/Hz; none is above 150.
 
 
 def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
     """
     Return r_0[n] less the largest leak to any one point of any disc, (N,) in bit/s/Hz.
 
-    This is R[n] of problem (P1), equation (R_sec), before its [x]^+. The leak is searched on the
-    disc and refined until the rate is exact to about 1e-6.
+    This is R[n] of problem (P1), equation (R_sec), before its [x]^+, from the sure side: a branch
+    and bound over the discs proves that no point leaks more than what is subtracted, and what is
+    subtracted is at most 1e-6 above the leak at worst_case_places. Only where more than
+    disc_search.MOST_SECTORS parts of the discs would have to be examined in a slot, or where
+    distances of 1e7 m at altitudes of 1e-3 m exhaust the floating-point numbers, is it less
+    tight; it is as sure. Never below guaranteed_rates.
     """
-    leak, _ = _worst_leak(scenario, positions[:, 1:-1], powers)
-    return ground_rates(scenario, positions, powers) - leak
+    powers = np.maximum(powers, 0.0)
+    leak, _ = _worst_leaks(scenario, positions[:, 1:-1], powers)
+    worst: Array = np.maximum(ground_rates(scenario, positions, powers) - leak,
+                              guaranteed_rates(scenario, positions, powers))
+    return worst
 
 
 def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Array:
-    """Return where in the discs the leak of each slot is largest, (N, 2) in m."""
-    _, places = _worst_leak(scenario, positions[:, 1:-1], powers)
+    """Return where in the discs the largest leak of each slot was found, (N, 2) in m."""
+    _, places = _worst_leaks(scenario, positions[:, 1:-1], np.maximum(powers, 0.0))
     return places
 
 
-def _worst_leak(scenario: Scenario, uav_positions: Array,
-                powers: Array) -> tuple[Array, Array]:
-    """Return the largest r_e over all discs for every slot, (N,), and where it is, (N, 2)."""
-    found = []
-    for first in range(0, powers.shape[1], _CHUNK):
-        chunk = slice(first, first + _CHUNK)
-        leaks, places = zip(*(
-            _worst_leak_in_disc(scenario, eve, uav_positions[:, chunk], powers[:, chunk])
-            for eve in scenario.eavesdroppers))
-        worst = np.argmax(leaks, axis=0), np.arange(len(leaks[0]))
-        found.append((np.array(leaks)[worst], np.array(places)[worst]))
-    leaks, places = zip(*found)
+def leak_maximisers(scenario: Scenario, uav_positions: Array,
+                    powers: Array) -> tuple[Array, Array]:
+    """
+    Return the worst place for each slot and eavesdropper, (E, N, 2) in m, and its leak, (E, N).
+
+    Found by a local search from the best of some places, and not proven to be the worst.
+
+    :param uav_positions: at the N slots, (U, N, 2) in m.
+    :param powers: (U, N) in W, none below zero.
+    """
+    worst = [(leaks.T, places.swapaxes(0, 1)) for leaks, places in (
+        _likely_leaks(scenario, uav_positions[:, chunk], powers[:, chunk])
+        for chunk in _chunks(scenario, powers))]
+    return (np.concatenate([places for _, places in worst], axis=1),
+            np.concatenate([leaks for leaks, _ in worst], axis=1))
+
+
+def _chunks(scenario: Scenario, powers: Array) -> Iterator[slice]:
+    """Yield slices of the slots that are examined together."""
+    size = max(1, _AT_ONCE // (len(scenario.eavesdroppers) * len(powers)))
+    for first in range(0, powers.shape[1], size):
+        yield slice(first, first + size)
+
+
+def _likely_leaks(scenario: Scenario, uav_positions: Array,
+                  powers: Array) -> tuple[Array, Array]:
+    """Return the leaks and places of leak_maximisers in some slots, (N, E) and (N, E, 2)."""
+    offsets = _offsets(scenario, uav_positions)
+    leaks = np.zeros(offsets.shape[1:3])
+    places = np.zeros((*leaks.shape, 2))
+    loud = np.flatnonzero(powers[0] > 0.0)
+    if loud.size:
+        v, x, y = likely_places(_pairs(scenario, offsets[:, loud], powers[:, loud]))
+        leaks[loud] = leak_of(v).reshape(loud.size, -1)
+        places[loud] = np.stack([x, y], axis=-1).reshape(loud.size, -1, 2)
+    return leaks, scenario.eavesdropper_positions + places
+
+
+def _worst_leaks(scenario: Scenario, uav_positions: Array,
+                 powers: Array) -> tuple[Array, Array]:
+    """Return what the leak of every slot does not exceed, (N,), and a place of it, (N, 2)."""
+    found = [_worst_leaks_of_chunk(scenario, uav_positions[:, chunk], powers[:, chunk])
+             for chunk in _chunks(scenario, powers)]
+    leaks, places = zip(*found, strict=True)
     return np.concatenate(leaks), np.concatenate(places)
 
 
-def _worst_leak_in_disc(scenario: Scenario, eve: Eavesdropper, uav_positions: Array,
-                        powers: Array) -> tuple[Array, Array]:
-    centre, radius = np.array(eve.position), eve.error_radius
-    if radius == 0.0:
-        points = np.broadcast_to(centre, (powers.shape[1], 1, 2))
-        return leakage_rates(scenario, uav_positions, powers, points)[:, 0], points[:, 0]
+def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
+                          powers: Array) -> tuple[Array, Array]:
+    offsets = _offsets(scenario, uav_positions)
+    most = _guaranteed_leaks(scenario, offsets, powers)
+    leaks, eves = most.max(axis=1), most.argmax(axis=1)
+    places = np.zeros((len(leaks), 2))
+    # Where no leak matters, the formula is near enough, and any place.
+    loud = np.flatnonzero((powers[0] > 0.0) & (leaks > TOLERANCE))
+    if loud.size:
+        slot = np.repeat(np.arange(len(loud)), most.shape[1])
+        search = DiscSearch(_pairs(scenario, offsets[:, loud], powers[:, loud]), slot,
+                            most[loud].ravel())
+        leaks[loud] = np.minimum(leaks[loud], search.proven_leaks() + _ROUNDING)
+        eves[loud], places[loud] = search.pair % most.shape[1], search.place
+    return leaks, scenario.eavesdropper_positions[eves] + places
 
-    def into_disc(points: Array) -> Array:
-        offset = points - centre
-        distance = np.linalg.norm(offset, axis=-1, keepdims=True)
-        inside: Array = centre + offset * np.minimum(1.0, radius / np.maximum(distance, 1e-300))
-        return inside
 
-    offset = np.swapaxes(uav_positions, 0, 1) - centre
-    direction = offset / np.maximum(np.linalg.norm(offset, axis=-1, keepdims=True), 1e-300)
-    angles = np.arange(_RAYS) * 2 * np.pi / _RAYS
-    ray = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    grid = (np.linspace(0, 1, _RINGS + 1)[1:, None, None] * ray).reshape(-1, 2)
-    points = np.concatenate([
-        np.broadcast_to(centre + radius * grid, (len(offset), len(grid), 2)),
-        into_disc(centre + offset), centre - radius * direction], axis=1)
-    leak = leakage_rates(scenario, uav_positions, powers, points)
-    best = np.argpartition(leak, -_STARTS, axis=1)[:, -_STARTS:]
-    points = np.take_along_axis(points, best[..., None], axis=1)
-    leak = np.take_along_axis(leak, best, axis=1)
+def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
+    """Return where the UAVs are, seen from the centres of the discs, (U, N, E, 2) in m."""
+    offsets: Array = uav_positions[:, :, None] - scenario.eavesdropper_positions
+    return offsets
 
-    step = np.full(leak.shape, radius / _RINGS)
-    for _ in range(_HALVINGS):
-        candidates = into_disc(points[:, :, None] + step[..., None, None] * _COMPASS)
-        shape = candidates.shape
-        found = leakage_rates(scenario, uav_positions, powers,
-                              candidates.reshape(shape[0], -1, 2)).reshape(shape[:3])
-        choice = found.argmax(axis=2)[..., None]
-        value = np.take_along_axis(found, choice, axis=2)[..., 0]
-        better = value > leak
-        moved = np.take_along_axis(candidates, choice[..., None], axis=2)[:, :, 0]
-        points = np.where(better[..., None], moved, points)
-        leak = np.where(better, value, leak)
-        step = np.where(better, step, step / 2)
-        if step.max() < 1e-6 * radius:
-            break
-    worst = np.arange(len(leak)), leak.argmax(axis=1)
-    return leak[worst], points[worst]
+
+def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> Pairs:
+    """Return the pairs of all slots and eavesdroppers, slot by slot."""
+    uavs, slots, eves = offsets.shape[:3]
+    return Pairs.of(FreeSpace.of(scenario), offsets.reshape(uavs, -1, 2),
+                    np.repeat(powers, eves, axis=1), np.tile(scenario.error_radii, slots))
+
+
+def _guaranteed_leaks(scenario: Scenario, offsets: Array, powers: Array) -> Array:
+    """Return what no leak exceeds by the formula of the guarantee, (N, E) in bit/s/Hz."""
+    edge = np.repeat(scenario.error_radii[None], len(offsets), axis=0)
+    edge[0] *= -1
+    gains = FreeSpace.of(scenario, axes=2).gain(guaranteed_squared_distance(
+        offsets[..., 0]**2 + offsets[..., 1]**2, edge[:, None]))
+    return rate_of(gains * powers[..., None])
