@@ -87,17 +87,17 @@ def descend(pairs: Pairs, start: Found) -> Found:
 
 def _newton_step(pairs: Pairs, x: Array, y: Array, longest: Array) -> tuple[Array, Array]:
     """Return the places to which a step of at most some length leads, before the disc counts."""
-    _, (slope_x, slope_y), (xx, xy, yy) = pairs.derivatives(x, y)
-    pull = (slope_x * x + slope_y * y) / pairs.radius
+    v = pairs.derivatives(x, y)
+    pull = (v.x * x + v.y * y) / pairs.radius
     edge = (np.hypot(x, y) >= (1 - 1e-9) * pairs.radius) & (pull < 0)
     # Along the eigenvectors of the Hessian, or only along the edge, whose curvature counts too.
-    angle = np.where(edge, np.arctan2(x, -y), 0.5 * np.arctan2(2.0 * xy, xx - yy))
+    angle = np.where(edge, np.arctan2(x, -y), 0.5 * np.arctan2(2.0 * v.xy, v.xx - v.yy))
     cosine, sine = np.cos(angle), np.sin(angle)
     for along, across, free, extra in (
             (cosine, sine, 1.0, np.where(edge, pull / pairs.radius, 0.0)),
             (-sine, cosine, np.where(edge, 0.0, 1.0), 0.0)):
-        slope = (slope_x * along + slope_y * across) * free
-        bend = along**2 * xx + 2.0 * along * across * xy + across**2 * yy - extra
+        slope = (v.x * along + v.y * across) * free
+        bend = along**2 * v.xx + 2.0 * along * across * v.xy + across**2 * v.yy - extra
         step = -slope / np.maximum(np.maximum(np.abs(bend), np.abs(slope) / longest), _TINY)
         x, y = x + step * along, y + step * across
     return x, y

@@ -53,6 +53,27 @@ class Sectors:
         zero = np.zeros(len(pair))
         return cls(pair, zero, radius, zero, np.full(len(pair), np.pi))
 
+    @cached_property
+    def whole(self) -> NDArray[np.bool_]:
+        """Whether it is a whole disc."""
+        return self.half > 0.5 * np.pi
+
+    @cached_property
+    def radius(self) -> Array:
+        """Where on the line in the middle the place is that stands for the sector, in m."""
+        return np.where(self.whole, 0.0, 0.5 * (self.inner + self.outer))
+
+    @cached_property
+    def bow(self) -> Array:
+        """(1 - cos half) / 2."""
+        bow: Array = np.sin(0.5 * self.half)**2
+        return bow
+
+    @cached_property
+    def ball(self) -> Array:
+        """How far a place of the sector can be from that which stands for it, in m."""
+        return np.sqrt((self.outer - self.radius)**2 + 4.0 * self.outer * self.radius * self.bow)
+
     def __len__(self) -> int:
         return len(self.pair)
 
@@ -105,119 +126,139 @@ class Pairs:
         farthest: Array = np.sqrt((self.x**2 + self.y**2).max(axis=0))
         return _ULPS * (self.radius + farthest)
 
-    @cached_property
-    def lowest_altitude(self) -> float:
-        """Lowest altitude of a UAV in m; no |grad v| is above 2 v / lowest_altitude."""
-        return float(np.sqrt(self.squared_altitudes.min()))
-
     def at(self, x: Array, y: Array) -> Array:
         """Return v at one place of every pair, (P,)."""
         loss = (x - self.x)**2 + (y - self.y)**2 + self.squared_altitudes
         value: Array = loss[0] * (self.noise + (self.jamming / loss[1:]).sum(axis=0))
         return value
 
-    def derivatives(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Return v, its gradient and its Hessian (xx, xy, yy) at places: (P,), (2, P), (3, P)."""
+    def derivatives(self, x: Array, y: Array) -> 'Derivatives':
+        """Return v and its derivatives at one place of every pair, (P,)."""
         dx, dy = x - self.x, y - self.y
         loss = dx**2 + dy**2 + self.squared_altitudes
-        value, slope_x, slope_y = self._value_and_gradient(
-            dx, dy, loss, self.noise, self.jamming)
-        weight, ratio = self.jamming / loss[1:], loss[0] / loss[1:]
-        along_x, along_y = dx[0] - ratio * dx[1:], dy[0] - ratio * dy[1:]
-        isotropic = self.noise + (weight * (1.0 - ratio)).sum(axis=0)
-        weight = 2.0 * weight / loss[1:]
-        return value, np.stack([slope_x, slope_y]), 2.0 * np.stack([
-            isotropic - 2.0 * (weight * along_x * dx[1:]).sum(axis=0),
-            -(weight * (along_x * dy[1:] + along_y * dx[1:])).sum(axis=0),
-            isotropic - 2.0 * (weight * along_y * dy[1:]).sum(axis=0)])
-
-    @staticmethod
-    def _value_and_gradient(dx: Array, dy: Array, loss: Array, noise: Array,
-                            jamming: Array) -> tuple[Array, Array, Array]:
-        # Half the gradient of D_0 / D_j is (x - q_0 - (D_0 / D_j) (x - q_j)) / D_j.
-        weight = jamming / loss[1:]
-        both = noise + weight.sum(axis=0)
-        weight *= loss[0] / loss[1:]
-        return (loss[0] * both, 2.0 * (both * dx[0] - (weight * dx[1:]).sum(axis=0)),
-                2.0 * (both * dy[0] - (weight * dy[1:]).sum(axis=0)))
+        return Derivatives.of(dx, dy, loss, self.noise, self.jamming)
 
     def least_in(self, sectors: Sectors) -> tuple[Array, Array, Array, Array]:
         """
         Return a lower bound of v in sectors, and v at a place of each with its x and y, all (C,).
 
-        The bound is the larger of two. The first takes every distance by itself at its smallest
-        or largest in the ball around the sector; of it a link needs no more than a gain that
-        falls with the distance. The second is a quadratic that v does not fall below, with the
-        gradient of v at the place and a curvature that no Hessian in the ball is below; it is
-        minimised over the sector exactly, the curved edge included, so that both at a maximum
-        of the leak inside the disc and at one on its edge what is left to search shrinks with
-        the square of the sectors' size.
+        The bound is the largest of three, all for the smallest ball around the place that holds
+        the sector. The first takes every distance by itself at its smallest or largest; of it a
+        link needs no more than a gain that falls with the distance. The others minimise a
+        quadratic that v does not fall below, Taylor's with its Hessian lowered by what the third
+        derivative can change: over the sector with its curved edges, by the Hessian's least
+        eigenvalue alone, and over the square around the ball along the eigenvectors. So what is
+        left to divide shrinks with the square of the sectors' size, both near a maximum of the
+        leak on the edge of the disc and near one inside, even if it is flat in a direction.
         """
-        pair, outer, half = sectors.pair, sectors.outer, sectors.half
+        pair = sectors.pair
         noise, jamming, doubt = self.noise[pair], self.jamming[:, pair], self.doubt[pair]
         altitudes = self.squared_altitudes
-        whole = half > 0.5 * np.pi
-        radius = np.where(whole, 0.0, 0.5 * (sectors.inner + outer))
         cosine, sine = np.cos(sectors.middle), np.sin(sectors.middle)
-        x, y = radius * cosine, radius * sine
-        bow = np.sin(0.5 * half)**2
-        ball = np.sqrt((outer - radius)**2 + 4.0 * outer * radius * bow) * (1 + _ULPS) + doubt
+        x, y = sectors.radius * cosine, sectors.radius * sine
+        ball = sectors.ball * (1 + _ULPS) + doubt
 
         dx, dy = x - self.x[:, pair], y - self.y[:, pair]
         squared = dx**2 + dy**2
         distance = np.sqrt(squared)
         loss = squared + altitudes
         near = np.maximum(distance - ball, 0.0)**2 + altitudes
-        far, near_j = (distance[1:] + ball)**2 + altitudes[1:], near[1:]
+        near, far, best = near[1:], (distance[1:] + ball)**2 + altitudes[1:], near[0]
         # From q_0 to q_j, and L_j with how much it changes in the ball.
         apart_x, apart_y = self.x[1:, pair] - self.x[0, pair], self.y[1:, pair] - self.y[0, pair]
         apart = np.sqrt(apart_x**2 + apart_y**2) + doubt
+        change = 2.0 * apart * (ball + _ULPS * (distance[0] + distance[1:]))
         difference = apart_x * (dx[0] + dx[1:]) + apart_y * (dy[0] + dy[1:]) + (
             altitudes[0] - altitudes[1:])
-        change = 2.0 * apart * (ball + _ULPS * (distance[0] + distance[1:]))
-        lowest, highest = difference - change, difference + change
+        lowest = difference - change
+        ratio = np.maximum(best / far, 1.0 + lowest / np.where(lowest > 0, far, near))
+        first = (noise * best + (jamming * ratio).sum(axis=0)) * (1 - _ULPS)
 
-        ratio = np.maximum(near[0] / far, 1.0 + lowest / np.where(lowest > 0, far, near_j))
-        first = (noise * near[0] + (jamming * ratio).sum(axis=0)) * (1 - _ULPS)
+        # Along a line, |(1 / D)''| <= 6 / D^2 and |(1 / D)'''| <= 24 / D^(5/2), and L_j is affine.
+        third = (jamming / near**2 * (
+            24.0 * (np.abs(difference) + change) / np.sqrt(near) + 36.0 * apart)).sum(axis=0)
+        v = Derivatives.of(dx, dy, loss, noise, jamming)
+        weight = jamming / loss[1:]
+        fall = v.least_fall(sectors, cosine, sine, ball, third * ball / 3.0 + _ULPS * (
+            noise + (weight * (1.0 + loss[0] / loss[1:])).sum(axis=0)))
+        slopes = (noise + weight.sum(axis=0)) * distance[0] + (
+            weight * loss[0] / loss[1:] * distance[1:]).sum(axis=0)
+        second = v.value * (1 - _ULPS) + fall - 2.0 * slopes * (doubt + _ULPS * ball)
+        return np.maximum(first, second), v.value, x, y
 
-        value, slope_x, slope_y = self._value_and_gradient(dx, dy, loss, noise, jamming)
 
-        # The Hessian of D_0 / D_j is 2 / D_j (A + B): A = -L_j / D_j (I - 4 x x^T / D_j), with x
-        # from q_j, whose least eigenvalue is -L_j / D_j where L_j > 0 and else
-        # L_j / D_j (3 - 4 H_j^2 / D_j); B = -2 / D_j (b x^T + x b^T), with b from q_0 to q_j,
-        # whose least eigenvalue is -2 / D_j (b.x + |b| |x|).
-        shape = 4.0 * altitudes[1:] / far - 3.0
-        bent = np.maximum(np.minimum(lowest, 0.0) / near_j * shape,
-                          np.minimum(highest, 0.0) / far * shape)
-        bent = np.where(highest > 0, np.maximum(bent, highest / near_j), bent)
-        crossed = np.minimum(
-            apart_x * dx[1:] + apart_y * dy[1:] + apart * distance[1:] + change,
-            2.0 * apart * (distance[1:] + ball))
-        bent = bent + 2.0 * crossed / near_j
-        bent = jamming * bent / np.where(bent > 0, near_j, far)
-        curvature = 2.0 * (
-            noise * (1 - _ULPS) - bent.sum(axis=0) - _ULPS * np.abs(bent).sum(axis=0))
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """v at places, its gradient (x, y) and its Hessian (xx, xy, yy); all (C,)."""
 
-        # On the arc at r, at (r, middle + t), the quadratic differs from its value at (radius,
-        # middle) by `level` + r (along (cos t - 1) + across sin t). Without its convex part it
-        # is concave in r, and so least on one of the two arcs; there it is least where its
-        # steepest descent points, if that is within the angle, or else at an end.
-        convex, concave = np.maximum(curvature, 0.0), np.maximum(-curvature, 0.0)
-        outwards = slope_x * cosine + slope_y * sine
-        across = np.abs(slope_y * cosine - slope_x * sine)
-        along = outwards + concave * radius
+    value: Array
+    x: Array
+    y: Array
+    xx: Array
+    xy: Array
+    yy: Array
+
+    @classmethod
+    def of(cls, dx: Array, dy: Array, loss: Array, noise: Array,
+           jamming: Array) -> 'Derivatives':
+        """
+        Return the derivatives at places of pairs.
+
+        :param dx: of the places from the UAVs, (U, C) in m.
+        :param dy: likewise.
+        :param loss: D, (U, C).
+        """
+        weight, ratio = jamming / loss[1:], loss[0] / loss[1:]
+        # Half the gradient of D_0 / D_j is (x - q_0 - (D_0 / D_j) (x - q_j)) / D_j.
+        along_x, along_y = dx[0] - ratio * dx[1:], dy[0] - ratio * dy[1:]
+        slope_x, slope_y = weight * along_x, weight * along_y
+        isotropic = noise + (weight * (1.0 - ratio)).sum(axis=0)
+        shift_x, shift_y = 2.0 * dx[1:] / loss[1:], 2.0 * dy[1:] / loss[1:]
+        return cls(loss[0] * (noise + weight.sum(axis=0)),
+                   2.0 * (noise * dx[0] + slope_x.sum(axis=0)),
+                   2.0 * (noise * dy[0] + slope_y.sum(axis=0)),
+                   2.0 * (isotropic - 2.0 * (slope_x * shift_x).sum(axis=0)),
+                   -2.0 * (slope_x * shift_y + slope_y * shift_x).sum(axis=0),
+                   2.0 * (isotropic - 2.0 * (slope_y * shift_y).sum(axis=0)))
+
+    def least_fall(self, sectors: Sectors, cosine: Array, sine: Array, ball: Array,
+                   lowered: Array) -> Array:
+        """
+        Return a lower bound of the quadratic less its value at the places of sectors, (C,).
+
+        :param cosine: of the sectors' middle, (C,).
+        :param sine: likewise.
+        :param ball: radius of the ball around the place in which the sector is, in m.
+        :param lowered: by how much the Hessian is lowered.
+        """
+        mean, half = 0.5 * (self.xx + self.yy), 0.5 * (self.xx - self.yy)
+        spread = np.hypot(half, self.xy)
+        angle = 0.5 * np.arctan2(self.xy, half)
+        fall = np.zeros(len(ball))
+        for across_x, across_y, bend in (
+                (np.cos(angle), np.sin(angle), mean + spread - lowered),
+                (-np.sin(angle), np.cos(angle), mean - spread - lowered)):
+            slope = np.abs(self.x * across_x + self.y * across_y)
+            step = np.divide(slope, bend, out=ball.copy(), where=slope < bend * ball)
+            fall += step * (0.5 * bend * step - slope)
+
+        # On the arc at r, at (r, middle + t), the quadratic falls by a term of r, and by r times
+        # along (cos t - 1) + across sin t. This is least where its steepest descent points, if
+        # that is within the angle, or else at an end; over r the whole is concave, and so least
+        # on one of the two arcs.
+        concave = np.maximum(lowered + spread - mean, 0.0)
+        outwards = self.x * cosine + self.y * sine
+        along, across = outwards + concave * sectors.radius, np.abs(
+            self.y * cosine - self.x * sine)
         steepest = np.hypot(along, across)
-        within = whole | (across * np.cos(half) <= -along * np.sin(half))
+        sine_half = np.sin(sectors.half)
+        within = sectors.whole | (across * np.cos(sectors.half) <= -along * sine_half)
         turn = np.where(within, np.where(
-            along < 0, -across**2 / np.maximum(steepest - along, _TINY), -along - steepest),
-            -2.0 * along * bow - across * np.sin(half))
-        fall = np.full(len(pair), np.inf)
-        for edge in (sectors.inner, outer):
-            step = edge - radius
-            np.minimum(fall, step * (outwards - 0.5 * concave * step) + edge * turn, out=fall)
-        # Nor does a convex quadratic fall below its minimum, wherever that is.
-        steep = slope_x**2 + slope_y**2
-        np.divide(-0.5 * steep, convex, out=fall, where=-2.0 * convex * fall > steep)
-        second = value * (1 - _ULPS) + fall - (
-            20.0 * value / self.lowest_altitude + concave * ball) * doubt
-        return np.maximum(first, second), value, x, y
+            along < 0, -across * (across / np.maximum(steepest + np.abs(along), _TINY)),
+            -along - steepest), -2.0 * along * sectors.bow - across * sine_half)
+        on_arcs = np.full(len(ball), np.inf)
+        for edge in (sectors.inner, sectors.outer):
+            step = edge - sectors.radius
+            np.minimum(on_arcs, step * (outwards - 0.5 * concave * step) + edge * turn,
+                       out=on_arcs)
+        return np.maximum(fall, on_arcs)
