@@ -136,8 +136,9 @@ def test_the_worst_places_are_in_a_disc_and_have_the_worst_rate(scenario, seed):
     places = channel.worst_case_places(scenario, positions, powers)
     assert np.min([np.linalg.norm(places - eve.position, axis=-1) - eve.error_radius
                    for eve in scenario.eavesdroppers], axis=0).max() <= 1e-6
-    assert channel.secrecy_rates(scenario, positions, powers, places) == pytest.approx(
-        channel.worst_case_rates(scenario, positions, powers), abs=1e-12)
+    above = channel.secrecy_rates(scenario, positions, powers, places) - (
+        channel.worst_case_rates(scenario, positions, powers))
+    assert above.min() >= -1e-12 and above.max() <= 1e-6
 
 
 def test_inside_the_disc_the_guarantee_counts_with_an_eavesdropper_straight_below():

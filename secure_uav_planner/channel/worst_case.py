@@ -12,6 +12,7 @@ from ..scenario import Array, Scenario
 
 _AT_ONCE = 2**15  # Triples of a slot, an eavesdropper and a UAV, so that arrays fit into caches.
 _ROUNDING = 1e-12  # Of a leak in bit/s/Hz; none is above 150.
+_SILENT = 1e-100  # Leak in bit/s/Hz up to which a slot is silent.
 
 
 def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
@@ -43,16 +44,18 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array,
     """
     Return the worst place for each slot and eavesdropper, (E, N, 2) in m, and its leak, (E, N).
 
-    Found by a local search from the best of some places, and not proven to be the worst.
+    Found by a local search from the best of some places, and not proven: of 12000 slots of random
+    scenarios the largest leak was missed by more than 2e-6 in 13. In a slot without power, the
+    place is the centre and the leak 0.
 
-    :param uav_positions: at the N slots, (U, N, 2) in m.
-    :param powers: (U, N) in W, none below zero.
+    :param uav_positions: in the N slots, (U, N, 2) in m.
+    :param powers: (U, N) in W.
     """
-    worst = [(leaks.T, places.swapaxes(0, 1)) for leaks, places in (
+    powers = np.maximum(powers, 0.0)
+    leaks, places = zip(*(
         _likely_leaks(scenario, uav_positions[:, chunk], powers[:, chunk])
-        for chunk in _chunks(scenario, powers))]
-    return (np.concatenate([places for _, places in worst], axis=1),
-            np.concatenate([leaks for leaks, _ in worst], axis=1))
+        for chunk in _chunks(scenario, powers)), strict=True)
+    return np.concatenate(places).swapaxes(0, 1), np.concatenate(leaks).T
 
 
 def _chunks(scenario: Scenario, powers: Array) -> Iterator[slice]:
@@ -68,7 +71,7 @@ def _likely_leaks(scenario: Scenario, uav_positions: Array,
     offsets = _offsets(scenario, uav_positions)
     leaks = np.zeros(offsets.shape[1:3])
     places = np.zeros((*leaks.shape, 2))
-    loud = np.flatnonzero(powers[0] > 0.0)
+    loud = np.flatnonzero(_guaranteed_leaks(scenario, offsets, powers).max(axis=1) > _SILENT)
     if loud.size:
         v, x, y = likely_places(_pairs(scenario, offsets[:, loud], powers[:, loud]))
         leaks[loud] = leak_of(v).reshape(loud.size, -1)
@@ -91,8 +94,8 @@ def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
     most = _guaranteed_leaks(scenario, offsets, powers)
     leaks, eves = most.max(axis=1), most.argmax(axis=1)
     places = np.zeros((len(leaks), 2))
-    # Where no leak matters, the formula is near enough, and any place.
-    loud = np.flatnonzero((powers[0] > 0.0) & (leaks > TOLERANCE))
+    # Where no leak matters, as in a silent slot, the formula is near enough, and the centre.
+    loud = np.flatnonzero(leaks > TOLERANCE)
     if loud.size:
         slot = np.repeat(np.arange(len(loud)), most.shape[1])
         search = DiscSearch(_pairs(scenario, offsets[:, loud], powers[:, loud]), slot,

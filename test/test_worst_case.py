@@ -1,0 +1,271 @@
+"""The worst case is a bound: no place of a disc leaks more, and one leaks all but 1e-6 of it."""
+
+from dataclasses import replace
+import time
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import channel, Eavesdropper, Scenario, solve, Uav
+from secure_uav_planner.channel import disc_search, rates
+from secure_uav_planner.channel.inverse_sinr import Pairs, Sectors
+from strategies import random_powers, scenarios
+
+SEEDS = st.integers(0, 2**32 - 1)
+# Mean worst-case rate of the joint plans for the paper's scenario: duration and rate.
+PAPER = [(102, 1.458634), (120, 2.049430), (200, 3.055482)]
+
+
+def random_plan(scenario, rng):
+    """Return positions, some of the UAVs together or above an eavesdropper, and powers."""
+    uavs, slots = len(scenario.uavs), scenario.slots
+    positions = rng.uniform(-400, 400, (uavs, slots + 2, 2))
+    together = rng.random(slots + 2) < 0.3
+    spread = rng.choice([0.0, 1e-6, 1.0], slots + 2)[:, None]
+    positions[:, together] = (positions[:1] + spread * rng.standard_normal(
+        positions.shape))[:, together]
+    above = rng.random((uavs, slots + 2)) < 0.2
+    positions[above] = rng.choice(scenario.eavesdropper_positions, np.count_nonzero(above))
+    return positions, random_powers(scenario, rng)
+
+
+def sampled_leaks(scenario, positions, powers, rng, count=300):
+    """Return the largest leak at random places in the discs, on edges and by the worst, (N,)."""
+    worst = channel.worst_case_places(scenario, positions, powers)
+    largest = np.full(scenario.slots, -np.inf)
+    for centre, radius in zip(scenario.eavesdropper_positions, scenario.error_radii):
+        angles = rng.uniform(0, 2 * np.pi, count)
+        rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        inside = centre + radius * np.sqrt(rng.random((count, 1))) * rays
+        near = worst[:, None] + radius * 10**rng.uniform(-8, 0, (count, 1)) * rays - centre
+        distance = np.linalg.norm(near, axis=-1, keepdims=True)
+        near = centre + near * np.minimum(1.0, radius / np.maximum(distance, 1e-300))
+        for places in (inside, centre + radius * rays, near):
+            leaks = rates.leakage_rates(scenario, positions[:, 1:-1], powers, np.broadcast_to(
+                places, (scenario.slots, count, 2)))
+            largest = np.maximum(largest, leaks.max(axis=1))
+    return largest
+
+
+def proven_leaks(scenario, positions, powers):
+    """Return what the worst-case rates subtract from the ground node's, (N,)."""
+    return (channel.ground_rates(scenario, positions, powers)
+            - channel.worst_case_rates(scenario, positions, powers))
+
+
+def check(scenario, positions, powers, rng, margin=1e-11):
+    """Check all that the worst case promises."""
+    proven = proven_leaks(scenario, positions, powers)
+    places = channel.worst_case_places(scenario, positions, powers)
+    there = rates.leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None])[:, 0]
+    assert (sampled_leaks(scenario, positions, powers, rng) <= proven + margin).all()
+    assert (there <= proven + margin).all() and (there >= proven - 1e-6).all()
+    assert (channel.guaranteed_rates(scenario, positions, powers)
+            <= channel.worst_case_rates(scenario, positions, powers)).all()
+
+
+@pytest.mark.parametrize('duration, rate', PAPER)
+def test_plans_for_the_paper_have_the_worst_case_rates_that_a_search_found(duration, rate):
+    plan = solve(Scenario.paper(duration))
+    assert plan.worst_case_rate == pytest.approx(rate, abs=1e-5)
+
+
+@given(scenarios(max_eavesdroppers=4), SEEDS)
+def test_no_place_leaks_more_than_is_proven_and_one_leaks_all_but_1e_6_of_it(scenario, seed):
+    rng = np.random.default_rng(seed)
+    check(scenario, *random_plan(scenario, rng), rng)
+
+
+@given(scenarios(), SEEDS)
+def test_without_an_error_radius_or_a_jammer_it_is_the_guarantee(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions, powers = random_plan(scenario, rng)
+    points = replace(scenario, eavesdroppers=tuple(
+        replace(eve, error_radius=0.0) for eve in scenario.eavesdroppers))
+    alone = replace(scenario, uavs=scenario.uavs[:1])
+    for one, count in ((points, len(positions)), (alone, 1)):
+        arguments = one, positions[:count], powers[:count]
+        assert channel.worst_case_rates(*arguments) == pytest.approx(
+            channel.guaranteed_rates(*arguments), abs=1e-12)
+
+
+@given(scenarios(max_eavesdroppers=4), SEEDS)
+def test_the_worst_of_several_eavesdroppers_is_the_worst_of_each(scenario, seed):
+    positions, powers = random_plan(scenario, np.random.default_rng(seed))
+    each = [channel.worst_case_rates(
+        replace(scenario, eavesdroppers=(eve,)), positions, powers)
+        for eve in scenario.eavesdroppers]
+    assert channel.worst_case_rates(scenario, positions, powers) == pytest.approx(
+        np.min(each, axis=0), abs=1e-6)
+
+
+def wild_scenario(rng):
+    """Return a scenario with values from all over what is allowed."""
+    uavs, eves = rng.choice([1, 2, 3, 8, 32]), rng.choice([1, 2, 32])
+    size = 10**rng.uniform(0, 7)
+    radii = 10**rng.uniform(-9, 7, eves) * (rng.random(eves) > 0.1)
+    return Scenario(
+        (0.0, 0.0), tuple(Eavesdropper(tuple(rng.uniform(-size, size, 2)), radius)
+                          for radius in radii.tolist()),
+        tuple(Uav(f'uav{index}', (0.0, 0.0), (0.0, 0.0), altitude, 1.0, 1e6, 1e6)
+              for index, altitude in enumerate((10**rng.uniform(-3, 6, uavs)).tolist())),
+        100.0, 10, rng.uniform(-200, 300)), size
+
+
+@pytest.mark.parametrize('seed', range(40))
+def test_it_holds_for_all_that_a_scenario_allows_without_a_warning(seed):
+    rng = np.random.default_rng(seed)
+    scenario, size = wild_scenario(rng)
+    positions = rng.uniform(-size, size, (len(scenario.uavs), scenario.slots + 2, 2))
+    powers = np.minimum(10**rng.uniform(-15, 7, (len(positions), scenario.slots)), 1e6)
+    powers *= rng.random(powers.shape) > 0.1
+    powers[0, 0] = 5e-324
+    with np.errstate(over='raise', divide='raise', invalid='raise'):
+        channel.leak_maximisers(scenario, positions[:, 1:-1], powers)
+        # Places are exact to 1e-9 m where coordinates are 1e7 m.
+        check(scenario, positions, powers, rng, margin=1e-11 + 1e-15 * (
+            size + scenario.error_radii.max()) / scenario.altitudes.min())
+
+
+@pytest.mark.parametrize('altitudes', [(100, 100), (100, 110), (100, 100, 110), (100, 30, 1000)])
+@pytest.mark.parametrize('radius', [1e-9, 10.0, 1e3, 1e7])
+@pytest.mark.parametrize('apart', [0.0, 1e-6, 1.0])
+def test_uavs_at_one_place_take_few_sectors(altitudes, radius, apart, monkeypatch):
+    # Where the leak is flat, or largest all along a circle, little can be dropped.
+    monkeypatch.setattr(disc_search, 'MOST_SECTORS', 5000)
+    rng = np.random.default_rng(0)
+    scenario = Scenario(
+        (0.0, 0.0), (Eavesdropper((0.0, 0.0), radius),),
+        tuple(Uav(f'uav{index}', (0.0, 0.0), (0.0, 0.0), altitude, 1.0)
+              for index, altitude in enumerate(altitudes)), 100.0, 12)
+    positions = np.zeros((len(altitudes), 14, 2)) + [300.0, 0.0] * rng.random((14, 1))
+    positions += apart * rng.standard_normal(positions.shape)
+    check(scenario, positions, rng.uniform(0.1, 2, (len(altitudes), 12)), rng)
+
+
+@given(SEEDS, st.integers(1, 4), st.floats(-4, 4), st.sampled_from([0.0, 1e-3, 100.0]))
+def test_no_place_of_a_sector_is_below_its_bound(seed, uavs, decades, apart):
+    rng = np.random.default_rng(seed)
+    count = 50
+    radius = np.full(count, 10**decades)
+    x, y = rng.normal(0, apart, (2, uavs, count)) + radius * rng.normal(0, 1, (2, 1, count))
+    altitudes = rng.choice([0.5, 1.0, 1.2], (uavs, 1))
+    pairs = Pairs(x, y, altitudes**2, 10**rng.uniform(-9, 3, count),
+                  10**rng.uniform(-3, 3, (uavs - 1, count)), radius)
+    inner = radius * rng.random(count)
+    outer = inner + (radius - inner) * 10**rng.uniform(-6, 0, count)
+    half = 0.5 * np.pi * 10**rng.uniform(-6, 0, count)
+    middle = rng.uniform(-np.pi, np.pi, count)
+    discs = Sectors.of(np.arange(count), outer)
+    for sectors in (discs, Sectors(np.arange(count), inner, outer, middle, half)):
+        bound, value, _, _ = pairs.least_in(sectors)
+        assert (bound <= value).all()
+        for _ in range(100):
+            distance = sectors.inner + (sectors.outer - sectors.inner) * rng.choice(
+                [0.0, 1.0, rng.random()], count)
+            angle = sectors.middle + sectors.half * np.clip(rng.uniform(-1.5, 1.5, count), -1, 1)
+            found = pairs.at(distance * np.cos(angle), distance * np.sin(angle))
+            assert (found >= bound * (1 - 1e-13)).all()
+
+
+def test_bounds_approach_the_least_value_with_the_square_of_the_size():
+    pairs = Pairs(np.array([[0.3], [-1.0]]), np.array([[0.2], [0.4]]), np.array([[1.0], [1.2]]),
+                  np.array([0.1]), np.array([[2.0]]), np.array([10.0]))
+    _, x, y = disc_search.likely_places(pairs)
+    least = pairs.at(x, y)
+    for size in (0.1, 0.01, 1e-3):
+        around = Sectors(np.array([0]), np.hypot(x, y) - size, np.hypot(x, y) + size,
+                         np.arctan2(y, x), size / np.hypot(x, y))
+        bound, _, _, _ = pairs.least_in(around)
+        assert 0 <= least - bound <= 20 * size**3
+
+
+def start_badly(pairs):
+    return disc_search._found(pairs, -0.5 * pairs.radius, 0.3 * pairs.radius)
+
+
+def difficult_plan():
+    """Return scenario, positions and powers with maxima of every kind."""
+    rng = np.random.default_rng(0)
+    scenario = Scenario(
+        (0.0, 0.0), (Eavesdropper((0.0, 0.0), 300.0), Eavesdropper((100.0, 0.0), 200.0)),
+        tuple(Uav(f'uav{index}', (0.0, 0.0), (0.0, 0.0), altitude, 1.0)
+              for index, altitude in enumerate((100.0, 60.0, 130.0))), 100.0, 60)
+    return scenario, rng.uniform(-300, 300, (3, 62, 2)), rng.uniform(0, 2, (3, 60)), rng
+
+
+def test_the_proof_does_not_need_a_good_search(monkeypatch):
+    for name in ('nearest_places', 'likely_places'):
+        monkeypatch.setattr(disc_search, name, start_badly)
+    monkeypatch.setattr(disc_search, 'descend', lambda pairs, start: start)
+    check(*difficult_plan())
+
+
+@pytest.mark.parametrize('weaken', [
+    lambda bound, value: value,  # as if the place of a sector were its worst
+    lambda bound, value: 0.5 * (bound + value),
+    lambda bound, value: bound * 1.1], ids=['value', 'mean', 'percent'])
+def test_a_bound_that_is_none_is_noticed(weaken, monkeypatch):
+    for name in ('nearest_places', 'likely_places'):
+        monkeypatch.setattr(disc_search, name, start_badly)
+    monkeypatch.setattr(disc_search, 'descend', lambda pairs, start: start)
+    least_in = Pairs.least_in
+
+    def wrong(self, sectors):
+        bound, value, x, y = least_in(self, sectors)
+        return weaken(bound, value), value, x, y
+
+    monkeypatch.setattr(Pairs, 'least_in', wrong)
+    with pytest.raises(AssertionError):
+        check(*difficult_plan())
+
+
+@pytest.mark.parametrize('most', [1, 50])
+def test_it_is_sure_also_where_it_ends_early(most, monkeypatch):
+    scenario, positions, powers, rng = difficult_plan()
+    whole = proven_leaks(scenario, positions, powers)
+    for name in ('nearest_places', 'likely_places'):
+        monkeypatch.setattr(disc_search, name, start_badly)
+    monkeypatch.setattr(disc_search, 'MOST_SECTORS', most)
+    proven = proven_leaks(scenario, positions, powers)
+    assert (sampled_leaks(scenario, positions, powers, rng) <= proven + 1e-11).all()
+    assert (proven >= whole - 1e-6).all() and (proven > whole + 1e-3).any()
+
+
+@given(scenarios(max_eavesdroppers=3), SEEDS)
+def test_maximisers_are_in_their_discs_and_leak_what_is_said(scenario, seed):
+    positions, powers = random_plan(scenario, np.random.default_rng(seed))
+    places, leaks = channel.leak_maximisers(scenario, positions[:, 1:-1], powers)
+    eves = len(scenario.eavesdroppers)
+    assert places.shape == (eves, scenario.slots, 2) and leaks.shape == (eves, scenario.slots)
+    offsets = places - scenario.eavesdropper_positions[:, None]
+    assert (np.linalg.norm(offsets, axis=-1) <= scenario.error_radii[:, None] + 1e-9).all()
+    there = rates.leakage_rates(scenario, positions[:, 1:-1], powers, places.swapaxes(0, 1))
+    assert leaks.T == pytest.approx(there, abs=1e-9)
+    assert (leaks <= proven_leaks(scenario, positions, powers) + 1e-11).all()
+
+
+def test_maximisers_are_almost_always_the_worst():
+    scenario, positions, powers, _ = difficult_plan()
+    _, leaks = channel.leak_maximisers(scenario, positions[:, 1:-1], powers)
+    missed = proven_leaks(scenario, positions, powers) - leaks.max(axis=0) > 2e-6
+    assert missed.mean() < 0.05
+
+
+def test_a_power_that_rounding_left_below_zero_counts_as_none():
+    scenario, positions, powers, _ = difficult_plan()
+    powers[:, ::2] = 0.0
+    below = np.where(powers > 0, powers, -1e-9)
+    assert (channel.worst_case_rates(scenario, positions, below)
+            == channel.worst_case_rates(scenario, positions, powers)).all()
+
+
+def test_200_slots_take_at_most_a_tenth_of_a_second():
+    plan = solve(Scenario.paper(200))
+    taken = []
+    for _ in range(5):
+        begin = time.process_time()
+        channel.worst_case_rates(plan.scenario, plan.positions, plan.powers)
+        taken.append(time.process_time() - begin)
+    assert min(taken) <= 0.1
