@@ -22,7 +22,7 @@ from ..scenario import Array
 
 Indices = NDArray[np.intp]
 
-# Rounding. A sum of up to 32 positive terms, each of a few operations, is right to 1e-14 of itself.
+# Rounding. A sum of up to 32 positive terms of a few operations each is right to 1e-14 of itself.
 # Places and offsets are right to `doubt`, a few units in the last place of the longest offset;
 # that changes a distance as a larger ball does, and v by no more than its slope, 2 v / H, allows.
 # Where terms cancel, in L_j, in the gradient and in the curvature, the error is some units in the
