@@ -23,10 +23,11 @@ from ..scenario import Array
 Indices = NDArray[np.intp]
 
 # Rounding. A sum of up to 32 positive terms of a few operations each is right to 1e-14 of itself.
-# Places and offsets are right to `doubt`, a few units in the last place of the longest offset;
-# that changes a distance as a larger ball does, and v by no more than its slope, 2 v / H, allows.
-# Where terms cancel, in L_j, in the gradient and in the curvature, the error is some units in the
-# last place of what is added up. least_in lowers its bounds by more than all of these.
+# Places and offsets are right to `doubt`, many units in the last place of the longest offset; as
+# places of a sector that widens the ball, and as places of UAVs it changes v by no more than the
+# slopes of its terms allow. Where terms cancel, as in L_j, in the gradient and in the Hessian, the
+# error is a few units in the last place of their absolute values added up: `change`, `slopes` and
+# `lowered` hold more than that. In sum, a bound is lowered by more than rounding can raise it.
 _ULPS = 1e-14
 _TINY = 1e-300
 

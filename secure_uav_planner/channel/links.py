@@ -3,9 +3,9 @@ Links: the gain of a link as a function of the squared horizontal distance.
 
 A channel model is one class here with the three methods of FreeSpace; rates, worst cases and
 derivatives are built on it. Two ask for more: the convex restrictions of the paper's Section III,
-in the method `alternating`, and the proof of the worst case, in inverse_sinr.py. These are valid
-for free space only, where 1 / gain is the squared distance plus a constant, times a factor that
-all UAVs share.
+in the method `alternating`, and the proof of the worst case, in inverse_sinr.py, are valid for
+free space only, where 1 / gain is the squared distance and a constant, times a factor that all
+UAVs share.
 """
 
 from dataclasses import dataclass
