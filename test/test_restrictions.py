@@ -68,7 +68,7 @@ def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
     count, slots = len(scenario.uavs), scenario.slots
     # Any place is within reach of any other, so that the restriction is seen everywhere.
     scenario = replace(scenario, uavs=tuple(
-        replace(uav, max_speed=1e4) for uav in scenario.uavs))
+        replace(uav, max_speed=1e4, max_acceleration=None) for uav in scenario.uavs))
     local = rng.uniform(-400, 400, (count, slots + 2, 2))
     if inside:  # the error disc, and one jammer exactly above its centre
         eve = scenario.eavesdroppers[0]
