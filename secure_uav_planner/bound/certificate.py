@@ -1,0 +1,236 @@
+"""
+The certificate: from multipliers to a bound, with nothing taken on trust.
+
+With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
+
+    (1/N) [ sum over slots of B + sum over UAVs of Potential.ends ] + sum_i lam_i average_i,
+    B   = max over w0 of H(w0) - H(s) + m(w0 - s) + M(w0, v),   s = sum_e v_e, v = v(w0),
+    M   = M_0 + sum over jammers of M_j,
+    M_0 = max over q of w0 A_0(q) - sum_e v_e A_e(q) + potential(q),
+    M_j = max over q, p of -w0 log(1 + b_0(q) p) + sum_e v_e log(1 + b_e(q) p) - lam p
+          + potential(q),
+
+A being the logarithm of a gain of the transmitter, b a gain of a jammer, m that of
+transmit_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few nodes w0.
+
+Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
+interpolated linearly between the nodes it lies below the chord from node to node. The entropies and
+m are known exactly and are therefore taken on PIECES finer pieces: there, the convex part
+-H(s) + m + chord lies below its own chord, and max over w0 of slope w0 + H(w0) is attained at
+w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0.
+
+Lemma 8 (two jammers and more). The logarithm of a sum is not a sum, but by Gibbs' inequality, with
+y_j = 1/J + x_j, log(1 + sum x_j) = max over rho of sum_j rho_j log(y_j / rho_j), rho on the
+simplex. At the ground node any theta is an upper bound of -log(1 + sum x_j), and at the eavesdropper
+rho is maximised over like w0: M is convex in rho, too, so it lies below its interpolation between
+nodes of rho, while the entropy of rho is taken on pieces. With log(J y_j) = log(1 + J x_j) every
+jammer's maximum is that of one jammer with the weights w0 theta_j, v rho_j and J times the gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from .boxes import Terms
+from .conjugate import Array, entropy, sigmoid, transmit_power
+from .multipliers import Multipliers
+from .potential import Potential
+from .rounding import margin
+from .team import Team
+from ..plan import POWER_TOLERANCE
+
+PIECES = 24
+"""Pieces of the entropies between two nodes of w0."""
+
+RHO_PIECES = 10
+"""Pieces of the entropy between two nodes of rho."""
+
+FLOOR = 1e-6
+"""Received SNR below which a jammer's power counts by the most that it can do."""
+
+TOLERANCE = 5e-4
+"""What a maximum may be too large, in nats."""
+
+SLACK = 0.2
+"""Share of a node's distance from the largest that its maximum may be too large."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """
+    A proven bound, and what it is made of.
+
+    :param rate: mean over the slots that no plan exceeds, in bit/s/Hz.
+    :param stages: B of every stage, (G,) in nats.
+    :param offset: the rest, so that rate log 2 = (sum of count B + offset) / N.
+    :param potentials: of every UAV.
+    :param prices: lam, (U,) in nats per W.
+    """
+
+    rate: float
+    stages: Array
+    offset: float
+    potentials: tuple[Potential, ...]
+    prices: Array
+
+
+def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
+            stop: Callable[[], bool] = lambda: False) -> Certificate:
+    """
+    Return the bound that the multipliers prove, whatever they are.
+
+    :param team: the UAVs of the scenario.
+    :param given: the multipliers.
+    :param tolerance: what each maximum may be too large, in nats.
+    :param stop: asked now and then; True ends the search, and the bound is valid but larger.
+    """
+    potentials = tuple(Potential(slope, bend, team.stages, lens)
+                       for slope, bend, lens in zip(given.slope, given.bend, team.lenses))
+    prices = np.maximum(given.prices, 0.0)
+    weights = np.clip(given.weights, 1e-12, 1.0)
+    shares = np.maximum(given.shares, 0.0)
+    total = shares.sum(-1, keepdims=True)
+    shares = shares * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
+    # An estimate of every node tells how exact its maximum has to be.
+    guess = given.known.sum(0).max(1) + _entropies(weights, shares.sum(-1), prices[0], team)
+    guess = np.concatenate([given.still.sum(0)[None], guess])
+    slack = tolerance + SLACK * (guess.max(0) - guess) / len(team.lenses)
+    still = [_still(potential, price, known, slack[0], stop)
+             for potential, price, known in zip(potentials, prices, given.still)]
+    first = _maxima(team, potentials[0], 0, still[0], weights, shares, prices[0],
+                    given.known[0, :, 0], slack[1:], stop)
+    jammed = []
+    for r, rho in enumerate(given.divisions):
+        value = first
+        for j, potential in enumerate(potentials[1:]):
+            theta = np.clip(given.ground[:, r, :, j], 0.0, 1.0)
+            value = value + _maxima(
+                team, potential, j + 1, still[j + 1], weights * theta, shares * rho[j],
+                prices[j + 1], given.known[j + 1, :, r], slack[1:], stop)
+        if team.jammers > 1:
+            # sum_j theta_j log(J theta_j) >= 0 and the like: what Gibbs' inequality adds.
+            theta = np.clip(given.ground[:, r], 0.0, 1.0)
+            gibbs = (theta * np.log(np.maximum(theta, 1e-300))).sum(-1) + math.log(team.jammers)
+            value = value + weights * gibbs - shares.sum(-1) * math.log(team.jammers)
+        jammed.append(value)
+    silent = sum(still) + team.negative
+    slots = _over_weights(team, given.divisions, silent, np.array(jammed), weights, shares.sum(-1),
+                          prices[0])
+    slots = slots + 4 * sum(margin(p.lens.altitude, p.size()) for p in potentials)
+    ends = sum(potential.ends() for potential in potentials)
+    powers = [team.stages.slots * price * lens.average for price, lens in zip(prices, team.lenses)]
+    offset = math.fsum([ends, *powers])
+    terms = [*(team.stages.count * slots), ends, *powers]
+    total = math.fsum(terms) + 1e-14 * math.fsum(map(abs, terms))
+    rate = total / team.stages.slots / math.log(2.0) * (1 + 1e-14)
+    return Certificate(rate if not math.isnan(rate) else math.inf, slots, offset, potentials,
+                       prices)
+
+
+def _entropies(weights: Array, total: Array, price: float, team: Team) -> Array:
+    """H(w0) - H(s) + m(w0 - s) at the nodes."""
+    gain = transmit_power(np.maximum(weights - total, 0.0), price, team.lenses[0].peak)[0]
+    return np.asarray(entropy(weights) - entropy(total) + gain)
+
+
+def _still(potential: Potential, price: float, known: Array, tolerance: Array,
+           stop: Callable[[], bool]) -> Array:
+    """Return the maximum of a UAV's potential less lam p over its lens and powers, (G,)."""
+    lens, stages = potential.lens, potential.stages
+    slope, bend = potential.change
+    index = np.arange(len(slope))
+    extra = potential.constant() + price * POWER_TOLERANCE
+    spare = margin(lens.altitude, potential.size())
+    if not potential.curved:
+        return lens.support(slope, index) + extra + spare
+    none = np.zeros(len(slope))
+    terms = Terms(lens, index, none, np.zeros((len(slope), len(lens.radii))), slope, bend,
+                  potential.tilts(), spare)
+    return terms.maxima(known - extra, tolerance, stop=stop) + extra
+
+
+def _maxima(team: Team, potential: Potential, uav: int, still: Array, weights: Array,
+            shares: Array, price: float, known: Array, tolerance: Array,
+            stop: Callable[[], bool]) -> Array:
+    """
+    Return M_i at every node, (K, G).
+
+    A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
+    potential is at most `still`, and the rates' part at most v log(1 + FLOOR) for a positive
+    power and -w0 log(1 - delta) for one of -POWER_TOLERANCE.
+    """
+    lens = potential.lens
+    nodes, count = weights.shape
+    stage = np.tile(np.arange(count), nodes)
+    slope, bend = potential.change
+    extra = potential.constant()[stage]
+    spare = margin(lens.altitude, potential.size() + price * lens.peak)
+    tilts = [tuple(part[stage] for part in term) for term in potential.tilts()]
+    gain, powers, least = lens.log_gain, None, np.full(stage.shape, -np.inf)
+    flat, parts = weights.ravel(), shares.reshape(len(stage), -1)
+    if uav:
+        gain += math.log(team.jammers)
+        top = math.log(lens.peak)
+        low = min(math.log(FLOOR) + 2 * math.log(lens.altitude) - gain, top)
+        powers = (low, top)
+        least = (still[stage] + math.log1p(FLOOR) * parts.sum(-1)
+                 - flat * math.log1p(-team.jammers * team.delta[uav]) + spare[stage])
+    terms = Terms(lens, stage, flat, parts, slope[stage], bend[stage], tilts, spare[stage], price,
+                  gain, powers)
+    wanted = np.maximum(known.ravel(), least - tolerance.ravel()) - extra
+    found = terms.maxima(wanted, tolerance.ravel(), stop=stop) + extra
+    return np.maximum(found, least).reshape(nodes, count)
+
+
+def _over_weights(team: Team, divisions: Array, silent: Array, jammed: Array, weights: Array,
+                  total: Array, price: float) -> Array:
+    """Return B of every stage, (G,): lemma 4, from M at the nodes, (R, K, G)."""
+    zero = np.zeros((1, len(silent)))
+    weights, total = np.concatenate([zero, weights]), np.concatenate([zero, total])
+    values = np.concatenate([np.broadcast_to(silent, (len(jammed), 1, len(silent))), jammed],
+                            axis=1)
+    x = np.linspace(0.0, 1.0, PIECES + 1)
+    x = (x * x * (3 - 2 * x))[:, None, None]
+    fine, s = (part[:-1] * (1 - x) + part[1:] * x for part in (weights, total))
+    known = transmit_power(np.maximum(fine - s, 0.0), price, team.lenses[0].peak)[0] - entropy(s)
+    width = fine[1:] - fine[:-1]
+    best = silent.copy()
+    for linear in _over_divisions(values, divisions, x, s):
+        convex = linear + known
+        slope = (convex[1:] - convex[:-1]) / np.maximum(width, 1e-300)
+        at = np.clip(sigmoid(slope), fine[:-1], fine[1:])
+        value = convex[:-1] + slope * (at - fine[:-1]) + entropy(at)
+        narrow = np.maximum(convex[1:], convex[:-1]) + entropy(
+            np.clip(0.5, fine[:-1], fine[1:]))
+        value = np.where(width > 1e-9, np.minimum(value, narrow), narrow)
+        best = np.maximum(best, value.max((0, 1)))
+    return best
+
+
+def _over_divisions(values: Array, divisions: Array, x: Array, total: Array) -> Iterator[Array]:
+    """
+    Return functions of w0 on the pieces, (PIECES + 1, K, G), whose maximum bounds M + s H(rho).
+
+    On a piece of rho the concave entropy lies below its tangent, so the sum lies below a
+    linear function of rho and its maximum is at an end.
+    """
+    fine = [value[:-1] * (1 - x) + value[1:] * x for value in values]
+    if len(fine) == 1:
+        yield fine[0]
+        return
+    rhos = divisions[:, 0]
+    for low, high, first, last in zip(fine[:-1], fine[1:], rhos[:-1], rhos[1:]):
+        step = np.linspace(0.0, 1.0, RHO_PIECES + 1)
+        step = step * step * (3 - 2 * step)
+        for t0, t1 in zip(step[:-1], step[1:]):
+            middle = first + (last - first) * (t0 + t1) / 2
+            slope = math.log((1 - middle) / middle)
+            height = float(entropy(np.array(middle)))
+            yield np.maximum(*(
+                low * (1 - t) + high * t
+                + total * (height + slope * (first + (last - first) * t - middle) + 1e-12)
+                for t in (t0, t1)))

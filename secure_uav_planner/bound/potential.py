@@ -1,0 +1,121 @@
+"""Lemma 2: limits of speed, paid for by potentials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .conjugate import Array
+from .lens import Lens
+from .rounding import margin
+from .stages import Stages
+
+
+@dataclass(frozen=True, eq=False)
+class Potential:
+    """
+    The potentials W_n of one UAV, quadratic in its place, at every edge between stages.
+
+    Lemma 2. For any functions W_0..W_N and any path, start = q[0], .., q[N+1] = goal,
+
+        sum over n = 0..N of W_n(q[n+1]) - W_n(q[n])
+            = W_N(goal) - W_0(start) + sum over n = 1..N of W_{n-1}(q[n]) - W_n(q[n]).
+
+    On a path that can be flown every term on the left is at most T_n(q[n]), the largest of
+    W_n(q[n] + d) - W_n(q[n]) over |d| <= step. Hence
+
+        0 <= T_0(start) + W_0(start) - W_N(goal)
+             + sum over n = 1..N of W_n(q[n]) - W_{n-1}(q[n]) + T_n(q[n]),
+
+    and whatever stands there for slot n may be added to the slot's rate before its place is
+    chosen freely in the lens: the bound of the whole remains valid, and the place that gains in
+    this slot pays for what it costs the others. With W_n(q) = u_n . q + q . S_n q / 2
+
+        T_n(q) <= step |u_n + S_n q| + step^2 / 2 max(0, the largest eigenvalue of S_n).
+
+    S = 0 is Lagrangian duality, which lets a UAV be in two places, each half of the time; S makes
+    that cost something. W is a guess of what being somewhere is worth for the rest of the flight.
+
+    T is convex in (u, S), so within a stage, where W is interpolated between its edges, the mean
+    of T is at most the mean of the interpolated T of the edges.
+
+    :param slope: u, (G + 1, 2) in nats per unit.
+    :param bend: S as (S_11, S_12, S_22), (G + 1, 3) in nats per unit^2.
+    :param stages: between the edges.
+    :param lens: of the UAV.
+    """
+
+    slope: Array
+    bend: Array
+    stages: Stages
+    lens: Lens
+
+    @property
+    def change(self) -> tuple[Array, Array]:
+        """Change of (u, S) in one slot of every stage, (G, 2) and (G, 3)."""
+        count = self.stages.count[:, None]
+        return np.diff(self.slope, axis=0) / count, np.diff(self.bend, axis=0) / count
+
+    @property
+    def shares(self) -> tuple[Array, Array]:
+        """Mean weights of the edge before and of the edge after in the T of a stage, (G,)."""
+        count = self.stages.count
+        return (count - 1) / (2 * count), (count + 1) / (2 * count)
+
+    @property
+    def curved(self) -> bool:
+        """Whether any S is not zero."""
+        return bool(self.bend.any())
+
+    def jump(self) -> Array:
+        """Return step^2 / 2 max(0, the largest eigenvalue of S) at every edge, (G + 1,)."""
+        half = (self.bend[:, 0] - self.bend[:, 2]) / 2
+        largest = (self.bend[:, 0] + self.bend[:, 2]) / 2 + np.hypot(half, self.bend[:, 1])
+        return np.asarray(self.lens.step**2 / 2 * np.maximum(largest, 0))
+
+    def constant(self) -> Array:
+        """Return what a slot of every stage gets wherever the UAV is, (G,) in nats."""
+        before, after = self.shares
+        jump = self.jump()
+        if not self.curved:
+            jump = jump + self.lens.step * np.hypot(self.slope[:, 0], self.slope[:, 1])
+        return before * jump[:-1] + after * jump[1:]
+
+    def tilts(self) -> list[tuple[Array, Array, Array]]:
+        """
+        Return the terms factor |u + S q| of a slot, as (factor, u, S) a stage.
+
+        None where S = 0: `constant` has them then.
+        """
+        if not self.curved:
+            return []
+        before, after = (share * self.lens.step for share in self.shares)
+        terms = [(before, self.slope[:-1], self.bend[:-1]), (after, self.slope[1:], self.bend[1:])]
+        return [term for term in terms if term[0].any()]
+
+    def ends(self) -> float:
+        """Return T_0(start) + W_0(start) - W_N(goal) with the ends' tolerance, in nats."""
+        lens = self.lens
+        miss = 2e-6 / lens.unit + 1e-12
+        goal = lens.distance
+        first, last = self.slope[0], self.slope[-1]
+        b0, b1 = self.bend[0], self.bend[-1]
+        size0, size1 = np.abs(b0).sum(), np.abs(b1).sum()
+        start = lens.step * np.hypot(*first) + float(self.jump()[0])
+        at_goal = first_slope = last[0] * goal + b1[0] * goal**2 / 2
+        first_slope = np.hypot(*first) + (size0 * (lens.step + miss))
+        last_slope = np.hypot(*last) + size1 * (goal + miss)
+        return float(start - at_goal + miss * (first_slope + last_slope)
+                     + margin(lens.altitude, self.size()[[0, -1]].sum()))
+
+    def size(self) -> Array:
+        """Return how large the terms of every stage can be, (G,) in nats, for `margin`."""
+        lens = self.lens
+        reach = np.minimum(lens.from_start, lens.distance + lens.to_goal)
+        slope = np.hypot(self.slope[:, 0], self.slope[:, 1])
+        bend = np.abs(self.bend).sum(1)
+        slope = np.maximum(slope[:-1], slope[1:])
+        bend = np.maximum(bend[:-1], bend[1:])
+        return np.asarray((slope + bend * (reach + lens.step)) * (reach + lens.step)
+                          + np.abs(self.constant()))
