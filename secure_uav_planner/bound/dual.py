@@ -99,15 +99,22 @@ class Dual:
             value = value + f * (norm - delta)
             if second:
                 n0, n1 = f * g0 / norm, f * g1 / norm
+                small = delta / norm
+                t0, t1 = -g1 / norm, g0 / norm
+                # I - n n' = t t' + (delta / norm)^2 I, as rows of (u, S).
                 if p == 5:
+                    zero = np.zeros_like(small)
                     parts[edge] = parts[edge] + np.stack(
                         [n0, n1, n0 * px, n0 * py + n1 * px, n1 * py], -1)
-                    t0, t1 = -g1 / norm, g0 / norm
-                    curves.append((f / norm, np.stack(
-                        [t0, t1, t0 * px, t0 * py + t1 * px, t1 * py], -1)))
+                    rows = [np.stack([t0, t1, t0 * px, t0 * py + t1 * px, t1 * py], -1),
+                            np.stack([small, zero, small * px, small * py, zero], -1),
+                            np.stack([zero, small, zero, small * px, small * py], -1)]
                 else:
+                    zero = np.zeros_like(small)
                     parts[edge] = parts[edge] + np.stack([n0, n1], -1)
-                    curves.append((f / norm, np.stack([-g1 / norm, g0 / norm], -1)))
+                    rows = [np.stack([t0, t1], -1), np.stack([small, zero], -1),
+                            np.stack([zero, small], -1)]
+                curves.append((f / norm, rows))
         return value, parts, curves
 
     def evaluate(self, point: Point, second: bool = True):
@@ -156,10 +163,12 @@ class Dual:
             for edge, curve in enumerate(terms[kind][i][2]):
                 if curve is None:
                     continue
-                factor, t = curve
-                scaled = t * (weight * factor if t.shape[1] > 1 else factor)[..., None]
+                factor, rows = curve
                 at = edges[edge * p:(edge + 1) * p]
-                hess[:, at[:, None], at] += np.matmul(scaled.transpose(0, 2, 1), t)
+                scaled = weight * factor if rows[0].shape[1] > 1 else factor
+                for t in rows:
+                    hess[:, at[:, None], at] += np.matmul(
+                        (t * scaled[..., None]).transpose(0, 2, 1), t)
             return result
 
         options = []
