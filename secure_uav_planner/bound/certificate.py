@@ -36,7 +36,8 @@ import math
 import numpy as np
 
 from .boxes import Terms
-from .conjugate import Array, entropy, sigmoid, transmit_power
+from .conjugate import Array, entropy, sigmoid, softplus, transmit_power
+from .lens import Lens
 from .multipliers import Multipliers
 from .potential import Potential
 from .rounding import margin
@@ -68,7 +69,7 @@ class Certificate:
     :param stages: B of every stage, (G,) in nats.
     :param offset: the rest, so that rate log 2 = (sum of count B + offset) / N.
     :param potentials: of every UAV.
-    :param prices: lam, (U,) in nats per W.
+    :param prices: lam, of those that are followed, then of the helpers, in nats per W.
     """
 
     rate: float
@@ -90,7 +91,13 @@ def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
     """
     potentials = tuple(Potential(slope, bend, team.stages, lens)
                        for slope, bend, lens in zip(given.slope, given.bend, team.lenses))
-    prices = np.maximum(given.prices, 0.0)
+    prices, helper_prices = np.maximum(given.prices, 0.0), np.maximum(given.helpers, 0.0)
+    divisions = given.divisions if team.jammers == 2 else np.ones(1)
+    if team.jammers == 2 and (divisions[0] != 0 or divisions[-1] != 1
+                              or (np.diff(divisions) <= 0).any()):
+        raise AssertionError('the nodes of rho must rise from 0 to 1')
+    if ((given.theta < 0) | (given.theta > 1)).any():
+        raise AssertionError('theta must be from 0 to 1')
     weights = np.clip(given.weights, 1e-12, 1.0)
     shares = np.maximum(given.shares, 0.0)
     total = shares.sum(-1, keepdims=True)
@@ -103,38 +110,53 @@ def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
              for potential, price, known in zip(potentials, prices, given.still)]
     first = _maxima(team, potentials[0], 0, still[0], weights, shares, prices[0],
                     given.known[0, :, 0], slack[1:], stop)
+    helped = team.spill * weights + sum(
+        (_help(lens, shares.sum(-1), price) for lens, price in zip(team.helpers, helper_prices)),
+        np.zeros(weights.shape))
     jammed = []
-    for r, rho in enumerate(given.divisions):
-        value = first
+    for r, rho in enumerate(divisions):
+        value = first + helped
         for j, potential in enumerate(potentials[1:]):
-            theta = np.clip(given.ground[:, r, :, j], 0.0, 1.0)
+            theta = given.theta[:, r] if j == 0 else 1.0 - given.theta[:, r]
+            part = rho if j == 0 else 1.0 - rho
             value = value + _maxima(
-                team, potential, j + 1, still[j + 1], weights * theta, shares * rho[j],
+                team, potential, j + 1, still[j + 1], weights * theta, shares * part,
                 prices[j + 1], given.known[j + 1, :, r], slack[1:], stop)
-        if team.jammers > 1:
-            # sum_j theta_j log(J theta_j) >= 0 and the like: what Gibbs' inequality adds.
-            theta = np.clip(given.ground[:, r], 0.0, 1.0)
-            gibbs = (theta * np.log(np.maximum(theta, 1e-300))).sum(-1) + math.log(team.jammers)
-            value = value + weights * gibbs - shares.sum(-1) * math.log(team.jammers)
+        if team.jammers == 2:
+            # Gibbs' inequality with log(J y_j) in place of log(y_j).
+            value = value + weights * (math.log(2) - entropy(given.theta[:, r])) - (
+                shares.sum(-1) * math.log(2))
         jammed.append(value)
-    silent = sum(still) + team.negative
-    slots = _over_weights(team, given.divisions, silent, np.array(jammed), weights, shares.sum(-1),
+    silent = sum(still) + team.negative + helper_prices.sum() * POWER_TOLERANCE
+    slots = _over_weights(team, divisions, silent, np.array(jammed), weights, shares.sum(-1),
                           prices[0])
-    slots = slots + 4 * sum(margin(p.lens.altitude, p.size()) for p in potentials)
+    slots = slots + 4 * sum(margin(lens.altitude, np.zeros(1)) for lens in team.helpers) + 4 * sum(
+        margin(p.lens.altitude, p.size()) for p in potentials)
     ends = sum(potential.ends() for potential in potentials)
-    powers = [team.stages.slots * price * lens.average for price, lens in zip(prices, team.lenses)]
+    powers = [team.stages.slots * price * lens.average for price, lens in zip(
+        [*prices, *helper_prices], [*team.lenses, *team.helpers])]
     offset = math.fsum([ends, *powers])
     terms = [*(team.stages.count * slots), ends, *powers]
     total = math.fsum(terms) + 1e-14 * math.fsum(map(abs, terms))
     rate = total / team.stages.slots / math.log(2.0) * (1 + 1e-14)
     return Certificate(rate if not math.isnan(rate) else math.inf, slots, offset, potentials,
-                       prices)
+                       np.concatenate([prices, helper_prices]))
 
 
 def _entropies(weights: Array, total: Array, price: float, team: Team) -> Array:
     """H(w0) - H(s) + m(w0 - s) at the nodes."""
     gain = transmit_power(np.maximum(weights - total, 0.0), price, team.lenses[0].peak)[0]
     return np.asarray(entropy(weights) - entropy(total) + gain)
+
+
+def _help(lens: Lens, total: Array, price: float) -> Array:
+    """Return max over p of s log(1 + b p) - lam p, b the gain from the nearest place, (K, G)."""
+    gain = np.max([lens.log_gain - np.log(
+        (lens.nearest(place) + radius)**2 + lens.altitude**2)
+        for place, radius in zip(lens.eavesdroppers, lens.radii)], axis=0)
+    power = np.clip(total / max(price, 1e-300) - np.exp(-gain), 0.0, lens.peak)
+    return np.asarray(total * softplus(gain + np.log(np.maximum(power, 1e-300)))
+                      - price * power + price * POWER_TOLERANCE)
 
 
 def _still(potential: Potential, price: float, known: Array, tolerance: Array,
@@ -173,12 +195,13 @@ def _maxima(team: Team, potential: Potential, uav: int, still: Array, weights: A
     gain, powers, least = lens.log_gain, None, np.full(stage.shape, -np.inf)
     flat, parts = weights.ravel(), shares.reshape(len(stage), -1)
     if uav:
-        gain += math.log(team.jammers)
+        gain += math.log(team.copies)
         top = math.log(lens.peak)
         low = min(math.log(FLOOR) + 2 * math.log(lens.altitude) - gain, top)
         powers = (low, top)
-        least = (still[stage] + math.log1p(FLOOR) * parts.sum(-1)
-                 - flat * math.log1p(-team.jammers * team.delta[uav]) + spare[stage])
+        below = team.copies * team.delta[uav]
+        least = (still[stage] + math.log1p(FLOOR) * parts.sum(-1) + spare[stage]
+                 + (-flat * math.log1p(-below) if below < 1 else math.inf))
     terms = Terms(lens, stage, flat, parts, slope[stage], bend[stage], tilts, spare[stage], price,
                   gain, powers)
     wanted = np.maximum(known.ravel(), least - tolerance.ravel()) - extra
@@ -222,8 +245,7 @@ def _over_divisions(values: Array, divisions: Array, x: Array, total: Array) -> 
     if len(fine) == 1:
         yield fine[0]
         return
-    rhos = divisions[:, 0]
-    for low, high, first, last in zip(fine[:-1], fine[1:], rhos[:-1], rhos[1:]):
+    for low, high, first, last in zip(fine[:-1], fine[1:], divisions[:-1], divisions[1:]):
         step = np.linspace(0.0, 1.0, RHO_PIECES + 1)
         step = step * step * (3 - 2 * step)
         for t0, t1 in zip(step[:-1], step[1:]):

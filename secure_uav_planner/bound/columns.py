@@ -5,24 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .conjugate import Array
 from .lens import Lens
 
-RINGS = (0.0, 0.01, 0.03, 0.1, 0.3)
-"""Radii about the reference's place, in units of the lens; twelve places on each."""
+RINGS = (0.01, 0.03, 0.1, 0.3)
+"""Radii of rings of places about a plan's, in units of the lens; twelve places on each."""
 
+GRID, COARSE, STILL = (11, 13), (4, 5), (7, 9)
+"""Places along and across a lens: to look for columns, to keep always, and to be silent at."""
 
-def monomials(place: Array) -> Array:
-    """Return (x, y, x^2/2, x y, y^2/2): W = (u, S) . monomials, for places (..., 2)."""
-    x, y = place[..., 0], place[..., 1]
-    return np.stack([x, y, x * x / 2, x * y, y * y / 2], -1)
+RIM = 32
+"""Directions in which the lens's farthest place is a place to be silent at."""
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
     """
-    A few places and powers of one UAV in every stage.
+    Places and powers of one UAV in every stage.
 
     :param place: (G, C, 2) in units.
     :param power: (G, C) in W; 0 for the transmitter, whose power has a closed form.
@@ -36,33 +37,41 @@ class Columns:
     leaks: Array
 
     @classmethod
-    def of(cls, lens: Lens, place: Array, power: Array, jammers: int) -> Columns:
-        """Return the columns of given places and powers."""
+    def of(cls, lens: Lens, place: Array, power: Array, copies: int) -> Columns:
+        """Return the columns of given places and powers; see Team.copies."""
         ground, leaks = lens.log_squares(place)
         if lens.transmits:
             return cls(place, power, lens.log_gain - ground, leaks - lens.log_gain)
-        log_gain = lens.log_gain + np.log(jammers)
-        received = power * np.exp(log_gain - ground)
-        heard = power[..., None] * np.exp(log_gain - leaks)
-        return cls(place, power, -np.log1p(received), np.log1p(heard))
+        log_gain = lens.log_gain + np.log(copies)
+        return cls(place, power, -np.log1p(power * np.exp(log_gain - ground)),
+                   np.log1p(power[..., None] * np.exp(log_gain - leaks)))
 
-    def take(self, index: Array) -> Columns:
+    @classmethod
+    def product(cls, lens: Lens, place: Array, levels: Array, copies: int) -> Columns:
+        """Return the columns of every place (G, K, 2) with every power (G, P), (G, K P)."""
+        shape = place.shape[:2] + levels.shape[1:]
+        return cls.of(lens, np.broadcast_to(place[:, :, None], shape + (2,)).reshape(
+            len(place), -1, 2), np.broadcast_to(levels[:, None], shape).reshape(len(place), -1),
+            copies)
+
+    def take(self, index: NDArray[np.intp]) -> Columns:
         """Return the columns with the given indices of every stage, (G, C')."""
-        one = index[..., None]
-        return Columns(np.take_along_axis(self.place, one, 1),
-                       np.take_along_axis(self.power, index, 1),
-                       np.take_along_axis(self.ground, index, 1),
-                       np.take_along_axis(self.leaks, one, 1))
+        row = np.arange(len(self.place))[:, None]
+        return Columns(self.place[row, index], self.power[row, index], self.ground[row, index],
+                       self.leaks[row, index])
 
-    def joined(self, other: Columns) -> Columns:
-        """Return these columns and those of another."""
-        return Columns(*(np.concatenate([getattr(self, name), getattr(other, name)], 1)
+    @staticmethod
+    def joined(parts: list[Columns]) -> Columns:
+        """Return all columns of several."""
+        return Columns(*(np.concatenate([getattr(part, name) for part in parts], axis=1)
                          for name in ('place', 'power', 'ground', 'leaks')))
 
     def value(self, weight: Array, shares: Array, price: float) -> Array:
         """Return w0 ground + sum_e v_e leaks - lam p, (G, C), for w0 (G,) and v (G, E)."""
-        value = weight[:, None] * self.ground + np.matmul(self.leaks, shares[..., None])[..., 0]
-        return np.asarray(value - price * self.power)
+        value = weight[:, None] * self.ground - price * self.power
+        for e in range(shares.shape[-1]):
+            value += shares[:, e, None] * self.leaks[..., e]
+        return np.asarray(value)
 
 
 def grid(lens: Lens, along: int, across: int) -> Array:
@@ -72,17 +81,25 @@ def grid(lens: Lens, along: int, across: int) -> Array:
     step = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
     a = low[:, :1] + (high - low)[:, :1] * step
     half = np.sqrt(np.maximum(np.minimum(
-        lens.from_start[:, None]**2 - a**2,
+        (lens.from_start[:, None] - a) * (lens.from_start[:, None] + a),
         lens.to_goal[:, None]**2 - (a - lens.distance)**2), 0.0))
     b = half[:, :, None] * np.linspace(-1, 1, across)
     return np.stack(np.broadcast_arrays(a[:, :, None], b), -1).reshape(len(a), -1, 2)
 
 
-def about(lens: Lens, reference: Array) -> Array:
-    """Return places on rings about the reference's places (G, 2), (G, 49, 2)."""
+def rings(lens: Lens, centre: Array) -> Array:
+    """Return places about others (G, 2), those too, as far as they are in the lens."""
     angle = np.arange(12) * np.pi / 6
     circle = np.stack([np.cos(angle), np.sin(angle)], -1)
-    offset = np.concatenate([[[0.0, 0.0]], *(radius * circle for radius in RINGS[1:])])
-    place = reference[:, None] + offset
+    offset = np.concatenate([[[0.0, 0.0]], *(radius * circle for radius in RINGS)])
+    place = centre[:, None] + offset
     stage = np.arange(len(place))[:, None]
-    return np.where(lens.inside(place, stage)[..., None], place, reference[:, None])
+    return np.where(lens.inside(place, stage)[..., None], place, centre[:, None])
+
+
+def levels(lens: Lens, power: Array) -> Array:
+    """Return powers of a jammer about a plan's, (G,), and others up to the peak, (G, 13)."""
+    about = np.clip(power, 1e-6 * lens.peak, lens.peak)[:, None]
+    return np.minimum(np.concatenate([
+        np.zeros_like(about), about * np.exp(np.linspace(-1.2, 1.2, 7)),
+        np.broadcast_to(lens.peak * np.geomspace(1e-4, 1.0, 5), (len(power), 5))], 1), lens.peak)

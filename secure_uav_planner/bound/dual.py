@@ -1,17 +1,26 @@
-"""The dual function on columns, smoothed, with two derivatives: what Newton's method minimises."""
+"""
+The dual function on columns, smoothed, with two derivatives: what Newton's method minimises.
+
+It is the certificate's bound with every maximum taken over columns and over a few branches, that
+is nodes of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). It is jointly
+convex in the potentials, v and lam. v has a barrier at 0 where there are several witnesses, w0 - s
+and lam have weak ones of their own: at a high SNR w0 - s is of the order of 1e-3 and below.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from .columns import Columns, monomials
+from .columns import Columns
 from .conjugate import Array, entropy, transmit_power
+from .newton import Derivatives, Point
 from .team import Team
 
-_BARRIER_SHARE, _BARRIER_ROOM, _BARRIER_PRICE = 0.3, 1e-6, 1e-7
+SHARE_BARRIER, ROOM_BARRIER, PRICE_BARRIER = 0.3, 1e-6, 1e-7
+"""Barriers of v, times tau, of w0 - s, and of lam, in nats."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,35 +29,27 @@ class Branch:
     One way a slot can be: a node of w0 and, with two jammers, of rho.
 
     :param weight: w0, (G,).
-    :param shares: which of the point's v belongs to it.
-    :param theta: shares of the UAVs at the ground node, (U, G), 1 for the transmitter.
-    :param rho: shares of the UAVs at the eavesdropper, (U,), 1 for the transmitter.
+    :param set: which of the point's v belongs to it.
+    :param theta: the first jammer's share at the ground node, (G,); 1 for one jammer.
+    :param rho: the first jammer's share at the eavesdropper, (G,); 1 for one jammer.
     """
 
     weight: Array
-    shares: int
+    set: int
     theta: Array
     rho: Array
 
+    def parts(self, uav: int) -> tuple[Array, Array]:
+        """Return what multiplies w0 and v for a UAV, (G,) each."""
+        if uav == 0:
+            return np.ones_like(self.theta), np.ones_like(self.theta)
+        return (self.theta, self.rho) if uav == 1 else (1.0 - self.theta, 1.0 - self.rho)
 
-@dataclass(frozen=True, eq=False)
-class Point:
-    """
-    Where the dual function is evaluated.
 
-    :param potentials: (u, S) at every edge, (G + 1, U, P), P = 2 without S, else 5.
-    :param shares: v, (B, G, E).
-    :param prices: lam, (U,).
-    """
-
-    potentials: Array
-    shares: Array
-    prices: Array
-
-    def moved(self, step: Point, length: float) -> Point:
-        """Return this point moved along a step."""
-        return Point(self.potentials + length * step.potentials,
-                     self.shares + length * step.shares, self.prices + length * step.prices)
+def monomials(place: Array, count: int) -> Array:
+    """Return the first 2 or all 5 of (x, y, x^2/2, x y, y^2/2) at places (..., 2)."""
+    x, y = place[..., 0], place[..., 1]
+    return place if count == 2 else np.stack([x, y, x * x / 2, x * y, y * y / 2], -1)
 
 
 class Dual:
@@ -57,304 +58,250 @@ class Dual:
 
     :param team: the UAVs.
     :param columns: for every UAV, those with which something is sent.
-    :param places: for every UAV, those without.
+    :param silent: for every UAV, those without.
     :param branches: nodes of w0 that the multipliers have to be good for.
     :param tau: temperature of every smoothed maximum, in nats.
     """
 
-    def __init__(self, team: Team, columns: list[Columns], places: list[Columns],
+    def __init__(self, team: Team, columns: list[Columns], silent: list[Columns],
                  branches: list[Branch], tau: float) -> None:
         self.team, self.branches, self.tau = team, branches, tau
-        self.columns, self.places = columns, places
+        self.columns = (columns, silent)
         self.count = team.stages.count.astype(float)
-        self.before = (self.count - 1) / (2 * self.count)
-        self.after = (self.count + 1) / (2 * self.count)
+        self.average = np.array([lens.average for lens in team.lenses])
+        shares = ((self.count - 1) / (2 * self.count), (self.count + 1) / (2 * self.count))
+        self.mean = shares
+        # How often an edge's T counts; the start's, at the first edge, comes on top.
         self.edge = np.zeros(len(self.count) + 1)
-        self.edge[:-1] += self.count * self.before
-        self.edge[1:] += self.count * self.after
+        self.edge[:-1] += self.count * shares[0]
+        self.edge[1:] += self.count * shares[1]
         self.edge[0] += 1
+        self.weights = {branch.set: branch.weight for branch in branches}
 
-    def _potential(self, i: int, point: Point, place: Array, second: bool):
-        """Value (G, C), derivatives by both edges (G, C, 2P), and the norms' curvature."""
-        x, p = point.potentials[:, i], point.potentials.shape[2]
-        step, tau = self.team.lenses[i].step, self.tau
-        phi = monomials(place)[..., :p]
-        k = self.count[:, None, None]
+    def room(self, shares: Array) -> Array:
+        """Return w0 - s of every set, (B, G)."""
+        return np.array([self.weights[k] - v.sum(-1) for k, v in enumerate(shares)])
+
+    def value(self, point: Point) -> float:
+        """Return the dual function, N times a rate in nats."""
+        return self._evaluate(point, False)[0]
+
+    def derivatives(self, point: Point) -> tuple[float, Derivatives]:
+        """Return the dual function with its gradient and its Hessian."""
+        value, derivatives = self._evaluate(point, True)
+        assert derivatives is not None
+        return value, derivatives
+
+    def _evaluate(self, point: Point, second: bool) -> tuple[float, Derivatives | None]:
+        value, stage, stages = self._stages(point, second)
+        shares, prices = point.shares, point.prices
+        bar = SHARE_BARRIER * (self.tau if shares.shape[-1] > 1 else 1e-5)
+        room = self.room(shares)
+        slots = float(self.count.sum())
+        value += slots * float(prices @ self.average - PRICE_BARRIER * np.log(prices).sum())
+        value -= float(((bar * np.log(shares).sum(-1) + ROOM_BARRIER * np.log(room))
+                        * self.count).sum())
+        edge, edges = self._edges(point)
+        value += edge
+        if not second:
+            return value, None
+        e = shares.shape[-1]
+        for k, (v, gap) in enumerate(zip(shares, room)):
+            at = slice(k * e, (k + 1) * e)
+            stage[:, at] += self.count[:, None] * (-bar / v + (ROOM_BARRIER / gap)[:, None])
+            stages[:, at, at] += self.count[:, None, None] * (
+                (bar / v**2)[:, :, None] * np.eye(e) + (ROOM_BARRIER / gap**2)[:, None, None])
+        return value, Derivatives(
+            stage, stages, *edges, slots * (self.average - PRICE_BARRIER / prices),
+            slots * PRICE_BARRIER / prices**2, (point.potentials.shape, shares.shape))
+
+    def _edges(self, point: Point) -> tuple[float, tuple[Array, Array]]:
+        """Value, gradient and Hessian of what is outside the stages: lengths and ends."""
+        x = point.potentials
+        count, u, p = x.shape
+        value = 0.0
+        grad, hess = np.zeros((count, u, p)), np.zeros((count, u * p, u * p))
+        for i, lens in enumerate(self.team.lenses):
+            delta = self.tau / lens.step
+            # Without S the T of every edge is a length; with S only the start's is one.
+            times = self.edge if p == 2 else np.eye(1, count)[0]
+            slope = x[:, i, :2]
+            norm = np.sqrt((slope * slope).sum(-1) + delta * delta)
+            value += float(lens.step * (times @ norm))
+            factor = lens.step * times / norm
+            grad[:, i, :2] += factor[:, None] * slope
+            two = slice(i * p, i * p + 2)
+            hess[:, two, two] += factor[:, None, None] * (
+                np.eye(2) - slope[:, :, None] * slope[:, None] / (norm * norm)[:, None, None])
+            goal = monomials(np.array([lens.distance, 0.0]), p)
+            value -= float(goal @ x[-1, i])
+            grad[-1, i] -= goal
+            if p == 5:
+                weight = np.array([1.0, 2.0, 1.0])
+                bend = x[:, i, 2:]
+                size = np.sqrt((weight * bend * bend).sum(-1) + 1e-4)
+                factor = lens.step**2 / 2 * self.edge
+                value += float(factor @ size)
+                factor = factor / size
+                grad[:, i, 2:] += factor[:, None] * weight * bend
+                three = slice(i * p + 2, i * p + 5)
+                scaled = weight * bend / size[:, None]
+                hess[:, three, three] += factor[:, None, None] * (
+                    np.diag(weight) - scaled[:, :, None] * scaled[:, None])
+        return value, (grad.reshape(count, -1), hess)
+
+    def potential(self, uav: int, point: Point, place: Array,
+                  second: bool = False) -> tuple[Array, list[Array], list[Any]]:
+        """
+        Return a potential's terms at places (G, C, 2).
+
+        :return: values (G, C); with `second` their derivatives by the potentials at the edge
+            before and at the edge after, (G, C, P) each, and the second derivatives of the
+            norms as pairs of a factor and of vectors whose squares they are.
+        """
+        x = point.potentials[:, uav]
+        p = x.shape[1]
+        step = self.team.lenses[uav].step
+        phi = monomials(place, p)
         value = np.matmul(phi, (np.diff(x, axis=0) / self.count[:, None])[..., None])[..., 0]
-        parts, curves = ([-phi / k, phi / k] if second else []), []
-        for edge, factor in ((0, self.before), (1, self.after)):
-            if not factor.any():
+        count = self.count[:, None, None]
+        parts = [-phi / count, phi / count] if second else []
+        curves: list[Any] = []
+        for edge, factor in enumerate(self.mean):
+            if p == 2 or not factor.any():
                 curves.append(None)
                 continue
-            u = x[edge:len(x) - 1 + edge]
-            g0, g1 = u[:, None, 0], u[:, None, 1]
-            if p == 5:
-                s11, s12, s22 = (u[:, None, j] for j in (2, 3, 4))
-                px, py = place[..., 0], place[..., 1]
-                g0 = g0 + s11 * px + s12 * py
-                g1 = g1 + s12 * px + s22 * py
-            delta = tau / step
+            px, py = place[..., 0], place[..., 1]
+            u = x[edge:len(x) - 1 + edge, :, None]
+            g0 = u[:, 0] + u[:, 2] * px + u[:, 3] * py
+            g1 = u[:, 1] + u[:, 3] * px + u[:, 4] * py
+            delta = self.tau / step
             norm = np.sqrt(g0 * g0 + g1 * g1 + delta * delta)
             f = (factor * step)[:, None]
             value = value + f * (norm - delta)
-            if second:
-                n0, n1 = f * g0 / norm, f * g1 / norm
-                small = delta / norm
-                t0, t1 = -g1 / norm, g0 / norm
-                # I - n n' = t t' + (delta / norm)^2 I, as rows of (u, S).
-                if p == 5:
-                    zero = np.zeros_like(small)
-                    parts[edge] = parts[edge] + np.stack(
-                        [n0, n1, n0 * px, n0 * py + n1 * px, n1 * py], -1)
-                    rows = [np.stack([t0, t1, t0 * px, t0 * py + t1 * px, t1 * py], -1),
-                            np.stack([small, zero, small * px, small * py, zero], -1),
-                            np.stack([zero, small, zero, small * px, small * py], -1)]
-                else:
-                    zero = np.zeros_like(small)
-                    parts[edge] = parts[edge] + np.stack([n0, n1], -1)
-                    rows = [np.stack([t0, t1], -1), np.stack([small, zero], -1),
-                            np.stack([zero, small], -1)]
-                curves.append((f / norm, rows))
+            if not second:
+                continue
+            n0, n1, small = g0 / norm, g1 / norm, delta / norm
+            none = np.zeros_like(small)
+            parts[edge] = parts[edge] + f[..., None] * _chain(n0, n1, px, py)
+            # I - n n' = t t' + (delta / norm)^2 I with t across n.
+            curves.append((f / norm, [_chain(-n1, n0, px, py), _chain(small, none, px, py),
+                                      _chain(none, small, px, py)]))
         return value, parts, curves
 
-    def evaluate(self, point: Point, second: bool = True):
-        """Return the value, and with `second` the gradient and the Hessian in blocks."""
-        team, tau = self.team, self.tau
-        u, e = len(team.lenses), team.eavesdroppers
-        g, p = len(self.count), point.potentials.shape[2]
-        up = u * p
-        size = e + 2 * up + u
-        sets = len(point.shares)
-        x0, la = e, e + 2 * up
-        terms = [[self._potential(i, point, cols[i].place, second) for i in range(u)]
-                 for cols in (self.columns, self.places)]
-        features = [[], []]
-        if second:
-            for kind, cols in enumerate((self.columns, self.places)):
-                for i in range(u):
-                    parts = list(terms[kind][i][1])
-                    if not kind:
-                        parts = [cols[i].leaks, *parts, -cols[i].power[..., None]]
-                    features[kind].append(np.concatenate(
-                        [np.broadcast_to(f, cols[i].power.shape + f.shape[-1:]) for f in parts],
-                        -1))
-
-        def smooth(kind, i, value, rho, grad, hess):
-            top = value.max(1)
-            weight = np.exp((value - top[:, None]) / tau)
-            total = weight.sum(1)
-            result = top + tau * np.log(total)
-            if not second:
-                return result
-            weight /= total[:, None]
-            f = features[kind][i]
-            edges = np.r_[x0 + i * p:x0 + (i + 1) * p, x0 + up + i * p:x0 + up + (i + 1) * p]
-            which = edges if kind else np.r_[0:e, edges, la + i]
-            mean = np.matmul(weight[:, None], f)[:, 0]
-            cov = np.matmul((f * weight[..., None]).transpose(0, 2, 1), f)
-            cov -= mean[:, :, None] * mean[:, None]
-            cov /= tau
-            if not kind and rho != 1.0:
-                mean[:, :e] *= rho
-                cov[:, :e] *= rho
-                cov[:, :, :e] *= rho
-            grad[:, which] += mean
-            hess[:, which[:, None], which] += cov
-            for edge, curve in enumerate(terms[kind][i][2]):
-                if curve is None:
-                    continue
-                factor, rows = curve
-                at = edges[edge * p:(edge + 1) * p]
-                scaled = weight * factor if rows[0].shape[1] > 1 else factor
-                for t in rows:
-                    hess[:, at[:, None], at] += np.matmul(
-                        (t * scaled[..., None]).transpose(0, 2, 1), t)
-            return result
-
-        options = []
+    def _stages(self, point: Point, second: bool) -> tuple[float, Array, Array]:
+        """Value, gradient and Hessian of the stages' smoothed maxima."""
+        u, p = point.potentials.shape[1:]
+        e, sets = point.shares.shape[-1], len(point.shares)
+        size = e + 2 * u * p + u
+        table = [[self._features(i, point, kind, second) for i in range(u)] for kind in (0, 1)]
+        options: list[tuple[Array, Array, Array, int]] = []
         for branch in self.branches:
-            v = point.shares[branch.shares]
-            s = v.sum(-1)
-            room = branch.weight - s
-            value, power = transmit_power(room, point.prices[0], team.lenses[0].peak)
-            value = value - entropy(s) + entropy(branch.weight)
-            jam = team.jammers
-            if jam > 1:
-                theta, rho = branch.theta[1:], branch.rho[1:]
-                value += branch.weight * (np.log(jam) + (theta * np.log(theta)).sum(0))
-                kappa = -np.log(jam) - (rho * np.log(np.maximum(rho, 1e-300))).sum()
-                value += s * kappa
-            else:
-                kappa = 0.0
-            grad = np.zeros((g, size))
-            hess = np.zeros((g, size, size)) if second else None
-            if second:
-                inner = power < team.lenses[0].peak * (1 - 1e-12)
-                grad[:, :e] = (np.log(s / (1 - s)) - np.log(power) + kappa)[:, None]
-                grad[:, la] = -power
-                hess[:, :e, :e] = (1 / (s * (1 - s)) + inner / room)[:, None, None]
-                hess[:, :e, la] = hess[:, la, :e] = (inner / point.prices[0])[:, None]
-                hess[:, la, la] = inner * room / point.prices[0]**2
+            value, grad, hess = self._powers(branch, point, size, second)
             for i in range(u):
-                rho = branch.rho[i]
-                column = (terms[0][i][0] + self.columns[i].value(
-                    branch.weight * branch.theta[i], v * rho, point.prices[i]))
-                value = value + smooth(0, i, column, rho, grad, hess)
-            options.append((value, grad, hess, branch.shares))
-        grad = np.zeros((g, size))
-        hess = np.zeros((g, size, size)) if second else None
-        value = np.zeros(g)
+                ground, leak = branch.parts(i)
+                v = point.shares[branch.set] * leak[:, None]
+                column = table[0][i][0] + self.columns[0][i].value(
+                    branch.weight * ground, v, point.prices[i])
+                value = value + self._smooth(column, table[0][i], i, p, e, leak, grad, hess)
+            options.append((value, grad, hess, branch.set))
+        shape = (len(self.count), size) if second else (0, 0)
+        grad, hess = np.zeros(shape), np.zeros(shape + shape[1:])
+        value = np.zeros(len(self.count))
         for i in range(u):
-            value = value + smooth(1, i, np.broadcast_to(
-                terms[1][i][0], self.places[i].power.shape), 1.0, grad, hess)
-        options.append((value, grad, hess, None))
-
+            value = value + self._smooth(table[1][i][0], table[1][i], i, p, e, None, grad, hess)
+        options.append((value, grad, hess, -1))
         values = np.array([option[0] for option in options])
         top = values.max(0)
-        mix = np.exp((values - top) / tau)
-        sums = mix.sum(0)
-        per = top + tau * np.log(sums)
-        mix /= sums
-        total = float(self.count @ per)
-        # Limits that v and lam keep away from, and what lies outside the slots.
-        bar = _BARRIER_SHARE * (tau if e > 1 else 1e-5)
-        n = float(self.count.sum())
-        average = np.array([lens.average for lens in team.lenses])
-        total += n * float(point.prices @ average)
-        total -= _BARRIER_PRICE * n * float(np.log(point.prices).sum())
-        weights = [next(b.weight for b in self.branches if b.shares == k) for k in range(sets)]
-        rooms = np.array(weights) - point.shares.sum(-1)
-        total -= float(((bar * np.log(point.shares).sum(-1)
-                         + _BARRIER_ROOM * np.log(rooms)) * self.count).sum())
-        ends = []
-        for i, lens in enumerate(team.lenses):
-            x = point.potentials[:, i]
-            delta = tau / lens.step
-            norm = np.sqrt(x[0, 0]**2 + x[0, 1]**2 + delta**2)
-            goal = monomials(np.array([lens.distance, 0.0]))[:p]
-            total += lens.step * norm - float(goal @ x[-1])
-            frob = jump = None
-            if p == 5:
-                jump = lens.step**2 / 2 * self.edge
-                frob = np.sqrt(x[:, 2]**2 + 2 * x[:, 3]**2 + x[:, 4]**2 + 1e-4)
-                total += float(jump @ frob)
-            ends.append((x, norm, goal, jump, frob))
+        mix = np.exp((values - top) / self.tau)
+        total = mix.sum(0)
+        mix /= total
+        best = float(self.count @ (top + self.tau * np.log(total)))
         if not second:
-            return total, per, values
-        # Everything of a stage: the sets' v, then the edges' potentials, then lam.
+            return best, grad, hess
         ve = sets * e
-        big = np.zeros((g, ve + 2 * up + u))
-        matrix = np.zeros((g, ve + 2 * up + u, ve + 2 * up + u))
-        rest = np.r_[e:size]
-        target_rest = np.r_[ve:ve + 2 * up + u]
-        for (_, grad, hess, index), share in zip(options, mix):
-            where = (np.r_[index * e:(index + 1) * e, target_rest] if index is not None
-                     else target_rest)
-            source = np.r_[0:size] if index is not None else rest
-            gs = grad[:, source]
-            big[:, where] += share[:, None] * gs
-            block = hess[:, source[:, None], source] + gs[:, :, None] * gs[:, None] / tau
-            matrix[:, where[:, None], where] += share[:, None, None] * block
-        matrix -= big[:, :, None] * big[:, None] / tau
-        matrix *= self.count[:, None, None]
-        big *= self.count[:, None]
-        for k in range(sets):
-            at = np.r_[k * e:(k + 1) * e]
-            v, room = point.shares[k], rooms[k]
-            big[:, at] += self.count[:, None] * (-bar / v + (_BARRIER_ROOM / room)[:, None])
-            matrix[:, at[:, None], at] += self.count[:, None, None] * (
-                (bar / v**2)[:, :, None] * np.eye(e)
-                + (_BARRIER_ROOM / room**2)[:, None, None])
-        return total, per, values, self._assemble(point, big, matrix, ends, ve)
+        stage = np.zeros((len(self.count), ve + size - e))
+        stages = np.zeros(stage.shape + stage.shape[1:])
+        for (_, grad, hess, k), share in zip(options, mix):
+            where = np.r_[k * e:(k + 1) * e, ve:ve + size - e] if k >= 0 else np.r_[
+                ve:ve + size - e]
+            source = slice(0, size) if k >= 0 else slice(e, size)
+            g = grad[:, source]
+            stage[:, where] += share[:, None] * g
+            stages[:, where[:, None], where] += share[:, None, None] * (
+                hess[:, source, source] + g[:, :, None] * g[:, None] / self.tau)
+        stages -= stage[:, :, None] * stage[:, None] / self.tau
+        return best, stage * self.count[:, None], stages * self.count[:, None, None]
 
-    def _assemble(self, point, big, matrix, ends, ve):
+    def _features(self, i: int, point: Point, kind: int, second: bool) -> tuple[
+            Array, Array | None, list[Any]]:
+        """A potential's values at the columns, and all columns' derivatives."""
+        columns = self.columns[kind][i]
+        value, parts, curves = self.potential(i, point, columns.place, second)
+        if not second:
+            return value, None, curves
+        if kind == 0:
+            parts = [columns.leaks, *parts, -columns.power[..., None]]
+        return value, np.concatenate(parts, -1), curves
+
+    def _powers(self, branch: Branch, point: Point, size: int,
+                second: bool) -> tuple[Array, Array, Array]:
+        """Entropies and the transmit power's maximum in a branch, with derivatives."""
         team = self.team
-        u = len(team.lenses)
-        g, p = len(self.count), point.potentials.shape[2]
-        up = u * p
-        n = float(self.count.sum())
-        average = np.array([lens.average for lens in team.lenses])
-        edges = np.zeros((g + 1, up))
-        diagonal = np.zeros((g + 1, up, up))
-        for i, (x, norm, goal, jump, frob) in enumerate(ends):
-            at = slice(i * p, (i + 1) * p)
-            step = team.lenses[i].step
-            edges[0, i * p:i * p + 2] += step * x[0, :2] / norm
-            diagonal[0, i * p:i * p + 2, i * p:i * p + 2] += step * (
-                np.eye(2) / norm - np.outer(x[0, :2], x[0, :2]) / norm**3)
-            edges[-1, at] -= goal
-            if p == 5:
-                weight = np.array([1.0, 2.0, 1.0])
-                s = x[:, 2:] * weight
-                three = slice(i * p + 2, i * p + 5)
-                edges[:, three] += jump[:, None] * s / frob[:, None]
-                diagonal[:, three, three] += jump[:, None, None] * (
-                    np.diag(weight) / frob[:, None, None]
-                    - s[:, :, None] * s[:, None] / frob[:, None, None]**3)
-        prices = n * average - _BARRIER_PRICE * n / point.prices
-        curve = np.diag(_BARRIER_PRICE * n / point.prices**2)
-        return Newton(big, matrix, edges, diagonal, prices, curve, ve, u, p, len(point.shares))
+        s = point.shares[branch.set].sum(-1)
+        room = branch.weight - s
+        e, price, peak = point.shares.shape[-1], point.prices[0], team.lenses[0].peak
+        value, power = transmit_power(room, price, peak)
+        value = value - entropy(s) + entropy(branch.weight)
+        kappa: Array | float = 0.0
+        if team.jammers == 2:
+            kappa = entropy(branch.rho) - np.log(2)
+            value += branch.weight * (np.log(2) - entropy(branch.theta)) + s * kappa
+        if not second:
+            return value, np.zeros((0, 0)), np.zeros((0, 0, 0))
+        grad, hess = np.zeros((len(s), size)), np.zeros((len(s), size, size))
+        la = size - len(team.lenses)
+        inner = power < peak * (1 - 1e-12)
+        grad[:, :e] = (np.log(s / (1 - s)) - np.log(power) + kappa)[:, None]
+        grad[:, la] = -power
+        hess[:, :e, :e] = (1 / (s * (1 - s)) + inner / room)[:, None, None]
+        hess[:, :e, la] = hess[:, la, :e] = (inner / price)[:, None]
+        hess[:, la, la] = inner * room / price**2
+        return value, grad, hess
+
+    def _smooth(self, value: Array, table: tuple[Array, Array | None, list[Any]], i: int, p: int,
+                e: int, leak: Array | None, grad: Array, hess: Array) -> Array:
+        """Return tau log sum exp(value / tau) and add its derivatives; leak None is silence."""
+        top = value.max(1)
+        weight = np.exp((value - top[:, None]) / self.tau)
+        total = weight.sum(1)
+        result = top + self.tau * np.log(total)
+        _, features, curves = table
+        if features is None:
+            return np.asarray(result)
+        weight /= total[:, None]
+        up = len(self.team.lenses) * p
+        edges = np.r_[e + i * p:e + (i + 1) * p, e + up + i * p:e + up + (i + 1) * p]
+        which = edges if leak is None else np.r_[0:e, edges, e + 2 * up + i]
+        mean = np.matmul(weight[:, None], features)[:, 0]
+        cov = np.matmul((features * weight[..., None]).transpose(0, 2, 1), features)
+        cov -= mean[:, :, None] * mean[:, None]
+        cov /= self.tau
+        if leak is not None:
+            mean[:, :e] *= leak[:, None]
+            cov[:, :e] *= leak[:, None, None]
+            cov[:, :, :e] *= leak[:, None, None]
+        grad[:, which] += mean
+        hess[:, which[:, None], which] += cov
+        for edge, curve in enumerate(curves):
+            if curve is not None:
+                at = edges[edge * p:(edge + 1) * p]
+                for t in curve[1]:
+                    hess[:, at[:, None], at] += np.matmul(
+                        (t * (weight * curve[0])[..., None]).transpose(0, 2, 1), t)
+        return np.asarray(result)
 
 
-class Newton:
-    """The gradient and the Hessian in blocks, and Newton's step."""
-
-    def __init__(self, big, matrix, edges, diagonal, prices, curve, ve, u, p, sets):
-        self.sets = sets
-        self.big, self.matrix, self.ve, self.u, self.p = big, matrix, ve, u, p
-        up = u * p
-        self.edges = edges
-        edges[:-1] += big[:, ve:ve + up]
-        edges[1:] += big[:, ve + up:ve + 2 * up]
-        self.prices = prices + big[:, ve + 2 * up:].sum(0)
-        self.diagonal, self.curve = diagonal, curve
-
-    def slope(self, step: Point) -> float:
-        """Directional derivative along a step."""
-        shares = step.shares.transpose(1, 0, 2).reshape(len(self.big), -1)
-        return float((self.edges * step.potentials.reshape(len(self.edges), -1)).sum()
-                     + (self.big[:, :self.ve] * shares).sum() + self.prices @ step.prices)
-
-    def step(self, damping: float = 1e-9) -> Point:
-        """Return Newton's step."""
-        ve, up, u = self.ve, self.u * self.p, self.u
-        g = len(self.big)
-        vv = self.matrix[:, :ve, :ve]
-        vv = vv + (damping * np.einsum('gii->gi', vv) + 1e-12)[:, :, None] * np.eye(ve)
-        vr = self.matrix[:, :ve, ve:]
-        solved = np.linalg.solve(vv, np.concatenate([vr, self.big[:, :ve, None]], -1))
-        local = self.matrix[:, ve:, ve:] - np.matmul(vr.transpose(0, 2, 1), solved[..., :-1])
-        pull = np.matmul(vr.transpose(0, 2, 1), solved[..., -1:])[..., 0]
-        diagonal = self.diagonal.copy()
-        diagonal[:-1] += local[:, :up, :up]
-        diagonal[1:] += local[:, up:2 * up, up:2 * up]
-        off = local[:, up:2 * up, :up]                      # rows: edge g + 1, columns: edge g
-        edges = self.edges.copy()
-        edges[:-1] -= pull[:, :up]
-        edges[1:] -= pull[:, up:2 * up]
-        border = np.zeros((g + 1, up, u))
-        border[:-1] += local[:, :up, 2 * up:]
-        border[1:] += local[:, up:2 * up, 2 * up:]
-        corner = self.curve + local[:, 2 * up:, 2 * up:].sum(0)
-        prices = self.prices - pull[:, 2 * up:].sum(0)
-        scale = np.einsum('gii->gi', diagonal)
-        diagonal = diagonal + (damping * scale + 1e-12)[:, :, None] * np.eye(up)
-        band = np.zeros((2 * up, (g + 1) * up))
-        for row in range(up):
-            for column in range(up):
-                if row >= column:
-                    band[row - column, column::up] = diagonal[:, row, column]
-                band[up + row - column, column:g * up:up] = off[:, row, column]
-        factor = cholesky_banded(band, lower=True, check_finite=False)
-        right = np.concatenate([border.reshape(-1, u), edges.reshape(-1, 1)], 1)
-        answer = cho_solve_banded((factor, True), right, check_finite=False)
-        flat = border.reshape(-1, u)
-        corner = corner - flat.T @ answer[:, :u]
-        corner = corner + (damping * np.diag(np.abs(np.diag(corner))))
-        dp = -np.linalg.solve(corner, prices - flat.T @ answer[:, u])
-        dx = (-answer[:, u] - answer[:, :u] @ dp).reshape(g + 1, up)
-        other = np.concatenate([dx[:-1], dx[1:], np.broadcast_to(dp, (g, u))], 1)
-        dv = -solved[..., -1] - np.matmul(solved[..., :-1], other[..., None])[..., 0]
-        sets = dv.reshape(g, self.sets, -1).transpose(1, 0, 2)
-        return Point(dx.reshape(g + 1, u, self.p), sets, dp)
-
+def _chain(g0: Array, g1: Array, x: Array, y: Array) -> Array:
+    """Return the derivative by (u, S) of g . (u + S q), (..., 5)."""
+    return np.stack([g0, g1, g0 * x, g0 * y + g1 * x, g1 * y], -1)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .conjugate import Array
 from .rounding import COORDINATE_ROUNDING, position_tolerance
 from .stages import Stages
+from .witnesses import Witnesses
 from ..plan import POWER_TOLERANCE
 
 if TYPE_CHECKING:
@@ -61,11 +62,11 @@ class Lens:
     average: float
 
     @classmethod
-    def of(cls, scenario: Scenario, index: int, stages: Stages) -> Lens:
+    def of(cls, scenario: Scenario, index: int, stages: Stages, witnesses: Witnesses) -> Lens:
         """Return the lens of UAV `index` of a scenario, with all that a Plan tolerates."""
         uav = scenario.uavs[index]
         start, goal = np.array(uav.start), np.array(uav.goal)
-        people = np.array([scenario.ground_node, *(e.position for e in scenario.eavesdroppers)])
+        people = np.concatenate([[scenario.ground_node], witnesses.places])
         places = np.concatenate([people, [start, goal]])
         unit = max(float(np.hypot(*np.ptp(places, axis=0))) / 2, uav.altitude)
         offset = goal - start
@@ -83,7 +84,7 @@ class Lens:
             altitude=uav.altitude / unit,
             log_gain=float(np.log(scenario.reference_snr) - 2 * np.log(unit)),
             ground=frame[0], eavesdroppers=frame[1:],
-            radii=np.array([e.error_radius for e in scenario.eavesdroppers]) / unit,
+            radii=witnesses.radii / unit,
             transmits=index == 0,
             peak=uav.peak_power + POWER_TOLERANCE,
             average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE)
@@ -135,14 +136,21 @@ class Lens:
             (place[..., 0]**2 + across <= self.from_start[stage]**2)
             & ((place[..., 0] - self.distance)**2 + across <= self.to_goal[stage]**2))
 
-    def rim(self, count: int) -> Array:
-        """Return the lens's farthest places in `count` directions, (G, count, 2)."""
-        angle = np.arange(count) * 2 * np.pi / count
-        direction = np.stack([np.cos(angle), np.sin(angle)], -1)
+    def nearest(self, place: Array) -> Array:
+        """Return at most the distance from a place (2,) to every lens, (G,)."""
+        from_start = np.hypot(*place) - self.from_start
+        from_goal = np.hypot(place[0] - self.distance, place[1]) - self.to_goal
+        return np.maximum(np.maximum(from_start, from_goal) - COORDINATE_ROUNDING * 4, 0.0)
+
+    def farthest(self, direction: Array) -> Array:
+        """Return the lens's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
+        norm = np.hypot(direction[..., 0], direction[..., 1])[..., None]
+        unit = np.where(norm > 0, direction / np.maximum(norm, 1e-300), [1.0, 0.0])
         goal = np.array([self.distance, 0.0])
-        one = self.from_start[:, None, None] * direction
-        two = goal + self.to_goal[:, None, None] * direction
-        corner = self.corner[:, None] * np.stack([np.ones(count), np.sign(direction[:, 1])], -1)
+        one = self.from_start[:, None, None] * unit
+        two = goal + self.to_goal[:, None, None] * unit
+        corner = self.corner[:, None] * np.stack(
+            [np.ones_like(unit[..., 1]), np.sign(unit[..., 1])], -1)
         at_one = ((one - goal)**2).sum(-1) <= self.to_goal[:, None]**2
         at_two = (two**2).sum(-1) <= self.from_start[:, None]**2
         return np.where(at_one[..., None], one, np.where(at_two[..., None], two, corner))

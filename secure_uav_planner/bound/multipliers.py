@@ -17,9 +17,11 @@ class Multipliers:
     :param prices: lam, (U,) in nats per W, not negative.
     :param weights: w0 at the nodes, rising, (K, G), within (0, 1].
     :param shares: v at the nodes, (K, G, E), not negative, with a sum of at most w0.
-    :param ground: theta, the jammers' shares at the ground node for every node and every division
-        rho, (K, R, G, J), with the sum 1.
-    :param divisions: rho, the jammers' shares at an eavesdropper, (R, J), with the sum 1.
+    :param theta: with two jammers, the first one's share at the ground node, for every node and
+        every division, (K, R, G).
+    :param divisions: with two jammers, the nodes of rho, the first one's share at the
+        eavesdropper, rising from 0 to 1, (R,).
+    :param helpers: lam of the helpers, in nats per W.
     :param known: what each UAV's terms of the nodes come close to, (U, K, R, G) in nats.
     :param still: the same where nothing is sent, (U, G) in nats.
     """
@@ -29,7 +31,8 @@ class Multipliers:
     prices: Array
     weights: Array
     shares: Array
-    ground: Array
+    theta: Array
     divisions: Array
+    helpers: Array
     known: Array
     still: Array

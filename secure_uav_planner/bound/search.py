@@ -2,248 +2,346 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
+from dataclasses import replace
 
-from .columns import about, Columns, grid
-from .conjugate import Array, entropy, sigmoid, transmit_power
-from .dual import Branch, Dual, Point
+import numpy as np
+from numpy.typing import NDArray
+
+from . import columns as lists
+from .columns import Columns
+from .conjugate import Array, entropy, transmit_power
+from .dual import Branch, Dual
+from .guess import Guess
+from .lens import Lens
 from .multipliers import Multipliers
+from .newton import Point
 from .team import Team
 
 NODES = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
+"""Nodes w0 of the certificate, beside those that the search has used."""
+
+DIVISIONS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+"""Nodes rho of the certificate with two jammers."""
+
+RHO_BRANCHES = (0.01, 0.1, 0.5, 0.9, 0.99)
+"""Nodes rho that the multipliers have to be good for, beside the plan's."""
+
+KEEP = 70
+"""Columns that are kept in every branch."""
+
+FRESH, OLD = 5, 15
+"""Columns of every branch that are improved by a compass search, and earlier ones that stay."""
 
 
 class Search:
-    def __init__(self, team, positions, powers, order=2, along=11, across=13, log=None):
-        self.team, self.log = team, log or (lambda *a: None)
-        self.p = 2 if order == 1 else 5
-        e, g, u = team.eavesdroppers, len(team.stages.count), len(team.lenses)
-        middle = (team.stages.first + team.stages.last) // 2
-        lenses = team.lenses
-        local = [lens.local(positions[i, middle]) for i, lens in enumerate(lenses)]
-        power = np.maximum(powers[:, middle - 1], 0)
-        on = power[0] > 1e-3 * lenses[0].average
-        guess = power.copy()
-        if on.any():
-            near = np.where(on)[0][np.abs(np.arange(g)[:, None] - np.where(on)[0]).argmin(1)]
-            guess[:, ~on] = power[:, near[~on]]
-        else:
-            guess[:] = np.array([lens.average for lens in lenses])[:, None]
-        logs = [lens.log_squares(q) for lens, q in zip(lenses, local)]
-        heard0 = [np.exp(lens.log_gain - a) for lens, (a, b) in zip(lenses, logs)]
-        heard = [np.exp(lens.log_gain - b) for lens, (a, b) in zip(lenses, logs)]
-        noise0 = 1 + sum((h * q for h, q in zip(heard0[1:], guess[1:])), np.zeros(g))
-        noise = 1 + sum((h * q[:, None] for h, q in zip(heard[1:], guess[1:])), np.zeros((g, e)))
-        z0 = np.log(np.maximum(heard0[0] * guess[0] / noise0, 1e-9))
-        ze = np.log(np.maximum(heard[0] * guess[0][:, None] / noise, 1e-9))
-        self.weight = np.clip(sigmoid(z0), 0.3, 1 - 1e-6)
-        slope = (sigmoid(z0) - sigmoid(ze.max(-1))) / np.maximum(power[0], 1e-9)
-        lam = np.full(u, 1e-5)
-        lam[0] = max(np.median(slope[on]), 1e-6) if on.any() else 1e-2
-        nominal = lam[0] * np.clip(guess[0], 0.1 * lenses[0].average, None)
-        s = np.clip(np.minimum(sigmoid(ze.max(-1)), self.weight - nominal), 0.05,
-                    self.weight * (1 - 1e-7))
-        share = np.exp(8 * (ze - ze.max(-1, keepdims=True)))
-        share = share / share.sum(-1, keepdims=True) + 0.02
-        share /= share.sum(-1, keepdims=True)
-        self.point = Point(np.zeros((g + 1, u, self.p)), (s[:, None] * share)[None], lam)
-        self.weights = [self.weight]
-        self.tables, self.places, self.base = [], [], []
-        self.extra = [None] * u
-        for i, lens in enumerate(lenses):
-            places = np.concatenate([grid(lens, along, across), about(lens, local[i])], 1)
-            if lens.transmits:
-                table = Columns.of(lens, places, np.zeros(places.shape[:2]), 1)
-                few = grid(lens, 5, 5)
-                base = Columns.of(lens, few, np.zeros(few.shape[:2]), 1)
-            else:
-                star = np.clip(guess[i], 1e-6, lens.peak)[:, None]
-                levels = np.minimum(np.concatenate([
-                    np.zeros((g, 1)), star * np.exp(np.linspace(-1.2, 1.2, 7)),
-                    np.broadcast_to(lens.peak * np.geomspace(1e-4, 1, 5), (g, 5))], 1), lens.peak)
-                table = self._times(lens, places, levels)
-                base = self._times(lens, grid(lens, 4, 5), np.concatenate([0 * star, star], 1))
-            still = np.concatenate([lens.rim(32), grid(lens, 7, 9), about(lens, local[i])], 1)
-            self.tables.append(table)
-            self.base.append(base)
-            self.places.append(Columns.of(lens, still, np.zeros(still.shape[:2]),
-                                          max(team.jammers, 1)))
+    """
+    The state of a search for one team.
 
-    def _times(self, lens, places, levels):
-        shape = places.shape[:2] + levels.shape[1:]
-        place = np.broadcast_to(places[:, :, None], shape + (2,)).reshape(len(places), -1, 2)
-        power = np.broadcast_to(levels[:, None], shape).reshape(len(places), -1)
-        return Columns.of(lens, place, power, self.team.jammers)
+    :param team: the UAVs.
+    :param guess: where to begin.
+    :param point: multipliers to begin with, by default the guess's.
+    :param stop: asked now and then; True ends the search.
+    """
 
-    def branches(self):
-        u, g = len(self.team.lenses), len(self.weight)
-        out = []
-        for k, w in enumerate(self.weights):
-            theta, rho = np.ones((u, g)), np.ones(u)
-            out.append(Branch(w, k, theta, rho))
-        return out
+    def __init__(self, team: Team, guess: Guess, point: Point | None = None,
+                 stop: Callable[[], bool] = lambda: False) -> None:
+        self.team, self.guess, self.stop = team, guess, stop
+        count, uavs = len(team.stages.count), len(team.lenses)
+        self.point = point if point is not None else Point(
+            np.zeros((count + 1, uavs, 2)), guess.shares[None], guess.prices)
+        self.weights = [guess.weight]
+        self.thetas: list[list[Array]] = []
+        self.tables, self.base, self.places = [], [], []
+        for i, lens in enumerate(team.lenses):
+            place = np.concatenate(
+                [lists.grid(lens, *lists.GRID), lists.rings(lens, guess.places[i])], 1)
+            coarse = lists.grid(lens, *lists.COARSE)
+            power = (np.zeros((count, 1)) if lens.transmits
+                     else lists.levels(lens, guess.powers[i]))
+            few = power if lens.transmits else power[:, [0, 4]]
+            self.tables.append(Columns.product(lens, place, power, team.copies))
+            self.base.append(Columns.product(lens, coarse, few, team.copies))
+            self.places.append(np.concatenate(
+                [lens.farthest(_compass(lists.RIM)[None]), lists.grid(lens, *lists.STILL)], 1))
+        self.found: list[list[Columns]] = [[] for _ in team.lenses]
+        self.columns: list[Columns] = []
 
-    def potential(self, i, place):
-        dual = Dual(self.team, [], [], [], 1e-9)
-        return dual._potential(i, self.point, place, False)[0]
+    # -- what the present multipliers ask for
 
-    def price(self, keep, refine=2):
-        """The best columns of every UAV for the present multipliers."""
+    def branches(self) -> list[Branch]:
+        """Return the branches that the multipliers have to be good for."""
+        one = np.ones(len(self.team.stages.count))
+        if self.team.jammers < 2:
+            return [Branch(weight, k, one, one) for k, weight in enumerate(self.weights)]
+        result = []
+        for k, weight in enumerate(self.weights):
+            result.append(Branch(weight, k, self.guess.theta, self.guess.rho))
+            for rho in RHO_BRANCHES:
+                v = self.point.shares[k]
+                theta = (self._theta(weight, v, rho) if self.columns
+                         else np.full(len(one), rho)).clip(1e-3, 1 - 1e-3)
+                result.append(Branch(weight, k, theta, rho * one))
+        return result
+
+    def dual(self, tau: float) -> Dual:
+        """Return the dual function on the columns that the present multipliers ask for."""
         branches = self.branches()
-        out = []
+        dual = Dual(self.team, [], [], branches, tau)
+        self.columns = [self._priced(dual, i, branches) for i in range(len(self.team.lenses))]
+        silent = []
         for i, lens in enumerate(self.team.lenses):
-            pool = self.tables[i] if self.extra[i] is None else self.tables[i].joined(self.extra[i])
-            potential = self.potential(i, pool.place)
-            chosen = []
-            news = []
-            for b in branches:
-                w, v = b.weight * b.theta[i], self.point.shares[b.shares] * b.rho[i]
-                value = potential + pool.value(w, v, self.point.prices[i])
-                few = min(keep, value.shape[1])
-                top = np.argpartition(value, -few, axis=1)[:, -few:]
-                chosen.append(pool.take(top))
-                if refine:
-                    value = np.take_along_axis(value, top, 1)
-                    best = np.argsort(-value, axis=1)[:, :4]
-                    news.append(self._refined(i, lens, chosen[-1].take(best), w, v, refine))
-            if news:
-                self.extra[i] = news[0] if len(news) == 1 else news[0].joined(news[1])
-                chosen += news
-            columns = chosen[0]
-            for c in chosen[1:] + [self.base[i]]:
-                columns = columns.joined(c)
-            out.append(columns)
-        return out
+            place = self.places[i]
+            pull = np.diff(self.point.potentials[:, i, :2], axis=0)
+            place = np.concatenate([place, lens.farthest(pull[:, None])], 1)
+            self.places[i] = place if place.shape[1] < 200 else np.delete(
+                place, slice(lists.RIM, lists.RIM + 1), axis=1)
+            none = np.zeros(place.shape[:2])
+            silent.append(Columns(place, none, none, np.zeros((0, 0, 0))))
+        dual.columns = (self.columns, silent)
+        return dual
 
-    def _refined(self, i, lens, cols, w, v, rounds):
-        """Compass search from the given columns."""
-        g, c = cols.power.shape
+    def _priced(self, dual: Dual, i: int, branches: list[Branch]) -> Columns:
+        """Return the columns of UAV i that are best for the present multipliers."""
+        lens = self.team.lenses[i]
+        pool = Columns.joined([self.tables[i], *self.found[i]])
+        potential = dual.potential(i, self.point, pool.place)[0]
+        chosen, fresh = [self.base[i]], []
+        done: set[int] = set()
+        for branch in branches:
+            if i == 0 and branch.set in done:
+                continue
+            done.add(branch.set)
+            ground, leak = branch.parts(i)
+            weight, v = branch.weight * ground, self.point.shares[branch.set] * leak[:, None]
+            value = potential + pool.value(weight, v, self.point.prices[i])
+            few = min(KEEP if len(chosen) == 1 else KEEP // 3, value.shape[1])
+            chosen.append(pool.take(np.argpartition(value, -few, axis=1)[:, -few:]))
+            if len(fresh) < 3:
+                start = pool.take(_apart(lens, pool, value))
+                fresh.append(self._improved(dual, i, start, weight, v))
+        self.found[i] = [Columns.joined([*self.found[i], *fresh])]
+        extra = self.found[i][0].power.shape[1] - OLD - FRESH * len(fresh)
+        if extra > 0:
+            keep = np.arange(extra, self.found[i][0].power.shape[1])
+            self.found[i] = [self.found[i][0].take(np.broadcast_to(
+                keep, (len(pool.power), len(keep))))]
+        return Columns.joined([*chosen, *fresh])
+
+    def _improved(self, dual: Dual, i: int, start: Columns, weight: Array, v: Array) -> Columns:
+        """Return columns after a compass search from others, all of them at once."""
+        lens, price = self.team.lenses[i], self.point.prices[i]
+        count, many = start.power.shape
         low, high = lens.sides
-        h = ((high - low).max(1) / 12)[:, None] * np.ones((1, c))
-        ratio = np.full((g, c), 0.4)
-        place, power = cols.place, cols.power
-        stage = np.arange(g)[:, None, None]
-        moves = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]] + (
-            [] if lens.transmits else [[0, 0, 1], [0, 0, -1]]), float)
-        for _ in range(rounds * 4):
-            new = place[:, :, None] + h[..., None, None] * moves[:, :2]
-            ok = lens.inside(new, stage)
-            new = np.where(ok[..., None], new, place[:, :, None])
-            p = np.minimum(power[..., None] * np.exp(ratio[..., None] * moves[:, 2]), lens.peak)
-            flat = Columns.of(lens, new.reshape(g, -1, 2), p.reshape(g, -1), max(self.team.jammers, 1))
-            value = (self.potential(i, flat.place) + flat.value(w, v, self.point.prices[i])).reshape(
-                g, c, -1)
-            pick = value.argmax(-1)[..., None]
-            place = np.take_along_axis(new, pick[..., None], 2)[:, :, 0]
-            power = np.take_along_axis(p, pick, 2)[..., 0]
+        step = np.repeat(((high - low).max(1) / 12)[:, None], many, 1)
+        ratio = np.full((count, many), 0.4)
+        place, power = start.place, start.power
+        moves = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0],
+                          [0, 0, 1], [0, 0, -1]][:5 if lens.transmits else 7], float)
+        stage = np.arange(count)[:, None, None]
+        for _ in range(8):
+            trial = place[:, :, None] + step[..., None, None] * moves[:, :2]
+            trial = np.where(lens.inside(trial, stage)[..., None], trial, place[:, :, None])
+            watts = np.minimum(power[..., None] * np.exp(ratio[..., None] * moves[:, 2]),
+                               lens.peak)
+            flat = Columns.of(lens, trial.reshape(count, -1, 2), watts.reshape(count, -1),
+                              self.team.copies)
+            value = dual.potential(i, self.point, flat.place)[0] + flat.value(weight, v, price)
+            pick = value.reshape(count, many, -1).argmax(-1)[..., None]
+            place = np.take_along_axis(trial, pick[..., None], 2)[:, :, 0]
+            power = np.take_along_axis(watts, pick, 2)[..., 0]
             stay = pick[..., 0] == 0
-            h = np.where(stay, h / 2.5, h)
-            ratio = np.where(stay, ratio / 2.5, ratio)
-        return Columns.of(lens, place, power, max(self.team.jammers, 1))
+            step, ratio = (np.where(stay, size / 2.5, size) for size in (step, ratio))
+        return Columns.of(lens, place, power, self.team.copies)
 
-    def still_places(self, keep):
-        out = []
-        for i in range(len(self.team.lenses)):
-            value = self.potential(i, self.places[i].place)
-            value = np.broadcast_to(value, self.places[i].power.shape)
-            few = min(keep, value.shape[1])
-            out.append(self.places[i].take(np.argpartition(value, -few, axis=1)[:, -few:]))
-        return out
+    def _theta(self, weight: Array, v: Array, rho: float) -> Array:
+        """Return the first jammer's share at the ground node that nearly minimises a branch."""
+        dual = Dual(self.team, [], [], self.branches_of(weight), 1e-9)
+        fixed = [dual.potential(j, self.point, self.columns[j].place)[0]
+                 + self.columns[j].value(0 * weight, v * part, self.point.prices[j])
+                 for j, part in ((1, rho), (2, 1.0 - rho))]
 
-    def run(self, taus=(0.3, 0.1, 0.03, 0.01, 0.003), rounds=(1, 2, 3, 3, 3), iterations=8, keep=70):
-        self.evaluations = 0
-        for tau, repeats in zip(taus, rounds):
-            for _ in range(repeats):
-                columns = self.price(keep)
-                places = self.places if self.p == 2 else self.still_places(40)
-                dual = Dual(self.team, columns, places, self.branches(), tau)
-                self.minimise(dual, iterations)
-                self.columns = columns
-                f = dual.evaluate(self.point, False)[0]
-            n = self.team.stages.slots
-            self.log(f'tau {tau:g} smoothed {f / n / np.log(2):.5f} evaluations {self.evaluations}')
+        def value(theta: Array) -> Array:
+            return np.asarray(-weight * entropy(theta) + sum(
+                (part + (weight * share)[:, None] * self.columns[j].ground).max(1)
+                for j, part, share in ((1, fixed[0], theta), (2, fixed[1], 1.0 - theta))))
+        return _golden(value, 0 * weight, np.ones_like(weight), 16)
 
-    def minimise(self, dual, iterations):
+    @staticmethod
+    def branches_of(weight: Array) -> list[Branch]:
+        """Return one branch, for a dual function of which only the potentials matter."""
+        return [Branch(weight, 0, np.ones_like(weight), np.ones_like(weight))]
+
+    # -- Newton's method
+
+    def minimise(self, tau: float, iterations: int) -> None:
+        """Take Newton steps at one temperature, on the columns that are best now."""
+        dual = self.dual(tau)
         point = self.point
-        n = dual.count.sum()
+        slots = self.team.stages.slots
         for _ in range(iterations):
-            f, _, _, newton = dual.evaluate(point)
-            self.evaluations += 1
+            if self.stop():
+                break
+            value, derivatives = dual.derivatives(point)
+            step = None
             for damping in (1e-9, 1e-6, 1e-3):
                 try:
-                    step = newton.step(damping)
+                    step = derivatives.step(damping)
                     break
                 except np.linalg.LinAlgError:
                     continue
-            else:
+            if step is None:
                 break
-            slope = newton.slope(step)
-            if -slope < 1e-3 * dual.tau * n**0.5:
+            slope = derivatives.slope(step)
+            if -slope < 1e-3 * tau * slots**0.5:
                 break
-            weights = np.array([next(b.weight for b in dual.branches if b.shares == k)
-                                for k in range(len(point.shares))])
-            with np.errstate(all='ignore'):
-                dv, v = step.shares, point.shares
-                total = -dv.sum(-1)
-                room = np.minimum(np.where(dv < 0, -v / dv, np.inf).min(-1),
-                                  np.where(total < 0, -(weights - v.sum(-1)) / total, np.inf))
-                dv = dv * np.minimum(1, 0.9 * room)[..., None]
-                dl = step.prices
-                dl = dl * np.minimum(1, 0.9 * np.where(dl < 0, -point.prices / dl, np.inf))
-            step = Point(step.potentials, dv, dl)
-            clipped = newton.slope(step)
-            slope = min(slope, 0) if clipped >= 0 else clipped
-            t = 1.0
+            step = _within(step, point, dual.room(point.shares))
+            slope = min(derivatives.slope(step), 0.0)
+            length = 1.0
             for _ in range(12):
-                trial = point.moved(step, t)
-                fn = dual.evaluate(trial, False)[0]
-                if fn <= f + 1e-4 * t * slope:
+                trial = point.moved(step, length)
+                if dual.value(trial) <= value + 1e-4 * length * slope:
                     break
-                t *= 0.4
+                length *= 0.4
             else:
                 break
             point = trial
         self.point = point
 
-    def multipliers(self):
+    # -- what the certificate needs
+
+    def multipliers(self) -> Multipliers:
+        """Return what the certificate needs, for its own nodes of w0 and of rho."""
         team, point = self.team, self.point
-        g, e, u = len(self.weight), team.eavesdroppers, len(team.lenses)
-        weights = np.sort(np.stack([np.full(g, x) for x in NODES] + self.weights), axis=0)
-        near = self.columns
-        potential = [self.potential(i, near[i].place) for i in range(u)]
-        shares = np.array([self.node_shares(w, near, potential) for w in weights])
-        known = np.array([[(potential[i] + near[i].value(w, v, point.prices[i])).max(1)
-                           for w, v in zip(weights, shares)] for i in range(u)])
-        slope = point.potentials[..., :2].transpose(1, 0, 2)
-        bend = (np.zeros(slope.shape[:2] + (3,)) if self.p == 2
-                else point.potentials[..., 2:].transpose(1, 0, 2))
-        still = np.array([np.broadcast_to(self.potential(i, self.places[i].place),
-                                          self.places[i].power.shape).max(1) for i in range(u)])
-        return Multipliers(slope, bend, point.prices, weights, shares,
-                           np.ones((len(weights), 1, g, max(team.jammers, 1))),
-                           np.ones((1, max(team.jammers, 1))), known[:, :, None], still)
+        count, uavs = len(team.stages.count), len(team.lenses)
+        dual = Dual(team, [], [], self.branches(), 1e-9)
+        nodes = np.sort([*(np.full(count, node) for node in NODES), *self.weights], axis=0)
+        potential = [dual.potential(i, point, columns.place)[0]
+                     for i, columns in enumerate(self.columns)]
+        shares = np.array([self._shares(weight, potential) for weight in nodes])
+        divisions = np.array(DIVISIONS if team.jammers == 2 else (1.0,))
+        theta = np.ones((len(nodes), len(divisions), count))
+        known = np.zeros((uavs, len(nodes), len(divisions), count))
+        for k, (weight, v) in enumerate(zip(nodes, shares)):
+            for r, rho in enumerate(divisions):
+                if team.jammers == 2:
+                    theta[k, r] = self._theta(weight, v, float(rho))
+                branch = Branch(weight, 0, theta[k, r], np.full(count, rho))
+                for i, columns in enumerate(self.columns):
+                    ground, leak = branch.parts(i)
+                    known[i, k, r] = (potential[i] + columns.value(
+                        weight * ground, v * leak[:, None], point.prices[i])).max(1)
+        still = np.array([dual.potential(i, point, self.places[i])[0].max(1)
+                          for i in range(uavs)])
+        x = point.potentials.transpose(1, 0, 2)
+        bend = x[..., 2:] if x.shape[2] == 5 else np.zeros(x.shape[:2] + (3,))
+        return Multipliers(x[..., :2], bend, point.prices, nodes, shares, theta, divisions,
+                           self._helpers(), known, still)
 
-    def node_shares(self, w, near, potential):
-        """Golden section in the direction of the point's v."""
-        point, team = self.point, self.team
-        direction = point.shares[0] / point.shares[0].sum(-1, keepdims=True)
-        fixed = [potential[i] + near[i].value(w, 0 * direction, point.prices[i]) for i in range(len(near))]
-        slopes = [np.matmul(c.leaks, direction[..., None])[..., 0] for c in near]
+    def _shares(self, weight: Array, potential: list[Array]) -> Array:
+        """Return v (G, E) that nearly minimises a slot's bound at one node w0 (G,)."""
+        price, peak = self.point.prices[0], self.team.lenses[0].peak
+        none = np.zeros(self.point.shares.shape[1:])
+        branch = Branch(weight, 0, self.guess.theta, self.guess.rho)
+        fixed, leaks = [], []
+        for i, columns in enumerate(self.columns):
+            ground, leak = branch.parts(i) if self.team.jammers == 2 else (1.0, np.ones(1))
+            fixed.append(potential[i] + columns.value(weight * ground, none,
+                                                      self.point.prices[i]))
+            leaks.append(columns.leaks * np.asarray(leak)[:, None, None])
 
-        def value(s):
-            y = -entropy(s) + transmit_power(w - s, point.prices[0], team.lenses[0].peak)[0]
-            for f, k in zip(fixed, slopes):
-                y = y + (f + s[:, None] * k).max(1)
-            return y
-        gold = (np.sqrt(5) - 1) / 2
-        lo, hi = 0 * w, w
-        x1, x2 = hi - gold * (hi - lo), lo + gold * (hi - lo)
-        f1, f2 = value(x1), value(x2)
-        for _ in range(20):
-            left = f1 < f2
-            lo, hi = np.where(left, lo, x1), np.where(left, x2, hi)
-            new = np.where(left, hi - gold * (hi - lo), lo + gold * (hi - lo))
-            f = value(new)
-            x1, x2, f1, f2 = (np.where(left, new, x2), np.where(left, x1, new),
-                              np.where(left, f, f2), np.where(left, f1, f))
-        return ((lo + hi) / 2)[:, None] * direction
+        def along(start: Array, way: Array) -> Callable[[Array], Array]:
+            parts = [(base + _dot(part, start), _dot(part, way))
+                     for base, part in zip(fixed, leaks)]
+            total, slope = start.sum(-1), way.sum(-1)
+
+            def value(x: Array) -> Array:
+                s = np.clip(total + x * slope, 0.0, weight)
+                y = transmit_power(weight - s, price, peak)[0] - entropy(s)
+                for base, part in parts:
+                    y = y + (base + x[:, None] * part).max(1)
+                return np.asarray(y)
+            return value
+
+        v = self.point.shares[0]
+        count = v.shape[-1]
+        for sweep in range(4 if count > 1 else 1):
+            share = v / np.maximum(v.sum(-1, keepdims=True), 1e-300)
+            v = share * _golden(along(none, share), 0 * weight, weight)[:, None]
+            for e in range(count if sweep < 3 else 0):
+                for f in range(e):
+                    way = np.zeros_like(v)
+                    way[:, e], way[:, f] = 1.0, -1.0
+                    moved = _golden(along(v, way), -v[:, e], v[:, f])[:, None]
+                    v = np.maximum(v + way * moved, 0.0)
+        return v
+
+    def _helpers(self) -> Array:
+        """Return prices of the helpers' powers at which they use about what they have."""
+        team = self.team
+        s = self.point.shares[0].sum(-1)
+        prices = []
+        for lens in team.helpers:
+            gain = np.exp(lens.log_gain) / np.min([
+                (lens.nearest(place) + radius)**2 + lens.altitude**2
+                for place, radius in zip(lens.eavesdroppers, lens.radii)], axis=0)
+            low, high = 1e-12, 1e12
+            for _ in range(80):
+                price = (low * high)**0.5
+                used = np.clip(s / price - 1 / gain, 0.0, lens.peak) @ team.stages.count
+                low, high = (price, high) if used > lens.average * team.stages.slots else (
+                    low, price)
+            prices.append(high)
+        return np.array(prices)
+
+
+def _compass(count: int) -> Array:
+    angle = np.arange(count) * 2 * np.pi / count
+    return np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
+def _dot(leaks: Array, v: Array) -> Array:
+    """Return sum_e v_e leaks, (G, C), for leaks (G, C, E) and v (G, E)."""
+    return np.asarray(np.matmul(leaks, v[..., None])[..., 0])
+
+
+def _apart(lens: Lens, pool: Columns, value: Array) -> NDArray[np.intp]:
+    """Return the indices of the best columns that lie apart from one another, (G, FRESH)."""
+    low, high = lens.sides
+    far = ((high - low).max(1) / 8)[:, None]
+    value = value.copy()
+    row = np.arange(len(value))
+    found = []
+    for _ in range(FRESH):
+        best = value.argmax(1)
+        found.append(best)
+        offset = np.abs(pool.place - pool.place[row, best][:, None])
+        value[(offset[..., 0] < far) & (offset[..., 1] < far)] = -np.inf
+    return np.stack(found, 1)
+
+
+def _within(step: Point, point: Point, room: Array) -> Point:
+    """Return a step cut back so that every slot's v, every room and every price stay positive."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        total = -step.shares.sum(-1)
+        most = np.minimum(
+            np.where(step.shares < 0, -point.shares / step.shares, np.inf).min(-1),
+            np.where(total < 0, -room / total, np.inf))
+        prices = np.where(step.prices < 0, -point.prices / step.prices, np.inf)
+    return replace(step, shares=step.shares * np.minimum(1.0, 0.9 * most)[..., None],
+                   prices=step.prices * np.minimum(1.0, 0.9 * prices))
+
+
+def _golden(value: Callable[[Array], Array], low: Array, high: Array, steps: int = 20) -> Array:
+    """Return the minimisers of convex functions, one of each stage, by golden section."""
+    gold = (5**0.5 - 1) / 2
+    x1, x2 = high - gold * (high - low), low + gold * (high - low)
+    f1, f2 = value(x1), value(x2)
+    for _ in range(steps):
+        left = f1 < f2
+        low, high = np.where(left, low, x1), np.where(left, x2, high)
+        new = np.where(left, high - gold * (high - low), low + gold * (high - low))
+        f = value(new)
+        x1, x2, f1, f2 = (np.where(left, new, x2), np.where(left, x1, new),
+                          np.where(left, f, f2), np.where(left, f1, f))
+    return (low + high) / 2

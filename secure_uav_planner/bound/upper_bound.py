@@ -1,0 +1,222 @@
+"""From a scenario to a bound: who counts, a search for multipliers, a certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+import time
+
+import numpy as np
+
+from . import arguments
+from .bound import Bound, Progress
+from .certificate import certify
+from .conjugate import Array
+from .guess import Guess
+from .newton import Point
+from .rounding import negative_power
+from .search import Search
+from .stages import MOST_STAGES
+from .team import MOST_JAMMERS, Team
+from .witnesses import Witnesses
+from ..plan import Plan, POWER_TOLERANCE
+from ..scenario import Scenario
+
+MOST_WITNESSES = 3
+"""Eavesdroppers that are counted with at most; one where two jammers are followed."""
+
+SCHEDULE = ((0.3, 1), (0.1, 2), (0.03, 3), (0.01, 3), (0.003, 4))
+"""Temperatures in nats, and how often columns are chosen anew at each."""
+
+COARSE, FINE_FROM = 4, 0.03
+"""Slots in a stage at first, and the temperature from which every slot is its own."""
+
+ITERATIONS = 8
+"""Newton steps on the same columns."""
+
+
+def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan | None = None,
+                time_limit: float | None = None,
+                on_progress: Callable[[Progress], bool | None] | None = None) -> Bound:
+    """
+    Return a proven upper bound on the mean rate of every feasible plan of a scenario.
+
+    It holds for everything that a Plan accepts, with its tolerances. Limits of acceleration,
+    zones, a geofence and separation are not counted with: they only lower what plans can reach.
+    The bound is close for one jammer or none and one or two eavesdroppers, looser for two
+    jammers, and only valid for more.
+
+    :param scenario: a Scenario.
+    :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
+        that of (P1), against the worst place of every disc.
+    :param plan: a good Plan of the scenario, from which the search for multipliers starts; by
+        default one that solve finds. A better plan may make the bound lower.
+    :param time_limit: in s; past it the best bound so far is returned.
+    :param on_progress: called with a Progress after every bound that was proven; returning True
+        ends the search.
+    :return: a Bound.
+    :raises ValueError: for an unknown objective, a time limit that is not above 0, or a plan of
+        another scenario.
+    """
+    started = time.monotonic()
+    arguments.checked_scenario(scenario)
+    arguments.checked_objective(objective)
+    limit = arguments.checked_time_limit(time_limit)
+    arguments.checked_callback(on_progress)
+    if plan is not None:
+        arguments.checked_plan(plan, scenario)
+    run = _Run(scenario, started, limit, on_progress)
+    run.offer(plain_bound(scenario))
+    # Where nothing but infinity is true, or where the plain bound is nothing, no search helps.
+    if 0 < run.rate < math.inf:
+        _search(run, objective, plan)
+    return Bound(scenario, run.rate, objective, ignored_limits(scenario),
+                 time.monotonic() - started, run.status or 'converged')
+
+
+def plain_bound(scenario: Scenario) -> float:
+    """
+    Return a bound that takes no search, in bit/s/Hz, perhaps infinite.
+
+    No plan does better than with the transmitter above the ground node and nobody listening: then
+    log(1 + g p / H^2) in every slot, whose mean is at most that of the mean power. Jammers below
+    zero may lower the noise by the share delta, as in rounding.negative_power.
+    """
+    negative, delta = negative_power(scenario)
+    if not math.isfinite(negative):
+        return math.inf
+    uav = scenario.uavs[0]
+    power = uav.average_power + 2 * POWER_TOLERANCE
+    noise = 1.0 - float(delta[1:].sum())
+    log_snr = (math.log(scenario.reference_snr) + math.log(power) - 2 * math.log(uav.altitude)
+               - math.log(noise))
+    return float((np.logaddexp(0.0, log_snr) + negative) / math.log(2.0) * (1 + 1e-12))
+
+
+def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the limits that a scenario has and that the bound does not count with."""
+    uavs = scenario.uavs
+    has = {
+        'max_acceleration': any(getattr(uav, 'max_acceleration', None) is not None
+                                for uav in uavs),
+        'separation': bool(getattr(scenario, 'separation', None)),
+        'no_fly_zones': bool(getattr(scenario, 'no_fly_zones', None)),
+        'geofence': bool(getattr(scenario, 'geofence', None)),
+    }
+    return tuple(name for name, given in has.items() if given)
+
+
+class _Run:
+    """The clock, the callback and the best bound of one call."""
+
+    def __init__(self, scenario: Scenario, started: float, limit: float | None,
+                 on_progress: Callable[[Progress], bool | None] | None) -> None:
+        self.scenario, self.rate, self.status = scenario, math.inf, ''
+        self._started, self._limit, self._on_progress = started, limit, on_progress
+        self._number = 0
+
+    @property
+    def time_left(self) -> float:
+        """Time until the deadline in s, infinite without one."""
+        if self._limit is None:
+            return math.inf
+        return self._limit - (time.monotonic() - self._started)
+
+    def offer(self, rate: float) -> None:
+        """Keep a proven bound if it is the lowest, and report."""
+        self.rate = min(self.rate, rate)
+        if self._on_progress is not None:
+            progress = Progress(self._number, self.rate, time.monotonic() - self._started)
+            if self._on_progress(progress):
+                self.status = self.status or 'cancelled'
+        self._number += 1
+
+    def stop(self) -> bool:
+        """Return whether the search must end, and remember why."""
+        if not self.status and self.time_left <= 0:
+            self.status = 'time_limit'
+        return bool(self.status)
+
+
+def _search(run: _Run, objective: str, plan: Plan | None) -> None:
+    """Offer what the search proves."""
+    scenario = run.scenario
+    positions, powers = _reference(run, plan)
+    if run.stop():
+        return
+    everyone = Witnesses.of(scenario, objective)
+    leaks = everyone.leaks(scenario, positions, powers)
+    order = _by_use(scenario, everyone, positions, powers)
+    most = 1 if len(order) >= MOST_JAMMERS else MOST_WITNESSES
+    chosen = everyone.best(leaks, most)
+    uavs = [0, *order[:MOST_JAMMERS]]
+    slots = min(scenario.slots, MOST_STAGES)
+    point = None
+    for stages in sorted({max(-(-slots // COARSE), min(slots, 20)), slots}):
+        team = Team.of(scenario, chosen, order, stages)
+        guess = Guess.of(team, positions[uavs], powers[uavs])
+        search = Search(team, guess, point, run.stop)
+        for tau, times in SCHEDULE:
+            if (tau < FINE_FROM and stages < slots) or (tau >= FINE_FROM and point is not None):
+                continue
+            for _ in range(times):
+                search.minimise(tau, ITERATIONS)
+        if stages < slots and not run.stop():
+            point = _finer(search.point, team, guess.weight,
+                           Team.of(scenario, chosen, order, slots), positions[uavs], powers[uavs])
+    # Even past the deadline a coarse certificate costs little and says much.
+    run.offer(certify(team, search.multipliers(), stop=run.stop).rate)
+
+
+def _finer(point: Point, team: Team, weight: Array, finer: Team, positions: Array,
+           powers: Array) -> Point:
+    """Return the multipliers of a team for the same team in shorter stages."""
+    old, new = team.stages, finer.stages
+    x = point.potentials.reshape(len(old.edges), -1)
+    potentials = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
+    stage = np.searchsorted(old.last, (new.first + new.last) // 2)
+    # What matters is w0 - s, which may be tiny: it is kept.
+    weights = Guess.of(finer, positions, powers).weight
+    v = point.shares[:, stage]
+    total = v.sum(-1)
+    wanted = np.clip(weights - (weight[stage] - total), 0.02, weights * (1 - 1e-7))
+    return replace(point, potentials=potentials.reshape(-1, *point.potentials.shape[1:]),
+                   shares=v * (wanted / total)[..., None])
+
+
+def _reference(run: _Run, plan: Plan | None) -> tuple[Array, Array]:
+    """Return positions (U, N + 2, 2) and powers (U, N) to start from."""
+    if plan is not None:
+        return plan.positions, plan.powers
+    from ..optimize import solve  # Here and not above: the bound does not need it.
+    scenario = run.scenario
+    slots = min(scenario.slots, MOST_STAGES)
+    left = None if math.isinf(run.time_left) else max(run.time_left / 2, 1e-3)
+    try:
+        short = scenario if slots == scenario.slots else replace(scenario, slots=slots)
+        found = solve(short, time_limit=left)
+        positions, powers = found.positions, found.powers
+    except ValueError:
+        # A mission that cannot be flown in so few slots.
+        start = np.array([[uav.start] for uav in scenario.uavs])
+        goal = np.array([[uav.goal] for uav in scenario.uavs])
+        positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
+        powers = np.array([[uav.average_power] * slots for uav in scenario.uavs])
+    if slots == scenario.slots:
+        return positions, powers
+    point = np.round(np.linspace(0, slots + 1, scenario.slots + 2)).astype(int)
+    return positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
+
+
+def _by_use(scenario: Scenario, witnesses: Witnesses, positions: Array,
+            powers: Array) -> tuple[int, ...]:
+    """Return the jammers' indices, those first whose absence would leak most."""
+    if len(scenario.uavs) == 1:
+        return ()
+    harm = []
+    for i in range(1, len(scenario.uavs)):
+        without = powers.copy()
+        without[i] = 0.0
+        harm.append(witnesses.leaks(scenario, positions, without).max(0).sum())
+    return tuple(1 + int(i) for i in np.argsort(-np.array(harm), kind='stable'))
