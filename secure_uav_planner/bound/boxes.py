@@ -104,10 +104,15 @@ class Terms:
                 if not len(function):
                     continue
                 budget -= len(function)
-                if budget < 0 or stop():
-                    np.maximum.at(best, function, bound[alive])
+                ended = budget < 0 or stop()
+                bound = bound[alive]
+                if ended and np.isfinite(bound).all():
+                    np.maximum.at(best, function, bound)
                     continue
                 value, bound, score = self.bounds(function, centre, half)
+                if ended:
+                    np.maximum.at(best, function, bound)
+                    continue
                 good = self.lens.inside(centre[:2].T, self.stage[function])
                 np.maximum.at(best, function[good], value[good] + tolerance[function[good]])
                 alive = bound > best[function]

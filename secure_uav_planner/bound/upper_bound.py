@@ -162,10 +162,12 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
                 continue
             for _ in range(times):
                 search.minimise(tau, ITERATIONS)
-        if stages < slots and not run.stop():
+        if run.stop():
+            break
+        if stages < slots:
             point = _finer(search.point, team, guess.weight,
                            Team.of(scenario, chosen, order, slots), positions[uavs], powers[uavs])
-    # Even past the deadline a coarse certificate costs little and says much.
+    # Past the deadline it is a coarse certificate, which costs little and says much.
     run.offer(certify(team, search.multipliers(), stop=run.stop).rate)
 
 

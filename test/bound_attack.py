@@ -1,0 +1,125 @@
+"""Attacks on the bound: feasible plans, and places and powers in every slot."""
+
+import numpy as np
+from secure_uav_planner import Plan
+from secure_uav_planner.bound.certificate import certify
+from secure_uav_planner.bound.guess import Guess
+from secure_uav_planner.bound.search import Search
+from secure_uav_planner.bound.team import Team
+from secure_uav_planner.bound.witnesses import Witnesses
+from secure_uav_planner.optimize.feasible import feasible_positions, feasible_powers
+
+
+def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
+    """Return a Search of a team that has found multipliers from a plan."""
+    uavs = list(range(len(team.lenses)))
+    search = Search(team, Guess.of(team, plan.positions[uavs], plan.powers[uavs]))
+    for tau in temperatures:
+        search.minimise(tau, 6)
+    return search
+
+
+def certified(plan, most=400, **options):
+    """Return the team and the certificate of a plan's scenario, objective (P2)."""
+    team = Team.of(plan.scenario, Witnesses.of(plan.scenario, 'guaranteed'), most=most)
+    return team, certify(team, searched(team, plan).multipliers(), **options)
+
+
+def slot_rates(team, places, powers):
+    """
+    Return R-bar in nats by the plain formula.
+
+    :param places: in every UAV's frame, (U, K, 2), those of the helpers last.
+    :param powers: (U, K).
+    """
+    ground, heard = [], []
+    for lens, place, power in zip([*team.lenses, *team.helpers], places, powers):
+        gain = np.exp(lens.log_gain)
+        distance = np.linalg.norm(place[:, None] - lens.eavesdroppers, axis=-1)
+        distance = (np.maximum(distance - lens.radii, 0) if lens.transmits
+                    else distance + lens.radii)
+        square = lens.altitude**2
+        ground.append(power * gain / (((place - lens.ground)**2).sum(-1) + square))
+        heard.append(power[:, None] * gain / (distance**2 + square))
+    leak = np.log1p(heard[0] / (1 + sum(heard[1:], 0 * heard[0]))).max(-1)
+    return np.log1p(ground[0] / (1 + sum(ground[1:], 0 * ground[0]))) - leak
+
+
+def lagrangian(team, certificate, stage, places, powers):
+    """Return what the certificate's B of a stage is a bound of, at K places and powers."""
+    value = slot_rates(team, places, powers) - certificate.prices @ powers
+    for potential, place in zip(certificate.potentials, places):
+        slope, bend = (part[stage] for part in potential.change)
+        x, y = place.T
+        value = value + place @ slope + bend @ np.array([x * x / 2, x * y, y * y / 2])
+        for share, edge in zip(potential.shares, (stage, stage + 1)):
+            u, (a, b, c) = potential.slope[edge], potential.bend[edge]
+            tilt = np.hypot(u[0] + a * x + b * y, u[1] + b * x + c * y)
+            largest = np.linalg.eigvalsh([[a, b], [b, c]])[1]
+            step = potential.lens.step
+            value = value + share[stage] * (step * tilt + step**2 / 2 * max(0.0, largest))
+    return value
+
+
+def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
+    """Return the largest Lagrangian that points climbing in a stage find."""
+    lenses = [*team.lenses, *team.helpers]
+    index = np.full(count, stage)
+
+    def inside(places):
+        return [np.where(lens.inside(place, index)[:, None], place, old)
+                for lens, place, old in zip(lenses, places, inside.old)]
+
+    places, powers = [], []
+    for i, lens in enumerate(lenses):
+        low, high = (corner[stage] for corner in lens.sides)
+        tried = rng.uniform(low, high, (40 * count, 2))
+        good = tried[lens.inside(tried, np.full(len(tried), stage))][:count]
+        middle = lens.farthest(np.array([[[1.0, 0.0]]]))[stage]
+        good = np.concatenate([good, np.repeat(middle, count, 0)])[:count]
+        if starts is not None:
+            good[:count // 3] = starts[0][i]
+        places.append(good)
+        power = lens.peak * np.exp(rng.uniform(-9, 0, count))
+        power[rng.random(count) < 0.1] = 0.0
+        power[rng.random(count) < 0.05] = -1e-9
+        if starts is not None:
+            power[:count // 3] = starts[1][i]
+        powers.append(power)
+    powers = np.array(powers)
+    best = lagrangian(team, certificate, stage, places, powers)
+    size = np.exp(rng.uniform(-7, 0, count))
+    for _ in range(rounds):
+        inside.old = places
+        moved = inside([place + size[:, None] * (lens.sides[1] - lens.sides[0])[stage].max()
+                        * rng.normal(0, 0.5, place.shape) for lens, place in zip(lenses, places)])
+        watts = np.clip(powers * np.exp(size * rng.normal(0, 2, powers.shape)), -1e-9,
+                        [[lens.peak] for lens in lenses])
+        value = lagrangian(team, certificate, stage, moved, watts)
+        better = value > best
+        places = [np.where(better[:, None], new, old) for new, old in zip(moved, places)]
+        powers = np.where(better, watts, powers)
+        best = np.where(better, value, best)
+        size = np.where(better, size * 1.5, size * 0.8).clip(1e-7, 1)
+    return best.max()
+
+
+def random_plans(scenario, rng, count):
+    """Return feasible plans: paths bent at random or drawn to the people, powers at random."""
+    slots, uavs = scenario.slots, len(scenario.uavs)
+    people = np.array([scenario.ground_node, *(e.position for e in scenario.eavesdroppers)])
+    time = np.linspace(0, 1, slots + 2)[:, None]
+    plans = []
+    for _ in range(count):
+        paths = []
+        for uav in scenario.uavs:
+            target = people[rng.integers(len(people))] + rng.normal(0, 20, 2)
+            straight = np.array(uav.start) + (np.array(uav.goal) - uav.start) * time
+            pull = np.minimum(1, np.minimum(time, 1 - time) * rng.uniform(1, 20))
+            paths.append(straight + (target - straight) * pull * rng.choice([0.3, 1.0]))
+        peaks = np.array([[uav.peak_power] for uav in scenario.uavs])
+        powers = peaks * rng.uniform(0, 1, (uavs, slots)) * (
+            rng.random((uavs, slots)) > rng.uniform(0, 0.9))
+        plans.append(Plan(scenario, feasible_positions(scenario, np.array(paths)),
+                          feasible_powers(scenario, powers)))
+    return plans

@@ -1,0 +1,254 @@
+"""The bound as a user sees it: above every plan, honest about what it ignores, quick to say no."""
+
+import json
+import math
+import warnings
+
+from bound_attack import random_plans
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
+from secure_uav_planner.bench.missions import random_mission
+from secure_uav_planner.bound import Bound, OBJECTIVES, upper_bound
+from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
+from strategies import scenarios
+
+PAPER = Scenario.paper(104, slots=26)
+
+
+def rate(plan, objective):
+    return plan.guaranteed_rate if objective == 'guaranteed' else plan.worst_case_rate
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return solve(PAPER)
+
+
+@given(scenarios(), st.sampled_from(OBJECTIVES), st.integers(0, 10**6))
+@settings(max_examples=8, deadline=None)
+def test_no_feasible_plan_exceeds_the_bound(scenario, objective, seed):
+    found = solve(scenario)
+    bound = upper_bound(scenario, objective=objective, plan=found)
+    plans = [found, fly_hover_fly(scenario),
+             *random_plans(scenario, np.random.default_rng(seed), 30)]
+    for candidate in plans:
+        assert rate(candidate, objective) <= bound.rate
+        assert bound.gap(candidate) >= 0
+
+
+@pytest.mark.parametrize('objective', OBJECTIVES)
+def test_plans_from_other_starts_and_methods_stay_below(objective, plan):
+    bound = upper_bound(PAPER, objective=objective, plan=plan)
+    rng = np.random.default_rng(1)
+    starts = random_plans(PAPER, rng, 2)
+    rates = [rate(solve(PAPER, initial=start), objective) for start in starts]
+    rates.append(rate(solve(PAPER, method='alternating', time_limit=2.0), objective))
+    rates += [rate(start, objective) for start in random_plans(PAPER, rng, 300)]
+    assert max(rates) <= bound.rate
+    assert bound.gap(plan) < 0.03
+
+
+def test_the_papers_mission_is_bounded_within_a_percent():
+    scenario = Scenario.paper(102)
+    bound = upper_bound(scenario, objective='guaranteed')
+    assert 1.3694 <= bound.rate <= 1.01 * 1.3695
+    assert bound.status == 'converged'
+    assert bound.ignored == ()
+
+
+def test_the_best_known_plan_against_the_true_worst_place_is_bounded():
+    bound = upper_bound(Scenario.paper(102), objective='worst_case')
+    assert 1.4658 <= bound.rate <= 1.02 * 1.4658
+
+
+def test_a_plan_that_uses_every_tolerance_stays_below():
+    uav = Uav('uav1', (100.0, 0.0), (-100.0, 0.0), 60.0, 20.0, 1.0, 1.0)
+    jammer = Uav('uav2', (150.0, 0.0), (150.0, 0.0), 60.0, 1e-6, 1e-3, 1e-3)
+    scenario = Scenario((0.0, 0.0), (Eavesdropper((160.0, 0.0)),), (uav, jammer), 200 / 21 * 20 / 20,
+                        20, 90.0)
+    bound = upper_bound(scenario, objective='guaranteed')
+    step = scenario.max_step[0] + 9e-7
+    ahead = np.minimum(9e-7 + np.arange(22) * step, 200.0)
+    x = np.where(np.arange(22) <= 10, 100.0 - ahead, -100.0 + (200.0 - 20 * 0 - ahead))
+    x[-1] = -100.0
+    positions = np.zeros((2, 22, 2))
+    positions[0, :, 0], positions[1, :, 0] = x, 150.0
+    powers = np.stack([np.full(20, 1.0 + 9e-10), np.full(20, -9e-10)])
+    plan = Plan(scenario, positions, powers)
+    assert plan.guaranteed_rate <= bound.rate
+
+
+def test_a_plan_without_a_rate_serves_as_well(plan):
+    silent = Plan(PAPER, plan.positions, np.zeros_like(plan.powers))
+    bound = upper_bound(PAPER, objective='guaranteed', plan=silent)
+    assert plan.guaranteed_rate <= bound.rate < 3 * plan.guaranteed_rate
+    assert bound.gap(silent) == math.inf
+
+
+def test_a_mission_in_which_nothing_can_be_had_is_bounded_by_almost_nothing():
+    # The eavesdropper is under the transmitter, the ground node far away.
+    uav = Uav('uav1', (0.0, 0.0), (0.0, 0.0), 50.0, 1e-6)
+    scenario = Scenario((5000.0, 0.0), (Eavesdropper((0.0, 0.0), 10.0),), (uav,), 10.0, 10)
+    bound = upper_bound(scenario)
+    assert 0 <= bound.rate < 1e-3
+    silent = Plan(scenario, np.zeros((1, 12, 2)), np.zeros((1, 10)))
+    assert bound.gap(silent) in (0.0, math.inf)
+
+
+def test_the_same_call_gives_the_same_bound(plan):
+    first, second = (upper_bound(PAPER, plan=plan).rate for _ in range(2))
+    assert first == second
+
+
+def test_every_bound_is_reported_and_none_is_above_the_one_before(plan):
+    seen = []
+    bound = upper_bound(PAPER, plan=plan, on_progress=seen.append)
+    assert [progress.number for progress in seen] == list(range(len(seen)))
+    assert all(b.rate <= a.rate for a, b in zip(seen, seen[1:]))
+    assert all(b.elapsed >= a.elapsed for a, b in zip(seen, seen[1:]))
+    assert seen[-1].rate == bound.rate
+
+
+def test_a_callback_that_returns_true_ends_the_search(plan):
+    bound = upper_bound(PAPER, plan=plan, on_progress=lambda progress: True)
+    assert bound.status == 'cancelled'
+    assert plan.worst_case_rate <= bound.rate < math.inf
+
+
+@pytest.mark.parametrize('limit', [1e-9, 1e-3, 0.02, 0.1, 0.3])
+def test_a_bound_cut_short_is_a_bound(limit, plan):
+    bound = upper_bound(PAPER, objective='guaranteed', plan=plan, time_limit=limit)
+    assert plan.guaranteed_rate <= bound.rate < math.inf
+    assert bound.status in ('time_limit', 'converged')
+
+
+@pytest.mark.parametrize('options, words', [
+    ({'objective': 'best'}, ['objective', 'best', 'guaranteed', 'worst_case']),
+    ({'objective': None}, ['objective', 'None']),
+    ({'time_limit': 0}, ['time_limit', '0', 'above 0 s']),
+    ({'time_limit': -1.0}, ['time_limit', '-1.0']),
+    ({'time_limit': math.nan}, ['time_limit', 'nan']),
+    ({'time_limit': True}, ['time_limit', 'True']),
+    ({'time_limit': 'soon'}, ['time_limit', 'soon']),
+    ({'plan': 'mine'}, ['plan', 'mine', 'Plan']),
+    ({'on_progress': 3}, ['on_progress', '3', 'callable']),
+])
+def test_what_is_wrong_is_named(options, words):
+    with pytest.raises(ValueError) as error:
+        upper_bound(PAPER, **options)
+    assert all(word in str(error.value) for word in words)
+
+
+def test_something_else_than_a_scenario_is_refused():
+    with pytest.raises(ValueError, match='scenario'):
+        upper_bound('paper')
+
+
+def test_a_plan_of_another_scenario_is_refused(plan):
+    other = Scenario.paper(105, slots=26)
+    with pytest.raises(ValueError, match='another scenario'):
+        upper_bound(other, plan=plan)
+    with pytest.raises(ValueError, match='another scenario'):
+        Bound(other, 3.0).gap(plan)
+
+
+def test_a_bound_survives_its_dictionary():
+    for bound in (Bound(PAPER, 1.5, 'guaranteed', ('separation',), 0.25, 'time_limit'),
+                  Bound(PAPER, math.inf)):
+        written = json.loads(json.dumps(bound.to_dict(), allow_nan=False))
+        assert Bound.from_dict(written, PAPER) == bound
+
+
+@pytest.mark.parametrize('change, word', [
+    ({'rate': 'much'}, 'rate'), ({'rate': math.nan}, 'rate'), ({'objective': 'x'}, 'objective'),
+    ({'status': 'x'}, 'status'), ({'more': 1}, 'more'), (None, 'fields')])
+def test_a_damaged_dictionary_is_refused(change, word):
+    data = None if change is None else {**Bound(PAPER, 1.0).to_dict(), **change}
+    with pytest.raises(ValueError, match=word):
+        Bound.from_dict(data, PAPER)
+
+
+def test_the_gap_is_a_share_of_the_plans_rate(plan):
+    bound = Bound(PAPER, 1.1 * plan.guaranteed_rate, 'guaranteed')
+    assert bound.gap(plan) == pytest.approx(0.1)
+    assert Bound(PAPER, 0.5 * plan.guaranteed_rate, 'guaranteed').gap(plan) == 0.0
+
+
+def test_limits_that_are_not_counted_with_are_named():
+    class Limited:
+        uavs = [type('Uav', (), {'max_acceleration': 3.0})()]
+        separation, no_fly_zones, geofence = 20.0, ('zone',), None
+    assert ignored_limits(Limited()) == ('max_acceleration', 'separation', 'no_fly_zones')
+    assert ignored_limits(PAPER) == ()
+
+
+@pytest.mark.parametrize('snr', [-200.0, 0.0, 80.0, 125.0, 300.0])
+@pytest.mark.parametrize('altitude', [1e-3, 100.0, 1e6])
+def test_extremes_of_gain_are_bounded_without_a_warning(snr, altitude):
+    _extreme(Scenario((0.0, 0.0), (Eavesdropper((50.0, 10.0), 5.0),), tuple(
+        Uav(f'uav{i}', (-100.0 * i, 0.0), (100.0, 0.0), altitude, 30.0) for i in (1, 2)),
+        20.0, 5, snr))
+
+
+@pytest.mark.parametrize('options', [
+    dict(coordinate=1e7, speed=1e6, duration=1e8), dict(coordinate=1e7, speed=1e6, duration=100.0),
+    dict(coordinate=1.0, speed=1e-6, duration=1e8), dict(coordinate=0.0, speed=1e-6, duration=1e-6),
+    dict(coordinate=300.0, speed=1e6, duration=1e8, radius=1e7),
+    dict(coordinate=300.0, speed=20.0, power=1e-9), dict(coordinate=300.0, speed=20.0, power=1e6),
+], ids=str)
+def test_extremes_of_space_and_power_are_bounded_without_a_warning(options):
+    options = dict(dict(duration=100.0, radius=10.0, power=1.0), **options)
+    at = options['coordinate']
+    _extreme(Scenario((at, -at), (Eavesdropper((-at, at), options['radius']),), tuple(
+        Uav(f'uav{i}', (at, at), (at, 0.999 * at), 100.0, options['speed'], options['power'],
+            options['power']) for i in (1, 2)), options['duration'], 4))
+
+
+def test_a_single_slot_is_bounded():
+    _extreme(Scenario.paper(1000.0, slots=1))
+
+
+def _extreme(scenario):
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        for objective in OBJECTIVES:
+            bound = upper_bound(scenario, objective=objective, plan=fly_hover_fly(scenario))
+            assert 0 <= bound.rate
+            plans = random_plans(scenario, np.random.default_rng(3), 20)
+            for candidate in [fly_hover_fly(scenario), *plans]:
+                assert not rate(candidate, objective) > bound.rate
+
+
+def test_the_largest_team_is_bounded_in_time():
+    rng = np.random.default_rng(2)
+    scenario = Scenario((0.0, 0.0), tuple(
+        Eavesdropper(tuple(rng.uniform(-300, 300, 2)), 10.0) for _ in range(32)), tuple(
+        Uav(f'uav{i}', tuple(rng.uniform(-300, 300, 2)), tuple(rng.uniform(-300, 300, 2)), 100.0,
+            20.0) for i in range(32)), 60.0, 6)
+    plan = fly_hover_fly(scenario)
+    for objective in OBJECTIVES:
+        bound = upper_bound(scenario, objective=objective, plan=plan)
+        assert rate(plan, objective) <= bound.rate < plain_bound(scenario) + 1e-9
+
+
+def test_many_slots_share_stages():
+    scenario = Scenario.paper(102, slots=20000)
+    bound = upper_bound(scenario, objective='guaranteed', plan=fly_hover_fly(scenario),
+                        time_limit=2.0)
+    assert 1.36 < bound.rate < 13
+    assert fly_hover_fly(scenario).guaranteed_rate <= bound.rate
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('seed', range(300))
+def test_no_plan_of_a_random_mission_exceeds_its_bound(seed):
+    rng = np.random.default_rng(seed)
+    scenario = random_mission(seed, slots=int(rng.integers(5, 60)))
+    found = solve(scenario)
+    plans = [found, fly_hover_fly(scenario), *random_plans(scenario, rng, 100)]
+    plans += [solve(scenario, initial=start) for start in plans[2:5]]
+    for objective in OBJECTIVES:
+        bound = upper_bound(scenario, objective=objective, plan=found)
+        assert max(rate(candidate, objective) for candidate in plans) <= bound.rate
