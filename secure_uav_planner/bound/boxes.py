@@ -91,9 +91,19 @@ class Terms:
             bound it has.
         :param stop: asked now and then; True ends the search in the same way.
         """
+        return self.search(known, tolerance, budget, stop)[0]
+
+    def search(self, known: Array, tolerance: Array, budget: int = 20000,
+               stop: Callable[[], bool] = lambda: False) -> tuple[Array, Array]:
+        """
+        Return the bounds of `maxima` and the best points that were met, (2 or 3, M).
+
+        A point is NaN where none was better than what was known.
+        """
         best = known + tolerance
-        budget = budget * len(self)
         dimensions = 2 if self.powers is None else 3
+        top, points = known.copy(), np.full((dimensions, len(self)), np.nan)
+        budget = budget * len(self)
         chunk = max(1, BATCH // PARTS**dimensions)
         for first in range(0, len(self), chunk):
             stack = [self._grid(np.arange(first, min(first + chunk, len(self))))]
@@ -115,11 +125,16 @@ class Terms:
                     continue
                 good = self.lens.inside(centre[:2].T, self.stage[function])
                 np.maximum.at(best, function[good], value[good] + tolerance[function[good]])
+                good &= value > top[function]
+                rising = np.flatnonzero(good)[np.argsort(value[good])]
+                # The last of several values for one function stays, which is the largest.
+                top[function[rising]] = value[rising]
+                points[:, function[rising]] = centre[:, rising]
                 alive = bound > best[function]
                 if alive.any():
                     stack += _halves(function[alive], centre[:, alive], half[:, alive],
                                      bound[alive], score[:, alive])
-        return best
+        return best, points
 
     def _grid(self, function: Index) -> tuple[Index, Array, Array, Array]:
         low, high = (corner[self.stage[function]].T for corner in self.lens.sides)

@@ -162,7 +162,7 @@ def _help(lens: Lens, total: Array, price: float) -> Array:
 def _still(potential: Potential, price: float, known: Array, tolerance: Array,
            stop: Callable[[], bool]) -> Array:
     """Return the maximum of a UAV's potential less lam p over its lens and powers, (G,)."""
-    lens, stages = potential.lens, potential.stages
+    lens = potential.lens
     slope, bend = potential.change
     index = np.arange(len(slope))
     extra = potential.constant() + price * POWER_TOLERANCE
@@ -175,6 +175,29 @@ def _still(potential: Potential, price: float, known: Array, tolerance: Array,
     return terms.maxima(known - extra, tolerance, stop=stop) + extra
 
 
+def terms_of(team: Team, potential: Potential, uav: int, weights: Array, shares: Array,
+             price: float) -> tuple[Terms, Array]:
+    """
+    Return the functions whose maxima are M_i at every node, but for a constant, and that.
+
+    :param weights: w0 or w0 theta, (K, G).
+    :param shares: v or v rho, (K, G, E).
+    :return: K G functions, and what to add to each, (K G,).
+    """
+    lens = potential.lens
+    stage = np.tile(np.arange(weights.shape[1]), len(weights))
+    slope, bend = potential.change
+    spare = margin(lens.altitude, potential.size() + price * lens.peak)
+    tilts = [(factor[stage], u[stage], s[stage]) for factor, u, s in potential.tilts()]
+    gain, powers = lens.log_gain, None
+    if uav:
+        gain += math.log(team.copies)
+        top = math.log(lens.peak)
+        powers = (min(math.log(FLOOR) + 2 * math.log(lens.altitude) - gain, top), top)
+    return Terms(lens, stage, weights.ravel(), shares.reshape(len(stage), -1), slope[stage],
+                 bend[stage], tilts, spare[stage], price, gain, powers), potential.constant()[stage]
+
+
 def _maxima(team: Team, potential: Potential, uav: int, still: Array, weights: Array,
             shares: Array, price: float, known: Array, tolerance: Array,
             stop: Callable[[], bool]) -> Array:
@@ -185,28 +208,15 @@ def _maxima(team: Team, potential: Potential, uav: int, still: Array, weights: A
     potential is at most `still`, and the rates' part at most v log(1 + FLOOR) for a positive
     power and -w0 log(1 - delta) for one of -POWER_TOLERANCE.
     """
-    lens = potential.lens
-    nodes, count = weights.shape
-    stage = np.tile(np.arange(count), nodes)
-    slope, bend = potential.change
-    extra = potential.constant()[stage]
-    spare = margin(lens.altitude, potential.size() + price * lens.peak)
-    tilts = [tuple(part[stage] for part in term) for term in potential.tilts()]
-    gain, powers, least = lens.log_gain, None, np.full(stage.shape, -np.inf)
-    flat, parts = weights.ravel(), shares.reshape(len(stage), -1)
+    terms, extra = terms_of(team, potential, uav, weights, shares, price)
+    least = np.full(len(terms), -np.inf)
     if uav:
-        gain += math.log(team.copies)
-        top = math.log(lens.peak)
-        low = min(math.log(FLOOR) + 2 * math.log(lens.altitude) - gain, top)
-        powers = (low, top)
         below = team.copies * team.delta[uav]
-        least = (still[stage] + math.log1p(FLOOR) * parts.sum(-1) + spare[stage]
-                 + (-flat * math.log1p(-below) if below < 1 else math.inf))
-    terms = Terms(lens, stage, flat, parts, slope[stage], bend[stage], tilts, spare[stage], price,
-                  gain, powers)
+        least = (still[terms.stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin
+                 + (-terms.weight * math.log1p(-below) if below < 1 else math.inf))
     wanted = np.maximum(known.ravel(), least - tolerance.ravel()) - extra
     found = terms.maxima(wanted, tolerance.ravel(), stop=stop) + extra
-    return np.maximum(found, least).reshape(nodes, count)
+    return np.maximum(found, least).reshape(weights.shape)
 
 
 def _over_weights(team: Team, divisions: Array, silent: Array, jammed: Array, weights: Array,

@@ -10,18 +10,20 @@ from numpy.typing import NDArray
 
 from . import columns as lists
 from .columns import Columns
+from .certificate import terms_of
 from .conjugate import Array, entropy, transmit_power
 from .dual import Branch, Dual
 from .guess import Guess
 from .lens import Lens
 from .multipliers import Multipliers
-from .newton import Point
+from .newton import Derivatives, Point
+from .potential import Potential
 from .team import Team
 
 NODES = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Nodes w0 of the certificate, beside those that the search has used."""
 
-DIVISIONS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+DIVISIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
 """Nodes rho of the certificate with two jammers."""
 
 RHO_BRANCHES = (0.01, 0.1, 0.5, 0.9, 0.99)
@@ -32,6 +34,13 @@ KEEP = 70
 
 FRESH, OLD = 5, 15
 """Columns of every branch that are improved by a compass search, and earlier ones that stay."""
+
+
+SILENT = 40
+"""Places to be silent at that are kept, beside the fixed ones."""
+
+LONGEST = 1e4
+"""Damping at which a Newton step is given up."""
 
 
 class Search:
@@ -66,6 +75,7 @@ class Search:
                 [lens.farthest(_compass(lists.RIM)[None]), lists.grid(lens, *lists.STILL)], 1))
         self.found: list[list[Columns]] = [[] for _ in team.lenses]
         self.columns: list[Columns] = []
+        self._damping = 1e-6
 
     # -- what the present multipliers ask for
 
@@ -90,16 +100,29 @@ class Search:
         dual = Dual(self.team, [], [], branches, tau)
         self.columns = [self._priced(dual, i, branches) for i in range(len(self.team.lenses))]
         silent = []
-        for i, lens in enumerate(self.team.lenses):
+        for i in range(len(self.team.lenses)):
+            self._look_for_silence(dual, i)
             place = self.places[i]
-            pull = np.diff(self.point.potentials[:, i, :2], axis=0)
-            place = np.concatenate([place, lens.farthest(pull[:, None])], 1)
-            self.places[i] = place if place.shape[1] < 200 else np.delete(
-                place, slice(lists.RIM, lists.RIM + 1), axis=1)
             none = np.zeros(place.shape[:2])
-            silent.append(Columns(place, none, none, np.zeros((0, 0, 0))))
+            silent.append(Columns(place, none, none, np.zeros(place.shape[:2] + (0,))))
         dual.columns = (self.columns, silent)
         return dual
+
+    def _look_for_silence(self, dual: Dual, i: int) -> None:
+        """Add the best places at which to be silent; the latest ones stay."""
+        lens, place = self.team.lenses[i], self.places[i]
+        if self.point.potentials.shape[2] == 2:
+            pull = np.diff(self.point.potentials[:, i], axis=0)
+            new = lens.farthest(pull[:, None])
+        else:
+            none = np.zeros(place.shape[:2])
+            leaks = np.zeros(place.shape[:2] + self.point.shares.shape[2:])
+            pool = Columns(place, none, none, leaks)
+            start = pool.take(_apart(lens, pool, dual.potential(i, self.point, place)[0]))
+            new = self._improved(dual, i, start, none[:, 0], leaks[:, 0]).place
+        fixed = lists.RIM + lists.STILL[0] * lists.STILL[1]
+        latest = np.concatenate([place[:, fixed:], new], 1)[:, -SILENT:]
+        self.places[i] = np.concatenate([place[:, :fixed], latest], 1)
 
     def _priced(self, dual: Dual, i: int, branches: list[Branch]) -> Columns:
         """Return the columns of UAV i that are best for the present multipliers."""
@@ -172,41 +195,130 @@ class Search:
         """Return one branch, for a dual function of which only the potentials matter."""
         return [Branch(weight, 0, np.ones_like(weight), np.ones_like(weight))]
 
+    def sharpen(self, tolerance: float) -> None:
+        """
+        Find columns by branch and bound: nothing that pays is then overlooked.
+
+        :param tolerance: how far from the largest a column may be, in nats.
+        """
+        branches = self.branches()
+        dual = Dual(self.team, [], [], branches, 1e-9)
+        row = np.arange(len(self.team.stages.count))
+        for i, lens in enumerate(self.team.lenses):
+            columns, price = self.columns[i], self.point.prices[i]
+            parts = [branch.parts(i) for branch in branches]
+            weights = np.array([branch.weight * part[0] for branch, part in zip(branches, parts)])
+            shares = np.array([self.point.shares[branch.set] * part[1][:, None]
+                               for branch, part in zip(branches, parts)])
+            potential = self.potential(i)
+            terms, _ = terms_of(self.team, potential, i, weights, shares, price)
+            here = dual.potential(i, self.point, columns.place)[0]
+            value = np.array([here + columns.value(weight, v, price)
+                              for weight, v in zip(weights, shares)])
+            best, known = value.argmax(2), value.max(2).ravel()
+            _, points = terms.search(known, np.full(len(terms), tolerance), 2000, self.stop)
+            points = points.reshape(len(points), *best.shape)
+            met = np.isfinite(points[0])
+            place = np.where(met[..., None], np.moveaxis(points[:2], 0, -1),
+                             columns.place[row, best])
+            power = columns.power[row, best]
+            if len(points) == 3:
+                power = np.where(met, np.exp(np.where(met, points[2], 0.0)), power)
+            self.found[i].append(Columns.of(lens, place.transpose(1, 0, 2), power.T,
+                                            self.team.copies))
+
+    def curve(self) -> None:
+        """Give the potentials a quadratic part, at first none."""
+        x = self.point.potentials
+        self.point = replace(self.point, potentials=np.concatenate(
+            [x, np.zeros(x.shape[:2] + (3,))], 2))
+
+    def potential(self, uav: int) -> Potential:
+        """Return the present potential of a UAV."""
+        x = self.point.potentials[:, uav]
+        bend = x[:, 2:] if x.shape[1] == 5 else np.zeros((len(x), 3))
+        return Potential(x[:, :2], bend, self.team.stages, self.team.lenses[uav])
+
+    def second_node(self) -> None:
+        """Add a node of w0 to those that the multipliers have to be good for: the next best."""
+        given = self.multipliers()
+        team, price = self.team, self.point.prices[0]
+        total = given.shares.sum(-1)
+        value = given.known.sum(0).max(1) - entropy(total) + entropy(given.weights) + (
+            transmit_power(np.maximum(given.weights - total, 0.0), price,
+                           team.lenses[0].peak)[0])
+        first = self.weights[0]
+        # Neighbours of the first node are as good as it is: what counts is a hump elsewhere.
+        value[np.abs(given.weights - first) < 1e-9] = -np.inf
+        best = value.argmax(0)
+        row = np.arange(len(first))
+        weight = np.minimum(given.weights[best, row], 1 - 1e-9)
+        v = np.clip(given.shares[best, row], 1e-6, None)
+        s = v.sum(-1)
+        room = first - self.point.shares[0].sum(-1)
+        v *= (np.minimum(s, weight - np.minimum(room, weight / 2)) / s)[:, None]
+        self.weights.append(weight)
+        self.point = replace(self.point, shares=np.concatenate([self.point.shares, v[None]]))
+
     # -- Newton's method
 
     def minimise(self, tau: float, iterations: int) -> None:
         """Take Newton steps at one temperature, on the columns that are best now."""
         dual = self.dual(tau)
-        point = self.point
-        slots = self.team.stages.slots
+        advance = self._along if self.point.potentials.shape[2] == 2 else self._damped
         for _ in range(iterations):
             if self.stop():
                 break
-            value, derivatives = dual.derivatives(point)
-            step = None
-            for damping in (1e-9, 1e-6, 1e-3):
-                try:
-                    step = derivatives.step(damping)
-                    break
-                except np.linalg.LinAlgError:
-                    continue
-            if step is None:
+            value, derivatives = dual.derivatives(self.point)
+            slope = advance(dual, value, derivatives)
+            if -slope < 1e-3 * tau * self.team.stages.slots**0.5:
                 break
-            slope = derivatives.slope(step)
-            if -slope < 1e-3 * tau * slots**0.5:
+
+    def _along(self, dual: Dual, value: float, derivatives: Derivatives) -> float:
+        """Go along Newton's step as far as it pays; return its slope, 0 where it does not."""
+        step = None
+        for damping in (1e-9, 1e-6, 1e-3):
+            try:
+                step = derivatives.step(damping)
                 break
-            step = _within(step, point, dual.room(point.shares))
+            except np.linalg.LinAlgError:
+                continue
+        if step is None:
+            return 0.0
+        step = _within(step, self.point, dual.room(self.point.shares))
+        slope = min(derivatives.slope(step), 0.0)
+        length = 1.0
+        for _ in range(12):
+            trial = self.point.moved(step, length)
+            if dual.value(trial) <= value + 1e-4 * length * slope:
+                self.point = trial
+                return slope
+            length *= 0.4
+        return 0.0
+
+    def _damped(self, dual: Dual, value: float, derivatives: Derivatives) -> float:
+        """
+        Raise Newton's damping until a step pays; return its slope, 0 where none does.
+
+        With a quadratic part the dual function is flat in many directions and sharp in others.
+        """
+        while self._damping < LONGEST:
+            try:
+                step = derivatives.step(self._damping)
+            except np.linalg.LinAlgError:
+                self._damping *= 100
+                continue
+            step = _within(step, self.point, dual.room(self.point.shares))
             slope = min(derivatives.slope(step), 0.0)
-            length = 1.0
-            for _ in range(12):
-                trial = point.moved(step, length)
-                if dual.value(trial) <= value + 1e-4 * length * slope:
-                    break
-                length *= 0.4
-            else:
-                break
-            point = trial
-        self.point = point
+            for length, factor in ((1.0, 0.1), (0.3, 1.0)):
+                trial = self.point.moved(step, length)
+                if dual.value(trial) < value + 0.1 * length * slope:
+                    self.point = trial
+                    self._damping = max(factor * self._damping, 1e-9)
+                    return slope
+            self._damping *= 10
+        self._damping = 1.0
+        return 0.0
 
     # -- what the certificate needs
 

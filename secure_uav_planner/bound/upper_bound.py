@@ -26,14 +26,23 @@ from ..scenario import Scenario
 MOST_WITNESSES = 3
 """Eavesdroppers that are counted with at most; one where two jammers are followed."""
 
-SCHEDULE = ((0.3, 1), (0.1, 2), (0.03, 3), (0.01, 3), (0.003, 4))
-"""Temperatures in nats, and how often columns are chosen anew at each."""
+COARSE = ((0.3, 1), (0.1, 2), (0.03, 3))
+"""Temperatures in nats, and how often columns are chosen anew at each, of coarse stages."""
 
-COARSE, FINE_FROM = 4, 0.03
-"""Slots in a stage at first, and the temperature from which every slot is its own."""
+FINE = ((0.01, 2), (0.003, 3))
+"""The same where every slot is a stage, with linear potentials."""
 
-ITERATIONS = 8
-"""Newton steps on the same columns."""
+CURVED = ((0.01, 4), (0.005, 3), (0.003, 4))
+"""The same with quadratic potentials."""
+
+SLOTS_A_STAGE, FEWEST = 4, 20
+"""Slots in a coarse stage, and how many such stages there are at least."""
+
+ITERATIONS, SHARPER = 8, 2
+"""Newton steps on the same columns; how often columns are found by branch and bound."""
+
+TOLERANCES = {0: 5e-4, 1: 5e-4, 2: 2e-3}
+"""What a maximum may be too large, in nats, by the number of jammers that are followed."""
 
 
 def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan | None = None,
@@ -152,23 +161,37 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     chosen = everyone.best(leaks, most)
     uavs = [0, *order[:MOST_JAMMERS]]
     slots = min(scenario.slots, MOST_STAGES)
-    point = None
-    for stages in sorted({max(-(-slots // COARSE), min(slots, 20)), slots}):
-        team = Team.of(scenario, chosen, order, stages)
-        guess = Guess.of(team, positions[uavs], powers[uavs])
-        search = Search(team, guess, point, run.stop)
-        for tau, times in SCHEDULE:
-            if (tau < FINE_FROM and stages < slots) or (tau >= FINE_FROM and point is not None):
-                continue
-            for _ in range(times):
-                search.minimise(tau, ITERATIONS)
-        if run.stop():
-            break
-        if stages < slots:
-            point = _finer(search.point, team, guess.weight,
-                           Team.of(scenario, chosen, order, slots), positions[uavs], powers[uavs])
+    coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
+    team = Team.of(scenario, chosen, order, slots)
+    guess = Guess.of(coarse, positions[uavs], powers[uavs])
+    search = Search(coarse, guess, None, run.stop)
+    _follow(search, COARSE)
+    if not run.stop():
+        point = _finer(search.point, coarse, guess.weight, team, positions[uavs], powers[uavs])
+        search = Search(team, Guess.of(team, positions[uavs], powers[uavs]), point, run.stop)
+        _follow(search, FINE)
+        if team.jammers < 2:
+            search.second_node()
+            for _ in range(SHARPER):
+                search.sharpen(2e-3)
+                search.minimise(FINE[-1][0], ITERATIONS)
     # Past the deadline it is a coarse certificate, which costs little and says much.
-    run.offer(certify(team, search.multipliers(), stop=run.stop).rate)
+    tolerance = TOLERANCES[team.jammers]
+    run.offer(certify(search.team, search.multipliers(), tolerance, run.stop).rate)
+    if run.stop() or team.jammers == 2:
+        return
+    search.curve()
+    _follow(search, CURVED)
+    run.offer(certify(search.team, search.multipliers(), tolerance, run.stop).rate)
+
+
+def _follow(search: Search, schedule: tuple[tuple[float, int], ...]) -> None:
+    """Take a search through temperatures."""
+    for tau, times in schedule:
+        for _ in range(times):
+            if search.stop():
+                return
+            search.minimise(tau, ITERATIONS)
 
 
 def _finer(point: Point, team: Team, weight: Array, finer: Team, positions: Array,
