@@ -4,6 +4,7 @@ import numpy as np
 from secure_uav_planner import Plan
 from secure_uav_planner.bound.certificate import certify
 from secure_uav_planner.bound.guess import Guess
+from secure_uav_planner.bound.nodes import multipliers
 from secure_uav_planner.bound.search import Search
 from secure_uav_planner.bound.team import Team
 from secure_uav_planner.bound.witnesses import Witnesses
@@ -22,7 +23,7 @@ def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
 def certified(plan, most=400, **options):
     """Return the team and the certificate of a plan's scenario, objective (P2)."""
     team = Team.of(plan.scenario, Witnesses.of(plan.scenario, 'guaranteed'), most=most)
-    return team, certify(team, searched(team, plan).multipliers(), **options)
+    return team, certify(team, multipliers(searched(team, plan)), **options)
 
 
 def slot_rates(team, places, powers):

@@ -66,12 +66,12 @@ def test_the_best_known_plan_against_the_true_worst_place_is_bounded():
 def test_a_plan_that_uses_every_tolerance_stays_below():
     uav = Uav('uav1', (100.0, 0.0), (-100.0, 0.0), 60.0, 20.0, 1.0, 1.0)
     jammer = Uav('uav2', (150.0, 0.0), (150.0, 0.0), 60.0, 1e-6, 1e-3, 1e-3)
-    scenario = Scenario((0.0, 0.0), (Eavesdropper((160.0, 0.0)),), (uav, jammer), 200 / 21 * 20 / 20,
-                        20, 90.0)
+    scenario = Scenario((0.0, 0.0), (Eavesdropper((160.0, 0.0)),), (uav, jammer),
+                        200 / 21, 20, 90.0)
     bound = upper_bound(scenario, objective='guaranteed')
     step = scenario.max_step[0] + 9e-7
     ahead = np.minimum(9e-7 + np.arange(22) * step, 200.0)
-    x = np.where(np.arange(22) <= 10, 100.0 - ahead, -100.0 + (200.0 - 20 * 0 - ahead))
+    x = 100.0 - ahead
     x[-1] = -100.0
     positions = np.zeros((2, 22, 2))
     positions[0, :, 0], positions[1, :, 0] = x, 150.0
@@ -193,13 +193,13 @@ def test_extremes_of_gain_are_bounded_without_a_warning(snr, altitude):
 
 
 @pytest.mark.parametrize('options', [
-    dict(coordinate=1e7, speed=1e6, duration=1e8), dict(coordinate=1e7, speed=1e6, duration=100.0),
-    dict(coordinate=1.0, speed=1e-6, duration=1e8), dict(coordinate=0.0, speed=1e-6, duration=1e-6),
-    dict(coordinate=300.0, speed=1e6, duration=1e8, radius=1e7),
-    dict(coordinate=300.0, speed=20.0, power=1e-9), dict(coordinate=300.0, speed=20.0, power=1e6),
+    {'coordinate': 1e7, 'speed': 1e6, 'duration': 1e8}, {'coordinate': 1e7, 'speed': 1e6, 'duration': 100.0},
+    {'coordinate': 1.0, 'speed': 1e-6, 'duration': 1e8}, {'coordinate': 0.0, 'speed': 1e-6, 'duration': 1e-6},
+    {'coordinate': 300.0, 'speed': 1e6, 'duration': 1e8, 'radius': 1e7},
+    {'coordinate': 300.0, 'speed': 20.0, 'power': 1e-9}, {'coordinate': 300.0, 'speed': 20.0, 'power': 1e6},
 ], ids=str)
 def test_extremes_of_space_and_power_are_bounded_without_a_warning(options):
-    options = dict(dict(duration=100.0, radius=10.0, power=1.0), **options)
+    options = {'duration': 100.0, 'radius': 10.0, 'power': 1.0, **options}
     at = options['coordinate']
     _extreme(Scenario((at, -at), (Eavesdropper((-at, at), options['radius']),), tuple(
         Uav(f'uav{i}', (at, at), (at, 0.999 * at), 100.0, options['speed'], options['power'],

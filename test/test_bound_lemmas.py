@@ -212,8 +212,8 @@ def test_a_search_that_is_cut_short_still_bounds():
     assert (terms.maxima(nothing, slack, stop=lambda: next(calls)) >= exact - 2e-3).all()
 
 
-MISSIONS = [dict(seed=1), dict(seed=2, eavesdroppers=2), dict(seed=3, jammers=0),
-            dict(seed=4, jammers=2), dict(seed=5, slots=1), dict(seed=6, jammers=3)]
+MISSIONS = [{'seed': 1}, {'seed': 2, 'eavesdroppers': 2}, {'seed': 3, 'jammers': 0},
+            {'seed': 4, 'jammers': 2}, {'seed': 5, 'slots': 1}, {'seed': 6, 'jammers': 3}]
 
 
 def worst(options, most=400, curved=False, count=60):
@@ -237,7 +237,7 @@ def test_no_place_and_no_power_exceeds_a_slots_bound(options):
 
 
 def test_no_place_and_no_power_exceeds_a_stages_bound():
-    assert worst(dict(seed=8, slots=9), most=4) <= 0
+    assert worst({'seed': 8, 'slots': 9}, most=4) <= 0
 
 
 @pytest.mark.parametrize('most', [400, 4])
@@ -267,14 +267,14 @@ def test_nodes_of_the_weight_without_a_chord_between_them_are_noticed(monkeypatc
         return right(team, divisions, silent, jammed[:, keep] - 0.5 * (jammed[:, keep].max(
             1, keepdims=True) - jammed[:, keep]) - 0.05, weights[keep], total[keep], price)
     monkeypatch.setattr(certificate, '_over_weights', wrong)
-    assert worst(dict(seed=1)) > 0
+    assert worst({'seed': 1}) > 0
 
 
 def test_a_missing_cost_of_power_is_noticed(monkeypatch):
     right = certificate.transmit_power
     monkeypatch.setattr(certificate, 'transmit_power', lambda x, price, peak: (
         right(x, price, peak)[0] - 0.1, right(x, price, peak)[1]))
-    assert worst(dict(seed=1)) > 0
+    assert worst({'seed': 1}) > 0
 
 
 def test_a_search_that_drops_boxes_is_noticed(monkeypatch):
@@ -308,10 +308,10 @@ def test_two_jammers_without_gibbs_entropy_are_noticed(monkeypatch):
     def wrong(values, divisions, x, total):
         return right(values - 0.7 * (len(values) > 1), divisions, x, total)
     monkeypatch.setattr(certificate, '_over_divisions', wrong)
-    assert worst(dict(seed=4, jammers=2)) > 0
+    assert worst({'seed': 4, 'jammers': 2}) > 0
 
 
 def test_helpers_that_do_not_help_are_noticed(monkeypatch):
     monkeypatch.setattr(certificate, '_help', lambda lens, total, price: 0 * total - 0.7)
     monkeypatch.setattr(teams, 'MOST_JAMMERS', 1)
-    assert worst(dict(seed=6, jammers=3)) > 0
+    assert worst({'seed': 6, 'jammers': 3}) > 0

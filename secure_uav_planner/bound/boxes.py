@@ -183,8 +183,8 @@ class Terms:
             sb = bend[:, 1] * a + bend[:, 2] * b
             value += (sa * a + sb * b) / 2
             ga, gb = ga + sa, gb + sb
-            rest = rest + (np.maximum(bend[:, 0], 0) * ha * ha + np.maximum(bend[:, 2], 0) * hb * hb
-                           ) / 2 + np.abs(bend[:, 1]) * ha * hb
+            rest = (rest + np.maximum(bend[:, 0], 0) * ha * ha / 2
+                    + np.maximum(bend[:, 2], 0) * hb * hb / 2 + np.abs(bend[:, 1]) * ha * hb)
         for factor, tilt, matrix in self.tilts:
             f, t, s = factor[function], tilt[function], matrix[function]
             ta = t[:, 0] + s[:, 0] * a + s[:, 1] * b

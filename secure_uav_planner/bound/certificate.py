@@ -10,19 +10,18 @@ With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
     M_j = max over q, p of -w0 log(1 + b_0(q) p) + sum_e v_e log(1 + b_e(q) p) - lam p
           + potential(q),
 
-A being the logarithm of a gain of the transmitter, b a gain of a jammer, m that of
-transmit_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few nodes w0.
+A being the logarithm of a gain of the transmitter, b a gain of a jammer, m that of transmit_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few nodes w0.
 
 Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
-interpolated linearly between the nodes it lies below the chord from node to node. The entropies and
-m are known exactly and are therefore taken on PIECES finer pieces: there, the convex part
+interpolated linearly between the nodes it lies below the chord from node to node. The entropies
+and m are known exactly and are therefore taken on PIECES finer pieces: there, the convex part
 -H(s) + m + chord lies below its own chord, and max over w0 of slope w0 + H(w0) is attained at
 w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0.
 
 Lemma 8 (two jammers and more). The logarithm of a sum is not a sum, but by Gibbs' inequality, with
 y_j = 1/J + x_j, log(1 + sum x_j) = max over rho of sum_j rho_j log(y_j / rho_j), rho on the
-simplex. At the ground node any theta is an upper bound of -log(1 + sum x_j), and at the eavesdropper
-rho is maximised over like w0: M is convex in rho, too, so it lies below its interpolation between
+simplex. At the ground node any theta is an upper bound of -log(1 + sum x_j), and at the
+eavesdropper rho is maximised over like w0: M is convex in rho, too, so it lies below its interpolation between
 nodes of rho, while the entropy of rho is taken on pieces. With log(J y_j) = log(1 + J x_j) every
 jammer's maximum is that of one jammer with the weights w0 theta_j, v rho_j and J times the gain.
 """
@@ -168,11 +167,11 @@ def _still(potential: Potential, price: float, known: Array, tolerance: Array,
     extra = potential.constant() + price * POWER_TOLERANCE
     spare = margin(lens.altitude, potential.size())
     if not potential.curved:
-        return lens.support(slope, index) + extra + spare
+        return np.asarray(lens.support(slope, index) + extra + spare)
     none = np.zeros(len(slope))
     terms = Terms(lens, index, none, np.zeros((len(slope), len(lens.radii))), slope, bend,
                   potential.tilts(), spare)
-    return terms.maxima(known - extra, tolerance, stop=stop) + extra
+    return np.asarray(terms.maxima(known - extra, tolerance, stop=stop) + extra)
 
 
 def terms_of(team: Team, potential: Potential, uav: int, weights: Array, shares: Array,
@@ -216,7 +215,7 @@ def _maxima(team: Team, potential: Potential, uav: int, still: Array, weights: A
                  + (-terms.weight * math.log1p(-below) if below < 1 else math.inf))
     wanted = np.maximum(known.ravel(), least - tolerance.ravel()) - extra
     found = terms.maxima(wanted, tolerance.ravel(), stop=stop) + extra
-    return np.maximum(found, least).reshape(weights.shape)
+    return np.asarray(np.maximum(found, least).reshape(weights.shape))
 
 
 def _over_weights(team: Team, divisions: Array, silent: Array, jammed: Array, weights: Array,

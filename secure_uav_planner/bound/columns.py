@@ -94,12 +94,12 @@ def rings(lens: Lens, centre: Array) -> Array:
     offset = np.concatenate([[[0.0, 0.0]], *(radius * circle for radius in RINGS)])
     place = centre[:, None] + offset
     stage = np.arange(len(place))[:, None]
-    return np.where(lens.inside(place, stage)[..., None], place, centre[:, None])
+    return np.asarray(np.where(lens.inside(place, stage)[..., None], place, centre[:, None]))
 
 
 def levels(lens: Lens, power: Array) -> Array:
     """Return powers of a jammer about a plan's, (G,), and others up to the peak, (G, 13)."""
     about = np.clip(power, 1e-6 * lens.peak, lens.peak)[:, None]
-    return np.minimum(np.concatenate([
+    return np.asarray(np.minimum(np.concatenate([
         np.zeros_like(about), about * np.exp(np.linspace(-1.2, 1.2, 7)),
-        np.broadcast_to(lens.peak * np.geomspace(1e-4, 1.0, 5), (len(power), 5))], 1), lens.peak)
+        np.broadcast_to(lens.peak * np.geomspace(1e-4, 1.0, 5), (len(power), 5))], 1), lens.peak))

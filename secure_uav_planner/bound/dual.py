@@ -29,13 +29,13 @@ class Branch:
     One way a slot can be: a node of w0 and, with two jammers, of rho.
 
     :param weight: w0, (G,).
-    :param set: which of the point's v belongs to it.
+    :param group: which of the point's v belongs to it.
     :param theta: the first jammer's share at the ground node, (G,); 1 for one jammer.
     :param rho: the first jammer's share at the eavesdropper, (G,); 1 for one jammer.
     """
 
     weight: Array
-    set: int
+    group: int
     theta: Array
     rho: Array
 
@@ -76,7 +76,7 @@ class Dual:
         self.edge[:-1] += self.count * shares[0]
         self.edge[1:] += self.count * shares[1]
         self.edge[0] += 1
-        self.weights = {branch.set: branch.weight for branch in branches}
+        self.weights = {branch.group: branch.weight for branch in branches}
 
     def room(self, shares: Array) -> Array:
         """Return w0 - s of every set, (B, G)."""
@@ -116,7 +116,7 @@ class Dual:
             slots * PRICE_BARRIER / prices**2, (point.potentials.shape, shares.shape))
 
     def _edges(self, point: Point) -> tuple[float, tuple[Array, Array]]:
-        """Value, gradient and Hessian of what is outside the stages: lengths and ends."""
+        """Return value, gradient and Hessian of what is outside the stages: lengths and ends."""
         x = point.potentials
         count, u, p = x.shape
         value = 0.0
@@ -190,7 +190,7 @@ class Dual:
         return value, parts, curves
 
     def _stages(self, point: Point, second: bool) -> tuple[float, Array, Array]:
-        """Value, gradient and Hessian of the stages' smoothed maxima."""
+        """Return value, gradient and Hessian of the stages' smoothed maxima."""
         u, p = point.potentials.shape[1:]
         e, sets = point.shares.shape[-1], len(point.shares)
         size = e + 2 * u * p + u
@@ -200,11 +200,11 @@ class Dual:
             value, grad, hess = self._powers(branch, point, size, second)
             for i in range(u):
                 ground, leak = branch.parts(i)
-                v = point.shares[branch.set] * leak[:, None]
+                v = point.shares[branch.group] * leak[:, None]
                 column = table[0][i][0] + self.columns[0][i].value(
                     branch.weight * ground, v, point.prices[i])
                 value = value + self._smooth(column, table[0][i], i, p, e, leak, grad, hess)
-            options.append((value, grad, hess, branch.set))
+            options.append((value, grad, hess, branch.group))
         shape = (len(self.count), size) if second else (0, 0)
         grad, hess = np.zeros(shape), np.zeros(shape + shape[1:])
         value = np.zeros(len(self.count))
@@ -235,7 +235,7 @@ class Dual:
 
     def _features(self, i: int, point: Point, kind: int, second: bool) -> tuple[
             Array, Array | None, list[Any]]:
-        """A potential's values at the columns, and all columns' derivatives."""
+        """Return a potential's values at the columns, and all columns' derivatives."""
         columns = self.columns[kind][i]
         value, parts, curves = self.potential(i, point, columns.place, second)
         if not second:
@@ -246,9 +246,9 @@ class Dual:
 
     def _powers(self, branch: Branch, point: Point, size: int,
                 second: bool) -> tuple[Array, Array, Array]:
-        """Entropies and the transmit power's maximum in a branch, with derivatives."""
+        """Return entropies and the transmit power's maximum in a branch, with derivatives."""
         team = self.team
-        s = point.shares[branch.set].sum(-1)
+        s = point.shares[branch.group].sum(-1)
         room = branch.weight - s
         e, price, peak = point.shares.shape[-1], point.prices[0], team.lenses[0].peak
         value, power = transmit_power(room, price, peak)

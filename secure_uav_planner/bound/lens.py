@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,9 +78,10 @@ class Lens:
         frame = (people - start) @ axes.T / unit
         return cls(
             unit=unit, origin=start, axes=axes, distance=length / unit, step=step / unit,
-            from_start=(stages.last * step + ends) / unit * (1 + COORDINATE_ROUNDING),
-            to_goal=((scenario.slots + 1 - stages.first) * step + ends) / unit * (
-                1 + COORDINATE_ROUNDING),
+            from_start=np.asarray(
+                (stages.last * step + ends) / unit * (1 + COORDINATE_ROUNDING), float),
+            to_goal=np.asarray(((scenario.slots + 1 - stages.first) * step + ends) / unit * (
+                1 + COORDINATE_ROUNDING), float),
             altitude=uav.altitude / unit,
             log_gain=float(np.log(scenario.reference_snr) - 2 * np.log(unit)),
             ground=frame[0], eavesdroppers=frame[1:],
@@ -123,13 +124,13 @@ class Lens:
 
     @cached_property
     def corner(self) -> Array:
-        """The upper crossing of the two circles, (G, 2), or zeros where there is none."""
+        """Return the upper crossing of the circles, (G, 2), or zeros where there is none."""
         first = self._crossing()
         across = np.sqrt(np.maximum((self.from_start - first) * (self.from_start + first), 0.0))
         found = np.isfinite(first) & (across > 0)
         return np.where(found[:, None], np.stack([first, across], -1), 0.0)
 
-    def inside(self, place: Array, stage: Array) -> NDArray[np.bool_]:
+    def inside(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
         """Return whether places (..., 2) are in the lens of their stage (...)."""
         across = place[..., 1]**2
         return np.asarray(
@@ -140,7 +141,8 @@ class Lens:
         """Return at most the distance from a place (2,) to every lens, (G,)."""
         from_start = np.hypot(*place) - self.from_start
         from_goal = np.hypot(place[0] - self.distance, place[1]) - self.to_goal
-        return np.maximum(np.maximum(from_start, from_goal) - COORDINATE_ROUNDING * 4, 0.0)
+        nearest = np.maximum(from_start, from_goal) - 4 * COORDINATE_ROUNDING
+        return np.asarray(np.maximum(nearest, 0.0))
 
     def farthest(self, direction: Array) -> Array:
         """Return the lens's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
@@ -170,7 +172,7 @@ class Lens:
                     else distance + self.radii)
         return ground, np.log(distance**2 + square)
 
-    def support(self, direction: Array, stage: Array) -> Array:
+    def support(self, direction: Array, stage: NDArray[np.integer[Any]]) -> Array:
         """
         Return at least the maximum of direction . q over the lens, exact but for rounding.
 

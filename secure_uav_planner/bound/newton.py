@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded  # type: ignore[import-untyped]
 
 from .conjugate import Array
 
@@ -96,14 +96,14 @@ class Derivatives:
                     band[row - column, column::up] = diagonal[:, row, column]
                 band[up + row - column, column:count * up:up] = local[:, up + row, column]
         factor = cholesky_banded(band, lower=True, check_finite=False, overwrite_ab=True)
-        border = border.reshape(-1, u)
+        prices_by_edge = border.reshape(-1, u)
         answer = cho_solve_banded((factor, True), np.concatenate(
-            [border, edge.reshape(-1, 1)], 1), check_finite=False)
+            [prices_by_edge, edge.reshape(-1, 1)], 1), check_finite=False)
         corner = (np.diag(self.prices) + local[:, price, price].sum(0)
-                  - border.T @ answer[:, :u])
+                  - prices_by_edge.T @ answer[:, :u])
         corner = corner + damping * np.diag(np.abs(np.diag(corner)))
         prices = -np.linalg.solve(corner, self.price + rest[:, price].sum(0)
-                                  - border.T @ answer[:, u])
+                                  - prices_by_edge.T @ answer[:, u])
         x = (-answer[:, u] - answer[:, :u] @ prices).reshape(count + 1, up)
         other = np.concatenate([x[:-1], x[1:], np.broadcast_to(prices, (count, u))], 1)
         shares = -solved[..., -1] - np.matmul(solved[..., :-1], other[..., None])[..., 0]

@@ -14,9 +14,9 @@ them wrong by at most a few eps of its size: logarithms (below 200 in size for e
 is legal, weighted by w0 <= 1 and sum v <= 1), and the potentials' terms (at most |u| r + |S| r^2
 and step (|u| + |S| r) in size, r being the farthest that the lens reaches). `margin` is 64 eps
 times the sum of these sizes, which is about ten times what the terms can add up to, and it is
-added to every box, to every maximum and to every stage. It is in the order of 1e-11 nats for a
-mission like the paper's and grows with what is asked, up to LIMITS; where it is not finite, neither
-is the bound. Sums over the stages are exact but for one rounding (math.fsum).
+added to every box, to every maximum and to every stage. It is of the order of 1e-11 nats for a
+mission like the paper's and grows with what is asked, up to LIMITS; where it is not finite,
+neither is the bound. Sums over the stages are exact but for one rounding (math.fsum).
 """
 
 from __future__ import annotations

@@ -15,16 +15,10 @@ from .conjugate import Array, entropy, transmit_power
 from .dual import Branch, Dual
 from .guess import Guess
 from .lens import Lens
-from .multipliers import Multipliers
 from .newton import Derivatives, Point
+from .nodes import multipliers, theta_of
 from .potential import Potential
 from .team import Team
-
-NODES = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
-"""Nodes w0 of the certificate, beside those that the search has used."""
-
-DIVISIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
-"""Nodes rho of the certificate with two jammers."""
 
 RHO_BRANCHES = (0.01, 0.1, 0.5, 0.9, 0.99)
 """Nodes rho that the multipliers have to be good for, beside the plan's."""
@@ -60,8 +54,9 @@ class Search:
         self.point = point if point is not None else Point(
             np.zeros((count + 1, uavs, 2)), guess.shares[None], guess.prices)
         self.weights = [guess.weight]
-        self.thetas: list[list[Array]] = []
-        self.tables, self.base, self.places = [], [], []
+        self.tables: list[Columns] = []
+        self.base: list[Columns] = []
+        self.places: list[Array] = []
         for i, lens in enumerate(team.lenses):
             place = np.concatenate(
                 [lists.grid(lens, *lists.GRID), lists.rings(lens, guess.places[i])], 1)
@@ -89,7 +84,7 @@ class Search:
             result.append(Branch(weight, k, self.guess.theta, self.guess.rho))
             for rho in RHO_BRANCHES:
                 v = self.point.shares[k]
-                theta = (self._theta(weight, v, rho) if self.columns
+                theta = (theta_of(self, weight, v, rho) if self.columns
                          else np.full(len(one), rho)).clip(1e-3, 1 - 1e-3)
                 result.append(Branch(weight, k, theta, rho * one))
         return result
@@ -129,14 +124,15 @@ class Search:
         lens = self.team.lenses[i]
         pool = Columns.joined([self.tables[i], *self.found[i]])
         potential = dual.potential(i, self.point, pool.place)[0]
-        chosen, fresh = [self.base[i]], []
+        chosen: list[Columns] = [self.base[i]]
+        fresh: list[Columns] = []
         done: set[int] = set()
         for branch in branches:
-            if i == 0 and branch.set in done:
+            if i == 0 and branch.group in done:
                 continue
-            done.add(branch.set)
+            done.add(branch.group)
             ground, leak = branch.parts(i)
-            weight, v = branch.weight * ground, self.point.shares[branch.set] * leak[:, None]
+            weight, v = branch.weight * ground, self.point.shares[branch.group] * leak[:, None]
             value = potential + pool.value(weight, v, self.point.prices[i])
             few = min(KEEP if len(chosen) == 1 else KEEP // 3, value.shape[1])
             chosen.append(pool.take(np.argpartition(value, -few, axis=1)[:, -few:]))
@@ -177,24 +173,6 @@ class Search:
             step, ratio = (np.where(stay, size / 2.5, size) for size in (step, ratio))
         return Columns.of(lens, place, power, self.team.copies)
 
-    def _theta(self, weight: Array, v: Array, rho: float) -> Array:
-        """Return the first jammer's share at the ground node that nearly minimises a branch."""
-        dual = Dual(self.team, [], [], self.branches_of(weight), 1e-9)
-        fixed = [dual.potential(j, self.point, self.columns[j].place)[0]
-                 + self.columns[j].value(0 * weight, v * part, self.point.prices[j])
-                 for j, part in ((1, rho), (2, 1.0 - rho))]
-
-        def value(theta: Array) -> Array:
-            return np.asarray(-weight * entropy(theta) + sum(
-                (part + (weight * share)[:, None] * self.columns[j].ground).max(1)
-                for j, part, share in ((1, fixed[0], theta), (2, fixed[1], 1.0 - theta))))
-        return _golden(value, 0 * weight, np.ones_like(weight), 16)
-
-    @staticmethod
-    def branches_of(weight: Array) -> list[Branch]:
-        """Return one branch, for a dual function of which only the potentials matter."""
-        return [Branch(weight, 0, np.ones_like(weight), np.ones_like(weight))]
-
     def sharpen(self, tolerance: float) -> None:
         """
         Find columns by branch and bound: nothing that pays is then overlooked.
@@ -208,7 +186,7 @@ class Search:
             columns, price = self.columns[i], self.point.prices[i]
             parts = [branch.parts(i) for branch in branches]
             weights = np.array([branch.weight * part[0] for branch, part in zip(branches, parts)])
-            shares = np.array([self.point.shares[branch.set] * part[1][:, None]
+            shares = np.array([self.point.shares[branch.group] * part[1][:, None]
                                for branch, part in zip(branches, parts)])
             potential = self.potential(i)
             terms, _ = terms_of(self.team, potential, i, weights, shares, price)
@@ -241,7 +219,7 @@ class Search:
 
     def second_node(self) -> None:
         """Add a node of w0 to those that the multipliers have to be good for: the next best."""
-        given = self.multipliers()
+        given = multipliers(self)
         team, price = self.team, self.point.prices[0]
         total = given.shares.sum(-1)
         value = given.known.sum(0).max(1) - entropy(total) + entropy(given.weights) + (
@@ -320,101 +298,10 @@ class Search:
         self._damping = 1.0
         return 0.0
 
-    # -- what the certificate needs
-
-    def multipliers(self) -> Multipliers:
-        """Return what the certificate needs, for its own nodes of w0 and of rho."""
-        team, point = self.team, self.point
-        count, uavs = len(team.stages.count), len(team.lenses)
-        dual = Dual(team, [], [], self.branches(), 1e-9)
-        nodes = np.sort([*(np.full(count, node) for node in NODES), *self.weights], axis=0)
-        potential = [dual.potential(i, point, columns.place)[0]
-                     for i, columns in enumerate(self.columns)]
-        shares = np.array([self._shares(weight, potential) for weight in nodes])
-        divisions = np.array(DIVISIONS if team.jammers == 2 else (1.0,))
-        theta = np.ones((len(nodes), len(divisions), count))
-        known = np.zeros((uavs, len(nodes), len(divisions), count))
-        for k, (weight, v) in enumerate(zip(nodes, shares)):
-            for r, rho in enumerate(divisions):
-                if team.jammers == 2:
-                    theta[k, r] = self._theta(weight, v, float(rho))
-                branch = Branch(weight, 0, theta[k, r], np.full(count, rho))
-                for i, columns in enumerate(self.columns):
-                    ground, leak = branch.parts(i)
-                    known[i, k, r] = (potential[i] + columns.value(
-                        weight * ground, v * leak[:, None], point.prices[i])).max(1)
-        still = np.array([dual.potential(i, point, self.places[i])[0].max(1)
-                          for i in range(uavs)])
-        x = point.potentials.transpose(1, 0, 2)
-        bend = x[..., 2:] if x.shape[2] == 5 else np.zeros(x.shape[:2] + (3,))
-        return Multipliers(x[..., :2], bend, point.prices, nodes, shares, theta, divisions,
-                           self._helpers(), known, still)
-
-    def _shares(self, weight: Array, potential: list[Array]) -> Array:
-        """Return v (G, E) that nearly minimises a slot's bound at one node w0 (G,)."""
-        price, peak = self.point.prices[0], self.team.lenses[0].peak
-        none = np.zeros(self.point.shares.shape[1:])
-        branch = Branch(weight, 0, self.guess.theta, self.guess.rho)
-        fixed, leaks = [], []
-        for i, columns in enumerate(self.columns):
-            ground, leak = branch.parts(i) if self.team.jammers == 2 else (1.0, np.ones(1))
-            fixed.append(potential[i] + columns.value(weight * ground, none,
-                                                      self.point.prices[i]))
-            leaks.append(columns.leaks * np.asarray(leak)[:, None, None])
-
-        def along(start: Array, way: Array) -> Callable[[Array], Array]:
-            parts = [(base + _dot(part, start), _dot(part, way))
-                     for base, part in zip(fixed, leaks)]
-            total, slope = start.sum(-1), way.sum(-1)
-
-            def value(x: Array) -> Array:
-                s = np.clip(total + x * slope, 0.0, weight)
-                y = transmit_power(weight - s, price, peak)[0] - entropy(s)
-                for base, part in parts:
-                    y = y + (base + x[:, None] * part).max(1)
-                return np.asarray(y)
-            return value
-
-        v = self.point.shares[0]
-        count = v.shape[-1]
-        for sweep in range(4 if count > 1 else 1):
-            share = v / np.maximum(v.sum(-1, keepdims=True), 1e-300)
-            v = share * _golden(along(none, share), 0 * weight, weight)[:, None]
-            for e in range(count if sweep < 3 else 0):
-                for f in range(e):
-                    way = np.zeros_like(v)
-                    way[:, e], way[:, f] = 1.0, -1.0
-                    moved = _golden(along(v, way), -v[:, e], v[:, f])[:, None]
-                    v = np.maximum(v + way * moved, 0.0)
-        return v
-
-    def _helpers(self) -> Array:
-        """Return prices of the helpers' powers at which they use about what they have."""
-        team = self.team
-        s = self.point.shares[0].sum(-1)
-        prices = []
-        for lens in team.helpers:
-            gain = np.exp(lens.log_gain) / np.min([
-                (lens.nearest(place) + radius)**2 + lens.altitude**2
-                for place, radius in zip(lens.eavesdroppers, lens.radii)], axis=0)
-            low, high = 1e-12, 1e12
-            for _ in range(80):
-                price = (low * high)**0.5
-                used = np.clip(s / price - 1 / gain, 0.0, lens.peak) @ team.stages.count
-                low, high = (price, high) if used > lens.average * team.stages.slots else (
-                    low, price)
-            prices.append(high)
-        return np.array(prices)
-
 
 def _compass(count: int) -> Array:
     angle = np.arange(count) * 2 * np.pi / count
     return np.stack([np.cos(angle), np.sin(angle)], -1)
-
-
-def _dot(leaks: Array, v: Array) -> Array:
-    """Return sum_e v_e leaks, (G, C), for leaks (G, C, E) and v (G, E)."""
-    return np.asarray(np.matmul(leaks, v[..., None])[..., 0])
 
 
 def _apart(lens: Lens, pool: Columns, value: Array) -> NDArray[np.intp]:
@@ -442,18 +329,3 @@ def _within(step: Point, point: Point, room: Array) -> Point:
         prices = np.where(step.prices < 0, -point.prices / step.prices, np.inf)
     return replace(step, shares=step.shares * np.minimum(1.0, 0.9 * most)[..., None],
                    prices=step.prices * np.minimum(1.0, 0.9 * prices))
-
-
-def _golden(value: Callable[[Array], Array], low: Array, high: Array, steps: int = 20) -> Array:
-    """Return the minimisers of convex functions, one of each stage, by golden section."""
-    gold = (5**0.5 - 1) / 2
-    x1, x2 = high - gold * (high - low), low + gold * (high - low)
-    f1, f2 = value(x1), value(x2)
-    for _ in range(steps):
-        left = f1 < f2
-        low, high = np.where(left, low, x1), np.where(left, x2, high)
-        new = np.where(left, high - gold * (high - low), low + gold * (high - low))
-        f = value(new)
-        x1, x2, f1, f2 = (np.where(left, new, x2), np.where(left, x1, new),
-                          np.where(left, f, f2), np.where(left, f1, f))
-    return (low + high) / 2

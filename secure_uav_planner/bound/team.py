@@ -81,15 +81,15 @@ class Team:
 
     @property
     def jammers(self) -> int:
-        """Number of jammers that are followed."""
+        """Return how many jammers are followed."""
         return len(self.lenses) - 1
 
     @property
     def copies(self) -> int:
-        """How many times a jammer's gain counts in lemma 8."""
+        """Return how many times a jammer's gain counts in lemma 8."""
         return max(self.jammers, 1)
 
     @property
     def eavesdroppers(self) -> int:
-        """Number of witnesses."""
+        """Return how many witnesses there are."""
         return len(self.witnesses.places)

@@ -15,6 +15,7 @@ from .certificate import certify
 from .conjugate import Array
 from .guess import Guess
 from .newton import Point
+from .nodes import multipliers
 from .rounding import negative_power
 from .search import Search
 from .stages import MOST_STAGES
@@ -104,7 +105,7 @@ def plain_bound(scenario: Scenario) -> float:
 
 
 def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the limits that a scenario has and that the bound does not count with."""
+    """Return the names of a scenario's limits that the bound does not count with."""
     uavs = scenario.uavs
     has = {
         'max_acceleration': any(getattr(uav, 'max_acceleration', None) is not None
@@ -177,12 +178,12 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
                 search.minimise(FINE[-1][0], ITERATIONS)
     # Past the deadline it is a coarse certificate, which costs little and says much.
     tolerance = TOLERANCES[team.jammers]
-    run.offer(certify(search.team, search.multipliers(), tolerance, run.stop).rate)
+    run.offer(certify(search.team, multipliers(search), tolerance, run.stop).rate)
     if run.stop() or team.jammers == 2:
         return
     search.curve()
     _follow(search, CURVED)
-    run.offer(certify(search.team, search.multipliers(), tolerance, run.stop).rate)
+    run.offer(certify(search.team, multipliers(search), tolerance, run.stop).rate)
 
 
 def _follow(search: Search, schedule: tuple[tuple[float, int], ...]) -> None:
@@ -220,7 +221,7 @@ def _reference(run: _Run, plan: Plan | None) -> tuple[Array, Array]:
     left = None if math.isinf(run.time_left) else max(run.time_left / 2, 1e-3)
     try:
         short = scenario if slots == scenario.slots else replace(scenario, slots=slots)
-        found = solve(short, time_limit=left)
+        found: Plan = solve(short, time_limit=left)  # type: ignore[no-untyped-call]
         positions, powers = found.positions, found.powers
     except ValueError:
         # A mission that cannot be flown in so few slots.

@@ -1,0 +1,142 @@
+"""What the certificate needs from a search: nodes of w0 and of rho, each with its own v."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .conjugate import Array, entropy, transmit_power
+from .dual import Branch, Dual
+from .multipliers import Multipliers
+
+if TYPE_CHECKING:
+    from .search import Search
+
+NODES = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
+"""Nodes w0 of the certificate, beside those that the search has used."""
+
+DIVISIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
+"""Nodes rho of the certificate with two jammers."""
+
+
+def multipliers(search: Search) -> Multipliers:
+    """Return what the certificate needs, for its own nodes of w0 and of rho."""
+    team, point = search.team, search.point
+    count, uavs = len(team.stages.count), len(team.lenses)
+    dual = Dual(team, [], [], search.branches(), 1e-9)
+    nodes = np.sort([*(np.full(count, node) for node in NODES), *search.weights], axis=0)
+    potential = [dual.potential(i, point, columns.place)[0]
+                 for i, columns in enumerate(search.columns)]
+    shares = np.array([_shares(search, weight, potential) for weight in nodes])
+    divisions = np.array(DIVISIONS if team.jammers == 2 else (1.0,))
+    theta = np.ones((len(nodes), len(divisions), count))
+    known = np.zeros((uavs, len(nodes), len(divisions), count))
+    for k, (weight, v) in enumerate(zip(nodes, shares)):
+        for r, rho in enumerate(divisions):
+            if team.jammers == 2:
+                theta[k, r] = theta_of(search, weight, v, float(rho))
+            branch = Branch(weight, 0, theta[k, r], np.full(count, rho))
+            for i, columns in enumerate(search.columns):
+                ground, leak = branch.parts(i)
+                known[i, k, r] = (potential[i] + columns.value(
+                    weight * ground, v * leak[:, None], point.prices[i])).max(1)
+    still = np.array([dual.potential(i, point, search.places[i])[0].max(1)
+                      for i in range(uavs)])
+    x = point.potentials.transpose(1, 0, 2)
+    bend = x[..., 2:] if x.shape[2] == 5 else np.zeros(x.shape[:2] + (3,))
+    return Multipliers(x[..., :2], bend, point.prices, nodes, shares, theta, divisions,
+                       _helpers(search), known, still)
+
+
+def _shares(search: Search, weight: Array, potential: list[Array]) -> Array:
+    """Return v (G, E) that nearly minimises a slot's bound at one node w0 (G,)."""
+    price, peak = search.point.prices[0], search.team.lenses[0].peak
+    none = np.zeros(search.point.shares.shape[1:])
+    branch = Branch(weight, 0, search.guess.theta, search.guess.rho)
+    fixed, leaks = [], []
+    for i, columns in enumerate(search.columns):
+        ground, leak = branch.parts(i) if search.team.jammers == 2 else (1.0, np.ones(1))
+        fixed.append(potential[i] + columns.value(weight * ground, none,
+                                                  search.point.prices[i]))
+        leaks.append(columns.leaks * np.asarray(leak)[:, None, None])
+
+    def along(start: Array, way: Array) -> Callable[[Array], Array]:
+        parts = [(base + _dot(part, start), _dot(part, way))
+                 for base, part in zip(fixed, leaks)]
+        total, slope = start.sum(-1), way.sum(-1)
+
+        def value(x: Array) -> Array:
+            s = np.clip(total + x * slope, 0.0, weight)
+            y = transmit_power(weight - s, price, peak)[0] - entropy(s)
+            for base, part in parts:
+                y = y + (base + x[:, None] * part).max(1)
+            return np.asarray(y)
+        return value
+
+    v = search.point.shares[0]
+    count = v.shape[-1]
+    for sweep in range(4 if count > 1 else 1):
+        share = v / np.maximum(v.sum(-1, keepdims=True), 1e-300)
+        v = share * golden(along(none, share), 0 * weight, weight)[:, None]
+        for e in range(count if sweep < 3 else 0):
+            for f in range(e):
+                way = np.zeros_like(v)
+                way[:, e], way[:, f] = 1.0, -1.0
+                moved = golden(along(v, way), -v[:, e], v[:, f])[:, None]
+                v = np.maximum(v + way * moved, 0.0)
+    return np.asarray(v)
+
+
+def _helpers(search: Search) -> Array:
+    """Return prices of the helpers' powers at which they use about what they have."""
+    team = search.team
+    s = search.point.shares[0].sum(-1)
+    prices = []
+    for lens in team.helpers:
+        gain = np.exp(lens.log_gain) / np.min([
+            (lens.nearest(place) + radius)**2 + lens.altitude**2
+            for place, radius in zip(lens.eavesdroppers, lens.radii)], axis=0)
+        low, high = 1e-12, 1e12
+        for _ in range(80):
+            price = (low * high)**0.5
+            used = np.clip(s / price - 1 / gain, 0.0, lens.peak) @ team.stages.count
+            low, high = (price, high) if used > lens.average * team.stages.slots else (
+                low, price)
+        prices.append(high)
+    return np.array(prices)
+
+
+def theta_of(search: Search, weight: Array, v: Array, rho: float) -> Array:
+    """Return the first jammer's share at the ground node that nearly minimises a branch."""
+    dual = Dual(search.team, [], [], [Branch(weight, 0, np.ones_like(weight), np.ones_like(weight))], 1e-9)
+    fixed = [dual.potential(j, search.point, search.columns[j].place)[0]
+             + search.columns[j].value(0 * weight, v * part, search.point.prices[j])
+             for j, part in ((1, rho), (2, 1.0 - rho))]
+
+    def value(theta: Array) -> Array:
+        return np.asarray(-weight * entropy(theta) + sum(
+            (part + (weight * share)[:, None] * search.columns[j].ground).max(1)
+            for j, part, share in ((1, fixed[0], theta), (2, fixed[1], 1.0 - theta))))
+    return golden(value, 0 * weight, np.ones_like(weight), 16)
+
+
+def _dot(leaks: Array, v: Array) -> Array:
+    """Return sum_e v_e leaks, (G, C), for leaks (G, C, E) and v (G, E)."""
+    return np.asarray(np.matmul(leaks, v[..., None])[..., 0])
+
+
+def golden(value: Callable[[Array], Array], low: Array, high: Array, steps: int = 20) -> Array:
+    """Return the minimisers of convex functions, one of each stage, by golden section."""
+    gold = (5**0.5 - 1) / 2
+    x1, x2 = high - gold * (high - low), low + gold * (high - low)
+    f1, f2 = value(x1), value(x2)
+    for _ in range(steps):
+        left = f1 < f2
+        low, high = np.where(left, low, x1), np.where(left, x2, high)
+        new = np.where(left, high - gold * (high - low), low + gold * (high - low))
+        f = value(new)
+        x1, x2, f1, f2 = (np.where(left, new, x2), np.where(left, x1, new),
+                          np.where(left, f, f2), np.where(left, f1, f))
+    return (low + high) / 2
