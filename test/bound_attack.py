@@ -20,10 +20,17 @@ def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
     return search
 
 
-def certified(plan, most=400, **options):
+def certified(plan, most=400, curved=False):
     """Return the team and the certificate of a plan's scenario, objective (P2)."""
     team = Team.of(plan.scenario, Witnesses.of(plan.scenario, 'guaranteed'), most=most)
-    return team, certify(team, multipliers(searched(team, plan)), **options)
+    search = searched(team, plan)
+    if curved:
+        search.curve()
+        search.minimise(0.01, 6)
+        search.second_node()
+        search.sharpen(2e-3)
+        search.minimise(0.01, 6)
+    return team, certify(team, multipliers(search))
 
 
 def slot_rates(team, places, powers):
@@ -53,7 +60,7 @@ def lagrangian(team, certificate, stage, places, powers):
         slope, bend = (part[stage] for part in potential.change)
         x, y = place.T
         value = value + place @ slope + bend @ np.array([x * x / 2, x * y, y * y / 2])
-        for share, edge in zip(potential.shares, (stage, stage + 1)):
+        for share, edge in zip(team.stages.means, (stage, stage + 1)):
             u, (a, b, c) = potential.slope[edge], potential.bend[edge]
             tilt = np.hypot(u[0] + a * x + b * y, u[1] + b * x + c * y)
             largest = np.linalg.eigvalsh([[a, b], [b, c]])[1]

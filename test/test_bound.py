@@ -193,10 +193,13 @@ def test_extremes_of_gain_are_bounded_without_a_warning(snr, altitude):
 
 
 @pytest.mark.parametrize('options', [
-    {'coordinate': 1e7, 'speed': 1e6, 'duration': 1e8}, {'coordinate': 1e7, 'speed': 1e6, 'duration': 100.0},
-    {'coordinate': 1.0, 'speed': 1e-6, 'duration': 1e8}, {'coordinate': 0.0, 'speed': 1e-6, 'duration': 1e-6},
+    {'coordinate': 1e7, 'speed': 1e6, 'duration': 1e8},
+    {'coordinate': 1e7, 'speed': 1e6, 'duration': 100.0},
+    {'coordinate': 1.0, 'speed': 1e-6, 'duration': 1e8},
+    {'coordinate': 0.0, 'speed': 1e-6, 'duration': 1e-6},
     {'coordinate': 300.0, 'speed': 1e6, 'duration': 1e8, 'radius': 1e7},
-    {'coordinate': 300.0, 'speed': 20.0, 'power': 1e-9}, {'coordinate': 300.0, 'speed': 20.0, 'power': 1e6},
+    {'coordinate': 300.0, 'speed': 20.0, 'power': 1e-9},
+    {'coordinate': 300.0, 'speed': 20.0, 'power': 1e6},
 ], ids=str)
 def test_extremes_of_space_and_power_are_bounded_without_a_warning(options):
     options = {'duration': 100.0, 'radius': 10.0, 'power': 1.0, **options}

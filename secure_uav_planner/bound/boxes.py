@@ -109,7 +109,8 @@ class Terms:
             stack = [self._grid(np.arange(first, min(first + chunk, len(self))))]
             while stack:
                 function, centre, half, bound = stack.pop()
-                alive = (bound > best[function]) & self._meets(function, centre, half)
+                # Written so that a NaN is never dropped.
+                alive = ~(bound <= best[function]) & self._meets(function, centre, half)
                 function, centre, half = function[alive], centre[:, alive], half[:, alive]
                 if not len(function):
                     continue
@@ -130,7 +131,7 @@ class Terms:
                 # The last of several values for one function stays, which is the largest.
                 top[function[rising]] = value[rising]
                 points[:, function[rising]] = centre[:, rising]
-                alive = bound > best[function]
+                alive = ~(bound <= best[function])
                 if alive.any():
                     stack += _halves(function[alive], centre[:, alive], half[:, alive],
                                      bound[alive], score[:, alive])
@@ -190,7 +191,7 @@ class Terms:
             ta = t[:, 0] + s[:, 0] * a + s[:, 1] * b
             tb = t[:, 1] + s[:, 1] * a + s[:, 2] * b
             norm = np.hypot(ta, tb)
-            safe = np.maximum(norm, 1e-300)
+            safe = np.maximum(norm, 1e-200)
             value += f * norm
             ga = ga + f * (s[:, 0] * ta + s[:, 1] * tb) / safe
             gb = gb + f * (s[:, 1] * ta + s[:, 2] * tb) / safe

@@ -10,7 +10,8 @@ With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
     M_j = max over q, p of -w0 log(1 + b_0(q) p) + sum_e v_e log(1 + b_e(q) p) - lam p
           + potential(q),
 
-A being the logarithm of a gain of the transmitter, b a gain of a jammer, m that of transmit_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few nodes w0.
+A being the logarithm of a gain of the transmitter, b a gain of a jammer, m that of
+transmit_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few nodes w0.
 
 Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
 interpolated linearly between the nodes it lies below the chord from node to node. The entropies
@@ -21,9 +22,10 @@ w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0.
 Lemma 8 (two jammers and more). The logarithm of a sum is not a sum, but by Gibbs' inequality, with
 y_j = 1/J + x_j, log(1 + sum x_j) = max over rho of sum_j rho_j log(y_j / rho_j), rho on the
 simplex. At the ground node any theta is an upper bound of -log(1 + sum x_j), and at the
-eavesdropper rho is maximised over like w0: M is convex in rho, too, so it lies below its interpolation between
-nodes of rho, while the entropy of rho is taken on pieces. With log(J y_j) = log(1 + J x_j) every
-jammer's maximum is that of one jammer with the weights w0 theta_j, v rho_j and J times the gain.
+eavesdropper rho is maximised over like w0: M is convex in rho, too, so it lies below its
+interpolation between nodes of rho, while the entropy of rho is taken on pieces. With
+log(J y_j) = log(1 + J x_j) every jammer's maximum is that of one jammer with the weights
+w0 theta_j, v rho_j and J times the gain.
 """
 
 from __future__ import annotations
@@ -95,6 +97,8 @@ def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
     if team.jammers == 2 and (divisions[0] != 0 or divisions[-1] != 1
                               or (np.diff(divisions) <= 0).any()):
         raise AssertionError('the nodes of rho must rise from 0 to 1')
+    if (np.diff(given.weights, axis=0) < 0).any() or (given.weights[-1] != 1).any():
+        raise AssertionError('the nodes of w0 must rise to 1')
     if ((given.theta < 0) | (given.theta > 1)).any():
         raise AssertionError('theta must be from 0 to 1')
     weights = np.clip(given.weights, 1e-12, 1.0)
@@ -193,8 +197,9 @@ def terms_of(team: Team, potential: Potential, uav: int, weights: Array, shares:
         gain += math.log(team.copies)
         top = math.log(lens.peak)
         powers = (min(math.log(FLOOR) + 2 * math.log(lens.altitude) - gain, top), top)
-    return Terms(lens, stage, weights.ravel(), shares.reshape(len(stage), -1), slope[stage],
-                 bend[stage], tilts, spare[stage], price, gain, powers), potential.constant()[stage]
+    terms = Terms(lens, stage, weights.ravel(), shares.reshape(len(stage), -1), slope[stage],
+                  bend[stage], tilts, spare[stage], price, gain, powers)
+    return terms, potential.constant()[stage]
 
 
 def _maxima(team: Team, potential: Potential, uav: int, still: Array, weights: Array,

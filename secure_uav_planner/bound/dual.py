@@ -69,8 +69,7 @@ class Dual:
         self.columns = (columns, silent)
         self.count = team.stages.count.astype(float)
         self.average = np.array([lens.average for lens in team.lenses])
-        shares = ((self.count - 1) / (2 * self.count), (self.count + 1) / (2 * self.count))
-        self.mean = shares
+        self.mean = shares = team.stages.means
         # How often an edge's T counts; the start's, at the first edge, comes on top.
         self.edge = np.zeros(len(self.count) + 1)
         self.edge[:-1] += self.count * shares[0]

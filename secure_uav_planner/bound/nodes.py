@@ -110,7 +110,8 @@ def _helpers(search: Search) -> Array:
 
 def theta_of(search: Search, weight: Array, v: Array, rho: float) -> Array:
     """Return the first jammer's share at the ground node that nearly minimises a branch."""
-    dual = Dual(search.team, [], [], [Branch(weight, 0, np.ones_like(weight), np.ones_like(weight))], 1e-9)
+    one = np.ones_like(weight)
+    dual = Dual(search.team, [], [], [Branch(weight, 0, one, one)], 1e-9)
     fixed = [dual.potential(j, search.point, search.columns[j].place)[0]
              + search.columns[j].value(0 * weight, v * part, search.point.prices[j])
              for j, part in ((1, rho), (2, 1.0 - rho))]

@@ -37,13 +37,15 @@ class Potential:
     S = 0 is Lagrangian duality, which lets a UAV be in two places, each half of the time; S makes
     that cost something. W is a guess of what being somewhere is worth for the rest of the flight.
 
-    T is convex in (u, S), so within a stage, where W is interpolated between its edges, the mean
-    of T is at most the mean of the interpolated T of the edges.
+    Within a stage of several slots W is interpolated between the edges. T is convex in (u, S), so
+    it is at most the interpolated T; where S = 0 that is the same at every place, and its
+    mean over the slots of the stage is all that counts. S is for stages of one slot each.
 
     :param slope: u, (G + 1, 2) in nats per unit.
     :param bend: S as (S_11, S_12, S_22), (G + 1, 3) in nats per unit^2.
     :param stages: between the edges.
     :param lens: of the UAV.
+    :raises AssertionError: for S in stages of several slots.
     """
 
     slope: Array
@@ -51,17 +53,15 @@ class Potential:
     stages: Stages
     lens: Lens
 
+    def __post_init__(self) -> None:
+        if self.curved and (self.stages.count > 1).any():
+            raise AssertionError('quadratic potentials are for stages of one slot')
+
     @property
     def change(self) -> tuple[Array, Array]:
         """Change of (u, S) in one slot of every stage, (G, 2) and (G, 3)."""
         count = self.stages.count[:, None]
         return np.diff(self.slope, axis=0) / count, np.diff(self.bend, axis=0) / count
-
-    @property
-    def shares(self) -> tuple[Array, Array]:
-        """Mean weights of the edge before and of the edge after in the T of a stage, (G,)."""
-        count = self.stages.count
-        return (count - 1) / (2 * count), (count + 1) / (2 * count)
 
     @property
     def curved(self) -> bool:
@@ -76,11 +76,11 @@ class Potential:
 
     def constant(self) -> Array:
         """Return what a slot of every stage gets wherever the UAV is, (G,) in nats."""
-        before, after = self.shares
-        jump = self.jump()
-        if not self.curved:
-            jump = jump + self.lens.step * np.hypot(self.slope[:, 0], self.slope[:, 1])
-        return before * jump[:-1] + after * jump[1:]
+        if self.curved:
+            return self.jump()[1:]
+        length = self.lens.step * np.hypot(self.slope[:, 0], self.slope[:, 1])
+        before, after = self.stages.means
+        return np.asarray(before * length[:-1] + after * length[1:])
 
     def tilts(self) -> list[tuple[Array, Array, Array]]:
         """
@@ -90,9 +90,7 @@ class Potential:
         """
         if not self.curved:
             return []
-        before, after = (share * self.lens.step for share in self.shares)
-        terms = [(before, self.slope[:-1], self.bend[:-1]), (after, self.slope[1:], self.bend[1:])]
-        return [term for term in terms if term[0].any()]
+        return [(np.full(len(self.slope) - 1, self.lens.step), self.slope[1:], self.bend[1:])]
 
     def ends(self) -> float:
         """Return T_0(start) + W_0(start) - W_N(goal) with the ends' tolerance, in nats."""
@@ -100,11 +98,11 @@ class Potential:
         miss = 2e-6 / lens.unit + 1e-12
         goal = lens.distance
         first, last = self.slope[0], self.slope[-1]
-        b0, b1 = self.bend[0], self.bend[-1]
-        size0, size1 = np.abs(b0).sum(), np.abs(b1).sum()
+        size0, size1 = np.abs(self.bend[0]).sum(), np.abs(self.bend[-1]).sum()
         start = lens.step * np.hypot(*first) + float(self.jump()[0])
-        at_goal = first_slope = last[0] * goal + b1[0] * goal**2 / 2
-        first_slope = np.hypot(*first) + (size0 * (lens.step + miss))
+        at_goal = last[0] * goal + self.bend[-1, 0] * goal**2 / 2
+        # At most |grad W| + |S| step, and |grad W|, times how far an end may be off.
+        first_slope = np.hypot(*first) + size0 * (lens.step + miss)
         last_slope = np.hypot(*last) + size1 * (goal + miss)
         return float(start - at_goal + miss * (first_slope + last_slope)
                      + margin(lens.altitude, self.size()[[0, -1]].sum()))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import columns as lists
-from .columns import Columns
 from .certificate import terms_of
+from .columns import Columns
 from .conjugate import Array, entropy, transmit_power
 from .dual import Branch, Dual
 from .guess import Guess

@@ -46,6 +46,12 @@ class Stages:
         return np.diff(self.edges)
 
     @property
+    def means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the mean weights in a stage of the edge before and of the edge after, (G,)."""
+        count = self.count.astype(float)
+        return (count - 1) / (2 * count), (count + 1) / (2 * count)
+
+    @property
     def slots(self) -> int:
         """N."""
         return int(self.edges[-1])

@@ -179,7 +179,7 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     # Past the deadline it is a coarse certificate, which costs little and says much.
     tolerance = TOLERANCES[team.jammers]
     run.offer(certify(search.team, multipliers(search), tolerance, run.stop).rate)
-    if run.stop() or team.jammers == 2:
+    if run.stop() or team.jammers == 2 or (team.stages.count > 1).any():
         return
     search.curve()
     _follow(search, CURVED)
