@@ -24,6 +24,7 @@ shrink.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -105,36 +106,37 @@ class Terms:
         top, points = known.copy(), np.full((dimensions, len(self)), np.nan)
         budget = budget * len(self)
         chunk = max(1, BATCH // PARTS**dimensions)
-        for first in range(0, len(self), chunk):
-            stack = [self._grid(np.arange(first, min(first + chunk, len(self))))]
-            while stack:
-                function, centre, half, bound = stack.pop()
-                # Written so that a NaN is never dropped.
-                alive = ~(bound <= best[function]) & self._meets(function, centre, half)
-                function, centre, half = function[alive], centre[:, alive], half[:, alive]
-                if not len(function):
-                    continue
-                budget -= len(function)
-                ended = budget < 0 or stop()
-                bound = bound[alive]
-                if ended and np.isfinite(bound).all():
-                    np.maximum.at(best, function, bound)
-                    continue
-                value, bound, score = self.bounds(function, centre, half)
-                if ended:
-                    np.maximum.at(best, function, bound)
-                    continue
-                good = self.lens.inside(centre[:2].T, self.stage[function])
-                np.maximum.at(best, function[good], value[good] + tolerance[function[good]])
-                good &= value > top[function]
-                rising = np.flatnonzero(good)[np.argsort(value[good])]
-                # The last of several values for one function stays, which is the largest.
-                top[function[rising]] = value[rising]
-                points[:, function[rising]] = centre[:, rising]
-                alive = ~(bound <= best[function])
-                if alive.any():
-                    stack += _halves(function[alive], centre[:, alive], half[:, alive],
-                                     bound[alive], score[:, alive])
+        # All functions side by side: whoever ends the search early has all bounds equally close.
+        queue = deque(self._grid(np.arange(first, min(first + chunk, len(self))))
+                      for first in range(0, len(self), chunk))
+        while queue:
+            function, centre, half, bound = queue.popleft()
+            # Written so that a NaN is never dropped.
+            alive = ~(bound <= best[function]) & self._meets(function, centre, half)
+            function, centre, half = function[alive], centre[:, alive], half[:, alive]
+            if not len(function):
+                continue
+            budget -= len(function)
+            ended = budget < 0 or stop()
+            bound = bound[alive]
+            if ended and np.isfinite(bound).all():
+                np.maximum.at(best, function, bound)
+                continue
+            value, bound, score = self.bounds(function, centre, half)
+            if ended:
+                np.maximum.at(best, function, bound)
+                continue
+            good = self.lens.inside(centre[:2].T, self.stage[function])
+            np.maximum.at(best, function[good], value[good] + tolerance[function[good]])
+            good &= value > top[function]
+            rising = np.flatnonzero(good)[np.argsort(value[good])]
+            # The last of several values for one function stays, which is the largest.
+            top[function[rising]] = value[rising]
+            points[:, function[rising]] = centre[:, rising]
+            alive = ~(bound <= best[function])
+            if alive.any():
+                queue += _halves(function[alive], centre[:, alive], half[:, alive],
+                                 bound[alive], score[:, alive])
         return best, points
 
     def _grid(self, function: Index) -> tuple[Index, Array, Array, Array]:

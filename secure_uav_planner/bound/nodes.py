@@ -23,6 +23,8 @@ DIVISIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
 
 def multipliers(search: Search) -> Multipliers:
     """Return what the certificate needs, for its own nodes of w0 and of rho."""
+    if not search.columns:
+        search.dual(0.01)
     team, point = search.team, search.point
     count, uavs = len(team.stages.count), len(team.lenses)
     dual = Dual(team, [], [], search.branches(), 1e-9)

@@ -82,7 +82,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     if 0 < run.rate < math.inf:
         _search(run, objective, plan)
     return Bound(scenario, run.rate, objective, ignored_limits(scenario),
-                 time.monotonic() - started, run.status or 'converged')
+                 time.monotonic() - started, run.outcome)
 
 
 def plain_bound(scenario: Scenario) -> float:
@@ -125,6 +125,8 @@ class _Run:
         self.scenario, self.rate, self.status = scenario, math.inf, ''
         self._started, self._limit, self._on_progress = started, limit, on_progress
         self._number = 0
+        self._proving = 0.0
+        self._late = False
 
     @property
     def time_left(self) -> float:
@@ -132,6 +134,32 @@ class _Run:
         if self._limit is None:
             return math.inf
         return self._limit - (time.monotonic() - self._started)
+
+    @property
+    def limited(self) -> bool:
+        """Return whether there is a deadline."""
+        return self._limit is not None
+
+    def keeping(self, share: float, times: float = 0.0) -> Callable[[], bool]:
+        """
+        Return what tells a search to end while there is time for its certificate.
+
+        :param share: of the whole time that is kept.
+        :param times: how much longer than the last certificate the next one may take.
+        """
+        def stop() -> bool:
+            if self._limit is not None and not self.status:
+                if self.time_left <= max(share * self._limit, times * self._proving):
+                    self._late = True
+                    return True
+            return self.stop()
+        return stop
+
+    def prove(self, search: Search, tolerance: float) -> None:
+        """Offer what a search's multipliers prove, in the time that is left."""
+        before = time.monotonic()
+        self.offer(certify(search.team, multipliers(search), tolerance, self.stop).rate)
+        self._proving = time.monotonic() - before
 
     def offer(self, rate: float) -> None:
         """Keep a proven bound if it is the lowest, and report."""
@@ -141,6 +169,11 @@ class _Run:
             if self._on_progress(progress):
                 self.status = self.status or 'cancelled'
         self._number += 1
+
+    @property
+    def outcome(self) -> str:
+        """Return the status of the bound."""
+        return self.status or ('time_limit' if self._late else 'converged')
 
     def stop(self) -> bool:
         """Return whether the search must end, and remember why."""
@@ -156,34 +189,43 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     if run.stop():
         return
     everyone = Witnesses.of(scenario, objective)
-    leaks = everyone.leaks(scenario, positions, powers)
-    order = _by_use(scenario, everyone, positions, powers)
+    # A few hundred slots tell who counts.
+    some = np.unique(np.linspace(1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
+    some_positions = positions[:, [0, *some, scenario.slots + 1]]
+    leaks = everyone.leaks(scenario, some_positions, powers[:, some - 1])
+    order = _by_use(scenario, everyone, some_positions, powers[:, some - 1])
     most = 1 if len(order) >= MOST_JAMMERS else MOST_WITNESSES
     chosen = everyone.best(leaks, most)
     uavs = [0, *order[:MOST_JAMMERS]]
+    path, watts = positions[uavs], powers[uavs]
     slots = min(scenario.slots, MOST_STAGES)
     coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
     team = Team.of(scenario, chosen, order, slots)
-    guess = Guess.of(coarse, positions[uavs], powers[uavs])
-    search = Search(coarse, guess, None, run.stop)
-    _follow(search, COARSE)
-    if not run.stop():
-        point = _finer(search.point, coarse, guess.weight, team, positions[uavs], powers[uavs])
-        search = Search(team, Guess.of(team, positions[uavs], powers[uavs]), point, run.stop)
-        _follow(search, FINE)
-        if team.jammers < 2:
-            search.second_node()
-            for _ in range(SHARPER):
-                search.sharpen(2e-3)
-                search.minimise(FINE[-1][0], ITERATIONS)
-    # Past the deadline it is a coarse certificate, which costs little and says much.
+    guess = Guess.of(coarse, path, watts)
     tolerance = TOLERANCES[team.jammers]
-    run.offer(certify(search.team, multipliers(search), tolerance, run.stop).rate)
-    if run.stop() or team.jammers == 2 or (team.stages.count > 1).any():
+    search = Search(coarse, guess, None, run.keeping(0.7))
+    _follow(search, COARSE)
+    if run.limited:
+        run.prove(search, tolerance)
+    point = _finer(search.point, coarse, guess.weight, team, path, watts)
+    search = Search(team, Guess.of(team, path, watts), point, run.keeping(0.0, SLOTS_A_STAGE))
+    if search.stop():
+        return
+    _follow(search, FINE)
+    if team.jammers < 2 and not search.stop():
+        search.second_node()
+        for _ in range(SHARPER):
+            search.sharpen(2e-3)
+            search.minimise(FINE[-1][0], ITERATIONS)
+    run.prove(search, tolerance)
+    search.stop = run.keeping(0.0, 2)
+    if team.jammers == 2 or (team.stages.count > 1).any():
+        return
+    if search.stop():
         return
     search.curve()
     _follow(search, CURVED)
-    run.offer(certify(search.team, multipliers(search), tolerance, run.stop).rate)
+    run.prove(search, tolerance)
 
 
 def _follow(search: Search, schedule: tuple[tuple[float, int], ...]) -> None:
