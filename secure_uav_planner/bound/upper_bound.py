@@ -30,7 +30,7 @@ MOST_WITNESSES = 3
 COARSE = ((0.3, 1), (0.1, 2), (0.03, 3))
 """Temperatures in nats, and how often columns are chosen anew at each, of coarse stages."""
 
-FINE = ((0.01, 2), (0.003, 3))
+FINE = ((0.03, 1), (0.01, 3), (0.003, 3))
 """The same where every slot is a stage, with linear potentials."""
 
 CURVED = ((0.01, 4), (0.005, 3), (0.003, 4))
@@ -80,7 +80,9 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     run.offer(plain_bound(scenario))
     # Where nothing but infinity is true, or where the plain bound is nothing, no search helps.
     if 0 < run.rate < math.inf:
-        _search(run, objective, plan)
+        # Whatever is not a number on the way makes a bound infinite, never wrong; see boxes.
+        with np.errstate(all='ignore'):
+            _search(run, objective, plan)
     return Bound(scenario, run.rate, objective, ignored_limits(scenario),
                  time.monotonic() - started, run.outcome)
 
@@ -213,6 +215,8 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
         return
     _follow(search, FINE)
     if team.jammers < 2 and not search.stop():
+        if not run.limited:
+            run.prove(search, tolerance)
         search.second_node()
         for _ in range(SHARPER):
             search.sharpen(2e-3)
