@@ -4,15 +4,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .bound.bound import Bound
+    from .bound.upper_bound import upper_bound
     from .errors import PlanningError
     from .optimize.solve import fly_hover_fly, METHODS, solve
     from .plan import Iteration, Plan
     from .scenario import Eavesdropper, Scenario, Uav
 
-__all__ = ['Eavesdropper', 'Iteration', 'METHODS', 'Plan', 'PlanningError', 'Scenario', 'Uav',
-           'fly_hover_fly', 'solve']
+__all__ = ['Bound', 'Eavesdropper', 'Iteration', 'METHODS', 'Plan', 'PlanningError', 'Scenario',
+           'Uav', 'fly_hover_fly', 'solve', 'upper_bound']
 
-_HOMES = {'errors': ('PlanningError',), 'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
+_HOMES = {'bound': ('Bound', 'upper_bound'), 'errors': ('PlanningError',),
+          'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
           'plan': ('Iteration', 'Plan'), 'scenario': ('Eavesdropper', 'Scenario', 'Uav')}
 
 

@@ -45,7 +45,7 @@ class Bound:
         lower what plans reach: the bound is valid, but farther away.
     :param solve_time: in s.
     :param status: one of STATUSES, why the search for a lower bound ended.
-    :raises ValueError: naming the field, its value and what is allowed.
+    :raises OptionError: naming the field, its value and what is allowed.
     """
 
     scenario: Scenario
@@ -69,7 +69,7 @@ class Bound:
         Infinite for a plan without a positive rate, unless nothing can be had: then 0.
 
         :param plan: a Plan of the scenario.
-        :raises ValueError: for anything else.
+        :raises OptionError: for anything else.
         """
         arguments.checked_plan(plan, self.scenario)
         rate = plan.guaranteed_rate if self.objective == 'guaranteed' else plan.worst_case_rate
@@ -91,7 +91,7 @@ class Bound:
 
         :param data: what to_dict returned.
         :param scenario: what the bound is for.
-        :raises ValueError: for a missing or unknown field as well as for a wrong value.
+        :raises OptionError: for a missing or unknown field as well as for a wrong value.
         """
         data = dict(arguments.checked_fields(data, _FIELDS))
         if data['rate'] is None:

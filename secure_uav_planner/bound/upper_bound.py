@@ -66,7 +66,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     :param on_progress: called with a Progress after every bound that was proven; returning True
         ends the search.
     :return: a Bound.
-    :raises ValueError: for an unknown objective, a time limit that is not above 0, or a plan of
+    :raises OptionError: for an unknown objective, a time limit that is not above 0, or a plan of
         another scenario.
     """
     started = time.monotonic()
