@@ -1,4 +1,4 @@
-"""What the nodes' parameters are called, mean and allow, and the settings they make."""
+"""Names, meanings and ranges of the nodes' parameters, and the settings made from them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ class Spec:
     """
     One parameter.
 
-    :param default: its type is the parameter's type.
-    :param limits: smallest and largest number allowed, for numbers and their lists.
-    :param length: of a list, smallest and largest.
-    :param choices: the strings allowed.
+    :param default: the default value; its type is the parameter's type.
+    :param limits: the smallest and the largest allowed number, for numbers and lists of numbers.
+    :param length: the smallest and the largest allowed length, for lists.
+    :param choices: the allowed strings.
     """
 
     default: Any
@@ -82,7 +82,7 @@ class Spec:
         return value
 
     def _number(self, value: Any, kind: type) -> float:
-        # A whole number may stand for a real one: `duration: 150` in YAML.
+        # An integer is accepted as a float, as in `duration: 150` in YAML.
         if isinstance(value, bool) or not isinstance(value, (int, kind)):
             raise ValueError
         if not math.isfinite(value) or not self.limits[0] <= value <= self.limits[1]:
@@ -94,7 +94,7 @@ class Spec:
         descriptor = ParameterDescriptor(
             description=self.description, additional_constraints=f'Must be {self.allowed}.',
             read_only=self.read_only,
-            # Types are checked here, where a whole number may stand for a real one.
+            # Types are checked by this class, which accepts an integer as a float.
             dynamic_typing=True)
         if self.limits and isinstance(self.default, float):
             descriptor.floating_point_range = [FloatingPointRange(
@@ -115,7 +115,7 @@ def _name(value: Any) -> str:
 
 _NAMES = (1, MAX_MEMBERS)
 _UAVS = Spec([uav.name for uav in _PAPER.uavs],
-             'Names of the UAVs; the first transmits, the others jam.',
+             'Names of the UAVs; the first one transmits, the others jam.',
              length=_NAMES, read_only=True)
 
 PLANNER = {
@@ -133,34 +133,36 @@ PLANNER = {
                        'far is published; 0 for none.', (0.0, 86400.0)),
     'confidence': Spec(0.95, 'Probability that an eavesdropper is within the error radius taken '
                        'from its covariance.', (0.01, 0.999999)),
-    'pose_timeout': Spec(10.0, 'Age in s beyond which a pose is not planned with; 0 for none.',
-                         (0.0, 86400.0)),
-    'height_tolerance': Spec(2.0, 'How far the ground node and the eavesdroppers may be from '
-                             'z = 0 of the frame, in m.', (0.0, LIMITS['altitude'][1])),
+    'pose_timeout': Spec(10.0, 'Age in s beyond which a pose is not used for planning; 0 for no '
+                         'limit.', (0.0, 86400.0)),
+    'height_tolerance': Spec(2.0, 'Largest distance in m of the ground node and of the '
+                             'eavesdroppers from z = 0 of the frame.', (0.0, LIMITS['altitude'][1])),
     'plan_file': Spec('', 'File (JSON) that keeps the last plan over a restart; empty for none.',
                       read_only=True),
-    'replan_period': Spec(0.0, 'Period in s of planning the rest of the mission again; 0 for '
-                          'never.', (0.0, 86400.0)),
-    'replan_distance': Spec(0.0, 'Plan the rest again when an estimate has moved by more than '
-                            'this in m, or its error radius has changed by a tenth of it; 0 for '
-                            'never.', LIMITS['error_radius']),
-    'replan_lead': Spec(2.0, 'How far ahead in s a new plan of the rest takes effect; the '
-                        'deadline of its solve.', (0.01, 3600.0)),
+    'replan_period': Spec(0.0, 'Period in s after which the rest of the mission is planned '
+                          'again; 0 for never.', (0.0, 86400.0)),
+    'replan_distance': Spec(0.0, 'Plan the rest of the mission again when the ground node or an '
+                            'estimate has moved by more than this distance in m, or an error '
+                            'radius has changed by more than a tenth of it; 0 for never.',
+                            LIMITS['error_radius']),
+    'replan_lead': Spec(2.0, 'How far ahead in s a new plan of the rest takes effect; also '
+                        'the deadline of its solve.', (0.01, 3600.0)),
 }
 """Parameters of the planner that do not belong to one UAV or eavesdropper."""
 
 _FIELDS = {
-    'start': 'Start (x, y) in m, used until a pose of the UAV has come.',
+    'start': 'Start (x, y) in m, used until a pose of the UAV has arrived.',
     'goal': 'Goal (x, y) in m.',
-    'altitude': 'Flying height H above the ground node in m, the z of what is published.',
+    'altitude': 'Flying height H above the ground node in m; also the z of published '
+                'positions.',
     'max_speed': 'Largest speed V in m/s.',
     'average_power': 'Limit of the mean power in W.',
     'peak_power': 'Limit of the power of every slot in W.',
     'max_acceleration': 'Largest acceleration in m/s^2; 0 for no limit.',
-    'start_velocity': 'Velocity (x, y) in m/s at the start, counts with a limit of acceleration; '
-                      'empty where it is free.',
-    'goal_velocity': 'Velocity (x, y) in m/s at the goal, counts with a limit of acceleration; '
-                     'empty where it is free.',
+    'start_velocity': 'Velocity (x, y) in m/s at the start, used only with an acceleration limit; '
+                      'empty if it is free.',
+    'goal_velocity': 'Velocity (x, y) in m/s at the goal, used only with an acceleration limit; '
+                     'empty if it is free.',
 }
 _NO_LIMIT = 0.0
 
@@ -171,8 +173,8 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     return {**{f'{name}.{field}': _uav_spec(getattr(uav, field), text, field)
                for field, text in _FIELDS.items()},
             f'{name}.use_pose': Spec(
-                True, 'Whether to plan from the last pose of the UAV, if one has come, and not '
-                'from its start.')}
+                True, 'Whether to plan from the last pose of the UAV, if one has arrived, instead '
+                'of from its start.')}
 
 
 def _uav_spec(default: Any, text: str, field: str) -> Spec:
@@ -188,37 +190,37 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
     """Return the parameters of one eavesdropper by name."""
     return {f'{name}.error_radius': Spec(
         _PAPER.eavesdroppers[0].error_radius,
-        'epsilon in m, used where the covariance of its pose is zero.', LIMITS['error_radius'])}
+        'Error radius epsilon in m, used where the covariance of the pose is zero.', LIMITS['error_radius'])}
 
 
 REPLAY = {
     'uavs': _UAVS,
-    'plan_file': Spec('', 'Saved plan to replay; empty to replay the topics.', read_only=True),
+    'plan_file': Spec('', 'Saved plan to replay; empty to replay the plan of the topics.', read_only=True),
     'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.'),
-    'picture_file': Spec('', 'PNG file in which every plan is drawn as it is taken up; empty for '
-                         'none.'),
+    'picture_file': Spec('', 'PNG file in which every new plan is drawn; empty for none.'),
     'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
-    'speed': Spec(1.0, 'Playback speed, 1 is real time.', (0.001, 10000.0)),
+    'speed': Spec(1.0, 'Playback speed; 1 is real time.', (0.001, 10000.0)),
     'loop': Spec(False, 'Start again at the end.'),
     'autostart': Spec(False, 'Start as soon as there is a plan, without ~/start.'),
-    'ground_node': Spec(list(_PAPER.ground_node), 'GN (x, y) in m, for the rates of a plan '
-                        'from the topics.', LIMITS['coordinate'], length=(2, 2)),
+    'ground_node': Spec(list(_PAPER.ground_node), 'Position (x, y) of the ground node in m, for the '
+                        'rates of a plan from the topics.', LIMITS['coordinate'], length=(2, 2)),
     'reference_snr_db': Spec(_PAPER.reference_snr_db, 'SNR at 1 m and 1 W in dB, for the rates '
                              'of a plan from the topics.', LIMITS['reference_snr_db']),
-    'true_eavesdropper': Spec([], 'Where the eavesdropper really is, (x, y) in m; empty when '
-                              'that is not known.', LIMITS['coordinate'], length=(0, 2)),
+    'true_eavesdropper': Spec([], 'True position (x, y) of the eavesdropper in m; empty if it is '
+                              'not known.', LIMITS['coordinate'], length=(0, 2)),
 }
 """Parameters of the replay node."""
 
 
 class Parameters:
     """
-    Declared parameters of a node, validated whole and then applied whole.
+    The declared parameters of a node; a change is validated as a whole, then applied as a whole.
 
     :param node: a Node.
-    :param specs: Spec by parameter name.
-    :param check: called with all values by name; raises PlanningError for a bad combination.
-    :raises ParameterError: for a wrong value at start, naming the parameter.
+    :param specs: a Spec for each parameter name.
+    :param check: called with all values by name; it raises a PlanningError for a wrong
+        combination.
+    :raises ParameterError: for a wrong value at the start; the text names the parameter.
     """
 
     def __init__(self, node: Node, specs: Mapping[str, Spec],
@@ -248,16 +250,16 @@ class Parameters:
         return self._values[name]
 
     def snapshot(self) -> dict[str, Any]:
-        """Return all values by name as they are now; a later change leaves them alone."""
+        """Return the present values of all parameters by name; later changes do not affect them."""
         return self._values
 
     def apply(self, check: Callable[[dict[str, Any]], None]) -> None:
-        """Check all values now and at every change by another function."""
+        """Check all values with another function, now and at every change."""
         check(self._values)
         self._check = check
 
     def warn_of_unknown(self) -> None:
-        """Log the parameters that the node was given and does not have, each with the nearest."""
+        """Log every given parameter that does not exist, with the nearest name that does."""
         for name in sorted(_given(self._node)):
             if self._node.has_parameter(name) or name.startswith(_OF_ROS):
                 continue
@@ -284,13 +286,13 @@ _OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 
 
 def _given(node: Node) -> list[str]:
-    """Return the names of all parameters of the command line and the files for a node."""
-    # rclpy has no other way to them; without it, misspelt names go unnoticed.
+    """Return the names of all parameters from the command line and parameter files of a node."""
+    # rclpy has no public access to them. Without it, misspelt names would go unnoticed.
     return list(getattr(node, '_parameter_overrides', {}))
 
 
 def uav_from(values: Mapping[str, Any], name: str, start: Point | None = None) -> Uav:
-    """Return the Uav that the parameter values describe, from another start where given."""
+    """Return the Uav that the parameter values describe, with another start if one is given."""
     fields = {field: values[f'{name}.{field}'] for field in _FIELDS}
     fields['max_acceleration'] = fields['max_acceleration'] or None
     for field in ('start_velocity', 'goal_velocity'):

@@ -1,5 +1,5 @@
 """
-The reference of topics, services and parameters, read off the running nodes.
+The reference of topics, services and parameters, as read from running nodes.
 
 `python -m secure_uav_planner.ros.reference` prints it as Markdown.
 """
@@ -19,28 +19,30 @@ _NAMESPACE = '/reference'
 _NAMES = {'uav1': '<uav>', 'uav2': '<uav>', 'eavesdropper': '<eavesdropper>'}
 _BUILT_IN = ('/rosout', '/parameter_events', '/clock')
 _MEANINGS = {
-    ('planner', 'ground_node/pose'): 'where the ground node is',
-    ('planner', '<eavesdropper>/pose'): 'the estimate; its covariance gives the error radius',
-    ('planner', '<uav>/pose'): 'optional: plan from where the UAV is',
-    ('planner', '<uav>/path'): 'every point of the plan, each with its time',
+    ('planner', 'ground_node/pose'): 'the position of the ground node',
+    ('planner', '<eavesdropper>/pose'):
+        'the estimated position; its covariance gives the error radius',
+    ('planner', '<uav>/pose'): "optional: plan from the UAV's present position",
+    ('planner', '<uav>/path'): 'every point of the plan with its time',
     ('planner', '<uav>/power'): 'the power of every slot in W',
-    ('planner', '<uav>/trajectory'): 'position, velocity, acceleration of the curve at each point',
+    ('planner', '<uav>/trajectory'):
+        'position, velocity and acceleration of the flown curve at the times of the points',
     ('planner', '~/markers'): 'the plan for RViz and Foxglove',
     ('planner', '~/status'): 'state, rates and ages; also while solving',
     ('planner', '/diagnostics'): 'the same once a second',
-    ('planner', '~/plan'): 'plan now; the answer is a summary, or the reason why not',
-    ('planner', '~/cancel'): 'stop the solve under way',
+    ('planner', '~/plan'): 'plan now; the answer is a summary, or the reason for a refusal',
+    ('planner', '~/cancel'): 'stop the solve that is under way',
     ('replay', '<uav>/path'): 'what to replay, unless `plan_file` is set',
     ('replay', '<uav>/power'): 'what to replay, unless `plan_file` is set',
-    ('replay', '<uav>/setpoint/pose'): 'where the UAV should be now',
+    ('replay', '<uav>/setpoint/pose'): 'the pose that the UAV should have now',
     ('replay', '<uav>/setpoint/trajectory'):
-        'position, velocity, acceleration and yaw now: what an autopilot needs to follow',
+        'position, velocity, acceleration and yaw of the UAV now, for autopilots',
     ('replay', '<uav>/setpoint/power'): 'the power of the current slot in W',
     ('replay', '<uav>/odom'): 'a UAV that follows the plan exactly',
-    ('replay', '~/secrecy_rate'): 'now, in bit/s/Hz, where `true_eavesdropper` is set',
-    ('replay', '~/markers'): 'where the UAVs are',
-    ('replay', '~/start'): 'play, or play on',
-    ('replay', '~/pause'): 'hold the setpoint and go on streaming it',
+    ('replay', '~/secrecy_rate'): 'the present rate in bit/s/Hz, if `true_eavesdropper` is set',
+    ('replay', '~/markers'): 'the present positions of the UAVs',
+    ('replay', '~/start'): 'start, or continue after a pause',
+    ('replay', '~/pause'): 'hold the setpoint and continue to stream it',
     ('replay', '~/reset'): 'go back to the start and stop streaming',
 }
 
@@ -56,7 +58,7 @@ class Interface(NamedTuple):
 
 
 def interfaces() -> list[Interface]:
-    """Return every Interface of the two nodes, as they make them."""
+    """Return every Interface that the two nodes create."""
     context = Context()
     rclpy.init(context=context, args=[])
     try:
@@ -74,7 +76,7 @@ def interfaces() -> list[Interface]:
 
 
 def parameters() -> dict[str, dict[str, Spec]]:
-    """Return the Spec of every parameter of each node by name, `<uav>` for any UAV's."""
+    """Return the Spec of every parameter of each node by name; `<uav>` stands for any UAV."""
     of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>')}
     return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY}
 
@@ -114,7 +116,7 @@ def _interfaces_of(node: Node) -> list[Interface]:
 
 
 def _general(topic: str, node: str) -> str:
-    """Return a resolved name as it is in the code, for any UAV and any eavesdropper."""
+    """Return the name in the code for a resolved name, with `<uav>` for the name of any UAV."""
     if not topic.startswith(_NAMESPACE + '/'):
         return topic
     first, rest = topic[len(_NAMESPACE) + 1:].split('/', 1)
