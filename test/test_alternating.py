@@ -43,11 +43,11 @@ def test_the_callback_stops_the_run(method):
 @pytest.mark.parametrize('method', METHODS)
 def test_at_the_deadline_there_is_a_feasible_plan(method):
     scenario = Scenario.paper(200, slots=5000)
-    started = time.monotonic()
+    started = time.process_time()
     plan = solve(scenario, method=method, time_limit=0.02)
     assert isinstance(plan, Plan)
     assert plan.status == 'time_limit'
-    assert time.monotonic() - started < 10  # far from what the whole solve takes
+    assert time.process_time() - started < 10  # far from what the whole solve takes
     assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
 
 

