@@ -15,7 +15,7 @@ def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp('demo') / 'out'
     result = subprocess.run(
         [sys.executable, '-m', 'secure_uav_planner.demo', '--out', str(out)],
-        capture_output=True, text=True, timeout=120)
+        capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr
     return out, result.stdout
 

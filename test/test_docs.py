@@ -23,7 +23,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / 'README.md', *(ROOT / 'docs').glob('*.md')])
-PATIENCE = 60.0
+PATIENCE = 300.0
 
 
 class Block(NamedTuple):
@@ -166,10 +166,10 @@ class Walkthrough:
             return
         process.send_signal(signal.SIGINT)
         try:
-            status = process.wait(timeout=10)
+            status = process.wait(timeout=PATIENCE)
         finally:
             process.kill()
-        process.reader.join(timeout=5)
+        process.reader.join(timeout=PATIENCE)
         assert status == 0, ''.join(process.output)
 
     def _run(self, arguments, told):
