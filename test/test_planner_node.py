@@ -11,7 +11,7 @@ from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_client import Client, node_process, values_of, wait_for
+from ros_client import Client, node_process, PATIENCE, values_of, wait_for
 from secure_uav_planner import Eavesdropper, Plan, Scenario
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -109,6 +109,7 @@ def test_poses_of_both_reliabilities_are_heard(client, planner):
 
 
 def test_a_pose_in_another_frame_is_not_used_and_both_frames_are_named(client, planner):
+    assert client.set_parameters('planner', pose_timeout=0.0)[0].successful
     client.send_paper()
     client.send_pose('ground_node/pose', 5, 5, frame_id='odom', heard=False)
     client.send_pose('ground_node/pose', 6, 6, frame_id='odom', heard=False)
@@ -143,9 +144,12 @@ def test_nan_infinity_and_impossible_covariances_leave_the_last_good_pose(client
     publisher = client.publisher(PoseWithCovarianceStamped, 'eavesdropper/pose')
     for message in bad_estimates():
         before = len(planner.lines)
-        publisher.publish(message)
-        wait_for(lambda: any('eavesdropper/pose' in line and 'not used' in line
-                             for line in planner.lines[before:]), what='the warning')
+
+        def warned():
+            publisher.publish(message)  # again, if a good one has taken its place
+            return any('eavesdropper/pose' in line and 'not used' in line
+                       for line in planner.lines[before:])
+        wait_for(warned, what='the warning')
         client.send_estimate('eavesdropper/pose', 200, 0)
     markers = client.listen(MarkerArray, 'planner/markers')
     assert client.call('planner/plan').success
@@ -161,7 +165,7 @@ def test_an_old_pose_is_named_with_its_age(client, planner):
     answer = client.call('planner/plan')
     assert not answer.success
     age = float(answer.message.split('ground_node/pose is ')[1].split(' s old')[0])
-    assert 59 < age < 75
+    assert 59 < age < time.time() - old.sec + 0.1
     assert client.set_parameters('planner', pose_timeout=0.0)[0].successful
     assert client.call('planner/plan').success
 
@@ -197,7 +201,8 @@ def test_the_error_radius_is_that_of_the_covariance_at_the_confidence(client, pl
 
 
 def test_while_solving_everything_else_answers_and_a_second_plan_is_refused(client):
-    with node_process('planner', duration=400.0, slots=2000, method='alternating'):
+    with node_process('planner', duration=400.0, slots=2000, method='alternating',
+                      time_limit=0.0):
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()
         client.call('planner/cancel')
@@ -220,12 +225,12 @@ def test_while_solving_everything_else_answers_and_a_second_plan_is_refused(clie
 
 def test_a_cancelled_solve_leaves_the_last_plan_standing(client):
     with node_process('planner', duration=120.0, slots=40, method='alternating',
-                      pose_timeout=0.0):
+                      pose_timeout=0.0, time_limit=0.0):
         path = client.listen(Path, 'uav1/path')
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()
         assert client.call('planner/plan').success
-        wait_for(lambda: path)
+        wait_for(lambda: path and status and 'plan.stamp' in values_of(status[-1]))
         first = status[-1]
         client.set_parameters('planner', slots=2000, duration=400.0)
         solving = client.ask('planner/plan')
@@ -239,7 +244,7 @@ def test_a_cancelled_solve_leaves_the_last_plan_standing(client):
 
 def test_at_the_deadline_the_best_plan_so_far_is_published(client):
     with node_process('planner', duration=400.0, slots=1000, method='alternating',
-                      time_limit=1.0):
+                      time_limit=0.05):
         path = client.listen(Path, 'uav1/path')
         client.send_paper()
         answer = client.call('planner/plan')
@@ -300,12 +305,16 @@ def test_misspelt_parameters_are_named_with_the_nearest(tmp_path):
 
 def test_diagnostics_come_about_every_second(client, planner):
     heard = client.listen(DiagnosticArray, '/diagnostics', 10)
-    wait_for(lambda: len(heard) >= 3)
+
+    def regular():
+        times = [seconds(message.header.stamp) for message in heard]
+        # On a busy machine one comes late at times, and the next one sooner after it.
+        return any(after - before == pytest.approx(2.0, abs=0.7)
+                   for before, after in zip(times, times[2:]))
+    wait_for(regular, what='three messages in about two seconds')
     assert heard[-1].status[0].name == 'planner: plan'
     assert heard[-1].status[0].level == DiagnosticStatus.WARN
     assert 'no pose has come on ground_node/pose' in heard[-1].status[0].message
-    times = [seconds(message.header.stamp) for message in heard[:3]]
-    assert times[2] - times[0] == pytest.approx(2.0, abs=0.7)
 
 
 WRONG = {
@@ -339,8 +348,7 @@ def test_a_whole_number_is_welcome_where_a_real_one_is_meant(client, planner):
     ({'uav1.start': '[1.0, .inf]'}, 'uav1.start')])
 def test_a_wrong_parameter_at_start_ends_the_node_with_one_line(parameter, part):
     with node_process('planner', **parameter) as process:
-        assert process.wait(timeout=30) == 1
-        process.reader.join(timeout=5)
+        assert process.wait(timeout=PATIENCE) == 1
     assert len(process.lines) == 1
     assert process.lines[0].startswith('cannot start: ') and part in process.lines[0]
 
