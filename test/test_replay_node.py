@@ -7,7 +7,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import Client, node_process, output_of, wait_for
+from ros_client import Client, node_process, output_of, PATIENCE, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.curve import Curve
 from secure_uav_planner.playback import Player
@@ -45,11 +45,12 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
     watts = client.listen(Float64, 'uav2/setpoint/power', 1000)
     odometry = client.listen(Odometry, 'uav2/odom', 1000)
     rates = client.listen(Float64, 'replay/secrecy_rate', 1000)
-    with node_process('replay', plan_file=file, speed=50.0, rate=50.0,
+    with node_process('replay', plan_file=file, speed=20.0, rate=50.0,
                       true_eavesdropper='[204.0, 3.0]') as process:
         assert client.call('replay/start').success
         line = wait_for(lambda: end_of(process), what='the end of the plan')
         wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
+        wait_for(lambda: odometry and len(rates) > 10)
     assert poses[0].header.frame_id == 'map'
     path = np.array([(pose.pose.position.x, pose.pose.position.y) for pose in poses])
     # Every setpoint is on the planned path.
@@ -58,7 +59,7 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
         np.interp(at, np.arange(28), plan.positions[0, :, 0]), abs=1e-6)
     assert {round(watt.data, 9) for watt in watts} <= {
         0.0, *(round(power, 9) for power in plan.powers[1].tolist())}
-    assert len(rates) > 10 and max(rate.data for rate in rates) > 1.0
+    assert max(rate.data for rate in rates) > 1.0
     assert odometry[-1].child_frame_id == 'uav2/base_link'
     assert odometry[-1].pose.pose.position.z == 110.0
     player = Player()
@@ -68,17 +69,21 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
     delivered = float(line.split('delivered in secret ')[1].split(' bit/Hz')[0])
     assert delivered == pytest.approx(player.delivered, rel=0.01)
     step = float(line.split('consecutive setpoints ')[1].split(' m')[0])
-    assert 0 < step < 200
+    assert 0 < step < np.linalg.norm(np.diff(plan.positions, axis=1), axis=-1).sum(axis=1).max()
 
 
 def send(client, plan, start_ns, change=lambda kind, uav, message: None):
-    """Send the messages of a plan, each changed by a function."""
+    """Send the messages of a plan, each changed by a function, with no delay in between."""
     plan = replace(plan, start_ns=start_ns)
+    made = []
     for index, uav in enumerate(plan.scenario.uavs):
         for message, topic in ((messages.path(plan, index, 'earth'), 'path'),
                                (messages.power(plan, index), 'power')):
             change(topic, index, message)
-            client.publisher(type(message), f'{uav.name}/{topic}', LATCHED).publish(message)
+            publisher = client.publisher(type(message), f'{uav.name}/{topic}', LATCHED)
+            made.append((publisher, message))
+    for publisher, message in made:
+        publisher.publish(message)
 
 
 def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, plan):
@@ -97,7 +102,7 @@ def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, plan
 
 def test_pause_holds_and_reset_returns(client, file):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_process('replay', plan_file=file, speed=5.0):
+    with node_process('replay', plan_file=file, speed=2.0):
         assert not client.call('replay/pause').success
         client.call('replay/start')
         wait_for(lambda: poses and poses[-1].pose.position.y < 450)
@@ -107,8 +112,9 @@ def test_pause_holds_and_reset_returns(client, file):
         client.call('replay/start')
         wait_for(lambda: poses[-1].pose.position.y < held)
         client.call('replay/reset')
+        heard = len(poses)
         client.call('replay/start')
-        wait_for(lambda: poses[-1].pose.position.y > held)
+        wait_for(lambda: any(pose.pose.position.y > held for pose in poses[heard:]))
 
 
 def test_the_plan_is_drawn_when_asked(file, tmp_path):
@@ -131,7 +137,7 @@ def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, t
     path = tmp_path / 'foreign.json'
     path.write_text(text)
     with node_process('replay', plan_file=path) as process:
-        assert process.wait(timeout=30) == 1
+        assert process.wait(timeout=PATIENCE) == 1
     assert len(process.lines) == 1
     assert 'parameter plan_file' in process.lines[0]
     assert 'foreign.json is not a plan' in process.lines[0]
@@ -139,7 +145,7 @@ def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, t
 
 def test_a_missing_file_ends_the_node_with_one_clear_line(tmp_path):
     with node_process('replay', plan_file=tmp_path / 'none.json') as process:
-        assert process.wait(timeout=30) == 1
+        assert process.wait(timeout=PATIENCE) == 1
     assert len(process.lines) == 1 and 'none.json' in output_of(process)
 
 
@@ -200,13 +206,17 @@ def of_endless_power(kind, uav, message):
 def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
         client, plan, change, reason):
     with node_process('replay') as process:
+        def refusals():
+            # On a busy machine, messages may have to wait for each other.
+            return [line for line in process.lines
+                    if 'not used' in line and 'nothing new has come' not in line]
+
         send(client, plan, 10**18)
         wait_for(lambda: any('got a plan' in line for line in process.lines))
         send(client, plan, 11 * 10**17, change)
-        wait_for(lambda: any('not used' in line for line in process.lines), what='the refusal')
+        wait_for(refusals, what='the refusal')
         time.sleep(0.5)
-        refusals = [line for line in process.lines if 'not used' in line]
-        assert len(refusals) == 1 and reason in refusals[0], refusals
+        assert len(refusals()) == 1 and reason in refusals()[0], process.lines
         assert sum('got a plan' in line for line in process.lines) == 1
         assert not any('Warning' in line or 'np.' in line for line in process.lines)
         assert client.call('replay/start').success  # the plan before stands
