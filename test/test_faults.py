@@ -12,7 +12,7 @@ from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.time import Time
-from ros_client import Client, node_process, output_of, values_of, wait_for
+from ros_client import Client, node_process, output_of, stopped, values_of, wait_for
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.qos import LATCHED
@@ -21,7 +21,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 SHORT = {'duration': 120.0, 'slots': 30}
-LONG = {'duration': 400.0, 'slots': 3000, 'method': 'alternating'}
+LONG = {'duration': 400.0, 'slots': 3000, 'method': 'alternating', 'time_limit': 0.0}
 KINDS = {'path': Path, 'power': Float64MultiArray, 'trajectory': MultiDOFJointTrajectory}
 
 
@@ -72,8 +72,7 @@ def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file)
         with Client('before') as before:
             first = whole(before)
         until_solving(client)
-        process.kill()
-        assert process.wait(timeout=10) == -signal.SIGKILL
+        assert stopped(process, signal.SIGKILL) == -signal.SIGKILL
     assert Plan.load(file).scenario.slots == 30
     with node_process('planner', plan_file=file, **SHORT) as process, Client('after') as after:
         again = whole(after)
@@ -113,18 +112,20 @@ def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, 
 
 def test_replay_flies_on_when_the_planner_is_killed(client):
     setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_process('replay', speed=30.0) as replay:
+    # So slow that it is on its way however long the rest takes.
+    with node_process('replay', speed=0.01) as replay:
         with node_process('planner', **SHORT) as planner:
             client.send_paper()
             assert client.call('planner/plan').success
             wait_for(lambda: client.call('replay/start').success, what='the plan at the replay')
             wait_for(lambda: setpoints)
-            planner.kill()
-            planner.wait(timeout=10)
+            stopped(planner, signal.SIGKILL)
         heard = len(setpoints)
         assert setpoints[-1].pose.position.y > -500.0  # still on its way
+        wait_for(lambda: len(setpoints) > heard + 10, what='setpoints without the planner')
+        assert client.set_parameters('replay', speed=30.0)[0].successful
         wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
-        assert len(setpoints) > heard + 10 and replay.poll() is None
+        assert replay.poll() is None
         # A new planner's plan is heard. A new client: the old one still waits for the dead.
         with node_process('planner', **SHORT), Client('after') as after:
             after.send_paper()
@@ -181,9 +182,8 @@ def test_fifty_stops_in_a_row_are_clean():
                     time.sleep(rng.uniform(0, 0.5))
             else:
                 time.sleep(rng.uniform(0, 0.3))
-            process.send_signal(signal.SIGINT)
             began = time.monotonic()
-            assert process.wait(timeout=10) == 0, output_of(process)
+            assert stopped(process) == 0, output_of(process)
             times.append(time.monotonic() - began)
             assert 'Traceback' not in output_of(process)
             assert 'ERROR' not in output_of(process) and 'FATAL' not in output_of(process)
@@ -195,12 +195,17 @@ def test_fifty_stops_in_a_row_are_clean():
 
 
 class SimulatedTime:
-    """A /clock that can be stopped and set; it runs faster than real time."""
+    """
+    A /clock that can be stopped and set; it runs faster than real time.
+
+    :ivar jumps: what it was and what it was set to, every time.
+    """
 
     def __init__(self, client, start=0.0, speedup=10.0):
-        self.now, self.running = start, True
+        self.now, self.running, self.jumps = start, True, []
         self._publisher = client.node.create_publisher(Clock, '/clock', 10)
         self._speedup = speedup
+        self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -208,9 +213,15 @@ class SimulatedTime:
     def _run(self):
         while not self._stop.wait(0.01):
             if self.running:
-                self.now += 0.01 * self._speedup
+                with self._lock:
+                    self.now += 0.01 * self._speedup
                 self._publisher.publish(Clock(clock=Time(nanoseconds=round(
                     self.now * 1e9)).to_msg()))
+
+    def jump(self, now):
+        with self._lock:
+            self.jumps.append((self.now, now))
+            self.now = now
 
     def close(self):
         self._stop.set()
@@ -232,7 +243,7 @@ def stamp_of(message):
 
 def test_the_planner_plans_before_the_first_clock_and_while_it_stands(client):
     paths = client.listen(Path, 'uav1/path')
-    with node_process('planner', use_sim_time='true', **SHORT):
+    with node_process('planner', use_sim_time='true', pose_timeout=0.0, **SHORT):
         zero = Time(nanoseconds=0).to_msg()
         client.send_pose('ground_node/pose', 0, 0, stamp=zero)
         client.send_estimate('eavesdropper/pose', 200, 0, stamp=zero)
@@ -269,11 +280,11 @@ def test_the_planner_plans_after_the_clock_has_jumped_back(client):
 
         wait_for(lambda: plan_at(1000.0, 2000.0), what='a first plan')
         del paths[:]
-        clock.now = 10.0
+        clock.jump(10.0)
         wait_for(lambda: plan_at(10.0, 500.0), what='a plan after the jump')
         status = client.listen(DiagnosticStatus, 'planner/status')
         wait_for(lambda: status and values_of(status[-1])['state'] == 'idle')
-        assert 0.0 <= float(values_of(status[-1])['plan.age']) < 100.0
+        assert 0.0 <= float(values_of(status[-1])['plan.age']) < 500.0
 
 
 def test_replay_holds_while_the_clock_stands_and_no_jump_of_it_moves_a_uav(client, file):
@@ -293,12 +304,16 @@ def test_replay_holds_while_the_clock_stands_and_no_jump_of_it_moves_a_uav(clien
 
         for earlier in (500.0, 0.0):
             at = setpoints[-1].pose.position.y
-            clock.now = earlier
+            clock.jump(earlier)
             wait_for(lambda: setpoints[-1].pose.position.y < at - 50.0, what='flight on')
         wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
     place = np.array([(one.pose.position.x, one.pose.position.y) for one in setpoints])
-    # The jumps are of 5 km and more at 10 m/s; a busy machine drops a few setpoints.
-    assert np.hypot(*np.diff(place, axis=0).T).max() < 200.0
+    # What the clock went on from one setpoint to the next; a busy machine drops a few of them.
+    elapsed = np.diff([stamp_of(one) for one in setpoints])
+    back = np.flatnonzero(elapsed < 0)
+    assert len(back) == len(clock.jumps)
+    elapsed[back] += [before - after for before, after in clock.jumps]
+    assert (np.hypot(*np.diff(place, axis=0).T) <= 10.0 * elapsed + 1e-3).all()
     assert (np.diff(place[:, 1]) <= 1e-9).all()  # never back
 
 
@@ -320,7 +335,8 @@ def test_replay_without_any_clock_answers_and_starts_once_there_is_one(client, f
         # Not a leap of 1.7e9 s to the end of the plan when the time of day comes.
         with simulated_time(client, start=1.7e9):
             wait_for(lambda: len(setpoints) > 5)
-            assert setpoints[0].pose.position.y > 400.0
+            flown = 500.0 - setpoints[0].pose.position.y
+            assert flown <= 10.0 * (stamp_of(setpoints[0]) - 1.7e9) + 1e-3
             wait_for(lambda: setpoints[-1].pose.position.y < 400.0)
         assert process.poll() is None
 
