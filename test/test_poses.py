@@ -40,9 +40,12 @@ def test_a_stale_pose_of_a_uav_is_refused_with_a_way_out_that_needs_no_restart(c
     assert (path[-1].poses[0].pose.position.x, path[-1].poses[0].pose.position.y) == (100.0, 500.0)
     # A new pose is used as soon as it may be.
     client.set_parameters('planner', uav1__use_pose=True)
-    client.send_pose('uav1/pose', 60.0, 460.0, heard=False)
-    wait_for(lambda: client.call('planner/plan').success and
-             path[-1].poses[0].pose.position.x == 60.0, what='a plan from the new pose')
+
+    def planned_from_it():
+        client.send_pose('uav1/pose', 60.0, 460.0, heard=False)
+        return client.call('planner/plan').success and (
+            path[-1].poses[0].pose.position.x == 60.0)
+    wait_for(planned_from_it, what='a plan from the new pose')
 
 
 def raised(kind, x, z):
@@ -125,7 +128,8 @@ def test_extreme_poses_leave_no_warning_of_numpy_in_the_output(client, planner):
             client.call('planner/plan')
     client.send_estimate('eavesdropper/pose', 200, 0)
     status = client.listen(DiagnosticStatus, 'planner/status')
-    wait_for(lambda: status and float(values_of(status[-1])['pose_age.eavesdropper/pose']) < 10)
+    wait_for(lambda: client.call('planner/plan') and status and (
+        float(values_of(status[-1])['pose_age.eavesdropper/pose']) < 10))
     for text in ('Warning', 'np.float64', 'Traceback'):
         assert not any(text in line for line in planner.lines), planner.lines
 

@@ -3,7 +3,6 @@
 from contextlib import contextmanager
 import os
 import random
-import signal
 import subprocess
 import sys
 import threading
@@ -13,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_client import Client, node_process, values_of, wait_for
+from ros_client import Client, node_process, PATIENCE, stopped, values_of, wait_for
 
 DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -29,15 +28,23 @@ def busy():
     """Ask for twenty plans while replans are made all the time; return all that came."""
     rng, answers = random.Random(3), []
     with Client() as client, node_process(
-            'planner', duration=120.0, slots=200, replan_period=0.2):
+            'planner', duration=120.0, slots=200, replan_period=0.2, replan_lead=10.0):
         paths = client.listen(Path, 'uav1/path', DEEP)
         status = client.listen(DiagnosticStatus, 'planner/status', DEEP)
         for _ in range(20):
             client.send_paper()
             answers.append(client.call('planner/plan'))
             time.sleep(rng.uniform(0.2, 0.5))
+        # On a busy machine the requests may have left none of them the time to finish.
+        wait_for(lambda: int(values_of(status[-1])['replans']) > 0, what='a replan')
         client.set_parameters('planner', replan_period=0.0)
-        time.sleep(1.0)
+
+        def quiet():
+            heard = len(paths), len(status)
+            time.sleep(1.0)
+            return heard == (len(paths), len(status)) and (
+                values_of(status[-1])['state'] == 'idle')
+        wait_for(quiet, what='the end of the last replan')
         values = values_of(status[-1])
     return answers, [stamp.sec + stamp.nanosec * 1e-9 for stamp in (
         path.header.stamp for path in paths)], values
@@ -80,9 +87,8 @@ def planner_with(solve, **parameters):
         wait_for(lambda: any('ready' in line for line in process.lines))
         yield process
     finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(timeout=10)
-        reader.join(timeout=5)
+        stopped(process)
+        reader.join(timeout=PATIENCE)
 
 
 def test_an_error_of_the_program_is_reported_as_one_and_not_as_a_refusal(client):
@@ -96,32 +102,41 @@ def solve(scenario, **options):
         answer = client.call('planner/plan')
         assert not answer.success
         assert answer.message.startswith('the solve failed: ValueError: operands')
-        wait_for(lambda: status[-1].level == DiagnosticStatus.ERROR, what='the level ERROR')
+        wait_for(lambda: status and status[-1].level == DiagnosticStatus.ERROR,
+                 what='the level ERROR')
         assert values_of(status[-1])['outcome.code'] == 'failed'
-        assert any('[ERROR]' in line and 'operands' in line for line in process.lines)
+        wait_for(lambda: any('[ERROR]' in line and 'operands' in line for line in process.lines),
+                 what='the error in the output')
 
 
-def test_a_solve_does_not_begin_with_the_progress_of_the_one_before(client):
-    slow = """
+def test_a_solve_does_not_begin_with_the_progress_of_the_one_before(client, tmp_path):
+    slow = f"""
+import os
 calls = []
 def solve(scenario, on_iteration, **options):
     calls.append(1)
     if len(calls) == 1:
         on_iteration(Iteration(77, 'joint', 1.0, 0.0, 0.0))
     else:
-        time.sleep(3.0)
+        while not os.path.exists({str(tmp_path / 'go')!r}):
+            time.sleep(0.01)
     return replace(fly_hover_fly(scenario), status='converged')
 """
     with planner_with(slow):
         diagnostics = client.listen(DiagnosticArray, '/diagnostics', 100)
         client.send_paper()
         assert client.call('planner/plan').success
+        diagnostics.clear()
         answer = client.ask('planner/plan')
+
+        def solving():
+            return [values for values in (values_of(message.status[0]) for message in diagnostics)
+                    if values['state'] == 'solving']
+        wait_for(lambda: len(solving()) > 2, what='a solve that is reported')
+        assert not answer.done()
+        (tmp_path / 'go').touch()
         wait_for(answer.done)
-        reported = [values_of(message.status[0]) for message in diagnostics]
-        solving = [values for values in reported if values['state'] == 'solving']
-        assert solving
-        assert not any('progress.iteration' in values for values in solving)
+        assert not any('progress.iteration' in values for values in solving())
 
 
 @pytest.mark.parametrize('change, code', [
@@ -131,12 +146,15 @@ def test_the_code_of_an_outcome_is_that_of_its_error(client, change, code):
     with node_process('planner', duration=120.0, slots=20):
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.call('planner/plan')
-        wait_for(lambda: values_of(status[-1])['outcome.code'] == 'pose_missing')
+        wait_for(lambda: status and values_of(status[-1])['outcome.code'] == 'pose_missing')
         client.send_paper()
         client.set_parameters('planner', **change)
         time.sleep(0.01)
-        client.call('planner/plan')
-        wait_for(lambda: values_of(status[-1])['outcome.code'] == code, what=code)
+
+        def outcome():
+            client.call('planner/plan')  # again, if a pose has come just before
+            return values_of(status[-1])['outcome.code']
+        wait_for(lambda: outcome() == code, what=code)
 
 
 def test_a_plan_of_sixty_thousand_points_does_not_delay_its_answer(client):
@@ -152,12 +170,14 @@ def solve(scenario, **options):
         answer = client.call('planner/plan')
         elapsed = time.monotonic() - began
         assert answer.success
-        print(f'\nanswered after {elapsed:.2f} s')
-        assert elapsed < 3.0  # 0.8 s on an idle machine; 14 s with all evaluated first
         assert 'worst-case rate not evaluated yet' in answer.message
         assert 'plan.worst_case_rate' not in values_of(status[-1])
-        wait_for(lambda: 'plan.worst_case_rate' in values_of(status[-1]), patience=120,
+        wait_for(lambda: 'plan.worst_case_rate' in values_of(status[-1]), patience=5 * PATIENCE,
                  what='the worst-case rate')
+        evaluated = time.monotonic() - began
+        print(f'\nanswered after {elapsed:.2f} s, evaluated after {evaluated:.2f} s')
+        # 0.8 s and 14 s on an idle machine.
+        assert elapsed < evaluated / 3
         assert 'not evaluated' not in status[-1].message
 
 
@@ -175,7 +195,7 @@ def solve(scenario, initial=None, **options):
         assert client.call('planner/plan').success
         wait_for(lambda: paths)
         client.send_estimate('eavesdropper/pose', 260, 0)
-        wait_for(lambda: 'replan' in status[-1].message, what='the reason')
+        wait_for(lambda: status and 'replan' in status[-1].message, what='the reason')
         assert 'replan_lead' in status[-1].message
         assert 'the last plan stands' in status[-1].message
         assert status[-1].level == DiagnosticStatus.WARN
