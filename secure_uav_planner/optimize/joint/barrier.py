@@ -13,7 +13,7 @@ from ...channel.derivatives import Receivers, SlotRates
 from ...errors import NumericalError
 from ...grid import Grid
 from ...limits import limits_of
-from ...limits.base import ALL_SLOTS, Iterate, Step, step_to_zero
+from ...limits.base import ALL_SLOTS, Iterate, Limit, Step, step_to_zero
 from ...scenario import Array
 
 
@@ -70,7 +70,7 @@ class Barrier:
         self.schedule = schedule
         self.check = check
         self.receivers = Receivers.of(grid)
-        self.limits = limits_of(grid.scenario, grid)
+        self._limits = limits_of(grid.scenario, grid)
         self.solver_time = 0.0
         self.x = x
         self.mu: Array = np.full(len(x), 1.0) * mu
@@ -84,6 +84,11 @@ class Barrier:
         self._reach = max(limit.reach for limit in self.limits)
         rows = [limit.dense_rows() for limit in self.limits if limit.reach == ALL_SLOTS]
         self._rows = np.concatenate([row for row in rows if row is not None])
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """Limits of the grid's scenario, whose terms the function has."""
+        return self._limits
 
     def keep(self, chosen: NDArray[np.intp]) -> None:
         """Go on with some of the starts only, given as an index array."""

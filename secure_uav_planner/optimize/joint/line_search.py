@@ -1,19 +1,47 @@
 """How far a Newton step is taken."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...limits.base import Step
+from .schedule import Schedule
+from ...limits.base import Limit, Step
 from ...scenario import Array
-
-if TYPE_CHECKING:
-    from .barrier import Barrier, Evaluation
 
 _ROUNDING = 1e-12  # Relative change of the barrier function that is only rounding.
 
 
-def line_search(barrier: 'Barrier', here: 'Evaluation', step: Step, gradient: Array,
+class Evaluated(Protocol):
+    """What is known of a function at one x of several starts."""
+
+    @property
+    def value(self) -> Array:
+        """Return the values, (S,), infinite outside the limits."""
+
+
+_Evaluation = TypeVar('_Evaluation', bound=Evaluated)
+
+
+class Searched(Protocol[_Evaluation]):
+    """What a line search moves along a step: several starts, x (S, N, U, 3), at once."""
+
+    x: Array
+    schedule: Schedule
+
+    @property
+    def limits(self) -> Sequence[Limit]:
+        """Return what stops a step."""
+
+    def try_from(self, x: Array, starts: NDArray[np.intp]) -> _Evaluation:
+        """Return the function of some of the starts at another x."""
+
+    def move(self, x: Array, known: _Evaluation | None) -> None:
+        """Go to another x, with what is known there if that is so for all starts."""
+
+
+def line_search(barrier: Searched[_Evaluation], here: _Evaluation, step: Step, gradient: Array,
                 reaches: list[Array]) -> Array:
     """
     Move a Barrier along a step, and return how far each start went, (S,).
@@ -22,7 +50,7 @@ def line_search(barrier: 'Barrier', here: 'Evaluation', step: Step, gradient: Ar
     flight at its own, which goes much farther than stopping all at the first limit; then all go
     plainly along the step.
 
-    :param here: the Evaluation where the step begins.
+    :param here: what is known where the step begins.
     :param gradient: of the barrier function, (S, N, U, 3).
     :param reaches: how far each limit lets each UAV go along the step, (S, U).
     """
