@@ -1,8 +1,8 @@
 """
-The main job from end to end: poses in, a plan out, replayed, saved and drawn.
+The demo: plan the paper's mission with both nodes, replay it, save it and draw it.
 
-The planner and the replay node run in processes of their own; this third process uses their
-topics and services over DDS as any other program would.
+The planner and the replay node run in separate processes. This third process uses their topics
+and services over DDS, like any other program.
 """
 
 import argparse
@@ -39,12 +39,12 @@ from .view.picture import save_picture
 _PATIENCE = 120.0
 _REPLAY_SPEED = 50.0
 
-# The domains whose ports Linux gives to nobody else, beyond those that tests and people use.
+# Linux assigns the ports of these domains to no other program. Tests and users have lower domains.
 _DOMAINS = range(215, 233)
 
 
 class DemoError(PlanningError, RuntimeError):
-    """The demo cannot go on; the text gives the reason."""
+    """The demo cannot continue; the text gives the reason."""
 
     code = 'demo'
 
@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def table(plans: Sequence[Plan]) -> str:
-    """Return a text table of plans, a line each."""
+    """Return a text table with a line for each plan."""
     lines = [f'{"scheme":<26}{"guaranteed rate":>17}{"worst-case rate":>17}{"time":>9}',
              f'{"":<26}{"bit/s/Hz":>17}{"bit/s/Hz":>17}{"s":>9}']
     lines += [f'{plan.method:<26}{plan.guaranteed_rate:>17.4f}{plan.worst_case_rate:>17.4f}'
@@ -88,7 +88,7 @@ def table(plans: Sequence[Plan]) -> str:
 
 @contextmanager
 def _isolated(out: pathlib.Path) -> Iterator[None]:
-    """Keep the ROS graph on this host and the logs in the folder, unless told otherwise."""
+    """Keep the ROS graph on this host and logs in the folder, unless variables say otherwise."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
     if 'ROS_DOMAIN_ID' in os.environ:
@@ -102,9 +102,9 @@ def _isolated(out: pathlib.Path) -> Iterator[None]:
 @contextmanager
 def free_domain() -> Iterator[int]:
     """
-    Reserve a domain in which nobody is.
+    Reserve a domain that has no participant.
 
-    :raises DemoError: when all are taken.
+    :raises DemoError: if all domains are in use.
     """
     first = os.getpid() % len(_DOMAINS)
     for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
@@ -112,9 +112,9 @@ def free_domain() -> Iterator[int]:
         with socket.socket(type=socket.SOCK_STREAM) as reserved, \
                 socket.socket(type=socket.SOCK_DGRAM) as probe:
             try:
-                # DDS uses UDP only: the TCP port of the number is what demos agree by.
+                # DDS uses UDP only. Demos reserve a domain by binding the TCP port of this number.
                 reserved.bind(('127.0.0.1', port))
-                # The first participant of a domain takes this one for itself.
+                # The first participant of a domain binds this UDP port.
                 probe.bind(('', port + 10))
             except OSError:
                 continue
@@ -126,7 +126,7 @@ def free_domain() -> Iterator[int]:
 
 
 def _plan_and_replay(scenario: Scenario, method: str | None) -> Plan:
-    """Have the scenario planned and replayed by the nodes; return the plan that came back."""
+    """Let the nodes plan and replay the scenario; return the plan that was received."""
     planner = ['-p', f'method:={method}'] if method else []
     place = np.array(scenario.eavesdroppers[0].position) - [
         scenario.eavesdroppers[0].error_radius, 0.0]
@@ -138,7 +138,7 @@ def _plan_and_replay(scenario: Scenario, method: str | None) -> Plan:
 
 @contextmanager
 def _process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
-    """Run a node in a process of its own, and stop it as Ctrl-C does."""
+    """Run a node in its own process, and stop it with SIGINT, like Ctrl-C."""
     process = subprocess.Popen(
         [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],
         start_new_session=True)
@@ -167,7 +167,7 @@ def _client(scenario: Scenario) -> Iterator['_Client']:
 
 
 class _Client(Node):
-    """Sends the poses, asks for a plan and for its replay, and receives what comes back."""
+    """A client that sends the poses, requests a plan and its replay, and receives both."""
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__('demo')
@@ -199,7 +199,7 @@ class _Client(Node):
         elapsed = time.monotonic() - started
         self._wait(lambda: len(self._paths) == len(self._powers) == len(self._names), 'the plan')
         print(f'replaying at {_REPLAY_SPEED:g} times real time ...', flush=True)
-        # The replay node may still be waiting for the plan that has come here already.
+        # The replay node may receive the plan later than this process.
         self._wait(lambda: self._call(services['replay/start']).success, 'the replay')
         self._wait(self._arrived, 'the end of the replay')
         positions = [[(at.pose.position.x, at.pose.position.y) for at in self._paths[name].poses]
@@ -219,7 +219,7 @@ class _Client(Node):
         place.pose = pose(*self._scenario.ground_node, 0.0, 0.0)
         self._ground_node.publish(place)
         estimate = PoseWithCovarianceStamped(header=place.header)
-        # No covariance: the planner's parameter eavesdropper.error_radius counts.
+        # Without a covariance, the planner uses its parameter eavesdropper.error_radius.
         estimate.pose.pose = pose(*self._scenario.eavesdroppers[0].position, 0.0, 0.0)
         self._eavesdropper.publish(estimate)
 

@@ -1,1 +1,1 @@
-"""How good and how fast the methods are, beside CasADi with IPOPT: python -m ...bench."""
+"""Rates and times of the methods, compared with CasADi and IPOPT."""

@@ -1,4 +1,4 @@
-"""Run the benchmark: tables on the screen, and Markdown, CSV and a picture in a folder."""
+"""Run the benchmark: print tables, and write Markdown, CSV and a picture to a folder."""
 
 import argparse
 import datetime
@@ -19,10 +19,10 @@ def main(arguments=None):
     """Measure, print and write; return the exit status."""
     parser = argparse.ArgumentParser(prog='python -m secure_uav_planner.bench',
                                      description=sys.modules[__name__].__doc__)
-    parser.add_argument('--quick', action='store_true', help='fewer missions, slots and repeats')
-    parser.add_argument('--out', type=Path, default=Path('out/bench'), help='folder to write to')
-    parser.add_argument('--seed', type=int, default=0, help='of the first random mission')
-    parser.add_argument('--missions', type=int, help='how many random missions')
+    parser.add_argument('--quick', action='store_true', help='use fewer missions and slots')
+    parser.add_argument('--out', type=Path, default=Path('out/bench'), help='output folder')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the first random mission')
+    parser.add_argument('--missions', type=int, help='number of random missions')
     options = parser.parse_args(arguments)
     try:
         import casadi

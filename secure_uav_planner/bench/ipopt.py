@@ -1,4 +1,4 @@
-"""What one would otherwise write: problem (P2) in CasADi, solved by IPOPT."""
+"""The usual alternative, for comparison: problem (P2) in CasADi, solved by IPOPT."""
 
 from dataclasses import dataclass
 import time
@@ -13,13 +13,14 @@ _UNIT = 100.0  # m
 @dataclass(frozen=True)
 class Answer:
     """
-    What IPOPT found.
+    The result of IPOPT.
 
-    :param rate: guaranteed rate of its answer made feasible, losing slots silenced, bit/s/Hz.
-    :param build_time: in s, of expressions, derivatives and the solver object.
-    :param solve_time: in s, of the solver's call alone.
-    :param iterations: IPOPT's.
-    :param status: IPOPT's.
+    :param rate: the guaranteed rate in bit/s/Hz, after the answer was made feasible and the
+        transmitter was switched off in slots with a negative rate.
+    :param build_time: the time to build expressions, derivatives and the solver object, in s.
+    :param solve_time: the time of the solver's call alone, in s.
+    :param iterations: IPOPT's number of iterations.
+    :param status: IPOPT's return status.
     """
 
     rate: float
@@ -31,12 +32,15 @@ class Answer:
 
 def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
     """
-    Solve (P2) from a start, (U, N+2, 2) in m and (U, N) in W, with IPOPT's default options.
+    Solve (P2) with IPOPT's default options and return an Answer.
 
-    Places in units of 100 m, exact derivatives. With several eavesdroppers the largest leak of a
-    slot is an epigraph variable; with one it is an expression.
+    Positions are in units of 100 m, and derivatives are exact. With several eavesdroppers the
+    largest leakage rate of a slot is an epigraph variable; with one it is an expression.
 
-    :raises ImportError: saying what to install when CasADi is missing.
+    :param positions: of the start, (U, N+2, 2) in m.
+    :param powers: of the start, (U, N) in W.
+    :param time_limit: for IPOPT in s.
+    :raises ImportError: if CasADi is missing; the text says what to install.
     """
     try:
         import casadi as ca

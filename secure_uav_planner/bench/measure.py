@@ -1,4 +1,4 @@
-"""Measurements: a row of numbers for a scenario, a method against IPOPT, memory, warm starts."""
+"""Measurements of a scenario: rates and times beside IPOPT's, memory, and warm starts."""
 
 from dataclasses import replace
 import statistics
@@ -19,23 +19,24 @@ _MEMORY = (
 
 def measure(name, scenario, repeats, *, ipopt=True, alternating=False, reference=None):
     """
-    Return a row of figures for a scenario, a dictionary.
+    Return the measurements of a scenario as a row, a dictionary.
 
-    The solvers take turns, so that a change of the machine's load meets both. Times are medians
-    in s; those of `joint` include everything, its several starts too. `ratio` compares it with
-    IPOPT's time with building the problem, `ratio_solve` with IPOPT's call alone.
+    The solvers take turns, so that a change of the machine's load affects both. Times are medians
+    in s. The time of `joint` includes everything, also its several starts. `ratio` is IPOPT's
+    time, including the time to build the problem, divided by that of `joint`. `ratio_solve`
+    counts IPOPT's call alone.
 
-    :param name: of the row.
+    :param name: the name of the row.
     :param scenario: a Scenario.
     :param repeats: how often each solver runs.
-    :param ipopt: whether to run it.
-    :param alternating: whether to run the paper's algorithm too, once.
-    :param reference: the rate to reach in bit/s/Hz, if known.
+    :param ipopt: whether to run IPOPT.
+    :param alternating: whether to run the paper's algorithm as well, once.
+    :param reference: the rate to reach in bit/s/Hz, if it is known.
     """
     plans, answers = [], []
     for _ in range(repeats):
         plans.append(solve(scenario, method='joint'))
-        # A slow answer's time is known well enough after the first.
+        # One run is enough to know the time of a slow answer.
         if ipopt and (not answers or answers[0].solve_time < 2.0):
             answers.append(solve_by_ipopt(
                 scenario, fly_hover_fly_positions(scenario), constant_powers(scenario)))
@@ -67,9 +68,9 @@ def peak_memory(slots):
 
 def measure_warm(name, scenario, seed, repeats):
     """
-    Return a row that compares a warm with a cold start after every eavesdropper moved by 5 m.
+    Return a row that compares a warm with a cold start after all eavesdroppers moved by 5 m.
 
-    :param seed: of the direction.
+    :param seed: the seed of the direction of the move.
     """
     before = solve(scenario, method='joint')
     angle = np.random.default_rng([5, seed]).uniform(0, 2 * np.pi)

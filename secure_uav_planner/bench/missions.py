@@ -1,4 +1,4 @@
-"""Random missions of many kinds, the same for the same seed."""
+"""Random missions of many kinds; the same seed gives the same mission."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ def random_mission(seed, slots=None):
     """
     Return a random Scenario: 1 to 3 jammers, 1 to 3 eavesdroppers, error radius 0 to 60 m.
 
-    Places within a square of 1.2 km, altitudes 50 to 200 m, speeds 8 to 20 m/s, average powers
-    0.3 to 3 W with peaks of 1 to 6 times as much, 70 to 90 dB, and from 2% to 150% more time
-    than the straight flight needs.
+    Positions are within a square of 1.2 km, altitudes from 50 to 200 m, speeds from 8 to 20 m/s,
+    average powers from 0.3 to 3 W with peaks of 1 to 6 times as much, and reference SNRs from 70
+    to 90 dB. The duration is 2% to 150% longer than the straight flight needs.
 
-    :param seed: of the mission.
+    :param seed: the seed of the mission.
     :param slots: N, by default 100 to 300.
     """
     rng = np.random.default_rng([20, seed])

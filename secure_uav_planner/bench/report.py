@@ -8,7 +8,7 @@ _FORMATS = {'time': '{:.3f}', 'build': '{:.3f}', 'solve': '{:.3f}', 'rate': '{:.
 
 
 def text(column, value):
-    """Return a value as a table shows it."""
+    """Return the text of a value in a table."""
     if value is None or value == '':
         return ''
     if isinstance(value, float):
@@ -17,7 +17,7 @@ def text(column, value):
 
 
 def columns_of(rows):
-    """Return the columns of rows in order of appearance."""
+    """Return the columns of rows in the order of their first appearance."""
     return list(dict.fromkeys(column for row in rows for column in row))
 
 
@@ -30,7 +30,7 @@ def markdown(rows):
 
 
 def write_csv(path, tables):
-    """Write all tables, a dictionary of rows, to one CSV file with a column for the table."""
+    """Write all tables, rows by name, to one CSV file with a column for the name."""
     rows = [{'table': name, **row} for name, table in tables.items() for row in table]
     with open(path, 'w', newline='', encoding='utf-8') as file:
         writer = csv.DictWriter(file, columns_of(rows))
@@ -39,7 +39,7 @@ def write_csv(path, tables):
 
 
 def summary(tables):
-    """Return the sentences that matter, computed from the tables, as a Markdown list."""
+    """Return the main results of the tables as sentences in a Markdown list."""
     lines = []
     for name, rows in tables.items():
         compared = [row for row in rows if 'ratio' in row]
@@ -65,7 +65,7 @@ def summary(tables):
 
 
 def plot_scaling(path, rows):
-    """Draw time against the number of slots."""
+    """Draw the solve time against the number of slots."""
     import matplotlib
     matplotlib.use('Agg')
     from matplotlib import pyplot

@@ -1,4 +1,4 @@
-"""What each tuned number of the joint method is worth, in rate and in time."""
+"""The effect of each tuned number of the joint method on rate and time."""
 
 import argparse
 from dataclasses import fields, replace
@@ -20,9 +20,9 @@ def main(arguments=None):
     """Measure and print a line for each changed number; return the exit status."""
     parser = argparse.ArgumentParser(prog='python -m secure_uav_planner.bench.sweep',
                                      description=sys.modules[__name__].__doc__)
-    parser.add_argument('--missions', type=int, default=24, help='how many random missions')
-    parser.add_argument('--slots', type=int, default=100, help='of each random mission')
-    parser.add_argument('--fields', nargs='*', help='which numbers, by default all')
+    parser.add_argument('--missions', type=int, default=24, help='number of random missions')
+    parser.add_argument('--slots', type=int, default=100, help='slots of each random mission')
+    parser.add_argument('--fields', nargs='*', help='names of the numbers, by default all')
     options = parser.parse_args(arguments)
     scenarios = [Scenario.paper(duration) for duration in (102.0, 120.0, 200.0)]
     scenarios += [random_mission(seed, options.slots) for seed in range(options.missions)]
@@ -38,9 +38,9 @@ def main(arguments=None):
 
 def variants(names=None):
     """
-    Give (field, change, Schedule) for every number of Schedule, halved and doubled.
+    Yield (field, change, Schedule) for every number of Schedule, halved and doubled.
 
-    Of the tuples, whose members belong together, one member at a time is left out.
+    For a field that is a tuple, one member at a time is left out instead.
     """
     for field in fields(Schedule):
         if names and field.name not in names:
@@ -57,13 +57,13 @@ def variants(names=None):
             if isinstance(value, int):
                 changed = max(1, round(changed))
             elif value < 1 < changed or field.name == 'boundary':
-                changed = 1 - (1 - value) / factor  # A share: what is left of 1 is changed.
+                changed = 1 - (1 - value) / factor  # For a share, the distance from 1 is changed.
             yield field.name, f'{value:g} to {changed:g}', replace(
                 Schedule(), **{field.name: changed})
 
 
 def _measured(schedule, scenarios):
-    """Return rates in bit/s/Hz and processor times in s."""
+    """Return the rates in bit/s/Hz and the processor times in s."""
     rates, times = [], []
     for scenario in scenarios:
         started = time.process_time()

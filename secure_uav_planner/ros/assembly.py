@@ -1,4 +1,4 @@
-"""The plan that the topics hold, put together from its messages."""
+"""Assembly of a plan from the messages on its topics."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,18 +12,18 @@ from ..scenario import Array, Eavesdropper, LIMITS, Point, Scenario, Uav
 
 _SETTLING_NS = 100_000_000
 _PATIENCE_NS = 2_000_000_000
-_IRREGULAR = 0.01  # Share of a slot by which the time of a point may be off.
+_IRREGULAR = 0.01  # Largest error of a point's time, as a share of a slot.
 _SAME_ALTITUDE = 1e-3
 
 
 class Assembly:
     """
-    The messages of a plan, which come one by one, in any order.
+    Collects the messages of a plan, which arrive one by one and in any order.
 
-    Every message counts for one plan only: powers have no stamp, and new ones must not be joined
-    to an old path.
+    Every message is used for one plan only, because messages with powers have no stamp, and new
+    powers must not be combined with an old path.
 
-    :param names: of the UAVs.
+    :param names: the names of the UAVs.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -33,36 +33,37 @@ class Assembly:
         self._received: int | None = None
 
     def take(self, name: str, message: Path | Float64MultiArray, now_ns: int) -> None:
-        """Keep the newest message of a UAV's topic."""
+        """Keep a message as the newest of a UAV's topic."""
         kept = self._paths if isinstance(message, Path) else self._powers
         kept[name] = message
         self._received = now_ns
 
     def is_due(self, now_ns: int) -> bool:
         """
-        Return whether it is time for plan().
+        Return whether plan() should be called now.
 
-        It is when a whole set has come and nothing more for a moment, or when the rest of one
-        has been missing for too long.
+        That is so when a complete set has arrived and then no message for a short time, or when
+        the rest of a set has been missing for too long.
         """
         if self._received is None:
             return False
-        # A clock that has jumped back makes no one wait.
+        # After the clock has jumped back, do not wait.
         waited = now_ns - self._received
         patience = _PATIENCE_NS if self._missing() else _SETTLING_NS
         return not 0 <= waited < patience
 
     def is_whole(self) -> bool:
-        """Return whether there is a message of every topic that has not been looked at yet."""
+        """Return whether there is a message of every topic, of which at least one is new."""
         return self._received is not None and not self._missing()
 
     def plan(self, ground_node: Point, reference_snr_db: float, eavesdropper: Point | None
              ) -> tuple[Plan, str]:
         """
-        Return the plan of the messages and its frame.
+        Return the plan that the messages contain, and its frame.
 
         :param eavesdropper: (x, y) in m, or None for one at the ground node.
-        :raises PlanningError: when they do not make a plan; they may with one that comes later.
+        :raises PlanningError: if the messages do not make a plan. They are kept, because a later
+            message may complete them.
         """
         self._received = None
         missing = self._missing()
@@ -84,13 +85,13 @@ def plan_from(names: Sequence[str], paths: Mapping[str, Path],
               powers: Mapping[str, Float64MultiArray], ground_node: Point,
               reference_snr_db: float, eavesdropper: Point | None) -> Plan:
     """
-    Return the Plan that messages hold, with just the limits it needs.
+    Return the Plan that messages contain; its limits are the smallest that the plan keeps.
 
-    :param names: of the UAVs in their order.
+    :param names: the names of the UAVs in their order.
     :param paths: the Path of every UAV by name.
     :param powers: the Float64MultiArray of every UAV by name.
     :param eavesdropper: (x, y) in m of an eavesdropper, or None for one at the ground node.
-    :raises PlanningError: when they do not fit together.
+    :raises PlanningError: if the messages do not fit together.
     """
     slots = len(powers[names[0]].data)
     for name in names:
@@ -143,7 +144,7 @@ def _timing(paths: Mapping[str, Path]) -> tuple[int, float]:
     if not step > 0:
         raise PlanError('the stamps of the poses do not increase')
     regular = first + step * np.arange(times.shape[1])
-    # In units of a slot; one nanosecond is what rounding costs.
+    # In units of a slot. Stamps are rounded by up to one nanosecond.
     off = (np.abs(times - regular) - 1.0) / step
     if off.max() > _IRREGULAR:
         name, point = np.unravel_index(np.argmax(off), off.shape)

@@ -1,8 +1,8 @@
 """
-The large messages of a plan in the form in which they are sent, made by NumPy at once.
+The large messages of a plan, serialised in CDR by NumPy.
 
-As objects of Python, the points of 60,000 slots take five seconds to make and to serialise. CDR
-is what every middleware of ROS 2 sends, and rclpy publishes and deserialises it.
+As Python objects, the points of 60,000 slots take five seconds to create and to serialise. CDR is
+the format that every ROS 2 middleware sends, and rclpy can publish and deserialise it.
 """
 
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ _POINT = [('transforms', '<u4', ()), *_POSE,
 
 
 def path(plan: Plan, uav: int, frame_id: str) -> bytes:
-    """Return the nav_msgs/Path of a UAV by index; every pose is a point with its time."""
+    """Return the nav_msgs/Path of a UAV by index; each pose is a point with its time."""
     name = _string(frame_id)
     points = Curve(plan.scenario, plan.positions).at(plan.times)._replace(
         positions=plan.positions)
@@ -37,9 +37,9 @@ def path(plan: Plan, uav: int, frame_id: str) -> bytes:
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> bytes:
     """
-    Return the trajectory_msgs/MultiDOFJointTrajectory of a UAV, its joint named as the UAV.
+    Return the trajectory_msgs/MultiDOFJointTrajectory of a UAV; the joint has the UAV's name.
 
-    It has position, velocity and acceleration of the flown curve at the times of the points.
+    It contains position, velocity and acceleration of the flown curve at the times of the points.
     """
     motion = Curve(plan.scenario, plan.positions).at(plan.times)
     position, orientation = _poses(plan, uav, motion)
@@ -91,11 +91,11 @@ def _sequence(start: bytes, fields: Iterable[tuple], count: int, values: dict) -
     """
     Return a message that begins with some bytes and ends with a sequence of records.
 
-    :param fields: (name, format, shape) of each field of a record; it may be repeated.
-    :param values: by field, those of every record or one for all.
+    :param fields: (name, format, shape) of each field of a record, which can be iterated twice.
+    :param values: by field, either an array with a value for every record, or one value for all.
     """
     start = _aligned(start, 4) + struct.pack('<I', count)
-    # The first record may be padded otherwise than the rest, which all begin alike.
+    # The first record may have other padding than the rest, which all have the same.
     first, offset = _record_type(fields, len(start) % 8)
     rest, end = _record_type(fields, offset)
     assert end == offset

@@ -1,8 +1,8 @@
 """
-Pictures of plans, drawn by a process of its own.
+Pictures of plans, drawn in a separate process.
 
-Matplotlib holds Python's interpreter lock for half a second a picture, in which a node would send
-no setpoint; autopilots leave their offboard mode after as long.
+Matplotlib holds Python's interpreter lock for half a second for each picture. During that time the
+node could not send a setpoint, and autopilots leave their offboard mode after such a gap.
 """
 
 from collections.abc import Callable
@@ -18,9 +18,9 @@ from ..plan import Plan
 
 class Drawing:
     """
-    Draws plans in the background, one after another; of those that wait, only the newest.
+    Draws plans in the background, one at a time; of several waiting plans only the newest.
 
-    :param on_failure: called in another thread with the reason when one cannot be drawn.
+    :param on_failure: called in another thread with the reason when a plan cannot be drawn.
     """
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
@@ -30,7 +30,7 @@ class Drawing:
         self._closed = False
 
     def draw(self, plan: Plan, file: str) -> None:
-        """Have a plan drawn to a file."""
+        """Draw a plan to a file, in the background."""
         self._latest.put((plan, file))
 
     def close(self, timeout: float) -> bool:
@@ -46,7 +46,7 @@ class Drawing:
         if self._closed:
             return
         try:
-            # In a session of its own, so that Ctrl-C in a terminal is not its concern.
+            # A new session, so that the process does not receive Ctrl-C from the terminal.
             self._process = subprocess.Popen(
                 [sys.executable, '-m', __name__, file], stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
@@ -60,11 +60,11 @@ class Drawing:
 
 
 def main() -> None:
-    """Draw the pickled plan of the standard input to the file of the command line."""
-    os.nice(10)  # Setpoints come first.
+    """Draw the pickled plan from standard input to the file named on the command line."""
+    os.nice(10)  # Setpoints are more important.
     plan = pickle.load(sys.stdin.buffer)
     try:
-        from ..view.picture import save_picture  # Only now: Matplotlib need not be there.
+        from ..view.picture import save_picture  # Here, because Matplotlib is optional.
         save_picture(plan, sys.argv[1])
     except (ImportError, OSError, ValueError) as error:
         sys.exit(brief(error))

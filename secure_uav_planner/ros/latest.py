@@ -1,4 +1,4 @@
-"""Work in the background of which only the newest piece matters."""
+"""Background work of which only the newest item matters."""
 
 from collections.abc import Callable
 import threading
@@ -7,9 +7,9 @@ from typing import Any
 
 class Latest:
     """
-    Does one piece of work at a time in a thread; of those that wait, only the newest is kept.
+    Processes one item at a time in a thread; of several waiting items only the newest is kept.
 
-    :param work: called with each item in the thread; it must not raise.
+    :param work: called in the thread with each item; it must not raise.
     """
 
     def __init__(self, work: Callable[[Any], None]) -> None:
@@ -20,19 +20,19 @@ class Latest:
         self._thread: threading.Thread | None = None
 
     def put(self, item: Any) -> threading.Event:
-        """Have an item worked on; return an event that is set once it is done, if it ever is."""
+        """Queue an item; return an event that is set when it is done, never if it is replaced."""
         done = threading.Event()
         with self._changed:
             self._waiting = [(item, done)]
             if self._thread is None and not self._closed:
-                # A daemon: what it does cannot keep a stopped node alive.
+                # A daemon thread does not keep a stopped node running.
                 self._thread = threading.Thread(target=self._run, daemon=True, name='latest')
                 self._thread.start()
             self._changed.notify()
         return done
 
     def close(self, timeout: float) -> bool:
-        """Begin nothing more; return whether the thread has ended."""
+        """Start no further item; return whether the thread has ended within the timeout in s."""
         with self._changed:
             self._closed = True
             self._changed.notify()

@@ -1,8 +1,8 @@
 """
-From plans to messages.
+Conversion of plans to messages.
 
-Message fields are not checked by rclpy, and a wrong type is silently garbled on the wire: every
-number that leaves goes through float() or int() here.
+rclpy does not check the types of message fields, and a wrong type silently becomes a wrong value
+in the sent message. Every number is therefore converted with float() or int() here.
 """
 
 import array
@@ -27,7 +27,7 @@ from ..plan import Plan
 from ..view.colors import EAVESDROPPER, GROUND_NODE, uav_color
 
 
-_MOST_POINTS = 1000  # Of a path among the markers.
+_MOST_POINTS = 1000  # Largest number of points of a path marker.
 
 
 def stamp_at(plan: Plan, seconds: float = 0.0) -> Stamp:
@@ -46,7 +46,7 @@ def pose(x: float, y: float, z: float, yaw: float) -> Pose:
 
 
 def pose_stamped(frame_id: str, stamp: Stamp, *place: float) -> PoseStamped:
-    """Return a PoseStamped; place as for pose."""
+    """Return a PoseStamped; `place` are the arguments of pose."""
     message = PoseStamped(pose=pose(*place))
     message.header.frame_id, message.header.stamp = frame_id, stamp
     return message
@@ -58,7 +58,7 @@ def path(plan: Plan, uav: int, frame_id: str) -> Path:
 
 
 def power(plan: Plan, uav: int) -> Float64MultiArray:
-    """Return the Float64MultiArray of a UAV's watts per slot."""
+    """Return the Float64MultiArray with the power of a UAV in every slot, in W."""
     message = Float64MultiArray(data=array.array('d', plan.powers[uav].tobytes()))
     slots = plan.scenario.slots
     message.layout.dim = [MultiArrayDimension(label='slot', size=slots, stride=slots)]
@@ -66,16 +66,16 @@ def power(plan: Plan, uav: int) -> Float64MultiArray:
 
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
-    """Return the MultiDOFJointTrajectory of a UAV, its joint named as the UAV."""
+    """Return the MultiDOFJointTrajectory of a UAV; the joint has the UAV's name."""
     return deserialize_message(cdr.trajectory(plan, uav, frame_id), MultiDOFJointTrajectory)
 
 
 def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence[Any]
                         ) -> MultiDOFJointTrajectory:
     """
-    Return a MultiDOFJointTrajectory of one point: what an autopilot needs to follow without lag.
+    Return a MultiDOFJointTrajectory with one point, which an autopilot can follow without lag.
 
-    :param name: of the UAV, which names the joint.
+    :param name: the name of the UAV and of the joint.
     :param motion: position (x, y, z) in m, yaw in rad, velocity (x, y) in m/s and acceleration
         (x, y) in m/s^2.
     """
@@ -90,7 +90,7 @@ def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence
 
 
 def _level(vector: Sequence[float]) -> Twist:
-    """Return a Twist of a horizontal vector, or of its derivative."""
+    """Return a Twist whose linear part is a horizontal vector."""
     return Twist(linear=Vector3(x=float(vector[0]), y=float(vector[1])))
 
 
@@ -100,7 +100,7 @@ def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[f
     Return the Odometry of a UAV.
 
     :param place: (x, y, z) in m.
-    :param velocity: (vx, vy) in m/s in frame_id; the message has it in the UAV's own frame.
+    :param velocity: (vx, vy) in m/s in frame_id; the message contains it in the UAV's own frame.
     """
     message = Odometry(child_frame_id=child_frame_id)
     message.header.frame_id, message.header.stamp = frame_id, stamp
@@ -118,7 +118,7 @@ def float64(value: float) -> Float64:
 
 def status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
            ) -> DiagnosticStatus:
-    """Return a DiagnosticStatus; values by key, numbers to six digits."""
+    """Return a DiagnosticStatus with the values by key, and numbers with six digits."""
     return DiagnosticStatus(
         level=level, name=name, message=summary, hardware_id='secure_uav_planner',
         values=[KeyValue(key=key, value=f'{value:.6g}' if isinstance(value, float) else str(value))
@@ -127,9 +127,9 @@ def status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
 
 def markers(plan: Plan, frame_id: str) -> MarkerArray:
     """
-    Return a MarkerArray of the paths, the ground node and the eavesdroppers' discs.
+    Return a MarkerArray with the paths, the ground node and the eavesdroppers' discs.
 
-    Paths of very many points are thinned out: this is for the eye.
+    Of paths with very many points only some are shown, because markers are for display only.
     """
     scenario = plan.scenario
     points = np.unique(np.linspace(
@@ -159,7 +159,7 @@ def markers(plan: Plan, frame_id: str) -> MarkerArray:
 
 def slot_markers(frame_id: str, stamp: Stamp, places: Iterable[Sequence[float]],
                  powers: Iterable[float]) -> MarkerArray:
-    """Return a MarkerArray of where the UAVs are: spheres that grow with their power."""
+    """Return a MarkerArray with a sphere at the position of each UAV, larger for higher power."""
     found = []
     for index, ((x, y, z), watts) in enumerate(zip(places, powers)):
         size = 10.0 + 10.0 * math.sqrt(max(0.0, watts))

@@ -136,7 +136,8 @@ PLANNER = {
     'pose_timeout': Spec(10.0, 'Age in s beyond which a pose is not used for planning; 0 for no '
                          'limit.', (0.0, 86400.0)),
     'height_tolerance': Spec(2.0, 'Largest distance in m of the ground node and of the '
-                             'eavesdroppers from z = 0 of the frame.', (0.0, LIMITS['altitude'][1])),
+                             'eavesdroppers from z = 0 of the frame.',
+                             (0.0, LIMITS['altitude'][1])),
     'plan_file': Spec('', 'File (JSON) that keeps the last plan over a restart; empty for none.',
                       read_only=True),
     'replan_period': Spec(0.0, 'Period in s after which the rest of the mission is planned '
@@ -190,20 +191,22 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
     """Return the parameters of one eavesdropper by name."""
     return {f'{name}.error_radius': Spec(
         _PAPER.eavesdroppers[0].error_radius,
-        'Error radius epsilon in m, used where the covariance of the pose is zero.', LIMITS['error_radius'])}
+        'Error radius epsilon in m, used where the covariance of the pose is zero.',
+        LIMITS['error_radius'])}
 
 
 REPLAY = {
     'uavs': _UAVS,
-    'plan_file': Spec('', 'Saved plan to replay; empty to replay the plan of the topics.', read_only=True),
+    'plan_file': Spec('', 'Saved plan to replay; empty to replay the plan of the topics.',
+                      read_only=True),
     'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.'),
     'picture_file': Spec('', 'PNG file in which every new plan is drawn; empty for none.'),
     'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
     'speed': Spec(1.0, 'Playback speed; 1 is real time.', (0.001, 10000.0)),
     'loop': Spec(False, 'Start again at the end.'),
     'autostart': Spec(False, 'Start as soon as there is a plan, without ~/start.'),
-    'ground_node': Spec(list(_PAPER.ground_node), 'Position (x, y) of the ground node in m, for the '
-                        'rates of a plan from the topics.', LIMITS['coordinate'], length=(2, 2)),
+    'ground_node': Spec(list(_PAPER.ground_node), 'Position (x, y) of the ground node in m, for '
+                        'the rates of a plan from the topics.', LIMITS['coordinate'], length=(2, 2)),
     'reference_snr_db': Spec(_PAPER.reference_snr_db, 'SNR at 1 m and 1 W in dB, for the rates '
                              'of a plan from the topics.', LIMITS['reference_snr_db']),
     'true_eavesdropper': Spec([], 'True position (x, y) of the eavesdropper in m; empty if it is '
@@ -250,7 +253,7 @@ class Parameters:
         return self._values[name]
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the present values of all parameters by name; later changes do not affect them."""
+        """Return all present values by name; later changes do not affect them."""
         return self._values
 
     def apply(self, check: Callable[[dict[str, Any]], None]) -> None:

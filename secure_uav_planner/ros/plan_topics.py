@@ -1,4 +1,4 @@
-"""The latched topics that hold the last plan."""
+"""The transient-local topics of the last plan."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from ..plan import Plan
 
 
 class Outgoing(NamedTuple):
-    """A message, as an object or in CDR, and its publisher."""
+    """A message, as an object or serialised in CDR, and its publisher."""
 
     publisher: Publisher
     message: Any
@@ -26,8 +26,8 @@ class PlanTopics:
     """
     The publishers of a plan.
 
-    :param node: the Node whose they are.
-    :param uavs: names of the UAVs.
+    :param node: the Node that publishes.
+    :param uavs: the names of the UAVs.
     """
 
     def __init__(self, node: Node, uavs: Sequence[str]) -> None:
@@ -41,7 +41,7 @@ class PlanTopics:
         self._markers = latched(MarkerArray, '~/markers')
 
     def made(self, plan: Plan, frame_id: str) -> list[Outgoing]:
-        """Return all messages of a plan, so that all of them are published or none."""
+        """Return all messages of a plan; publish() then sends all of them."""
         found = [Outgoing(publisher, cdr.path(plan, index, frame_id))
                  for index, publisher in enumerate(self._paths)]
         found += [Outgoing(publisher, messages.power(plan, index))

@@ -1,4 +1,4 @@
-"""The planner node: poses and parameters in, plans out."""
+"""The planner node: it makes plans from poses and parameters."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -32,17 +32,17 @@ from ..scenario import Scenario
 
 _STATUS_PERIOD = 0.1
 _REPLAN_CHECK_PERIOD = 0.1
-_EVALUATION = 0.5  # For how long a plan waits for its worst-case rate, in s.
+_EVALUATION = 0.5  # How long a plan waits for its worst-case rate before publication, in s.
 _SHORTEST_SOLVE = 0.01
-_MOST_WARNINGS = 5  # Of a topic, until a good pose comes on it.
+_MOST_WARNINGS = 5  # For each topic, until a valid pose arrives on it.
 _LONGEST_REASON = 4000
 
 
 class Planner(Node):
     """
-    Plans on request and, where asked to, again on the way; the README has its interface.
+    Plans on request and, if enabled, again during the flight; the README describes its interface.
 
-    :raises PlanningError: for a wrong parameter, naming it.
+    :raises PlanningError: for a wrong parameter; the text names it.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -56,8 +56,8 @@ class Planner(Node):
         self._state = State()
         self._closed = False
         self._progress_sent = 0.0
-        self._lock = threading.RLock()  # Of the state.
-        # Held while a plan is compared with the last one and takes its place.
+        self._lock = threading.RLock()  # Protects the state.
+        # Held while a plan is compared with the last one and replaces it.
         self._publishing = threading.Lock()
         self._worker = Worker(self._on_iteration)
         self._replanning = Replanning(
@@ -95,16 +95,16 @@ class Planner(Node):
             DiagnosticStatus, '~/status', LATCHED, qos_overriding_options=OVERRIDABLE)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', 10, qos_overriding_options=OVERRIDABLE)
-        # A ~/plan that waits keeps one of the executor's threads; everything else goes on.
+        # A waiting ~/plan occupies one of the executor's threads; the others continue.
         self.create_service(Trigger, '~/plan', self._on_plan, callback_group=services)
         self.create_service(Trigger, '~/cancel', self._on_cancel, callback_group=services)
-        # Both timers go on while simulated time stands still.
+        # Both timers continue when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, callback_group=services, clock=steady)
         self.create_timer(_REPLAN_CHECK_PERIOD, self._on_replan_check, clock=steady)
 
     def close(self) -> bool:
-        """Stop the solve under way; return whether nothing is left running."""
+        """Stop the solve that is under way; return whether nothing is left running."""
         with self._lock:
             self._closed = True
         stopped = self._worker.close(timeout=1.0)
@@ -143,7 +143,7 @@ class Planner(Node):
         limit = settings['time_limit'] or None
         try:
             scenario = scenario_from(settings, self._poses, self._now())
-            # A replan under way is stopped, and none begins before this request is answered.
+            # This stops a replan, and no other one starts before this request is answered.
             with self._worker.reserved(limit):
                 left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
                 plan = self._worker.start(
@@ -153,7 +153,7 @@ class Planner(Node):
                     raise StoppedError('cancelled')
                 plan = replace(plan, start_ns=self.get_clock().now().nanoseconds)
                 text = self._publish_plan(plan, 'plans')
-            self._publish_status()  # that the request has been answered
+            self._publish_status()  # Now the request has been answered.
         except Exception as error:
             response.success, response.message = False, self._refuse(error, 'the solve failed')
         else:
@@ -161,7 +161,7 @@ class Planner(Node):
         return response
 
     def _initial(self, scenario: Scenario) -> Plan | None:
-        """Return the last plan where it is a good start for the scenario."""
+        """Return the last plan if it is a good start for the scenario, or None."""
         plan = self._state.plan
         return plan if plan is not None and similar(scenario, plan.scenario) else None
 
@@ -183,8 +183,8 @@ class Planner(Node):
         """
         Note, log and return why there is no new plan.
 
-        :param failure: what failed, for an error that is not one of this package's.
-        :param level: for an error of this package's; of any other it is ERROR.
+        :param failure: what failed; used for an error that is not a PlanningError.
+        :param level: the level for a PlanningError; for any other error it is ERROR.
         """
         expected = isinstance(error, PlanningError)
         reason = (brief(error, _LONGEST_REASON) if expected
@@ -197,7 +197,7 @@ class Planner(Node):
         self._publish_status()
         return text
 
-    # Planning again on the way
+    # Replanning
 
     def _on_replan_check(self) -> None:
         self._replanning.start_when_due(
@@ -215,7 +215,7 @@ class Planner(Node):
     # Publishing
 
     def _restore(self) -> None:
-        """Publish the plan of the plan file, if there is one."""
+        """Publish the plan in the plan file, if there is one."""
         file = self._settings['plan_file']
         try:
             if not file or not FilePath(file).exists():
@@ -232,10 +232,12 @@ class Planner(Node):
     def _publish_plan(self, plan: Plan, count: str, restored: bool = False,
                       still_wanted: Callable[[], None] = lambda: None) -> str:
         """
-        Publish all of a plan and return it in one line.
+        Publish all messages of a plan and return its summary in one line.
 
-        :param count: which of the counts goes up.
-        :param still_wanted: called when all is made; raises an error to publish nothing.
+        :param count: the name of the count to increase.
+        :param restored: whether the plan comes from the plan file.
+        :param still_wanted: called when all messages are ready; an error that it raises prevents
+            the publication.
         """
         evaluated = self._evaluation.put(plan)
         outgoing = self._topics.made(plan, self._settings['frame_id'])
@@ -254,7 +256,7 @@ class Planner(Node):
         return text
 
     def _log(self, level: bytes, text: str) -> None:
-        """Log at a level of DiagnosticStatus; rclpy wants a line of code for each severity."""
+        """Log at a level of DiagnosticStatus; rclpy needs a separate call for each severity."""
         log = self.get_logger()
         if level == DiagnosticStatus.ERROR:
             log.error(text)
@@ -264,7 +266,7 @@ class Planner(Node):
             log.info(text)
 
     def _evaluate(self, plan: Plan) -> None:
-        """Evaluate the rates of a plan, which takes long for many slots; not in the executor."""
+        """Evaluate the rates of a plan, in a background thread, because it can take long."""
         try:
             plan.evaluated()
         except Exception as error:

@@ -1,4 +1,4 @@
-"""What the planner knows of the world: the last good pose of every topic."""
+"""The last valid pose of every topic, on which the planner bases its scenarios."""
 
 from dataclasses import dataclass
 import math
@@ -15,14 +15,14 @@ from ..scenario import Array, LIMITS, Point
 @dataclass(frozen=True)
 class KnownPose:
     """
-    The last good pose of a topic.
+    The last valid pose of a topic.
 
     :param frame_id: the frame of the position.
     :param position: (x, y) in m.
     :param height: z in m.
-    :param covariance: of x and y, (2, 2) in m^2, or None.
-    :param stamp: when it was measured, or when it came if it was not stamped, in s.
-    :param received: when it came, in s.
+    :param covariance: the covariance of x and y, (2, 2) in m^2, or None.
+    :param stamp: the time of the measurement in s, or of reception if the pose has no stamp.
+    :param received: the time of reception in s.
     """
 
     frame_id: str
@@ -33,12 +33,12 @@ class KnownPose:
     received: float
 
     def age(self, now: float) -> float:
-        """Return the age in s at a time in s; a clock that jumped back makes it 0."""
+        """Return the age in s at a time in s, or 0 if the clock has jumped back."""
         return max(0.0, now - min(self.stamp, self.received))
 
 
 class PoseBook:
-    """The last good pose of every topic, and the wrong frames in which others came."""
+    """The last valid pose of every topic, and the wrong frame of any later pose."""
 
     def __init__(self) -> None:
         self._poses: dict[str, KnownPose] = {}
@@ -48,12 +48,12 @@ class PoseBook:
     def take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped, frame_id: str,
              now: float) -> None:
         """
-        Keep a pose.
+        Check a pose and keep it.
 
         :param message: a PoseStamped or PoseWithCovarianceStamped.
-        :param frame_id: the frame it must be in.
+        :param frame_id: the frame in which it must be.
         :param now: the node's time in s.
-        :raises PoseError: when it is not used; the last good pose stands.
+        :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
         header = message.header
         if header.frame_id != frame_id:
@@ -68,7 +68,7 @@ class PoseBook:
         _check_values(pose)
         if covariance is not None:
             covariance = _horizontal_covariance(covariance)
-        # Not by rclpy's Time, which raises for what was before 1970.
+        # Without rclpy's Time, which raises an error for times before 1970.
         stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
         known = KnownPose(
             frame_id, (pose.position.x, pose.position.y), pose.position.z, covariance, stamp,
@@ -78,7 +78,7 @@ class PoseBook:
             self._foreign.pop(topic, None)
 
     def get(self, topic: str) -> KnownPose | None:
-        """Return the last good pose of the topic, or None."""
+        """Return the last valid pose of the topic, or None."""
         with self._lock:
             return self._poses.get(topic)
 
@@ -86,13 +86,13 @@ class PoseBook:
                 height_tolerance: float | None = None, optional: bool = False
                 ) -> PoseError | None:
         """
-        Return why the pose of a topic cannot be planned with, or None when it can.
+        Return why the pose of a topic cannot be used for planning, or None if it can.
 
-        :param frame_id: the frame it must be in.
+        :param frame_id: the frame in which it must be.
         :param now: the node's time in s.
-        :param timeout: age in s beyond which it cannot be planned with, 0 for none.
-        :param height_tolerance: how far from z = 0 it may be, in m, or None for anywhere.
-        :param optional: whether it may be missing.
+        :param timeout: the age in s beyond which it is not used, or 0 for no limit.
+        :param height_tolerance: its largest distance from z = 0 in m, or None for no limit.
+        :param optional: whether the pose may be missing.
         """
         with self._lock:
             known, foreign = self._poses.get(topic), self._foreign.get(topic)
@@ -116,19 +116,21 @@ class PoseBook:
 
 def error_radius(covariance: Array, confidence: float) -> float:
     """
-    Return the radius in m around the mean that holds a normal error with a probability.
+    Return the radius in m that contains a normally distributed error with a given probability.
 
-    Exact for a round covariance, on the safe side for any other: its largest axis counts.
+    The largest axis of the covariance is used. The radius is exact if the covariance is the same
+    in all directions, and on the safe side otherwise.
 
-    :param covariance: of x and y, (2, 2) in m^2.
+    :param covariance: the covariance of x and y, (2, 2) in m^2.
     :param confidence: the probability, above 0 and below 1.
     """
     scale = float(np.abs(covariance).max())
     if scale == 0.0:
         return 0.0
-    # In units of its largest element, so that no square overflows.
+    # Scaled by the largest element, so that no square overflows.
     largest = max(0.0, float(np.linalg.eigvalsh(covariance / scale)[-1]))
-    # The squared distance over the variance has the chi-squared law of two degrees of freedom.
+    # The squared distance, divided by the variance, has a chi-squared distribution with two
+    # degrees of freedom.
     return math.sqrt(-2.0 * math.log1p(-confidence) * largest) * math.sqrt(scale)
 
 
@@ -146,7 +148,7 @@ def _check_values(pose: Pose) -> None:
 
 
 def _horizontal_covariance(values: Any) -> Array:
-    """Return the covariance of x and y, (2, 2) in m^2, of the 36 values of a message."""
+    """Return the covariance of x and y, (2, 2) in m^2, from the 36 values of a message."""
     matrix = np.array(values, dtype=float).reshape(6, 6)
     if not np.isfinite(matrix).all():
         raise PoseError('the covariance has values that are not finite')

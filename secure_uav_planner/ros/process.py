@@ -1,4 +1,4 @@
-"""A node as a process: start, spin, stop on a signal, exit status."""
+"""A node as a process: it starts, spins, stops on a signal and sets the exit status."""
 
 from collections.abc import Callable
 import inspect
@@ -26,16 +26,16 @@ _AFTER_FAILURE = 0.01
 def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause: float = 0.0
              ) -> None:
     """
-    Run a node until SIGINT or SIGTERM and exit the process: 0 when told to, 1 on an error.
+    Run a node until SIGINT or SIGTERM, then exit the process with status 0, or 1 after an error.
 
-    :param make_node: makes the node, which has close(): stop all work, return whether none is
-        left; a PlanningError from it is a message to the user.
-    :param args: command line, by default that of the process.
-    :param pause: after every callback, in s. It bounds what a flood of messages takes from other
-        threads, which share the interpreter, and what it delays the answer of a service.
+    :param make_node: returns the node. Its method close() stops all work and returns whether none
+        is left. The text of a PlanningError is shown to the user.
+    :param args: the command line, by default that of the process.
+    :param pause: a pause after every callback, in s. It leaves time for other threads, which share
+        the interpreter, and for services when very many messages arrive.
     """
     stop = threading.Event()
-    # rclpy's own handlers race with the executor's wait set; an event never does.
+    # rclpy's own signal handlers race with the executor's wait set; an event does not.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
@@ -47,7 +47,8 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause
         rclpy.try_shutdown()
         sys.exit(1)
     except ValueError as error:
-        # Of rclpy for some arguments, and else an error of this program: its class tells more.
+        # rclpy raises it for some arguments. Otherwise it is a programming error, so its class is
+        # shown as well.
         print(f'cannot start: {with_type(error)}', file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
@@ -57,7 +58,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause
     node.destroy_node()
     rclpy.try_shutdown()
     if not finished:
-        # A solver still deep in its work would be torn down under its feet: leave at once.
+        # A solver thread is still running and could crash during a normal exit: exit at once.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(0 if failure is None else 1)
@@ -74,14 +75,14 @@ def _spin(node: Node, stop: threading.Event, pause: float
             executor.spin_once(timeout_sec=0.2)
             time.sleep(pause)
         except Exception as error:
-            # Also of rclpy's own services, which a malformed request makes raise.
+            # rclpy's own services also raise errors, after a malformed request.
             node.get_logger().error(f'a callback failed: {with_type(error)}',
                                     throttle_duration_sec=1.0)
             failure = None if rclpy.ok() else error
             time.sleep(_AFTER_FAILURE)
     finished = node.close()
     if failure is None:
-        # Whoever waits for an answer still gets it.
+        # Send the answers that clients are still waiting for.
         until = time.monotonic() + _LAST_ANSWERS
         while time.monotonic() < until:
             try:
@@ -93,10 +94,10 @@ def _spin(node: Node, stop: threading.Event, pause: float
 
 
 def _shut_down(executor: MultiThreadedExecutor) -> None:
-    """Shut down an executor after its threads have ended: no callback outlives the node."""
+    """Shut down an executor after its threads have ended; no callback then outlives the node."""
     if 'wait_for_threads' in inspect.signature(executor.shutdown).parameters:
         executor.shutdown(wait_for_threads=True)
     else:
-        # rclpy up to 7.1.6, as in the wheels, has no public way (ros2/rclpy#1309 adds it).
+        # rclpy up to 7.1.6, as in the wheels, has no public way; ros2/rclpy#1309 adds one.
         executor._executor.shutdown(wait=True)
         executor.shutdown(timeout_sec=0)

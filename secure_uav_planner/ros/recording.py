@@ -25,7 +25,7 @@ _PRIMITIVES = {
     'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',
     'uint32', 'int64', 'uint64', 'string', 'wstring'}
 
-# As rosbag2 writes them, so that a bag that is played offers late subscribers the plan.
+# The format of rosbag2. When the bag is played, late subscribers then receive the plan.
 _QOS = """- history: keep_last
   depth: {depth}
   reliability: reliable
@@ -41,16 +41,16 @@ _QOS = """- history: keep_last
 def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate: float = 5.0,
            eavesdropper: Point | None = None) -> None:
     """
-    Write what the planner and the replay node publish for a plan, flown in real time.
+    Write all messages of the planner and of the replay node for a plan, flown in real time.
 
     :param plan: a Plan; without a start time it starts at 0.
-    :param path: of the MCAP file.
+    :param path: the path of the MCAP file.
     :param frame_id: the frame of all messages that have a header.
-    :param rate: of what is streamed, in Hz of the plan's time.
-    :param eavesdropper: where it really is, (2,) in m; by default it is in every slot at the
-        worst place of its disc.
+    :param rate: the rate of setpoints in Hz of the plan's time.
+    :param eavesdropper: its true position, (2,) in m; by default it has the worst position of its
+        disc in every slot.
     :raises OptionError: for a rate that is not positive.
-    :raises OSError: when the file cannot be written; an old one is left as it was.
+    :raises OSError: if the file cannot be written; an existing file is then unchanged.
     """
     if not rate > 0:
         raise OptionError(f'rate is {shown(rate)}; it must be above 0 Hz')
@@ -115,7 +115,7 @@ def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float,
 
 
 class _Bag:
-    """An MCAP file that is being written; schemas and channels are registered on first use."""
+    """Writer of an MCAP file; it registers schemas and channels when they are first used."""
 
     def __init__(self, file: IO[bytes], start_ns: int) -> None:
         self._start_ns = start_ns
@@ -136,7 +136,7 @@ class _Bag:
             self._channels[topic], log_time=at, publish_time=at, data=serialize_message(message))
 
     def finish(self) -> None:
-        """Write the index; without it the file is not complete."""
+        """Write the index, without which the file is not complete."""
         self._writer.finish()
 
     def _schema(self, kind: type) -> int:
@@ -149,7 +149,7 @@ class _Bag:
 
 def definition(name: str) -> str:
     """
-    Return the definition of a message type and of all it consists of, as MCAP wants it.
+    Return the definition of a message type and of all types that it contains, for MCAP.
 
     :param name: such as 'nav_msgs/msg/Path'.
     """
@@ -172,7 +172,7 @@ def _text(name: str) -> str:
 
 
 def _members(text: str, owner: str) -> list[str]:
-    """Return the names of the message types among a definition's fields."""
+    """Return the names of the message types in the fields of a definition."""
     found = []
     for line in text.splitlines():
         words = line.split('#')[0].split()

@@ -1,4 +1,4 @@
-"""Planning the rest of a mission again while it is flown."""
+"""Replanning of the rest of a mission during the flight."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
@@ -17,12 +17,12 @@ class Replanning:
     """
     Starts a solve of the rest of the mission when one is due, and continues the plan with it.
 
-    :param worker: what solves.
+    :param worker: the Worker that solves.
     :param poses: the PoseBook.
-    :param publish: called in the solver's thread with the plan of the whole mission, and with
-        the plan that it continues and the time in ns at which it takes effect; raises
-        PlanningError when it comes too late.
-    :param refuse: called with the error when there is no new plan.
+    :param publish: called in the solver's thread with the new plan of the whole mission, the plan
+        that it continues, and the time in ns at which it takes effect; it raises a PlanningError
+        if that is too late.
+    :param refuse: called with the error if there is no new plan.
     """
 
     def __init__(self, worker: Worker, poses: PoseBook,
@@ -35,13 +35,13 @@ class Replanning:
         self._last_planned = -math.inf
 
     def planned(self, now: float) -> None:
-        """Note that there is a new plan at a time in s, from which the period counts."""
+        """Note the time in s of a new plan, from which the next period is counted."""
         self._last_planned = now
 
     def start_when_due(self, plan: Plan | None, settings: Mapping[str, Any],
                        now: float) -> None:
         """
-        Start a solve of what is left of a plan, if one is due and nothing else is solved.
+        Start a solve of the rest of a plan, if one is due and no other solve is under way.
 
         :param settings: values of the planner's parameters by name.
         :param now: the node's time in s.
@@ -57,8 +57,8 @@ class Replanning:
         try:
             known = updated(plan.scenario, settings, self._poses, now)
         except PlanningError:
-            return  # The poses are missing or old, as the diagnostics report.
-        # The clock may have jumped back: a last plan in the future does not count.
+            return  # Poses are missing or too old; the diagnostics report it.
+        # If the clock has jumped back, the last plan may be in the future; it is then ignored.
         due = period and not 0 <= now - self._last_planned < period
         if not (due or (distance and has_moved(plan.scenario, known, distance))):
             return
@@ -73,18 +73,18 @@ class Replanning:
             self._worker.start(scenario, finish, method=settings['method'], initial=tail,
                                time_limit=settings['replan_lead'])
         except (BusyError, StoppedError):
-            return  # A request came first.
+            return  # A request was faster.
         self._last_planned = now
 
     def _finish(self, future: 'Future[Plan]', plan: Plan, point: int, start_ns: int) -> None:
-        """Continue a plan from a point with what a replan found; runs in the solver's thread."""
+        """Continue a plan from a point with the result of a replan, in the solver's thread."""
         try:
             found = future.result()
             if found.status == 'cancelled':
                 raise StoppedError('the replan was cancelled')
             self._publish(plan.continued(point, found), plan, start_ns)
         except SupersededError:
-            pass  # Whoever came first reports.
+            pass  # The request or plan that was first reports.
         except Exception as error:
             self._refuse(error)
 
@@ -96,8 +96,8 @@ def check_in_time(plan: Plan | None, continued: Plan, start_ns: int, now_ns: int
     :param plan: the last plan that was published.
     :param continued: the plan that the replan continues.
     :param start_ns: when the replan takes effect.
-    :raises SupersededError: when another plan came in between.
-    :raises LateError: when it should have taken effect already.
+    :raises SupersededError: if another plan has been published in the meantime.
+    :raises LateError: if the time at which it takes effect has passed.
     """
     if plan is not continued:
         raise SupersededError('replan: another plan came in between')

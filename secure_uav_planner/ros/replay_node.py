@@ -26,14 +26,14 @@ from ..plan import Plan
 from ..playback import Moment, Player
 from ..scenario import Point
 
-_MOST_WARNINGS = 5  # About the plan of the topics, until one is good.
+_MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
 
 
 class Replay(Node):
     """
-    Replays the plan of the topics, or a saved one; the README has its interface.
+    Replays the plan of the topics, or a saved plan; the README describes its interface.
 
-    :raises PlanningError: for a wrong parameter or plan file, naming it.
+    :raises PlanningError: for a wrong parameter or plan file; the text names it.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -48,7 +48,7 @@ class Replay(Node):
         self._drawing = Drawing(lambda reason: self.get_logger().warning(
             f'picture_file: {reason}; the replay goes on without'))
         self._announced_end = False
-        # All callbacks share the player, so they run one at a time.
+        # All callbacks use the same player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
         if self._settings['plan_file']:
             self._load_file(self._settings['plan_file'])
@@ -98,7 +98,7 @@ class Replay(Node):
         return self._drawing.close(timeout=0.5)
 
     def _assemble(self) -> str:
-        """Take up the plan of the topics, or return why not."""
+        """Load the plan of the topics; return the reason if that fails, or an empty string."""
         try:
             plan, frame_id = self._assembly.plan(
                 self._settings['ground_node'], self._settings['reference_snr_db'],
@@ -158,7 +158,7 @@ class Replay(Node):
         now = clock.nanoseconds
         if self._assembly.is_due(now):
             self._assemble()
-        # A clock that jumps back costs one tick, not the flight.
+        # If the clock jumps back, time stands still for one tick and the flight continues.
         seconds = 0.0 if self._last_tick is None else max(0, now - self._last_tick) * 1e-9
         self._last_tick = now
         if not self._player.streaming:

@@ -1,4 +1,4 @@
-"""From parameters and poses to the scenario to solve."""
+"""Construction of the scenario to solve from parameters and poses."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,10 +21,10 @@ def pose_topic(name: str) -> str:
 def pose_problems(parameters: Mapping[str, Any], poses: PoseBook, now: float,
                   of_uavs: bool = True) -> list[PoseError]:
     """
-    Return why poses cannot be planned with, an error for every such topic.
+    Return an error for every topic whose pose cannot be used for planning.
 
     :param parameters: values of the planner's parameters by name.
-    :param of_uavs: whether the UAVs' poses count, too.
+    :param of_uavs: whether to check the UAVs' poses as well.
     """
     frame_id, timeout = parameters['frame_id'], parameters['pose_timeout']
     problems = [
@@ -43,19 +43,19 @@ def pose_problems(parameters: Mapping[str, Any], poses: PoseBook, now: float,
 
 
 def raise_first(problems: list[PoseError]) -> None:
-    """Raise the first problem's class with the texts of all, if there are any."""
+    """Raise an error of the first problem's class with the texts of all, if there are any."""
     if problems:
         raise type(problems[0])('; '.join(map(str, problems)))
 
 
 def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, now: float) -> Scenario:
     """
-    Return the Scenario of a new mission: from where the UAVs are, if they report it.
+    Return the Scenario of a new mission, from the UAVs' present positions if they are known.
 
     :param parameters: values of the planner's parameters by name.
-    :param poses: its PoseBook.
+    :param poses: the planner's PoseBook.
     :param now: the node's time in s.
-    :raises PoseError: naming every topic without a usable pose.
+    :raises PoseError: if poses cannot be used; the text names every such topic.
     :raises ScenarioError: for a mission that cannot be flown, or a wrong combination of values.
     """
     raise_first(pose_problems(parameters, poses, now))
@@ -73,9 +73,9 @@ def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, now: float) ->
 def updated(scenario: Scenario, parameters: Mapping[str, Any], poses: PoseBook,
             now: float) -> Scenario:
     """
-    Return the scenario with the ground node and the eavesdroppers where they are known now.
+    Return the scenario with the present poses of the ground node and the eavesdroppers.
 
-    :raises PoseError: naming every topic without a usable pose.
+    :raises PoseError: if poses cannot be used; the text names every such topic.
     """
     raise_first(pose_problems(parameters, poses, now, of_uavs=False))
     return replace(scenario, ground_node=poses.get(GROUND_NODE_TOPIC).position,
@@ -86,10 +86,10 @@ def has_moved(scenario: Scenario, known: Scenario, distance: float) -> bool:
     """
     Return whether positions on the ground differ by more than a distance in m.
 
-    An error radius counts when it has changed by more than a tenth of the distance.
+    It also returns True if an error radius has changed by more than a tenth of the distance.
 
-    :param scenario: what was planned for.
-    :param known: the Scenario as it is known now.
+    :param scenario: the Scenario of the last plan.
+    :param known: the Scenario with the present poses.
     """
     return math.dist(scenario.ground_node, known.ground_node) > distance or any(
         math.dist(before.position, now.position) > distance

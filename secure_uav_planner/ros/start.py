@@ -1,7 +1,7 @@
 """
-The first step of the executables: a signal ends the process at once while its modules load.
+The first step of the executables: while modules load, a signal ends the process at once.
 
-Nothing that takes time is imported here. Before this module runs, the handlers are Python's own.
+This module imports nothing that takes time. Before it runs, Python's own handlers are active.
 """
 
 from importlib import import_module
@@ -12,12 +12,12 @@ from typing import Any
 
 def run(module: str, node: str, args: list[str] | None = None, **options: Any) -> None:
     """
-    Import a node and run it until a signal, and exit the process.
+    Import a node, run it until a signal, and exit the process.
 
-    :param module: of this package, in which the node is.
-    :param node: the class.
-    :param args: command line, by default that of the process.
-    :param options: of process.run_node.
+    :param module: the name of the module of this package that contains the node.
+    :param node: the name of the node's class.
+    :param args: the command line, by default that of the process.
+    :param options: further arguments of process.run_node.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))

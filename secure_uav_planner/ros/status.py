@@ -1,4 +1,4 @@
-"""What the planner reports of itself: levels as diagnostics use them, and values by key."""
+"""The status that the planner reports: a level and a text for diagnostics, and values by key."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ class Outcome(NamedTuple):
 
     :ivar level: a level of DiagnosticStatus.
     :ivar code: 'ok', or the code of the error.
-    :ivar text: the plan in one line, or the reason why there is none.
+    :ivar text: a summary of the plan in one line, or the reason why there is no new plan.
     """
 
     level: bytes
@@ -32,10 +32,10 @@ class Outcome(NamedTuple):
 @dataclass
 class State:
     """
-    The last plan and what has happened so far.
+    The last plan, the outcome of the last request or replan, and counts.
 
     :ivar plan: the last plan that was published, or None.
-    :ivar evaluated: the last plan whose worst-case rate became known, or None.
+    :ivar evaluated: the last plan whose worst-case rate has been evaluated, or None.
     """
 
     plan: Plan | None = None
@@ -46,10 +46,10 @@ class State:
 
     def publish(self, plan: Plan, count: str, prefix: str = '') -> str:
         """
-        Take up a plan that is being published; return it in one line.
+        Note a plan that is being published; return its summary in one line.
 
-        :param count: which of the counts goes up.
-        :param prefix: of the text.
+        :param count: the name of the count to increase.
+        :param prefix: put before the summary.
         """
         self.plan = plan
         self.counts[count] += 1
@@ -59,16 +59,16 @@ class State:
         return text
 
     def evaluate(self, plan: Plan) -> None:
-        """Note that the worst-case rate of a plan, published or not yet, is known now."""
+        """Note that the worst-case rate of a plan is known; the plan may not be published yet."""
         self.evaluated = plan
         before = summary(plan, False)
-        # Something else may have happened since the plan was published.
+        # The outcome may have changed since the plan was published.
         if self.plan is plan and self.outcome.text.endswith(before):
             text = self.outcome.text.removesuffix(before) + summary(plan, True)
             self.outcome = self.outcome._replace(text=text)
 
     def refuse(self, error: Exception, reason: str, level: bytes) -> str:
-        """Note why there is no new plan; return the reason, with what becomes of the last one."""
+        """Note why there is no new plan; return the reason, and whether the last plan remains."""
         text = reason + (LAST_PLAN_STANDS if self.plan is not None else '')
         self.counts['refusals'] += 1
         self.outcome = Outcome(level, getattr(error, 'code', PlanningError.code), text)
@@ -77,9 +77,9 @@ class State:
 
 def summary(plan: Plan, evaluated: bool) -> str:
     """
-    Return a plan in one line, without any position in it.
+    Return a summary of a plan in one line, without any position.
 
-    :param evaluated: whether its worst-case rate is known; to evaluate it can take long.
+    :param evaluated: whether its worst-case rate is known; evaluating it can take long.
     """
     worst = (f'{plan.worst_case_rate:.4f} bit/s/Hz' if evaluated
              else 'not evaluated yet (bit/s/Hz)')
@@ -91,13 +91,14 @@ def summary(plan: Plan, evaluated: bool) -> str:
 def level_and_text(outcome: Outcome, problems: Sequence[PlanningError],
                    progress: Iteration | None) -> tuple[bytes, str]:
     """
-    Return the level of the whole and why.
+    Return the level of the planner's status and a text that explains it.
 
-    ERROR: a solve failed. WARN: there is no way to plan now, or the last answer was not the best
-    there can be. OK: none of these. STALE is not used: tools take it for a node that has stopped.
+    ERROR: a solve failed. WARN: planning is not possible now, or the last request was refused, or
+    its plan has not converged. OK: none of these. STALE is not used, because tools take it for a
+    node that has stopped reporting.
 
-    :param problems: of poses, which stand in the way of a plan.
-    :param progress: the latest Iteration of a solve under way, or None.
+    :param problems: errors of poses that prevent planning.
+    :param progress: the latest Iteration of the solve that is under way, or None.
     """
     if progress is not None:
         return DiagnosticStatus.OK, (f'solving: iteration {progress.number}, guaranteed rate '
@@ -112,9 +113,9 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
     """
     Return the values of the status by key.
 
-    :param progress: the latest Iteration of a solve under way, or None.
+    :param progress: the latest Iteration of the solve that is under way, or None.
     :param busy: whether a solve is under way.
-    :param parameters: of the node.
+    :param parameters: values of the planner's parameters by name.
     :param now: the node's time in s.
     """
     found: dict[str, Any] = {'state': 'solving' if busy else 'idle',
@@ -142,4 +143,4 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
 
 
 def _iterations(plan: Plan) -> int:
-    return max(0, len(plan.history) - 1)  # the first is the start
+    return max(0, len(plan.history) - 1)  # The first entry is the start.

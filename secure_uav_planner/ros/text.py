@@ -1,10 +1,10 @@
-"""Texts for people: one line of bounded length."""
+"""Texts for people, in one line of limited length."""
 
 _MOST = 400
 
 
 def brief(text: object, most: int = _MOST) -> str:
-    """Return a text, such as that of an error, in one line; the middle of a long one is cut."""
+    """Return a text, such as an error, in one line; of a long text the middle is cut out."""
     line = ' '.join(str(text).split())
     if len(line) <= most:
         return line
@@ -13,5 +13,5 @@ def brief(text: object, most: int = _MOST) -> str:
 
 
 def with_type(error: BaseException) -> str:
-    """Return an unexpected error's class and text in one line."""
+    """Return the class and the text of an unexpected error in one line."""
     return brief(f'{type(error).__name__}: {error}')

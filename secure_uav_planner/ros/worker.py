@@ -1,4 +1,4 @@
-"""Solves off the executor's threads, one at a time."""
+"""Solving in a separate thread, one scenario at a time."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, InvalidStateError
@@ -16,7 +16,7 @@ _POLL = 0.02
 
 
 class _Job:
-    """One solve and the thread it runs in."""
+    """One solve and its thread."""
 
     def __init__(self, cancel: threading.Event) -> None:
         self.cancel = cancel
@@ -27,10 +27,10 @@ class _Job:
 
 class Worker:
     """
-    Runs one solve at a time: those of requests, and in between those in the background.
+    Runs one solve at a time: for requests, and between them in the background.
 
-    A request reserves the worker, which stops a solve in the background; while it is reserved,
-    none in the background begins.
+    A request reserves the worker. This stops a solve in the background, and no other one starts in
+    the background while the worker is reserved.
 
     :param on_iteration: called in the solver's thread after every iteration.
     """
@@ -55,18 +55,18 @@ class Worker:
 
     @property
     def progress(self) -> Iteration | None:
-        """Return the latest iteration of the solve under way, or None."""
+        """Return the latest iteration of the solve that is under way, or None."""
         job = self._job
         return None if job is None or job.future.done() else job.progress
 
     @contextmanager
     def reserved(self, patience: float | None = None) -> Iterator[None]:
         """
-        Keep all other solves away within the with block, and stop the one under way.
+        Reserve the worker within the with block, and stop a solve in the background.
 
-        :param patience: how long to wait for that one's thread, in s, or None for no limit.
-        :raises BusyError: when the worker is reserved already, or the patience has run out.
-        :raises StoppedError: when cancelled while waiting.
+        :param patience: how long to wait for the thread of that solve, in s, or None for no limit.
+        :raises BusyError: if the worker is already reserved, or that solve did not stop in time.
+        :raises StoppedError: if the request is cancelled during the wait.
         """
         if not self._reservation.acquire(blocking=False):
             raise BusyError('a solve is under way')
@@ -80,14 +80,15 @@ class Worker:
     def start(self, scenario: Scenario, then: Callable[['Future[Plan]'], None] | None = None,
               **options: Any) -> 'Future[Plan]':
         """
-        Start a solve: that of the reservation, or one in the background if `then` is given.
+        Start a solve for the reservation, or in the background if `then` is given.
 
-        :param then: called with the future in the solver's thread, so that whoever waits for
-            the thread waits for this, too; not when the node is stopping.
-        :param options: of solve: method, time_limit, initial.
+        :param then: called with the future at the end of the solver's thread, except when the node
+            is stopping. A join of the thread therefore also waits for this call.
+        :param options: arguments of solve: method, time_limit, initial.
         :return: a concurrent.futures.Future of the Plan.
-        :raises BusyError: when one is under way, or a request keeps those in the background away.
-        :raises StoppedError: when the request has been cancelled, or the node is stopping.
+        :raises BusyError: if a solve is under way, or if `then` is given while the worker is
+            reserved.
+        :raises StoppedError: if the request has been cancelled, or the node is stopping.
         """
         with self._lock:
             if self._closed.is_set():
@@ -98,7 +99,7 @@ class Worker:
             job = _Job(self._request_cancel if then is None else threading.Event())
             if job.cancel.is_set():
                 raise StoppedError('cancelled')
-            # A daemon, so that a solver deep in its work cannot keep a stopped node alive.
+            # A daemon thread does not keep a stopped node running.
             job.thread = threading.Thread(
                 target=self._run, args=(job, scenario, then, options), daemon=True,
                 name='solver')
@@ -107,7 +108,7 @@ class Worker:
             return job.future
 
     def cancel(self) -> bool:
-        """Ask the solve under way to stop; return whether there is one."""
+        """Ask the solve that is under way to stop; return whether there is one."""
         with self._lock:
             busy = self._solving
             self._request_cancel.set()
@@ -116,7 +117,7 @@ class Worker:
         return busy
 
     def close(self, timeout: float) -> bool:
-        """Stop for good: whoever waits gets StoppedError; return whether the thread ended."""
+        """Stop finally; futures get a StoppedError. Return whether the thread has ended."""
         self._closed.set()
         with self._lock:
             job = self._job
@@ -166,4 +167,4 @@ def _settle(settle: Callable[[Any], None], value: Any) -> None:
     try:
         settle(value)
     except InvalidStateError:
-        pass  # it is settled already
+        pass  # It already has a result or an error.

@@ -1,7 +1,7 @@
 """
-The study: the paper's figures, what it does not show, and whether its claims hold.
+The study: the paper's figures, further figures, and a check of the paper's claims.
 
-Every finished point is kept in the output folder; a study that was stopped goes on from there.
+Every finished point is kept in the output folder. A study that was stopped continues from there.
 """
 
 import argparse
@@ -20,9 +20,9 @@ def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--out', type=pathlib.Path, default=pathlib.Path('out/study'),
                         help='folder for figures, tables and finished plans')
-    parser.add_argument('--jobs', type=int, default=-1, help='processes at once, -1 for all cores')
-    parser.add_argument('--backend', help="joblib's, such as loky, threading, dask or ray")
-    parser.add_argument('--quick', action='store_true', help='a few points of every figure')
+    parser.add_argument('--jobs', type=int, default=-1, help='processes, -1 for all cores')
+    parser.add_argument('--backend', help='joblib backend, such as loky, threading, dask or ray')
+    parser.add_argument('--quick', action='store_true', help='only a few points of every figure')
     options = parser.parse_args(_without_ros_arguments(sys.argv[1:] if argv is None else argv))
     wanted = points(options.quick)
     signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -1,24 +1,25 @@
-"""The claims of the paper's Section IV, checked in the data of the study."""
+"""The claims of the paper's Section IV, checked against the data of the study."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 SIMILAR = 0.10
-"""Rates that differ by at most this share count as similar, and their gap as slight."""
+"""Rates that differ by at most this share count as similar, and the gap between them as slight."""
 
 CLOSE = 50.0
-"""A hovering place at most this far counts as close, in m: a quarter of the way between them."""
+"""A hovering position at most this far away counts as close, in m: a quarter of the distance
+between the ground node and the eavesdropper."""
 
 
 @dataclass(frozen=True)
 class Claim:
     """
-    A claim of the paper and what the data say.
+    A claim of the paper and the result of its check.
 
     :param text: the claim.
-    :param holds: whether the data agree.
-    :param numbers: the evidence, a sentence.
+    :param holds: whether the data confirm it.
+    :param numbers: the evidence, as a sentence.
     """
 
     text: str
@@ -28,9 +29,9 @@ class Claim:
 
 def check_claims(plans):
     """
-    Return the Claims, checked.
+    Return all Claims, checked.
 
-    :param plans: what study.run returned.
+    :param plans: the result of study.run.
     """
     curves = _curves(plans)
     baselines = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
@@ -68,7 +69,7 @@ def write_claims(plans, path):
 
 
 def _curves(plans):
-    """Return the Plans by (experiment, scheme) and place on the axis, sorted."""
+    """Return the Plans by (experiment, scheme) and by x on the horizontal axis, sorted by x."""
     curves = {}
     for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x):
         curves.setdefault((point.experiment, point.scheme), {})[point.x] = plan
@@ -126,7 +127,7 @@ def _hovering(plan, duration):
     targets = (('the GN', scenario.ground_node),
                ('the eavesdropper', scenario.eavesdroppers[0].position))
     for uav, path, moves, (name, target) in zip(scenario.uavs, plan.positions, steps, targets):
-        # Of a UAV that circles slowly around its place, the middle of the flight is in it.
+        # Even if the UAV circles slowly, the middle of its flight is at its hovering position.
         place = path[len(path) // 2]
         stay = np.count_nonzero(np.linalg.norm(path - place, axis=1) < 5) * (
             scenario.slot_duration)

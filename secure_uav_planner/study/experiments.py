@@ -1,4 +1,4 @@
-"""The points of the study: what is planned for which figure."""
+"""The points of the study: the scenarios that are planned for each figure."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -10,7 +10,7 @@ import pathlib
 from .. import METHODS, Scenario, solve, Uav
 
 PROPOSED = inspect.signature(solve).parameters['method'].default
-"""What stands for the paper's proposed design."""
+"""The method that represents the paper's proposed design."""
 
 BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
 
@@ -23,12 +23,12 @@ _NOT_PLANNING = ('bench', 'ros', 'study', 'view', 'demo.py')
 @dataclass(frozen=True)
 class Point:
     """
-    One plan of the study.
+    One point of the study, for which one plan is made.
 
-    :param experiment: the figure it belongs to.
-    :param x: its place on the figure's horizontal axis.
-    :param scheme: a method of solve or one of BASELINES.
-    :param scenario: what is planned.
+    :param experiment: the figure to which it belongs.
+    :param x: its coordinate on the figure's horizontal axis.
+    :param scheme: a method of solve, or one of BASELINES.
+    :param scenario: the Scenario to plan.
     """
 
     experiment: str
@@ -38,13 +38,13 @@ class Point:
 
     @property
     def file(self):
-        """Name of the file it is kept in: the same for the same problem, scheme and code."""
+        """Name of the file of its plan: the same for the same scenario, scheme and code."""
         text = json.dumps([self.scenario.to_dict(), self.scheme, code_version()])
         return f'{self.scheme}-{hashlib.sha256(text.encode()).hexdigest()[:20]}.json'
 
 
 def points(quick=False):
-    """Return the Points of the study; quick takes a few of every experiment."""
+    """Return the Points of the study, or a few of every experiment if quick."""
     paper = Scenario.paper()
     found = []
 
@@ -67,7 +67,7 @@ def points(quick=False):
 
 
 def _with_jammers(scenario, count):
-    """Return the scenario with a number of jammers like its own, 10 m above one another."""
+    """Return the scenario with a number of jammers like its own, each 10 m above the last."""
     transmitter, jammer = scenario.uavs
     return replace(scenario, uavs=(transmitter, *(
         Uav(f'uav{index + 2}', jammer.start, jammer.goal, jammer.altitude + 10.0 * index,
@@ -77,11 +77,11 @@ def _with_jammers(scenario, count):
 
 @cache
 def code_version():
-    """Return a digest of the package's code: plans of other code are computed anew."""
+    """Return a digest of the package's code, so that plans of other code are not reused."""
     package = pathlib.Path(__file__).parents[1]
     digest = hashlib.sha256()
     for path in sorted(package.rglob('*.py')):
-        # Neither the nodes nor the pictures change a plan.
+        # The nodes and the views do not change a plan.
         if path.relative_to(package).parts[0] not in _NOT_PLANNING:
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

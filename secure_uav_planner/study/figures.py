@@ -23,10 +23,10 @@ _SHOWN = (102.0, 104.0, 200.0)
 
 def write_figures(plans, folder):
     """
-    Write every figure as PNG and CSV; return the paths.
+    Write every figure as PNG and CSV; return the paths of the files.
 
-    :param plans: what study.run returned.
-    :param folder: a pathlib.Path.
+    :param plans: the result of study.run.
+    :param folder: where to write, a pathlib.Path.
     """
     written = []
     for experiment, label in _AXES.items():
@@ -67,7 +67,7 @@ def _curves(plans, label):
     for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x):
         lines.setdefault((point.experiment, point.scheme), []).append(
             (point.x, plan.guaranteed_rate, plan.worst_case_rate))
-    # The best on top, in the picture and in the legend.
+    # The best scheme is on top, both in the figure and in the legend.
     for (experiment, scheme), values in sorted(lines.items(), key=lambda entry: -entry[1][-1][1]):
         x, guaranteed, worst = zip(*values)
         perfect = experiment.endswith('radius 0')
@@ -78,7 +78,7 @@ def _curves(plans, label):
             name += ', disc of 0 m' if perfect else ', disc of 10 m'
         axes.plot(x, guaranteed, color=color, marker=marker, markersize=6,
                   label=f'{name}, guaranteed')
-        # With the radius zero both are the same.
+        # For a radius of zero, the guaranteed and the worst-case rates are equal.
         if not perfect:
             axes.plot(x, worst, color=color, marker=marker, markersize=6, linestyle='--',
                       markerfacecolor='white', linewidth=1.1, label=f'{name}, worst case')
@@ -109,7 +109,7 @@ def _convergence(runs):
 
 def _trajectories(plans):
     figure = Figure(figsize=(_SIZE[0], 2.9 * len(plans)))
-    # Room for the legend beside the first map, as in the picture of a plan.
+    # Leave room for the legend beside the first map, as in the picture of a plan.
     grid = figure.subplots(len(plans), 1, squeeze=False, gridspec_kw={
         'left': 0.085, 'right': 0.77, 'bottom': 0.06, 'top': 0.96, 'hspace': 0.35})[:, 0]
     for axes, (duration, plan) in zip(grid, plans.items()):
@@ -117,7 +117,7 @@ def _trajectories(plans):
         axes.set_title(
             f'T = {duration:g} s: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
             f'{plan.worst_case_rate:.3f} in the worst case', fontsize=10, loc='left')
-    # The same scale in all, that of the widest.
+    # All maps have the scale of the widest one.
     for limits in ('xlim', 'ylim'):
         widest = max((getattr(axes, f'get_{limits}')() for axes in grid),
                      key=lambda ends: abs(ends[1] - ends[0]))

@@ -1,4 +1,4 @@
-"""Computes the plans of the study and keeps every one that is finished."""
+"""Computation of the plans of the study; every finished plan is kept in a file."""
 
 from contextlib import contextmanager, nullcontext
 import os
@@ -15,26 +15,26 @@ _THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
 
 
 def compute(point):
-    """Return the Plan of a point, its rates computed."""
+    """Return the Plan of a point with its rates evaluated."""
     if point.scheme in METHODS:
         plan = solve(point.scenario, method=point.scheme)
     else:
         plan = fly_hover_fly(point.scenario, point.scheme.rpartition('_')[2])
-    return plan.evaluated()  # Here, by the worker, rather than when the plan is saved.
+    return plan.evaluated()  # In the worker process, not later when the plan is saved.
 
 
 def run(wanted, folder, jobs=None, backend=None):
     """
-    Return the Plan of every Point, computing only what the folder does not hold.
+    Return the Plan of every Point; only plans that are not in the folder are computed.
 
-    What is computed comes back to this process and is written at once, so that the workers may
-    be on other machines: choose them by `backend`, or around the call by joblib.parallel_config.
-    Convergence is timed, so its points come last and one by one.
+    Computed plans are returned to this process, which writes each of them at once. The workers may
+    therefore be on other machines: choose them with `backend`, or with joblib.parallel_config
+    around the call. Convergence is timed, so its points are computed last and one at a time.
 
-    :param wanted: Points.
+    :param wanted: the Points.
     :param folder: where finished plans are kept.
-    :param jobs: of joblib, by default as it is configured.
-    :param backend: of joblib, by default as it is configured.
+    :param jobs: number of jobs for joblib; by default joblib's own setting.
+    :param backend: backend of joblib; by default joblib's own setting.
     :return: a dict of Plans by Point.
     """
     folder = pathlib.Path(folder)
@@ -74,12 +74,13 @@ def _numbered(number, point):
 
 @contextmanager
 def _computed(wanted, backend, options):
-    """Give the (number, Plan) of Points as they come; leave no worker behind on an error."""
+    """Yield (number, Plan) for Points in the order of completion; stop the workers on an error."""
     threads = {name: os.environ.get(name) for name in _THREAD_COUNTS}
     os.environ.update(dict.fromkeys(_THREAD_COUNTS, '1'))
     chosen = (nullcontext() if backend is None or options['n_jobs'] == 1
               else joblib.parallel_config(backend))
-    # Workers inherit it: Ctrl-C reaches all of a terminal's processes, and only this one may act.
+    # Workers inherit this setting. Ctrl-C reaches all processes of a terminal, and only this one
+    # may handle it.
     handler = _ignore_interrupts()
     try:
         with chosen:
@@ -99,5 +100,5 @@ def _computed(wanted, backend, options):
 def _ignore_interrupts():
     try:
         return signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except ValueError:  # not in the main thread, where signals do not come
+    except ValueError:  # Handlers can be set in the main thread only.
         return None

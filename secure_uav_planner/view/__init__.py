@@ -1,1 +1,1 @@
-"""What people see of a plan: a picture, and a page with a slider through time."""
+"""Views of a plan for people: a picture, and a web page with a time slider."""

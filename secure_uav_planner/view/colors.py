@@ -1,4 +1,4 @@
-"""The colours of everything that is shown: Okabe and Ito's, which the colour-blind tell apart."""
+"""The colours of all views, by Okabe and Ito, which colour-blind people can distinguish."""
 
 GROUND_NODE = '#000000'
 EAVESDROPPER = '#D55E00'

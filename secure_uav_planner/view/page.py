@@ -1,4 +1,4 @@
-"""The page of a plan: one HTML file that needs no network, with a slider through time."""
+"""The web page of a plan: one HTML file with a time slider, which needs no network."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -19,12 +19,12 @@ _STAY = {'mode': 'immediate', 'transition': {'duration': 0},
 
 def save_page(plan, path):
     """
-    Write the page of a plan, a self-contained HTML file.
+    Write the web page of a plan to a self-contained HTML file.
 
     :param plan: a Plan.
-    :raises OSError: when the file cannot be written; an old one is left as it was.
+    :raises OSError: if the file cannot be written; an existing file is then unchanged.
     """
-    # At 100% of the window's height plotly follows the window.
+    # With a relative height, plotly resizes the figure with the window.
     drawn = draw_page(plan).to_html(
         full_html=False, include_plotlyjs=True, auto_play=False, default_height='96vh',
         div_id='plan', config={'displaylogo': False, 'responsive': True})
@@ -36,7 +36,7 @@ def save_page(plan, path):
 
 
 def draw_page(plan):
-    """Return the plotly Figure of a plan, with a frame for every point or for some of many."""
+    """Return the plotly Figure of a plan, with a frame for every point, or for some of many."""
     view = _View(plan)
     figure = make_subplots(
         3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns',
@@ -57,14 +57,14 @@ def draw_page(plan):
 
 
 class _View:
-    """What the page shows of a plan, computed once."""
+    """The data that the page shows of a plan, computed once."""
 
     def __init__(self, plan):
         self.plan = plan
         scenario = plan.scenario
         self.peak = max(uav.peak_power for uav in scenario.uavs)
         step = scenario.slot_duration
-        # Power n holds from point n to the next: nothing is delivered before point 1.
+        # Power n holds from point n to point n + 1, so nothing is delivered before point 1.
         self.delivered = np.concatenate([[0.0, 0.0], np.cumsum(plan.guaranteed_rates) * step])
         self.worst_delivered = np.concatenate(
             [[0.0, 0.0], np.cumsum(plan.worst_case_rates) * step])
@@ -75,7 +75,7 @@ class _View:
         self.places = np.pad(places, ((1, 1), (0, 0)), mode='edge')
 
     def points_of_frames(self):
-        """Return the points that have a frame."""
+        """Return the indices of the points that have a frame."""
         last = self.plan.scenario.slots + 1
         return sorted({round(point) for point in np.linspace(
             0, last, min(last + 1, _MOST_FRAMES))})
@@ -92,7 +92,7 @@ class _View:
         return np.stack([low - margin, high + margin], axis=1).tolist()
 
     def still_traces(self):
-        """Return what does not move, with its row and column."""
+        """Return the traces that do not move, each with its row and column."""
         plan, times = self.plan, self.plan.times.tolist()
         traces = []
         for index, eve in enumerate(plan.scenario.eavesdroppers):
@@ -115,7 +115,7 @@ class _View:
                     f'{time:g} s, {watts:.3g} W'
                     for time, watts in zip(times, self.powers[index])],
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **shared), 1, 1))
-            # A logarithm has no zero: silence is a gap.
+            # Zero has no logarithm: slots without power are gaps.
             watts = [power if power > 0 else None for power in self.powers[index].tolist()]
             traces.append((go.Scatter(
                 x=times, y=watts, name=uav.name, showlegend=False, connectgaps=False,
@@ -133,7 +133,7 @@ class _View:
         return traces
 
     def moving_traces(self, point):
-        """Return what moves, as it is at a point, with its row and column."""
+        """Return the moving traces at a point, each with its row and column."""
         plan, time = self.plan, float(self.plan.times[point])
         traces = []
         for index, uav in enumerate(plan.scenario.uavs):
@@ -143,8 +143,8 @@ class _View:
                 x=[x], y=[y], mode='markers', name=uav.name, legendgroup=uav.name,
                 showlegend=False, text=[f'{watts:.3g} W'], marker={
                     'color': uav_color(index), 'symbol': _SYMBOLS[index % len(_SYMBOLS)],
-                    # Good plans jam with a hundredth of the power they transmit with; UAVs that
-                    # are at one place are one inside the other.
+                    # In good plans the jamming power is a hundredth of the transmit power. UAVs at
+                    # the same position are drawn one inside the other.
                     'size': float((17 if index == 0 else 10)
                                   + 2 * np.log1p(1000 * watts / self.peak)),
                     'line': {'color': 'white', 'width': 1.5}}), 1, 1))
@@ -161,7 +161,7 @@ class _View:
         return traces
 
     def readout(self, point):
-        """Return one line for the slider."""
+        """Return the text of the slider at a point, in one line."""
         time = float(self.plan.times[point])
         began = self.plan.scenario.slot_duration
         watts = ', '.join(
@@ -203,7 +203,7 @@ def _add_controls(figure, view, points):
                        f'{plan.worst_case_rate:.3f} in the worst case', 'x': 0.01},
         sliders=[{
             'active': 0, 'x': 0.12, 'len': 0.88, 'pad': {'t': 50},
-            # The text of the steps is the readout; under the rail there would be no room.
+            # The labels of the steps are the readout. Below the slider there is no room for them.
             'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
             'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',
             'currentvalue': {'font': {'color': '#222222', 'size': 14}},

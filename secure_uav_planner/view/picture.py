@@ -1,4 +1,4 @@
-"""The picture of a plan: the map, and powers and rates over time below it."""
+"""The picture of a plan: a map, and below it the powers and the rates over time."""
 
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
@@ -27,11 +27,11 @@ _NAMES = {
 
 def save_picture(plan, path, baselines=()):
     """
-    Write the picture of a plan to a file, PNG or whatever its suffix says.
+    Write the picture of a plan to a file; the suffix, such as .png, gives the format.
 
     :param plan: a Plan.
-    :param baselines: Plans of the same mission to show beside it, in grey.
-    :raises OSError: when the file cannot be written.
+    :param baselines: Plans for the same mission, which are drawn in grey.
+    :raises OSError: if the file cannot be written.
     """
     draw_plan(plan, baselines).savefig(path, dpi=_DOTS_PER_INCH)
 
@@ -43,7 +43,8 @@ def draw_plan(plan, baselines=()):
     tall = min(5.6, _MAP_WIDTH * ratio)
     total = tall + 4.7
     figure = Figure(figsize=(_WIDTH, total))
-    # In inches: constrained layout cuts off legends beside axes of equal aspect.
+    # Axes are placed in inches, because constrained layout cuts off legends beside axes of equal
+    # aspect.
     map_axes, power_axes, rate_axes = (
         figure.add_axes((0.75 / _WIDTH, bottom / total, _MAP_WIDTH / _WIDTH, height / total))
         for bottom, height in ((4.35, tall), (2.35, 1.4), (0.5, 1.7)))
@@ -58,7 +59,7 @@ def draw_plan(plan, baselines=()):
 
 
 def name_of(method):
-    """Return what made a plan in words."""
+    """Return the name of a method in words."""
     return _NAMES.get(method, method)
 
 
@@ -66,12 +67,12 @@ def draw_map(axes, plan, baselines=(), legend=True):
     """
     Draw the paths, wide and dark where the power is high, the ground node and the discs.
 
-    A mission that is much longer in y than in x is turned by a right angle, so that the flight
-    goes from left to right.
+    A mission that is much longer in y than in x is rotated by 90 degrees, so that the flight goes
+    from left to right.
 
     :param axes: matplotlib Axes.
-    :param baselines: Plans of the same mission, their paths in grey.
-    :param legend: whether to explain the signs beside the map.
+    :param baselines: Plans for the same mission, whose paths are drawn in grey.
+    :param legend: whether to explain the symbols beside the map.
     """
     scenario = plan.scenario
     place_of = _set_up_map(axes, plan, _extent([plan, *baselines]))
@@ -88,7 +89,7 @@ def draw_map(axes, plan, baselines=(), legend=True):
     heights = [axes.transData.transform(place_of(path))[:, 1].mean() for path in plan.positions]
     for index, (path, powers) in enumerate(zip(plan.positions, plan.powers)):
         points = place_of(path)
-        # Power n holds from point n on; before point 1 there is none.
+        # Power n holds from point n to point n + 1; before point 1 the power is zero.
         level = power_level(np.concatenate([[0.0], powers]), peak)
         axes.add_collection(LineCollection(
             np.stack([points[:-1], points[1:]], axis=1), colors=_ramp(index)(level),
@@ -107,16 +108,16 @@ def draw_map(axes, plan, baselines=(), legend=True):
 
 def power_level(powers, peak):
     """
-    Return powers on the scale on which they are shown, 0 for 0 W and 1 for peak.
+    Return powers on the scale of the picture, 0 for 0 W and 1 for the peak power.
 
-    Good plans jam with a hundredth of the power they transmit with: the scale is logarithmic
-    but for the faintest.
+    In good plans the jamming power is a hundredth of the transmit power. The scale is therefore
+    logarithmic, except for the lowest powers.
     """
     return np.arcsinh(np.maximum(powers, 0.0) / (_FAINT * peak)) / np.arcsinh(1 / _FAINT)
 
 
 def draw_powers(axes, plan):
-    """Draw the power of every slot over time, and the limits that all UAVs share."""
+    """Draw the power of every slot over time, and the limits that are the same for all UAVs."""
     for index, (uav, powers) in enumerate(zip(plan.scenario.uavs, plan.powers)):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
@@ -145,7 +146,7 @@ def draw_rates(axes, plan, baselines=()):
     axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
     axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label='guaranteed')
     for other, style in zip(baselines, _STYLES):
-        # A slot that loses counts as silent, the [x]^+ of equation (R_sec).
+        # A negative rate counts as zero, as in the [x]^+ of equation (R_sec).
         axes.stairs(np.maximum(0.0, other.guaranteed_rates), other.times[1:], color=_GREY,
                     linewidth=1.1, linestyle=style,
                     label=name_of(other.method).replace(', ', ',\n'))
@@ -174,7 +175,7 @@ def _sign(color, size):
 
 
 def _ramp(index):
-    """Return a colour map from a tint of the UAV's colour, 0 W, to a shade of it, peak."""
+    """Return a colour map from a light tint (0 W) to a dark shade (peak) of a UAV's colour."""
     color = np.array([int(uav_color(index)[at:at + 2], 16) / 255 for at in (1, 3, 5)])
     return LinearSegmentedColormap.from_list(f'uav{index}', [0.2 * color + 0.8, 0.75 * color])
 
@@ -188,7 +189,7 @@ def _width(level):
 
 
 def _extent(plans):
-    """Return the lower left and the upper right corner of all that is shown, (2, 2) in m."""
+    """Return the lower left and the upper right corner of the map, (2, 2) in m."""
     scenario = plans[0].scenario
     points = [np.array(scenario.ground_node)[None], *(
         path for plan in plans for path in plan.positions), *(
@@ -201,7 +202,7 @@ def _extent(plans):
 
 
 def _set_up_map(axes, plan, extent):
-    """Set the limits of a map; return the function from places in m to places on it."""
+    """Set the limits of a map; return the function from positions in m to map coordinates."""
     width, height = extent[1] - extent[0]
     turned = _is_turned(width, height)
     labels = ('y (m)', 'x (m)') if turned else ('x (m)', 'y (m)')
@@ -213,7 +214,7 @@ def _set_up_map(axes, plan, extent):
     axes.spines[['top', 'right']].set_visible(False)
     if not turned:
         return np.asarray
-    # Exactly one axis runs backwards, or left and right would be exchanged.
+    # Exactly one axis is inverted. Otherwise the map would be a mirror image.
     if plan.positions[0, -1, 1] < plan.positions[0, 0, 1]:
         axes.invert_xaxis()
     else:
@@ -222,7 +223,7 @@ def _set_up_map(axes, plan, extent):
 
 
 def _mark_times(axes, times, points, color, side):
-    """Mark round times along a path; one label, from when to when, where the UAV stays."""
+    """Mark round times along a path; where the UAV hovers, one label gives the interval."""
     step = next(step for step in _TIME_STEPS if times[-1] / step <= _TIME_MARKS)
     marks = np.arange(step, times[-1] - step / 3, step)
     places = np.stack([np.interp(marks, times, points[:, axis]) for axis in (0, 1)], axis=-1)
