@@ -206,7 +206,8 @@ REPLAY = {
     'loop': Spec(False, 'Start again at the end.'),
     'autostart': Spec(False, 'Start as soon as there is a plan, without ~/start.'),
     'ground_node': Spec(list(_PAPER.ground_node), 'Position (x, y) of the ground node in m, for '
-                        'the rates of a plan from the topics.', LIMITS['coordinate'], length=(2, 2)),
+                        'the rates of a plan from the topics.', LIMITS['coordinate'],
+                        length=(2, 2)),
     'reference_snr_db': Spec(_PAPER.reference_snr_db, 'SNR at 1 m and 1 W in dB, for the rates '
                              'of a plan from the topics.', LIMITS['reference_snr_db']),
     'true_eavesdropper': Spec([], 'True position (x, y) of the eavesdropper in m; empty if it is '
