@@ -1,9 +1,9 @@
 """
-A program that talks to the nodes as any other would, and the nodes' processes.
+A client of the nodes, which uses them like any other program, and the nodes' processes.
 
-No wait here depends on how fast the machine is: each is for something that comes true, and its
-patience only ends a test that would wait for ever. What the nodes of a failed test printed is in
-its report; see conftest.py.
+No wait here depends on the speed of the machine: each one is for a condition, and its patience
+only ends a test that would otherwise wait forever. The report of a failed test contains the output
+of its nodes; see conftest.py.
 """
 
 from contextlib import contextmanager
@@ -49,7 +49,7 @@ def wait_for(condition, patience=PATIENCE, what='the condition'):
 
 @contextmanager
 def node_process(name, *arguments, namespace=None, **parameters):
-    """Run a node in a process of its own; yield the process, with its output in .lines."""
+    """Run a node in its own process; yield the process, with its output in .lines."""
     command = [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args']
     if namespace:
         command += ['-r', f'__ns:={namespace}']
@@ -89,14 +89,14 @@ def output_of(process):
 
 
 def wait_for_line(process, text):
-    """Return the first line of a process's output that has a text in it, once there is one."""
+    """Return the first line of a process's output that contains a text, once there is one."""
     def line():
         return next((line for line in list(process.lines) if text in line), None)
     return wait_for(line, what=f'{text!r} in the output of {process.name}')
 
 
 def outputs():
-    """Return what the node processes of this test printed last, and how they are."""
+    """Return the last output of the node processes of this test, and their states."""
     found = []
     for _, process in _started:
         status = process.poll()
@@ -147,8 +147,8 @@ class Client:
     A node of its own context, spun in the background.
 
     Poses that it has sent with the time of now are sent again every few seconds, as a real
-    localisation would, so that they are not too old when a busy machine gets to them; as long as
-    the nodes live that ran when they were sent.
+    localisation would, so that they are not too old when a busy machine processes them. That ends
+    when a node ends that was running when they were sent.
     """
 
     def __init__(self, name='tester', namespace='', **options):
@@ -173,8 +173,8 @@ class Client:
             self._executor.spin_once(timeout_sec=0.05)
             if time.monotonic() - sent > RESEND:
                 sent = time.monotonic()
-                for publish, hearers in list(self._poses.values()):
-                    if all(process.poll() is None for process in hearers):
+                for publish, receivers in list(self._poses.values()):
+                    if all(process.poll() is None for process in receivers):
                         publish()
 
     def close(self):
@@ -199,7 +199,7 @@ class Client:
         return found
 
     def publisher(self, kind, topic, qos=None):
-        """Return the publisher of a topic, once somebody listens."""
+        """Return the publisher of a topic, once it has a subscriber."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(
                 kind, topic, qos or QoSProfile(depth=10))
@@ -207,15 +207,16 @@ class Client:
         wait_for(publisher.get_subscription_count, what=f'a subscriber of {topic}')
         return publisher
 
-    def send_pose(self, topic, x, y, frame_id='map', stamp=None, qos=None, heard=True):
-        """Send a pose; if heard, again and again until the planner knows one of this topic."""
+    def send_pose(self, topic, x, y, frame_id='map', stamp=None, qos=None, until_known=True):
+        """Send a pose; if until_known, repeat until the planner has received one on this topic."""
         def message():
             found = PoseStamped()
             self._fill(found.header, found.pose, x, y, frame_id, stamp)
             return found
-        self._send(self.publisher(PoseStamped, topic, qos), topic, message, stamp, heard)
+        self._send(self.publisher(PoseStamped, topic, qos), topic, message, stamp, until_known)
 
-    def send_estimate(self, topic, x, y, frame_id='map', stamp=None, variance=0.0, heard=True):
+    def send_estimate(self, topic, x, y, frame_id='map', stamp=None, variance=0.0,
+                      until_known=True):
         """Send an estimate as send_pose does."""
         def message():
             found = PoseWithCovarianceStamped()
@@ -223,9 +224,9 @@ class Client:
             found.pose.covariance[0] = found.pose.covariance[7] = float(variance)
             return found
         self._send(
-            self.publisher(PoseWithCovarianceStamped, topic), topic, message, stamp, heard)
+            self.publisher(PoseWithCovarianceStamped, topic), topic, message, stamp, until_known)
 
-    def _send(self, publisher, topic, message, stamp, heard):
+    def _send(self, publisher, topic, message, stamp, until_known):
         status = self.status_of('planner')
 
         def publish():
@@ -234,13 +235,13 @@ class Client:
         def known():
             publish()
             time.sleep(0.1)
-            return not heard or (status and values_of(status[-1]).get(
+            return not until_known or (status and values_of(status[-1]).get(
                 f'pose_age.{topic}', 'none') != 'none')
 
         # Not while this one is on its way, and never again if it has a time of its own.
         self._poses.pop(topic, None)
         wait_for(known, what=f'the pose of {topic}')
-        if heard and stamp is None:
+        if until_known and stamp is None:
             self._poses[topic] = publish, _running()
 
     def _fill(self, header, pose, x, y, frame_id, stamp):
@@ -271,8 +272,9 @@ class Client:
         """
         Return the answer of a service, asked again when none comes for some seconds.
 
-        `~/plan` is asked again only when the planner has said for long that it solves nothing:
-        the answer was lost. Asked earlier, it would refuse, or plan twice.
+        `~/plan` is asked again only when the planner has reported for a long time that it solves
+        nothing, so that the answer must have been lost. Asked earlier, the planner would refuse,
+        or plan twice.
 
         :param lost: returns whether there is no hope of an answer; then None is returned.
         """

@@ -49,7 +49,7 @@ def whole(client):
     got = latched(client)
     wait_for(lambda: all(got.values()) and 'plan.stamp' in values_of(got['planner/status'][-1]),
              what='a whole plan')
-    return {topic: heard[-1] for topic, heard in got.items()}
+    return {topic: received[-1] for topic, received in got.items()}
 
 
 def until_solving(client, **parameters):
@@ -62,7 +62,7 @@ def until_solving(client, **parameters):
     return answer
 
 
-# The planner dies
+# The planner is killed
 
 
 def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file):
@@ -120,13 +120,14 @@ def test_replay_flies_on_when_the_planner_is_killed(client):
             wait_for(lambda: client.call('replay/start').success, what='the plan at the replay')
             wait_for(lambda: setpoints)
             stopped(planner, signal.SIGKILL)
-        heard = len(setpoints)
+        received = len(setpoints)
         assert setpoints[-1].pose.position.y > -500.0  # still on its way
-        wait_for(lambda: len(setpoints) > heard + 10, what='setpoints without the planner')
+        wait_for(lambda: len(setpoints) > received + 10, what='setpoints without the planner')
         assert client.set_parameters('replay', speed=30.0)[0].successful
         wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
         assert replay.poll() is None
-        # A new planner's plan is heard. A new client: the old one still waits for the dead.
+        # The plan of a new planner is received. A new client asks for it, because the old one
+        # still waits for the killed planner.
         with node_process('planner', **SHORT), Client('after') as after:
             after.send_paper()
             got = sum('got a plan' in line for line in replay.lines)
@@ -134,7 +135,7 @@ def test_replay_flies_on_when_the_planner_is_killed(client):
             wait_for(lambda: sum('got a plan' in line for line in replay.lines) > got)
 
 
-def test_who_joins_in_the_middle_of_a_solve_gets_the_whole_last_plan(client):
+def test_a_subscriber_in_the_middle_of_a_solve_receives_the_whole_last_plan(client):
     with node_process('planner', **SHORT):
         client.send_paper()
         assert client.call('planner/plan').success
@@ -241,7 +242,7 @@ def stamp_of(message):
     return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
 
 
-def test_the_planner_plans_before_the_first_clock_and_while_it_stands(client):
+def test_the_planner_plans_before_the_first_clock_and_while_it_stands_still(client):
     paths = client.listen(Path, 'uav1/path')
     with node_process('planner', use_sim_time='true', pose_timeout=0.0, **SHORT):
         zero = Time(nanoseconds=0).to_msg()
@@ -253,14 +254,14 @@ def test_the_planner_plans_before_the_first_clock_and_while_it_stands(client):
         with simulated_time(client, start=50.0) as clock:
             def of_now():
                 client.send_pose('ground_node/pose', 0, 0, stamp=Time(
-                    nanoseconds=round(clock.now * 1e9)).to_msg(), heard=False)
+                    nanoseconds=round(clock.now * 1e9)).to_msg(), until_known=False)
                 client.send_estimate('eavesdropper/pose', 200, 0, stamp=Time(
-                    nanoseconds=round(clock.now * 1e9)).to_msg(), heard=False)
+                    nanoseconds=round(clock.now * 1e9)).to_msg(), until_known=False)
                 return client.call('planner/plan').success and stamp_of(paths[-1]) > 50.0
             wait_for(of_now, what='a plan on simulated time')
             clock.running = False
-            heard = client.listen(DiagnosticArray, '/diagnostics', 10)
-            wait_for(lambda: len(heard) >= 2, what='diagnostics while the clock stands')
+            received = client.listen(DiagnosticArray, '/diagnostics', 10)
+            wait_for(lambda: len(received) >= 2, what='diagnostics while the clock stands')
             solving = until_solving(client)
             assert client.call('planner/cancel').success
             wait_for(solving.done)
@@ -273,8 +274,8 @@ def test_the_planner_plans_after_the_clock_has_jumped_back(client):
             simulated_time(client, start=1000.0, speedup=1.0) as clock:
         def plan_at(low, high):
             stamp = Time(nanoseconds=round(clock.now * 1e9)).to_msg()
-            client.send_pose('ground_node/pose', 0, 0, stamp=stamp, heard=False)
-            client.send_estimate('eavesdropper/pose', 200, 0, stamp=stamp, heard=False)
+            client.send_pose('ground_node/pose', 0, 0, stamp=stamp, until_known=False)
+            client.send_estimate('eavesdropper/pose', 200, 0, stamp=stamp, until_known=False)
             return client.call('planner/plan').success and any(
                 low <= stamp_of(path) <= high for path in paths)
 
@@ -287,7 +288,7 @@ def test_the_planner_plans_after_the_clock_has_jumped_back(client):
         assert 0.0 <= float(values_of(status[-1])['plan.age']) < 500.0
 
 
-def test_replay_holds_while_the_clock_stands_and_no_jump_of_it_moves_a_uav(client, file):
+def test_replay_holds_while_the_clock_stands_still_and_no_jump_of_it_moves_a_uav(client, file):
     """The UAVs neither leap nor turn back, whatever the clock does; they arrive."""
     fly_hover_fly(Scenario.paper(104, slots=104), 'constant').save(file)
     setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 5000)
@@ -317,11 +318,11 @@ def test_replay_holds_while_the_clock_stands_and_no_jump_of_it_moves_a_uav(clien
     assert (np.diff(place[:, 1]) <= 1e-9).all()  # never back
 
 
-def grows(heard):
+def grows(received):
     """Return whether messages still come."""
-    before = len(heard)
+    before = len(received)
     time.sleep(0.5)
-    return len(heard) > before
+    return len(received) > before
 
 
 def test_replay_without_any_clock_answers_and_starts_once_there_is_one(client, file):
@@ -355,5 +356,5 @@ def test_a_latched_plan_stays_whole_for_a_subscriber_of_every_moment(client):
                           for name in ('uav1', 'uav2')]
                 wait_for(answer.done)
                 wait_for(lambda: all(paths) and all(powers) and {
-                    len(heard[-1].poses) - 2 for heard in paths} | {
-                    len(heard[-1].data) for heard in powers} == {slots})
+                    len(received[-1].poses) - 2 for received in paths} | {
+                    len(received[-1].data) for received in powers} == {slots})

@@ -119,7 +119,7 @@ def parameter_sets(near, names):
 
 class Target:
     """
-    A node under fire: sends, asks and checks that it lives.
+    A node under test: sends messages, asks services and checks that the node still runs.
 
     :ivar counts: of what was sent and how it was answered.
     """
@@ -170,7 +170,7 @@ class Target:
 
 
 class Planner(Target):
-    """The planner under fire: checks every plan that it publishes."""
+    """The planner under test: checks every plan that it publishes."""
 
     def __init__(self, client, process):
         super().__init__(client, 'planner', process)
@@ -228,7 +228,7 @@ class Planner(Target):
     def ask_for_plan(self, wait=True):
         self.note_limits()
         if self.limits[-1]['slots'] > 100 or self.limits[-1]['duration'] > 1e4:
-            self.restore()  # A long solve tells no more than a short one.
+            self.restore()  # A long solve is no better as a test than a short one.
         if wait:
             self.call('plan')
         else:
@@ -237,9 +237,9 @@ class Planner(Target):
 
     def check_plans(self):
         """Check whatever was published since the last time."""
-        for (name, topic), heard in self.got.items():
-            while self.checked[name, topic] < len(heard):
-                message = heard[self.checked[name, topic]]
+        for (name, topic), received in self.got.items():
+            while self.checked[name, topic] < len(received):
+                message = received[self.checked[name, topic]]
                 self.checked[name, topic] += 1
                 reasons = [self.broken(name, topic, message, limits) for limits in self.limits]
                 assert None in reasons, (name, topic, reasons[-1], self.limits[-1])
@@ -275,8 +275,8 @@ class Planner(Target):
                                 if np.isfinite(start).all()) > 2e-6}
         return next((what for what, is_so in bad.items() if is_so), None)
 
-    def check_last_plan_stands(self):
-        """Check that who joins now gets one whole plan, and the one of the status."""
+    def check_last_plan_is_kept(self):
+        """Check that a new subscriber receives one whole plan, the one of the status."""
         with Client('latecomer') as late:
             paths = [late.listen(Path, f'{name}/path') for name in UAVS]
             powers = [late.listen(Float64MultiArray, f'{name}/power') for name in UAVS]
@@ -295,7 +295,7 @@ class Planner(Target):
 
 
 class Replay(Target):
-    """The replay node under fire: checks what it tells the UAVs."""
+    """The replay node under test: checks the setpoints that it sends to the UAVs."""
 
     def __init__(self, client, process):
         super().__init__(client, 'replay', process)
@@ -312,17 +312,18 @@ class Replay(Target):
             self.client.publisher(Float64MultiArray, f'{name}/power', LATCHED).publish(power)
 
     def check_setpoints(self):
-        for heard in self.setpoints + self.odometry:
-            for message in heard:
+        for received in self.setpoints + self.odometry:
+            for message in received:
                 pose = getattr(message.pose, 'pose', message.pose)
                 places = [getattr(pose.position, axis) for axis in 'xyz'] + [
                     getattr(pose.orientation, axis) for axis in 'xyzw']
                 assert all(map(math.isfinite, places))
-        for heard in self.watts:
-            assert all(math.isfinite(message.data) and message.data >= -1e-9 for message in heard)
+        for received in self.watts:
+            assert all(math.isfinite(message.data) and message.data >= -1e-9
+                       for message in received)
         self.counts['setpoints'] += sum(map(len, self.setpoints))
-        for heard in self.setpoints + self.odometry + self.watts:
-            heard.clear()
+        for received in self.setpoints + self.odometry + self.watts:
+            received.clear()
 
 
 PLANNER_ACTIONS = st.one_of(
@@ -345,7 +346,7 @@ def fuzz(actions, act, examples, chance, is_enough):
     """
     Do lists of actions, round after round until it is enough.
 
-    A live node has a past, so nothing is shrunk.
+    A running node has a history, so examples are not shrunk.
 
     :param examples: how many lists a round has.
     :param chance: a random.Random that the actions come from.
@@ -401,7 +402,7 @@ def fuzz_planner(examples, chance, **least):
         planner.send_good()
         wait_for(lambda: planner.call('plan').success, what='a plan after all that')
         planner.check_plans()
-        planner.check_last_plan_stands()
+        planner.check_last_plan_is_kept()
         planner.check_alive()
     assert process.returncode == 0, output_of(process)[-3000:]
     return planner.counts
@@ -436,22 +437,22 @@ def fuzz_replay(examples, chance, **least):
         replay.change([rclpy.Parameter(key, value=value).to_parameter_msg() for key, value in {
             'speed': 100.0, 'loop': False, 'autostart': False}.items()], atomically=True)
         replay.send_good(replace(plan, start_ns=2 * 10**18))
-        heard = replay.setpoints[0]
+        received = replay.setpoints[0]
 
         def arrived():
             replay.call('start')
-            return any(message.pose.position.y == -500.0 for message in heard)
+            return any(message.pose.position.y == -500.0 for message in received)
         wait_for(arrived, what='the end of a good plan after all that')
         replay.check_alive()
     assert process.returncode == 0, output_of(process)[-3000:]
     return replay.counts
 
 
-def test_whatever_comes_the_planner_lives_and_no_plan_breaks_a_limit():
+def test_whatever_it_receives_the_planner_runs_on_and_no_plan_breaks_a_limit():
     fuzz_planner(8, Random(1), **{'plan done': 1, 'plan refused': 1, 'parameters refused': 1})
 
 
-def test_whatever_comes_the_replay_node_lives_and_its_setpoints_are_finite():
+def test_whatever_it_receives_the_replay_node_runs_on_and_its_setpoints_are_finite():
     fuzz_replay(8, Random(1), **{'setpoints': 1, 'start done': 1, 'parameters refused': 1})
 
 

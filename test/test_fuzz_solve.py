@@ -112,7 +112,7 @@ def check_plan(scenario, plan, baseline):
     rates = guaranteed_rates(scenario, plan.positions, plan.powers)
     scale = max(1.0, np.abs(rates).max())
     assert np.abs(plan.guaranteed_rates - rates).max() <= 1e-6 * scale
-    assert rates.min() >= -1e-9 * scale  # a slot that would lose is silent
+    assert rates.min() >= -1e-9 * scale  # a slot with a negative rate has no power
     assert np.isfinite(plan.worst_case_rates).all()
     assert (plan.worst_case_rates >= rates - 1e-6 * scale).all()
     history = [iteration.guaranteed_rate for iteration in plan.history]

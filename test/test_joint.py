@@ -218,7 +218,7 @@ def test_a_jammer_leaves_the_kink_above_the_eavesdropper():
     assert 0.1 < hovering < 60.0
 
 
-def test_silent_slots_wake_up():
+def test_slots_without_power_can_transmit_again():
     scenario = Scenario.paper(120)
     silent = fly_hover_fly(scenario)
     powers = silent.powers.copy()

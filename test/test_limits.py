@@ -1,4 +1,4 @@
-"""Every limit, checked against what it says of itself: one test serves all that there are."""
+"""Every limit, checked against its own definition; each test covers all limits."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st

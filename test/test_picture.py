@@ -58,7 +58,7 @@ def test_a_turned_map_keeps_left_and_right_and_the_flight_goes_to_the_right(plan
     assert east[1] > start[1]
 
 
-def test_the_scale_of_power_tells_a_faint_jammer_from_a_silent_one():
+def test_the_scale_of_power_distinguishes_low_jamming_power_from_none():
     level = power_level(np.array([0.0, 0.013, 1.3, 4.0]), 4.0)
     assert level[0] == 0 and level[-1] == pytest.approx(1)
     assert (np.diff(level) > 0.1).all()

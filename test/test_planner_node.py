@@ -52,7 +52,7 @@ def test_a_plan_arrives_whole_on_every_topic_with_one_stamp(client, planner):
                 [[(at.pose.position.x, at.pose.position.y) for at in path.poses]
                  for path in paths],
                 [got[name, 'power'][-1].data for name in names])
-    # What the node says of the plan is what the plan that arrived really does.
+    # The rates that the node reports are those of the plan that arrived.
     assert f'guaranteed rate {plan.guaranteed_rate:.4f}, worst-case rate ' \
            f'{plan.worst_case_rate:.4f} bit/s/Hz' in answer.message
     assert plan.guaranteed_rate > 1.9
@@ -82,7 +82,7 @@ def test_a_plan_arrives_whole_on_every_topic_with_one_stamp(client, planner):
     assert status[-1].level == DiagnosticStatus.OK
 
 
-def test_who_subscribes_late_gets_the_whole_plan(client, planner):
+def test_a_late_subscriber_receives_the_whole_plan(client, planner):
     client.send_paper()
     assert client.call('planner/plan').success
     with Client('latecomer') as latecomer:
@@ -101,7 +101,7 @@ def test_without_poses_every_missing_topic_is_named(client, planner):
     assert 'uav1/pose' not in answer.message
 
 
-def test_poses_of_both_reliabilities_are_heard(client, planner):
+def test_poses_of_both_reliabilities_are_received(client, planner):
     client.send_pose('ground_node/pose', 0, 0, qos=QoSProfile(
         depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
     client.send_estimate('eavesdropper/pose', 200, 0)
@@ -111,11 +111,11 @@ def test_poses_of_both_reliabilities_are_heard(client, planner):
 def test_a_pose_in_another_frame_is_not_used_and_both_frames_are_named(client, planner):
     assert client.set_parameters('planner', pose_timeout=0.0)[0].successful
     client.send_paper()
-    client.send_pose('ground_node/pose', 5, 5, frame_id='odom', heard=False)
-    client.send_pose('ground_node/pose', 6, 6, frame_id='odom', heard=False)
+    client.send_pose('ground_node/pose', 5, 5, frame_id='odom', until_known=False)
+    client.send_pose('ground_node/pose', 6, 6, frame_id='odom', until_known=False)
     client.send_estimate('eavesdropper/pose', 200, 0)
     wait_for(lambda: any("'odom'" in line for line in planner.lines), what='the warning')
-    assert client.call('planner/plan').success  # the last good pose stands
+    assert client.call('planner/plan').success  # the last valid pose is kept
     assert sum("'odom'" in line for line in planner.lines) == 1
     assert client.set_parameters('planner', frame_id='odom')[0].successful
     answer = client.call('planner/plan')
@@ -138,7 +138,7 @@ def bad_estimates():
         yield message
 
 
-def test_nan_infinity_and_impossible_covariances_leave_the_last_good_pose(client, planner):
+def test_nan_infinity_and_impossible_covariances_leave_the_last_valid_pose(client, planner):
     client.send_paper()
     assert client.call('planner/plan').success
     publisher = client.publisher(PoseWithCovarianceStamped, 'eavesdropper/pose')
@@ -213,8 +213,8 @@ def test_while_solving_everything_else_answers_and_a_second_plan_is_refused(clie
         second = client.call('planner/plan')
         assert not second.success and second.message == 'a solve is under way'
         assert not solving.done()
-        heard = len(status)
-        wait_for(lambda: len(status) > heard + 1, what='more progress')
+        received = len(status)
+        wait_for(lambda: len(status) > received + 1, what='more progress')
         assert client.call('planner/cancel').success
         wait_for(solving.done)
         assert not solving.result().success
@@ -223,7 +223,7 @@ def test_while_solving_everything_else_answers_and_a_second_plan_is_refused(clie
         assert not again.success and again.message == 'no solve is under way'
 
 
-def test_a_cancelled_solve_leaves_the_last_plan_standing(client):
+def test_a_cancelled_solve_keeps_the_last_plan(client):
     with node_process('planner', duration=120.0, slots=40, method='alternating',
                       pose_timeout=0.0, time_limit=0.0):
         path = client.listen(Path, 'uav1/path')
@@ -271,11 +271,11 @@ def test_names_follow_the_namespace_and_the_lists_of_names(client):
 def test_a_pose_that_is_too_old_is_a_warning_and_not_the_level_of_a_node_that_has_stopped(client):
     with node_process('planner', namespace='/fleet', pose_timeout=0.5):
         with Client('member', namespace='/fleet') as member:
-            heard = member.listen(DiagnosticArray, '/diagnostics', 10)
+            received = member.listen(DiagnosticArray, '/diagnostics', 10)
             member.send_paper(stamp=Time(sec=int(time.time()) - 60))
-            wait_for(lambda: heard and 'pose_timeout' in heard[-1].status[0].message)
-            assert heard[-1].status[0].level == DiagnosticStatus.WARN
-            assert heard[-1].status[0].name == 'fleet/planner: plan'
+            wait_for(lambda: received and 'pose_timeout' in received[-1].status[0].message)
+            assert received[-1].status[0].level == DiagnosticStatus.WARN
+            assert received[-1].status[0].name == 'fleet/planner: plan'
 
 
 def test_misspelt_parameters_are_named_with_the_nearest(tmp_path):
@@ -304,17 +304,17 @@ def test_misspelt_parameters_are_named_with_the_nearest(tmp_path):
 
 
 def test_diagnostics_come_about_every_second(client, planner):
-    heard = client.listen(DiagnosticArray, '/diagnostics', 10)
+    received = client.listen(DiagnosticArray, '/diagnostics', 10)
 
     def regular():
-        times = [seconds(message.header.stamp) for message in heard]
+        times = [seconds(message.header.stamp) for message in received]
         # On a busy machine one comes late at times, and the next one sooner after it.
         return any(after - before == pytest.approx(2.0, abs=0.7)
                    for before, after in zip(times, times[2:]))
     wait_for(regular, what='three messages in about two seconds')
-    assert heard[-1].status[0].name == 'planner: plan'
-    assert heard[-1].status[0].level == DiagnosticStatus.WARN
-    assert 'no pose has come on ground_node/pose' in heard[-1].status[0].message
+    assert received[-1].status[0].name == 'planner: plan'
+    assert received[-1].status[0].level == DiagnosticStatus.WARN
+    assert 'no pose has come on ground_node/pose' in received[-1].status[0].message
 
 
 WRONG = {
@@ -333,7 +333,7 @@ def test_a_wrong_parameter_later_is_refused_with_its_reason(client, planner):
         assert client.get_parameters('planner', name) == before
 
 
-def test_a_whole_number_is_welcome_where_a_real_one_is_meant(client, planner):
+def test_an_integer_is_accepted_as_a_float(client, planner):
     assert client.set_parameters('planner', duration=130)[0].successful
     client.send_paper()
     assert client.call('planner/plan').success

@@ -42,7 +42,7 @@ def test_a_stale_pose_of_a_uav_is_refused_with_a_way_out_that_needs_no_restart(c
     client.set_parameters('planner', uav1__use_pose=True)
 
     def planned_from_it():
-        client.send_pose('uav1/pose', 60.0, 460.0, heard=False)
+        client.send_pose('uav1/pose', 60.0, 460.0, until_known=False)
         return client.call('planner/plan').success and (
             path[-1].poses[0].pose.position.x == 60.0)
     wait_for(planned_from_it, what='a plan from the new pose')

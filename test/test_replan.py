@@ -42,7 +42,8 @@ class Simulation:
 
     def send_estimate(self):
         x, y = self._where(self.now)
-        self._client.send_estimate('eavesdropper/pose', x, y, stamp=self.stamp(), heard=False)
+        self._client.send_estimate(
+            'eavesdropper/pose', x, y, stamp=self.stamp(), until_known=False)
 
     def stamp(self):
         message = Clock()
@@ -92,7 +93,8 @@ def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(cli
             began.append(simulation.now)
 
             def arrived():
-                client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp(), heard=False)
+                client.send_pose(
+                    'ground_node/pose', 0, 0, stamp=simulation.stamp(), until_known=False)
                 simulation.send_estimate()
                 return simulation.now > began[0] + 200
             wait_for(arrived, patience=10 * PATIENCE, what='the end of the mission')

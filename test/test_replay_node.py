@@ -112,9 +112,9 @@ def test_pause_holds_and_reset_returns(client, file):
         client.call('replay/start')
         wait_for(lambda: poses[-1].pose.position.y < held)
         client.call('replay/reset')
-        heard = len(poses)
+        received = len(poses)
         client.call('replay/start')
-        wait_for(lambda: any(pose.pose.position.y > held for pose in poses[heard:]))
+        wait_for(lambda: any(pose.pose.position.y > held for pose in poses[received:]))
 
 
 def test_the_plan_is_drawn_when_asked(file, tmp_path):
@@ -219,7 +219,7 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
         assert len(refusals()) == 1 and reason in refusals()[0], process.lines
         assert sum('got a plan' in line for line in process.lines) == 1
         assert not any('Warning' in line or 'np.' in line for line in process.lines)
-        assert client.call('replay/start').success  # the plan before stands
+        assert client.call('replay/start').success  # the previous plan is kept
         send(client, plan, 12 * 10**17)
         wait_for(lambda: sum('got a plan' in line for line in process.lines) == 2)
 

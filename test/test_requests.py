@@ -40,9 +40,9 @@ def busy():
         client.set_parameters('planner', replan_period=0.0)
 
         def quiet():
-            heard = len(paths), len(status)
+            received = len(paths), len(status)
             time.sleep(1.0)
-            return heard == (len(paths), len(status)) and (
+            return received == (len(paths), len(status)) and (
                 values_of(status[-1])['state'] == 'idle')
         wait_for(quiet, what='the end of the last replan')
         values = values_of(status[-1])

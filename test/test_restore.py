@@ -62,7 +62,7 @@ def test_a_plan_file_that_is_no_regular_file_is_one_short_warning(client, file):
 
 
 def check_one_warning(client, file):
-    """Check that the planner has warned once, has published nothing, lives and can plan."""
+    """Check that the planner has warned once, has published nothing, still runs and can plan."""
     paths = client.listen(Path, 'uav1/path')
     with node_process('planner', plan_file=file, duration=120.0, slots=20) as process:
         wait_for(lambda: process.poll() is not None or any(
