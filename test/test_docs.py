@@ -399,7 +399,8 @@ def known_names():
                   secure_uav_planner.Eavesdropper, playback, playback.Playback,
                   playback.Moment, secure_uav_planner.channel):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
-    for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly):
+    for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
+                     secure_uav_planner.upper_bound):
         names |= set(inspect.signature(function).parameters)
     names |= set(secure_uav_planner.METHODS)
     names |= {kind.code for kind in vars(errors).values() if hasattr(kind, 'code')}
