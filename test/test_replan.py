@@ -3,7 +3,7 @@
 import threading
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
@@ -27,14 +27,17 @@ class Simulation:
         self.now = 1000.0
         self._client, self._where, self._speedup = client, where, speedup
         self._clock = client.node.create_publisher(Clock, '/clock', 10)
-        self._status = client.listen(DiagnosticStatus, 'planner/status')
+        # The diagnostics, too: a replan that has been superseded says nothing in the status.
+        self._heard = client.listen(DiagnosticStatus, 'planner/status')
+        client.node.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda message: self._heard.extend(message.status), 10)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self):
         while not self._stop.wait(0.02):
-            if not self._status or values_of(self._status[-1])['state'] == 'idle':
+            if not self._heard or values_of(self._heard[-1])['state'] == 'idle':
                 self.now += 0.02 * self._speedup
             message = Clock()
             message.clock.sec, message.clock.nanosec = int(self.now), int(self.now % 1 * 1e9)

@@ -169,6 +169,8 @@ def test_interrupted_it_keeps_what_is_finished_and_leaves_neither_process_nor_tr
     process = subprocess.Popen(
         [sys.executable, '-m', 'secure_uav_planner.study', '--out', str(tmp_path), '--jobs', '2'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        # As in a terminal, wherever the tests run: what a script runs with & ignores it.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(
             [str(ROOT), os.environ.get('PYTHONPATH', '')])})
     try:
