@@ -18,8 +18,10 @@ from .limits.norm import TOLERANCE as POSITION_TOLERANCE
 from .limits.power import TOLERANCE as POWER_TOLERANCE
 from .scenario import Array, checked_fields, LIMITS, Point, read_only, Scenario, Uav
 
-Objective: TypeAlias = Literal['guaranteed']
-"""What is maximised: 'guaranteed' is the paper's problem (P2)."""
+Objective: TypeAlias = Literal['guaranteed', 'worst_case']
+"""What is maximised: 'guaranteed' is the paper's problem (P2), 'worst_case' its (P1)."""
+
+OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
                             'numerical_trouble']
@@ -105,7 +107,7 @@ class Plan:
         for field, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
             object.__setattr__(self, field, _checked_array(field, getattr(self, field), shape))
         for name, value, allowed in (('status', self.status, STATUSES),
-                                     ('objective', self.objective, get_args(Objective))):
+                                     ('objective', self.objective, OBJECTIVES)):
             if value not in allowed:
                 raise PlanError(f'{name} is {shown(value)}; it must be one of {allowed}')
         object.__setattr__(self, 'history', tuple(self.history))

@@ -17,7 +17,7 @@ class Receivers:
 
     Receivers are the ground node (0) and the eavesdroppers (1..E), K = E + 1 in all.
 
-    :param positions: of the receivers, (K, 2).
+    :param positions: of the receivers, (K, 2), or for every slot other ones, (..., N, K, 2).
     :param edge: epsilon that the guarantee adds to a distance, or subtracts from it, (K, U).
     :param link: of the UAVs, for arrays (..., K, U).
     """
@@ -40,6 +40,17 @@ class Receivers:
         return cls(positions / grid.length, edge, link)
 
 
+    def at_places(self, places: Array) -> 'Receivers':
+        """
+        Return the ground node with eavesdroppers at known places instead of in discs.
+
+        :param places: in units of the grid, (..., N, E, 2).
+        """
+        ground = np.broadcast_to(self.positions[..., :1, :], (*places.shape[:-2], 1, 2))
+        return Receivers(np.concatenate([ground, places], axis=-2),
+                         np.zeros((1 + places.shape[-2], self.edge.shape[-1])), self.link)
+
+
 class SlotRates:
     """
     The rates at one x in nats, and their derivatives on request.
@@ -56,8 +67,8 @@ class SlotRates:
     def __init__(self, receivers: Receivers, x: Array, softening: ArrayLike = 0.0) -> None:
         self._link = receivers.link
         self._power = x[..., None, :, 0]
-        self._dx = x[..., None, :, 1] - receivers.positions[:, :1]
-        self._dy = x[..., None, :, 2] - receivers.positions[:, 1:]
+        self._dx = x[..., None, :, 1] - receivers.positions[..., :1]
+        self._dy = x[..., None, :, 2] - receivers.positions[..., 1:]
         self._distance = SmoothDiscDistance(
             self._dx**2 + self._dy**2, receivers.edge,
             np.asarray(softening, float)[..., None, None])

@@ -71,11 +71,11 @@ def _likely_leaks(scenario: Scenario, uav_positions: Array,
     offsets = _offsets(scenario, uav_positions)
     leaks = np.zeros(offsets.shape[1:3])
     places = np.zeros((*leaks.shape, 2))
-    loud = np.flatnonzero(_guaranteed_leaks(scenario, offsets, powers).max(axis=1) > _SILENT)
-    if loud.size:
-        v, x, y = likely_places(_pairs(scenario, offsets[:, loud], powers[:, loud]))
-        leaks[loud] = leak_of(v).reshape(loud.size, -1)
-        places[loud] = np.stack([x, y], axis=-1).reshape(loud.size, -1, 2)
+    active = np.flatnonzero(_guaranteed_leaks(scenario, offsets, powers).max(axis=1) > _SILENT)
+    if active.size:
+        v, x, y = likely_places(_pairs(scenario, offsets[:, active], powers[:, active]))
+        leaks[active] = leak_of(v).reshape(active.size, -1)
+        places[active] = np.stack([x, y], axis=-1).reshape(active.size, -1, 2)
     return leaks, scenario.eavesdropper_positions + places
 
 
@@ -95,13 +95,13 @@ def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
     leaks, eves = most.max(axis=1), most.argmax(axis=1)
     places = np.zeros((len(leaks), 2))
     # Where no leak matters, as in a silent slot, the formula is near enough, and the centre.
-    loud = np.flatnonzero(leaks > TOLERANCE)
-    if loud.size:
-        slot = np.repeat(np.arange(len(loud)), most.shape[1])
-        search = DiscSearch(_pairs(scenario, offsets[:, loud], powers[:, loud]), slot,
-                            most[loud].ravel())
-        leaks[loud] = np.minimum(leaks[loud], search.proven_leaks() + _ROUNDING)
-        eves[loud], places[loud] = search.pair % most.shape[1], search.place
+    active = np.flatnonzero(leaks > TOLERANCE)
+    if active.size:
+        slot = np.repeat(np.arange(len(active)), most.shape[1])
+        search = DiscSearch(_pairs(scenario, offsets[:, active], powers[:, active]), slot,
+                            most[active].ravel())
+        leaks[active] = np.minimum(leaks[active], search.proven_leaks() + _ROUNDING)
+        eves[active], places[active] = search.pair % most.shape[1], search.place
     return leaks, scenario.eavesdropper_positions[eves] + places
 
 

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from ..channel import guaranteed_rates
+from ..channel import guaranteed_rates, worst_case_rates
 from ..errors import OptionError
 from ..grid import resampled
 from ..limits import limits_of
-from ..plan import Plan
+from ..plan import Objective, Plan
 from ..scenario import Array, Point, Scenario
 
 
@@ -19,14 +19,16 @@ def feasible(scenario: Scenario, positions: Array, powers: Array) -> tuple[Array
     return positions, powers
 
 
-def without_losing_slots(scenario: Scenario, positions: Array,
-                         powers: Array) -> tuple[Array, Array]:
+def without_losing_slots(scenario: Scenario, positions: Array, powers: Array,
+                         objective: Objective = 'guaranteed') -> tuple[Array, Array]:
     """
-    Return the powers with the transmitter silent where its guaranteed rate is negative.
+    Return the powers with the transmitter silent where its rate is negative.
 
-    :return: powers, (U, N) in W, and the guaranteed rates that they have, (N,) in bit/s/Hz.
+    :param objective: which rate counts.
+    :return: powers, (U, N) in W, and the rates that they have, (N,) in bit/s/Hz.
     """
-    rates = guaranteed_rates(scenario, positions, powers)
+    rates = (guaranteed_rates if objective == 'guaranteed' else worst_case_rates)(
+        scenario, positions, powers)
     powers = powers.copy()
     powers[0, rates < 0] = 0.0
     return powers, np.maximum(rates, 0.0)  # Where nothing is transmitted, nothing leaks.

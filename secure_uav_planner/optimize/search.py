@@ -8,7 +8,7 @@ import numpy as np
 
 from .feasible import feasible, without_losing_slots
 from ..channel import guaranteed_rates
-from ..plan import Iteration, Plan, Status
+from ..plan import Iteration, Objective, Plan, Status
 from ..scenario import Array, Scenario
 
 OnIteration: TypeAlias = Callable[[Iteration], object]
@@ -35,12 +35,15 @@ class Search:
     :param time_limit: in s from `started`, or None.
     :param started: reading of time.monotonic() from which time counts; by default now.
     :param warm: whether the start is an earlier plan rather than a guess.
+    :param objective: which rate is to be raised.
     """
 
     def __init__(self, scenario: Scenario, positions: Array, powers: Array,
                  on_iteration: OnIteration | None = None, time_limit: float | None = None,
-                 started: float | None = None, warm: bool = False) -> None:
+                 started: float | None = None, warm: bool = False,
+                 objective: Objective = 'guaranteed') -> None:
         self.scenario = scenario
+        self.objective: Objective = objective
         self.warm = warm
         self.solver_time = 0.0
         self.history: list[Iteration] = []
@@ -49,7 +52,8 @@ class Search:
         self._time_limit = time_limit
         self._cancelled = False
         self.positions = positions
-        self.powers, self._rates = without_losing_slots(scenario, positions, powers)
+        self.powers, self._rates = without_losing_slots(
+            scenario, positions, powers, objective)
         self.report('start')
 
     @property
@@ -86,7 +90,8 @@ class Search:
         # What stays the same stays so to the last bit.
         positions = self.positions if positions is None else repaired_positions
         powers = self.powers if powers is None else repaired_powers
-        powers, rates = without_losing_slots(self.scenario, positions, powers)
+        powers, rates = without_losing_slots(
+            self.scenario, positions, powers, self.objective)
         gain = float(rates.mean()) - self.rate
         if not gain > 0:  # also when it is NaN
             return 0.0
@@ -106,6 +111,21 @@ class Search:
         if alone is not None:
             self.try_improve(powers=alone)
 
+    def with_objective(self, objective: Objective) -> 'Search':
+        """
+        Return a search for another objective, from the present iterate.
+
+        It shares this one's clock and reports to it, so that both stop together.
+        """
+        def report(iteration: Iteration) -> bool:
+            self.solver_time = iteration.solver_time
+            if iteration.number:  # 0 is the present iterate.
+                self.report(iteration.step)
+            return self.stop_reason() is not None
+
+        return Search(self.scenario, self.positions, self.powers, report, self._time_limit,
+                      self._started, self.warm, objective)
+
     def report(self, step: str) -> None:
         """Add the present iterate to the history and call the callback."""
         iteration = Iteration(len(self.history), step, self.rate, self.elapsed, self.solver_time)
@@ -117,7 +137,7 @@ class Search:
         """Return the best iterate as a Plan, with jammers silent where nothing is transmitted."""
         powers = np.where(self._rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
         return Plan(self.scenario, self.positions, powers, method, status,
-                    tuple(self.history), self.elapsed)
+                    tuple(self.history), self.elapsed, objective=self.objective)
 
 
 def powers_without_jamming(scenario: Scenario, positions: Array,

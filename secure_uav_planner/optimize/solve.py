@@ -9,7 +9,7 @@ from .baselines import constant_powers, fly_hover_fly_positions
 from .feasible import adapted
 from .search import OnIteration, Search
 from ..errors import OptionError, shown
-from ..plan import Plan, Status
+from ..plan import Objective, OBJECTIVES, Plan, Status
 from ..scenario import Scenario
 
 Method: TypeAlias = Literal['joint', 'alternating']
@@ -32,9 +32,9 @@ def _improve_by(method: Method) -> Callable[[Search], Status]:
 
 def solve(scenario: Scenario, method: Method = 'joint',
           on_iteration: OnIteration | None = None, time_limit: float | None = None,
-          initial: Plan | None = None) -> Plan:
+          initial: Plan | None = None, *, objective: Objective = 'guaranteed') -> Plan:
     """
-    Plan trajectories and powers that maximise the guaranteed secrecy rate, problem (P2).
+    Plan trajectories and powers that maximise a secrecy rate.
 
     The result is feasible and no worse than `initial`, or than fly-hover-fly with constant
     power, whatever happens on the way; `status` tells why the method stopped.
@@ -46,18 +46,19 @@ def solve(scenario: Scenario, method: Method = 'joint',
     :param time_limit: in s; past it the best feasible plan so far is returned.
     :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be
         for another scenario with as many UAVs; it is then bent to be feasible in this one.
+    :param objective: one of plan.OBJECTIVES: 'guaranteed' is the lower bound by formula of
+        problem (P2), 'worst_case' the true worst case of problem (P1), by 'joint' only.
     :return: a Plan.
-    :raises OptionError: for an unknown method, a time limit that is not positive, or an initial
-        plan with another number of UAVs.
+    :raises OptionError: for an unknown method or objective, a time limit that is not positive,
+        or an initial plan with another number of UAVs.
     """
-    if method not in METHODS:
-        raise OptionError(f'method is {shown(method)}; it must be one of {sorted(METHODS)!r}')
+    check_method(method, objective)
     _check_time_limit(time_limit)
     started = time.monotonic()
     positions, powers = (fly_hover_fly_positions(scenario), constant_powers(scenario)
                          ) if initial is None else adapted(scenario, initial)
     search = Search(scenario, positions, powers, on_iteration, time_limit, started,
-                    warm=initial is not None)
+                    warm=initial is not None, objective=objective)
     return search.plan(method, _improve_by(method)(search))
 
 
@@ -87,6 +88,21 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     from .alternating import optimise_powers  # CVXPY, as above
     search = Search(scenario, positions, powers, on_iteration, time_limit)
     return search.plan(method, optimise_powers(search))
+
+
+def check_method(method: str, objective: str) -> None:
+    """
+    Check a method and what it is to maximise.
+
+    :raises OptionError: when there is no such method or objective, or not together.
+    """
+    if method not in METHODS:
+        raise OptionError(f'method is {shown(method)}; it must be one of {sorted(METHODS)!r}')
+    if objective not in OBJECTIVES:
+        raise OptionError(f'objective is {shown(objective)}; it must be one of {OBJECTIVES}')
+    if method == 'alternating' and objective != 'guaranteed':
+        raise OptionError(f"objective is {shown(objective)}; the method 'alternating' has only "
+                          "'guaranteed'")
 
 
 def _check_time_limit(time_limit: float | None) -> None:

@@ -16,6 +16,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from .text import brief
 from ..errors import ParameterError, PlanningError, shown
 from ..optimize import METHODS
+from ..plan import OBJECTIVES
 from ..scenario import LIMITS, MAX_MEMBERS, Point, Scenario, Uav
 
 _PAPER = Scenario.paper()
@@ -129,6 +130,9 @@ PLANNER = {
                              'beta_0/sigma^2, SNR at 1 m and 1 W, in dB.',
                              LIMITS['reference_snr_db']),
     'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
+    'objective': Spec('guaranteed', 'Rate that is maximised: the lower bound by formula, or the '
+                      'true worst case over the discs, which only the method joint can.',
+                      choices=OBJECTIVES),
     'time_limit': Spec(60.0, 'Deadline of a solve in s, after which the best feasible plan so '
                        'far is published; 0 for none.', (0.0, 86400.0)),
     'confidence': Spec(0.95, 'Probability that an eavesdropper is within the error radius taken '

@@ -27,6 +27,7 @@ from .text import brief, with_type
 from .worker import Worker
 from ..errors import ParameterError, PlanFileError, PlanningError, PoseError, StoppedError
 from ..optimize.feasible import similar
+from ..optimize.solve import check_method
 from ..plan import Plan
 from ..scenario import Scenario
 
@@ -114,6 +115,7 @@ class Planner(Node):
         return self.get_clock().now().nanoseconds * 1e-9
 
     def _check(self, values: Mapping[str, Any]) -> None:
+        check_method(values['method'], values['objective'])
         for name in self._uavs:
             uav_from(values, name)
 
@@ -147,7 +149,8 @@ class Planner(Node):
             with self._worker.reserved(limit):
                 left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
                 plan = self._worker.start(
-                    scenario, method=settings['method'], time_limit=left,
+                    scenario, method=settings['method'], objective=settings['objective'],
+                    time_limit=left,
                     initial=self._initial(scenario)).result()
                 if plan.status == 'cancelled':
                     raise StoppedError('cancelled')

@@ -70,7 +70,8 @@ class Replanning:
             self._finish(future, plan, point, tail.start_ns)
 
         try:
-            self._worker.start(scenario, finish, method=settings['method'], initial=tail,
+            self._worker.start(scenario, finish, method=settings['method'],
+                               objective=settings['objective'], initial=tail,
                                time_limit=settings['replan_lead'])
         except (BusyError, StoppedError):
             return  # A request was faster.

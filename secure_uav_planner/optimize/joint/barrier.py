@@ -62,14 +62,16 @@ class Barrier:
     :param schedule: the tuned numbers.
     :param check: called between parts of a step that may take long; what it raises ends the
         step and leaves x as it was.
+    :param receivers: who receives; by default those of the guarantee.
     """
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array, schedule: Schedule,
-                 check: Callable[[], None] = lambda: None) -> None:
+                 check: Callable[[], None] = lambda: None,
+                 receivers: Receivers | None = None) -> None:
         self.grid = grid
         self.schedule = schedule
         self.check = check
-        self.receivers = Receivers.of(grid)
+        self.receivers = Receivers.of(grid) if receivers is None else receivers
         self._limits = limits_of(grid.scenario, grid)
         self.solver_time = 0.0
         self.x = x
@@ -98,6 +100,12 @@ class Barrier:
         if self._leak_shares is not None:
             self._leak_shares = self._leak_shares[chosen]
         self._known = None
+
+    def exchange(self, receivers: Receivers) -> None:
+        """Go on with other receivers, as many as before and with the same duals."""
+        self.receivers = receivers
+        self._known = None
+        self.finished = np.zeros_like(self.finished)
 
     def rates(self) -> Array:
         """Return the mean guaranteed rates, losing slots silenced, in nats, (S,)."""

@@ -5,12 +5,15 @@ Several starts are improved side by side on a coarse grid, the best are kept in 
 winner is refined to the full grid, where a few more Newton steps finish it.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .barrier import Barrier
 from .schedule import SCHEDULE, Schedule
 from .starts import inside_limits, several_starts, strictly_feasible
+from .worst_places import WorstPlaces
 from ..baselines import constant_powers, fly_hover_fly_positions
 from ..search import powers_without_jamming, Search
 from ...errors import NumericalError
@@ -27,9 +30,25 @@ def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
 
     :param search: a Search; when `warm`, its present plan is the only start.
     """
+    if search.objective == 'worst_case':
+        if not search.warm:
+            # The plan of (P2) is where (P1) begins, and what it is never below.
+            guaranteed = search.with_objective('guaranteed')
+            improve(guaranteed, schedule)
+            search.try_improve(guaranteed.positions, guaranteed.powers)
+            reason = search.stop_reason()
+            if reason is not None:
+                return reason
+        return _until_stopped(_Joint(search, schedule).against_worst_places)
     method = _Joint(search, schedule)
+    return _until_stopped(
+        method.from_present_plan if search.warm else method.from_several_starts)
+
+
+def _until_stopped(improve: Callable[[], Status]) -> Status:
+    """Return the status in which a part of the method ends."""
     try:
-        return method.from_present_plan() if search.warm else method.from_several_starts()
+        return improve()
     except _Stop as stop:
         return stop.status
     except (NumericalError, np.linalg.LinAlgError):
@@ -69,6 +88,28 @@ class _Joint:
         statuses = [self._finish(self._on_finer_grids(barrier, rival)) for rival in rivals]
         self._try_powers_alone(coarse, rates[0])
         return 'converged' if 'converged' in statuses else statuses[0]
+
+    def against_worst_places(self) -> Status:
+        """Improve the present plan against the worst places of the discs, problem (P1)."""
+        schedule, search = self._schedule, self._search
+        x = strictly_feasible(self._grid, search.positions, search.powers,
+                              share=schedule.warm_share)
+        places = WorstPlaces(self._grid, x)
+        barrier = Barrier(self._grid, x[None], schedule.warm_mu, schedule, self._check,
+                          places.receivers)
+        last_steps = 0
+        for step in range(1, schedule.steps + 1):
+            self._step(barrier, schedule.final_mu)
+            last_steps += int(barrier.mu[0] <= schedule.final_mu)
+            if places.exchange(barrier.x[0], schedule.worse):
+                barrier.exchange(places.receivers)
+            # Places may go on moving to and fro, by ever less.
+            if barrier.finished.all() or last_steps >= schedule.patience:
+                self._try_best(barrier)
+                return 'converged'
+            if step % schedule.try_every == 0:
+                self._try_best(barrier)
+        return 'iteration_limit'
 
     def _compete(self, grid: Grid, x: Array, mus: Array) -> Barrier:
         """Return a Barrier of the best starts, best first."""

@@ -204,6 +204,9 @@ class Schedule:
     changes; missions of fewer slots do.
     """
 
+    worse: float = 1e-7
+    """Leak, in nats, by which a place of a disc must be worse than all that count to count."""
+
     boundary: float = 0.995
     """
     Share of the way to its boundary that a variable may go in a step. Measured: 0.995 to 0.99,

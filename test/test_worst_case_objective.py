@@ -1,0 +1,91 @@
+"""Plans against the true worst case, problem (P1), beside those by the formula, (P2)."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+import numpy as np
+import pytest
+from secure_uav_planner import channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
+from secure_uav_planner.errors import OptionError
+from strategies import scenarios
+
+
+@pytest.mark.parametrize('duration, radius, best_known', [
+    (102, 10, 1.4658), (102, 60, 1.1080), (120, 30, 1.8586), (120, 60, 1.5578),
+    (200, 10, 3.0577), (200, 60, 2.3456)])
+def test_the_papers_scenario_reaches_the_best_known_worst_case(duration, radius, best_known):
+    scenario = Scenario.paper(float(duration), float(radius))
+    plan = solve(scenario, objective='worst_case')
+    assert (plan.status, plan.objective) == ('converged', 'worst_case')
+    assert plan.worst_case_rate >= best_known - 5e-5
+    assert plan.worst_case_rate > solve(scenario).worst_case_rate + 1e-3
+
+
+@settings(max_examples=25)
+@given(scenarios())
+def test_it_is_never_below_the_plan_by_the_formula_and_rises_all_the_way(scenario):
+    plan = solve(scenario, objective='worst_case')
+    rates = [iteration.rate for iteration in plan.history]
+    assert (np.diff(rates) >= 0).all()
+    assert rates[-1] == pytest.approx(plan.worst_case_rate, abs=1e-6)
+    assert plan.worst_case_rate >= solve(scenario).worst_case_rate - 1e-9
+    assert plan.worst_case_rates.min() >= -1e-9
+
+
+def test_no_place_in_any_disc_leaks_more_than_counted():
+    uav = Uav('a', (100.0, 400.0), (50.0, -400.0), 100.0, 12.0)
+    scenario = Scenario(
+        (0.0, 0.0), (Eavesdropper((200.0, 0.0), 40.0), Eavesdropper((-80.0, 150.0), 20.0)),
+        (uav, replace(uav, name='b', altitude=110.0), replace(uav, name='c', altitude=80.0)),
+        100.0, 40)
+    plan = solve(scenario, objective='worst_case')
+    guaranteed = solve(scenario)
+    assert plan.worst_case_rate > guaranteed.worst_case_rate + 1e-3
+    rng = np.random.default_rng(0)
+    for eve in scenario.eavesdroppers:
+        for angle, share in rng.uniform([0, 0], [2 * np.pi, 1], (400, 2)):
+            place = np.array(eve.position) + eve.error_radius * share * np.array(
+                [np.cos(angle), np.sin(angle)])
+            rates = channel.secrecy_rates(scenario, plan.positions, plan.powers, place)
+            assert (rates >= plan.worst_case_rates - 1e-9).all()
+
+
+def test_with_known_places_both_objectives_are_one():
+    scenario = Scenario.paper(120.0, error_radius=0.0)
+    plans = [solve(scenario, objective=objective) for objective in ('guaranteed', 'worst_case')]
+    assert plans[1].worst_case_rate == pytest.approx(plans[0].guaranteed_rate, abs=1e-5)
+
+
+def test_a_limit_of_acceleration_holds_with_it_and_a_warm_start_is_never_lost():
+    scenario = Scenario.paper(120.0, 30.0)
+    scenario = replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=2.0) for uav in scenario.uavs))
+    plan = solve(scenario, objective='worst_case')
+    assert plan.worst_case_rate > solve(scenario).worst_case_rate + 1e-3
+    again = solve(scenario, objective='worst_case', initial=plan)
+    assert again.worst_case_rate >= plan.worst_case_rate - 1e-9
+    assert len(again.history) < 0.8 * len(plan.history)
+
+
+@pytest.mark.parametrize('calls', [1, 20, 45, 50])
+def test_a_callback_stops_it_with_the_best_plan_so_far(calls):
+    seen = []
+    plan = solve(Scenario.paper(120.0), objective='worst_case',
+                 on_iteration=lambda one: seen.append(one) or len(seen) == calls)
+    assert plan.status == 'cancelled' and list(plan.history) == seen
+    assert plan.worst_case_rate >= fly_hover_fly(Scenario.paper(120.0)).worst_case_rate - 1e-9
+
+
+def test_the_deadline_is_kept():
+    plan = solve(Scenario.paper(200.0, slots=5000), objective='worst_case', time_limit=0.05)
+    assert plan.status == 'time_limit' and len(plan.history) < 40
+
+
+def test_the_file_keeps_the_objective_and_other_objectives_are_refused(tmp_path):
+    plan = solve(Scenario.paper(102.0, slots=20), objective='worst_case')
+    plan.save(tmp_path / 'plan.json')
+    assert Plan.load(tmp_path / 'plan.json').objective == 'worst_case'
+    with pytest.raises(OptionError, match="objective is 'best'; it must be one of"):
+        solve(plan.scenario, objective='best')
+    with pytest.raises(OptionError, match="'alternating' has only 'guaranteed'"):
+        solve(plan.scenario, method='alternating', objective='worst_case')
