@@ -27,7 +27,7 @@ def test_it_is_never_below_the_plan_by_the_formula_and_rises_all_the_way(scenari
     plan = solve(scenario, objective='worst_case')
     rates = [iteration.rate for iteration in plan.history]
     assert (np.diff(rates) >= 0).all()
-    assert rates[-1] == pytest.approx(plan.worst_case_rate, abs=1e-6)
+    assert rates[-1] == pytest.approx(plan.worst_case_rate, abs=5e-6)
     assert plan.worst_case_rate >= solve(scenario).worst_case_rate - 1e-9
     assert plan.worst_case_rates.min() >= -1e-9
 

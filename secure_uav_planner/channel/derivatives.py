@@ -39,7 +39,6 @@ class Receivers:
                          (scenario.altitudes / grid.length)**2)
         return cls(positions / grid.length, edge, link)
 
-
     def at_places(self, places: Array) -> 'Receivers':
         """
         Return the ground node with eavesdroppers at known places instead of in discs.
