@@ -28,16 +28,17 @@ class Simulation:
         self._client, self._where, self._speedup = client, where, speedup
         self._clock = client.node.create_publisher(Clock, '/clock', 10)
         # The diagnostics, too: a replan that has been superseded says nothing in the status.
-        self._heard = client.listen(DiagnosticStatus, 'planner/status')
+        self._received = client.listen(DiagnosticStatus, 'planner/status')
         client.node.create_subscription(
-            DiagnosticArray, '/diagnostics', lambda message: self._heard.extend(message.status), 10)
+            DiagnosticArray, '/diagnostics',
+            lambda message: self._received.extend(message.status), 10)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self):
         while not self._stop.wait(0.02):
-            if not self._heard or values_of(self._heard[-1])['state'] == 'idle':
+            if not self._received or values_of(self._received[-1])['state'] == 'idle':
                 self.now += 0.02 * self._speedup
             message = Clock()
             message.clock.sec, message.clock.nanosec = int(self.now), int(self.now % 1 * 1e9)

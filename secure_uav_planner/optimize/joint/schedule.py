@@ -48,19 +48,19 @@ class Schedule:
         StartKind(count=4, jamming=0.9, mu=0.02), StartKind(count=8, jamming=0.05, mu=0.02),
         StartKind(count=4, jamming=0.05, mu=0.003), StartKind(count=3, jamming=0.0, mu=1e-4))
     """
-    The kinds of start: with jammers on; with jammers all but silent, so that the transmitter finds its
-    flight first; the same closer to the boundary, for the few slots that win in a mission that
-    is nearly lost; with jammers off, closer still. Measured: without member 0, 0% in the mean,
-    -0.01% in the worst; without member 1, -0.18% in the mean, -4.33% in the worst; without
-    member 2, -0.20% in the mean, -3.04% in the worst; without member 3, 0% in the mean, 0% in
-    the worst.
+    The kinds of start: with jammers on; with jammers all but silent, so that the transmitter
+    finds its flight first; the same closer to the boundary, for the few slots that win in a
+    mission that is nearly lost; with jammers off, closer still. Measured: without member 0, 0%
+    in the mean, -0.01% in the worst; without member 1, -0.18% in the mean, -4.33% in the worst;
+    without member 2, -0.20% in the mean, -3.04% in the worst; without member 3, 0% in the mean,
+    0% in the worst.
     """
 
     lone_jammer: float = 1e-3
     """
-    Factor of the power of all jammers but one in a second start of each kind, because there can be
-    too many jammers. Measured: 0.001 to 0.0005, -0.32% in the mean, -4.83% in the worst; 0.001 to 0.002,
-    -0.04% in the mean, -0.60% in the worst.
+    Factor of the power of all jammers but one in a second start of each kind, because there can
+    be too many jammers. Measured: 0.001 to 0.0005, -0.32% in the mean, -4.83% in the worst;
+    0.001 to 0.002, -0.04% in the mean, -0.60% in the worst.
     """
 
     beside: float = 0.7
@@ -93,9 +93,9 @@ class Schedule:
     stages: tuple[Stage, ...] = (
         Stage(steps=10, keep=0.7), Stage(steps=5, keep=0.7), Stage(steps=7, keep=0.5))
     """
-    The stages of the competition. Measured: without member 0, -0.08% in the mean, -1.54% in the worst;
-    without member 1, -0.23% in the mean, -2.62% in the worst; without member 2, -0.33% in the
-    mean, -4.71% in the worst.
+    The stages of the competition. Measured: without member 0, -0.08% in the mean, -1.54% in the
+    worst; without member 1, -0.23% in the mean, -2.62% in the worst; without member 2, -0.33% in
+    the mean, -4.71% in the worst.
     """
 
     last_steps: int = 15
