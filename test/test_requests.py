@@ -158,8 +158,11 @@ def test_the_code_of_an_outcome_is_that_of_its_error(client, change, code):
 
 
 def test_a_plan_of_sixty_thousand_points_does_not_delay_its_answer(client):
-    """What takes long is the worst-case rate: it follows in the status."""
+    """What may take long is the worst-case rate: it follows in the status."""
     quick = """
+from secure_uav_planner import Plan
+evaluated = Plan.evaluated
+Plan.evaluated = lambda plan: time.sleep(15.0) or evaluated(plan)
 def solve(scenario, **options):
     return replace(fly_hover_fly(scenario), status='converged')
 """
@@ -176,8 +179,7 @@ def solve(scenario, **options):
                  what='the worst-case rate')
         evaluated = time.monotonic() - began
         print(f'\nanswered after {elapsed:.2f} s, evaluated after {evaluated:.2f} s')
-        # 0.8 s and 14 s on an idle machine.
-        assert elapsed < evaluated / 3
+        assert elapsed < 15.0 < evaluated
         assert 'not evaluated' not in status[-1].message
 
 
