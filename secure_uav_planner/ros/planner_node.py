@@ -62,7 +62,8 @@ class Planner(Node):
         self._publishing = threading.Lock()
         self._worker = Worker(self._on_iteration)
         self._replanning = Replanning(
-            self._worker, self._poses, self._publish_replan, self._refuse_replan)
+            self._worker, self._poses, self._publish_replan, self._refuse_replan,
+            self._publish_status)
         self._evaluation = Latest(self._evaluate)
         self._make_interface()
         self._restore()
@@ -204,7 +205,7 @@ class Planner(Node):
 
     def _on_replan_check(self) -> None:
         self._replanning.start_when_due(
-            self._state.plan, self._settings.snapshot(), self._now())
+            lambda: self._state.plan, self._settings.snapshot(), self._now())
 
     def _publish_replan(self, plan: Plan, continued: Plan, start_ns: int) -> None:
         self._publish_plan(plan, 'replans', still_wanted=lambda: check_in_time(

@@ -27,27 +27,33 @@ class Replanning:
 
     def __init__(self, worker: Worker, poses: PoseBook,
                  publish: Callable[[Plan, Plan, int], None],
-                 refuse: Callable[[Exception], None]) -> None:
+                 refuse: Callable[[Exception], None],
+                 superseded: Callable[[], None]) -> None:
         self._worker = worker
         self._poses = poses
         self._publish = publish
         self._refuse = refuse
+        self._superseded = superseded
         self._last_planned = -math.inf
 
     def planned(self, now: float) -> None:
         """Note the time in s of a new plan, from which the next period is counted."""
         self._last_planned = now
 
-    def start_when_due(self, plan: Plan | None, settings: Mapping[str, Any],
-                       now: float) -> None:
+    def start_when_due(self, last_plan: Callable[[], Plan | None],
+                       settings: Mapping[str, Any], now: float) -> None:
         """
         Start a solve of the rest of a plan, if one is due and no other solve is under way.
 
+        :param last_plan: returns the last plan that was published, or None.
         :param settings: values of the planner's parameters by name.
         :param now: the node's time in s.
         """
         period, distance = settings['replan_period'], settings['replan_distance']
-        if plan is None or not (period or distance) or self._worker.busy:
+        if not (period or distance) or self._worker.busy:
+            return
+        plan = last_plan()  # Only now: a solve that was under way may have published another.
+        if plan is None:
             return
         elapsed = now - plan.start_ns * 1e-9
         point = max(0, math.ceil(
@@ -85,7 +91,7 @@ class Replanning:
                 raise StoppedError('the replan was cancelled')
             self._publish(plan.continued(point, found), plan, start_ns)
         except SupersededError:
-            pass  # The request or plan that was first reports.
+            self._superseded()
         except Exception as error:
             self._refuse(error)
 

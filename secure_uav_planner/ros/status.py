@@ -36,10 +36,12 @@ class State:
 
     :ivar plan: the last plan that was published, or None.
     :ivar evaluated: the last plan whose worst-case rate has been evaluated, or None.
+    :ivar upcoming: a plan whose worst-case rate is known and that is not published yet, or None.
     """
 
     plan: Plan | None = None
     evaluated: Plan | None = None
+    upcoming: Plan | None = None
     outcome: Outcome = Outcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
     counts: dict[str, int] = field(
         default_factory=lambda: {'plans': 0, 'replans': 0, 'refusals': 0})
@@ -52,6 +54,7 @@ class State:
         :param prefix: put before the summary.
         """
         self.plan = plan
+        self.evaluated = plan if self.upcoming is plan else None
         self.counts[count] += 1
         level = DiagnosticStatus.OK if plan.status == 'converged' else DiagnosticStatus.WARN
         text = prefix + summary(plan, self.evaluated is plan)
@@ -60,7 +63,10 @@ class State:
 
     def evaluate(self, plan: Plan) -> None:
         """Note that the worst-case rate of a plan is known; the plan may not be published yet."""
-        self.evaluated = plan
+        if self.plan is plan:
+            self.evaluated = plan
+        else:
+            self.upcoming = plan
         before = summary(plan, False)
         # The outcome may have changed since the plan was published.
         if self.plan is plan and self.outcome.text.endswith(before):
