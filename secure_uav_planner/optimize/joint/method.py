@@ -106,6 +106,7 @@ class _Joint:
             # Places may go on moving to and fro, by ever less.
             if barrier.finished.all() or last_steps >= schedule.patience:
                 self._try_best(barrier)
+                search.report('joint')
                 return 'converged'
             if step % schedule.try_every == 0:
                 self._try_best(barrier)
@@ -172,9 +173,8 @@ class _Joint:
     def _finish(self, barrier: Barrier) -> Status:
         """Converge on the full grid; return the status."""
         for step in range(1, self._schedule.steps + 1):
-            self._step(barrier, self._schedule.final_mu)
+            self._step(barrier, self._schedule.final_mu, try_finished=True)
             if barrier.finished.all():
-                self._try_best(barrier)
                 return 'converged'
             if step % self._schedule.try_every == 0:
                 self._try_best(barrier)
@@ -239,8 +239,12 @@ class _Joint:
             if len(barrier.x) == 1 and barrier.finished[0]:
                 return
 
-    def _step(self, barrier: Barrier, mu: float) -> None:
-        """Take a step, report it, and raise _Stop where the search must end."""
+    def _step(self, barrier: Barrier, mu: float, try_finished: bool = False) -> None:
+        """
+        Take a step, report it, and raise _Stop where the search must end.
+
+        :param try_finished: whether to propose what has finished before it is reported.
+        """
         before = barrier.solver_time
         try:
             barrier.iterate(mu)
@@ -248,7 +252,7 @@ class _Joint:
             self._try_best(barrier)
             raise
         self._search.solver_time += barrier.solver_time - before
-        if self._search.stop_reason() is not None:
+        if self._search.stop_reason() is not None or try_finished and barrier.finished.all():
             self._try_best(barrier)
         self._search.report('joint')
         self._check()
