@@ -8,7 +8,7 @@ from secure_uav_planner.bound.nodes import multipliers
 from secure_uav_planner.bound.search import Search
 from secure_uav_planner.bound.team import Team
 from secure_uav_planner.bound.witnesses import Witnesses
-from secure_uav_planner.optimize.feasible import feasible
+from secure_uav_planner.limits import repaired
 
 
 def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
@@ -128,5 +128,5 @@ def random_plans(scenario, rng, count):
         peaks = np.array([[uav.peak_power] for uav in scenario.uavs])
         powers = peaks * rng.uniform(0, 1, (uavs, slots)) * (
             rng.random((uavs, slots)) > rng.uniform(0, 0.9))
-        plans.append(Plan(scenario, *feasible(scenario, np.array(paths), powers)))
+        plans.append(Plan(scenario, *repaired(scenario, np.array(paths), powers)))
     return plans

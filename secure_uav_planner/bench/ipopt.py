@@ -5,7 +5,8 @@ import time
 
 import numpy as np
 
-from ..optimize.feasible import feasible, without_losing_slots
+from ..limits import repaired
+from ..optimize.feasible import without_losing_slots
 
 _UNIT = 100.0  # m
 
@@ -104,7 +105,7 @@ def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
     values = np.array(found['x']).ravel()[:3 * uavs * slots].reshape(3, uavs, slots)
     path = positions.copy()
     path[:, 1:-1] = np.stack([values[0], values[1]], axis=-1) * _UNIT
-    path, power = feasible(scenario, path, values[2])
+    path, power = repaired(scenario, path, values[2])
     _, rates = without_losing_slots(scenario, path, power)
     stats = solver.stats()
     return Answer(float(rates.mean()), built - started,

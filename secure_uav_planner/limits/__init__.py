@@ -10,7 +10,7 @@ from .base import Limit
 from .power import AveragePower, PeakPower
 from .speed import SpeedLimit
 from ..grid import Grid
-from ..scenario import Scenario
+from ..scenario import Array, Scenario
 
 LIMITS: tuple[type[Limit], ...] = (
     SpeedLimit, AccelerationLimit, PeakPower, AveragePower)
@@ -26,5 +26,13 @@ def limits_of(scenario: Scenario, grid: Grid | None = None) -> tuple[Limit, ...]
     return tuple(limit(scenario, grid) for limit in LIMITS if limit.applies_to(scenario))
 
 
+def repaired(scenario: Scenario, positions: Array, powers: Array, grid: Grid | None = None,
+             margin: float = 0.0) -> tuple[Array, Array]:
+    """Return positions (U, N+2, 2) in m and powers (U, N) in W that every limit has repaired."""
+    for limit in limits_of(scenario, grid):
+        positions, powers = limit.repair(positions, powers, margin)
+    return positions, powers
+
+
 __all__ = ['AccelerationLimit', 'AveragePower', 'LIMITS', 'Limit', 'PeakPower', 'SpeedLimit',
-           'limits_of']
+           'limits_of', 'repaired']

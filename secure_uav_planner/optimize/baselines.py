@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..limits import limits_of
+from ..limits import repaired
 from ..scenario import Array, Scenario, Uav
 
 
@@ -30,9 +30,7 @@ def fly_hover_fly_positions(scenario: Scenario, hover: Array | None = None) -> A
             scenario.uavs, scenario.starts, scenario.goals, hover, scenario.max_step.tolist(),
             strict=True)])
     if np.isfinite(scenario.max_accelerations).any():
-        powers = np.zeros((len(positions), scenario.slots))
-        for limit in limits_of(scenario):
-            positions, powers = limit.repair(positions, powers)
+        positions, _ = repaired(scenario, positions, np.zeros((len(positions), scenario.slots)))
     return positions
 
 

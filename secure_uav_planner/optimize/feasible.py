@@ -7,16 +7,9 @@ import numpy as np
 from ..channel import guaranteed_rates, worst_case_rates
 from ..errors import OptionError
 from ..grid import resampled
-from ..limits import limits_of
+from ..limits import repaired
 from ..plan import Objective, Plan
 from ..scenario import Array, Point, Scenario
-
-
-def feasible(scenario: Scenario, positions: Array, powers: Array) -> tuple[Array, Array]:
-    """Return positions (U, N+2, 2) and powers (U, N) that every limit has repaired."""
-    for limit in limits_of(scenario):
-        positions, powers = limit.repair(positions, powers)
-    return positions, powers
 
 
 def without_losing_slots(scenario: Scenario, positions: Array, powers: Array,
@@ -72,4 +65,4 @@ def adapted(scenario: Scenario, plan: Plan) -> tuple[Array, Array]:
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = resampled(plan.powers.T, scenario.slots, inner=True).T
-    return feasible(scenario, positions, powers)
+    return repaired(scenario, positions, powers)

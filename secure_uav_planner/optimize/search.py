@@ -6,8 +6,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from .feasible import feasible, without_losing_slots
+from .feasible import without_losing_slots
 from ..channel import guaranteed_rates
+from ..limits import repaired
 from ..plan import Iteration, Objective, Plan, Status
 from ..scenario import Array, Scenario
 
@@ -84,7 +85,7 @@ class Search:
         :param positions: (U, N+2, 2) in m, or None for the present ones.
         :param powers: (U, N) in W, or None for the present ones.
         """
-        repaired_positions, repaired_powers = feasible(
+        repaired_positions, repaired_powers = repaired(
             self.scenario, self.positions if positions is None else positions,
             self.powers if powers is None else powers)
         # What stays the same stays so to the last bit.

@@ -35,11 +35,6 @@ def stamp_at(plan: Plan, seconds: float = 0.0) -> Stamp:
     return Time(nanoseconds=plan.start_ns + round(seconds * 1e9)).to_msg()
 
 
-def seconds_of(stamp: Stamp) -> float:
-    """Return a builtin_interfaces/Time in s."""
-    return stamp.sec + stamp.nanosec * 1e-9
-
-
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:
     """Return a Pose from metres and radians, counter-clockwise from x (REP-103)."""
     return Pose(position=Point(x=float(x), y=float(y), z=float(z)), orientation=_facing(yaw))

@@ -8,7 +8,7 @@ from .schedule import Schedule, StartKind
 from ..baselines import constant_powers, fly_hover_fly_positions
 from ..search import powers_without_jamming
 from ...grid import Grid, resampled
-from ...limits import limits_of
+from ...limits import repaired
 from ...limits.reference import reference_flight
 from ...scenario import Array, Scenario
 
@@ -124,6 +124,4 @@ def inside_limits(grid: Grid, positions: Array) -> Array:
     if not np.isfinite(grid.scenario.max_accelerations).any():
         return positions
     powers = np.zeros((len(positions), grid.slots))
-    for limit in limits_of(grid.scenario, grid):
-        positions, powers = limit.repair(positions, powers, _MARGIN)
-    return positions
+    return repaired(grid.scenario, positions, powers, grid, _MARGIN)[0]
