@@ -57,3 +57,14 @@ def random_powers(scenario, rng):
     powers = rng.uniform(0, 1, (len(scenario.uavs), scenario.slots)) * peaks
     powers *= rng.random(powers.shape) > 0.2
     return powers * np.minimum(1, averages / np.maximum(powers.mean(axis=1, keepdims=True), 1e-9))
+
+
+def crowded(uavs, eavesdroppers, slots):
+    """Return a random scenario of so many UAVs, eavesdroppers and slots."""
+    rng = np.random.default_rng(0)
+    return Scenario(
+        (0.0, 0.0), tuple(Eavesdropper(tuple(place), 30.0)
+                          for place in rng.uniform(-400, 400, (eavesdroppers, 2))),
+        tuple(Uav(f'uav{number}', tuple(start), tuple(goal), 100.0 + number, 12.0)
+              for number, (start, goal) in enumerate(rng.uniform(-500, 500, (uavs, 2, 2)))),
+        400.0, slots)

@@ -12,7 +12,7 @@ from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.grid import Grid
 from secure_uav_planner.limits.reference import reference_flight
 from secure_uav_planner.optimize.joint import newton
-from strategies import PLACE, scenarios
+from strategies import crowded, PLACE, scenarios
 
 
 def team(**changes):
@@ -42,7 +42,8 @@ def test_the_objective_never_falls_and_beats_the_baseline(scenario):
     plan = solve(scenario, method='joint')  # which checks that it is feasible
     rates = [iteration.guaranteed_rate for iteration in plan.history]
     assert (np.diff(rates) >= 0).all()
-    assert rates[-1] == pytest.approx(plan.guaranteed_rate)
+    # In the final plan, slots of less than 1e-7 are silent.
+    assert rates[-1] == pytest.approx(plan.guaranteed_rate, abs=1e-7)
     assert plan.guaranteed_rates.min() >= -1e-12
     assert plan.status == 'converged'
     baseline = fly_hover_fly(scenario, 'optimised').guaranteed_rate
@@ -136,13 +137,7 @@ def test_the_deadline_is_kept_and_leaves_the_best_plan_so_far():
 
 @pytest.mark.parametrize('uavs, eavesdroppers, slots', [(32, 32, 1085), (7, 32, 20000)])
 def test_the_largest_scenarios_end_soon_after_their_deadline(uavs, eavesdroppers, slots):
-    rng = np.random.default_rng(0)
-    scenario = Scenario(
-        (0.0, 0.0), tuple(Eavesdropper(tuple(place), 30.0)
-                          for place in rng.uniform(-400, 400, (eavesdroppers, 2))),
-        tuple(Uav(f'uav{number}', tuple(start), tuple(goal), 100.0 + number, 12.0)
-              for number, (start, goal) in enumerate(rng.uniform(-500, 500, (uavs, 2, 2)))),
-        400.0, slots)
+    scenario = crowded(uavs, eavesdroppers, slots)
     # Processor time, which a busy machine does not lengthen: from minutes before, to seconds.
     started = time.process_time()
     plan = solve(scenario, method='joint', time_limit=1.0)

@@ -20,6 +20,13 @@ Power: TypeAlias = Literal['constant', 'optimised']
 
 METHODS: tuple[Method, ...] = get_args(Method)
 
+MAX_GAINS = 500_000
+"""
+The most gains to eavesdroppers, slots * uavs * eavesdroppers, of the alternating method.
+
+A deadline cannot interrupt CVXPY while it compiles a problem, which takes about a second then.
+"""
+
 
 def _improve_by(method: Method) -> Callable[[Search], Status]:
     """Return what improves a Search until it has converged or must stop."""
@@ -49,10 +56,12 @@ def solve(scenario: Scenario, method: Method = 'joint',
     :param objective: one of plan.OBJECTIVES: 'guaranteed' is the lower bound by formula of
         problem (P2), 'worst_case' the true worst case of problem (P1), by 'joint' only.
     :return: a Plan.
-    :raises OptionError: for an unknown method or objective, a time limit that is not positive,
-        or an initial plan with another number of UAVs.
+    :raises OptionError: for an unknown method or objective, a scenario too large for
+        'alternating', a time limit that is not positive, or an initial plan with another number
+        of UAVs.
     """
     check_method(method, objective)
+    _check_size(scenario, method)
     _check_time_limit(time_limit)
     started = time.monotonic()
     positions, powers = (fly_hover_fly_positions(scenario), constant_powers(scenario)
@@ -103,6 +112,14 @@ def check_method(method: str, objective: str) -> None:
     if method == 'alternating' and objective != 'guaranteed':
         raise OptionError(f"objective is {shown(objective)}; the method 'alternating' has only "
                           "'guaranteed'")
+
+
+def _check_size(scenario: Scenario, method: Method) -> None:
+    gains = scenario.slots * len(scenario.uavs) * len(scenario.eavesdroppers)
+    if method == 'alternating' and gains > MAX_GAINS:
+        raise OptionError(
+            f"method is 'alternating'; it takes at most {MAX_GAINS} slots * uavs * eavesdroppers, "
+            f"and this scenario has {gains}: use 'joint'")
 
 
 def _check_time_limit(time_limit: float | None) -> None:

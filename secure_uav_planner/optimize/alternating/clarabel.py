@@ -3,7 +3,7 @@
 import logging
 import math
 import time
-from typing import Any
+from typing import Any, NamedTuple
 import warnings
 
 import cvxpy as cp
@@ -11,7 +11,21 @@ import cvxpy as cp
 _LOG = logging.getLogger(__name__)
 
 
-def solve(problem: Any, time_left: float = math.inf) -> tuple[bool, float]:
+class Outcome(NamedTuple):
+    """
+    How a solve ended.
+
+    :ivar solved: whether the variables hold a solution.
+    :ivar solver_time: the time inside Clarabel in s.
+    :ivar compile_time: the time that CVXPY took to compile the problem in s.
+    """
+
+    solved: bool
+    solver_time: float
+    compile_time: float
+
+
+def solve(problem: Any, time_left: float = math.inf) -> Outcome:
     """
     Solve a CVXPY problem with the present values of its parameters, by a solver of its own.
 
@@ -20,7 +34,6 @@ def solve(problem: Any, time_left: float = math.inf) -> tuple[bool, float]:
 
     :param problem: a cvxpy.Problem.
     :param time_left: the limit for compiling and solving in s.
-    :return: whether the variables hold a solution, and the time inside Clarabel in s.
     """
     started = time.monotonic()
     # The problems follow DPP, but the map from parameters to matrices that CVXPY would keep has
@@ -29,11 +42,12 @@ def solve(problem: Any, time_left: float = math.inf) -> tuple[bool, float]:
     # Without solver_opts, CVXPY 1.9 fails when it unpacks the results.
     data, chain, inverse_data = problem.get_problem_data(
         cp.CLARABEL, ignore_dpp=True, solver_opts={})
+    compile_time = time.monotonic() - started
     options = {}
     if time_left < math.inf:
-        options['time_limit'] = time_left - (time.monotonic() - started)
+        options['time_limit'] = time_left - compile_time
         if options['time_limit'] <= 0:
-            return False, 0.0
+            return Outcome(False, 0.0, compile_time)
     try:
         # Without a warm start: CVXPY's updates the solver of the last call, which Clarabel
         # refuses when an entry of a matrix has become zero, or is zero no longer. CVXPY 1.6.7 to
@@ -45,12 +59,13 @@ def solve(problem: Any, time_left: float = math.inf) -> tuple[bool, float]:
         if not isinstance(error, Exception) and type(error).__name__ != 'PanicException':
             raise
         _LOG.debug('Clarabel failed', exc_info=True)
-        return False, 0.0
+        return Outcome(False, 0.0, compile_time)
     with warnings.catch_warnings():
         # An inaccurate solution is as good: the caller measures it by the true objective.
         warnings.filterwarnings('ignore', message='Solution may be inaccurate')
         try:
             problem.unpack_results(solution, chain, inverse_data)
         except cp.SolverError:
-            return False, solution.solve_time
-    return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE), solution.solve_time
+            return Outcome(False, solution.solve_time, compile_time)
+    return Outcome(problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE), solution.solve_time,
+                   compile_time)

@@ -58,10 +58,23 @@ def _rounds(search: Search, steps: Sequence[_Problem], tolerance: float,
             reason = search.stop_reason()
             if reason is not None:
                 return reason
+            if _compile_time(problem, steps, schedule) > search.time_left:
+                return 'time_limit'
             solved &= _step(search, problem, schedule.stretch)
         if search.rate - before < tolerance:
             return search.stop_reason() or ('converged' if solved else 'numerical_trouble')
     return 'iteration_limit'
+
+
+def _compile_time(problem: _Problem, steps: Sequence[_Problem], schedule: Schedule) -> float:
+    """
+    Return how long compiling a problem will take in s, which nothing can interrupt.
+
+    It takes as long as the last time. The first trajectory problem is judged by the powers'.
+    """
+    if problem.compile_time is not None:
+        return problem.compile_time
+    return schedule.compile_ratio * (steps[0].compile_time or 0.0)
 
 
 def _step(search: Search, problem: _Problem, factor: float) -> bool:

@@ -23,6 +23,7 @@ class PowerProblem:
     :cvar block: which block of the variables a solve improves.
     :ivar problem: the cvxpy.Problem, which maximises the sum of the slots' rates in nats.
     :ivar powers: its variable, (U, N) in units of the average power.
+    :ivar compile_time: the time that CVXPY took in the last solve in s, None before the first.
     """
 
     step: ClassVar[str] = 'power'
@@ -30,6 +31,7 @@ class PowerProblem:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
+        self.compile_time: float | None = None
         self._unit = scenario.average_powers[:, None]
         shape = (len(scenario.uavs), scenario.slots)
         self.powers: Any = cp.Variable(shape)
@@ -66,7 +68,7 @@ class PowerProblem:
         for bound, gains in zip(
                 self._leakages, guaranteed_gains(self.scenario, positions), strict=True):
             bound.set_local_point(gains * self._unit, local)
-        solved, seconds = clarabel.solve(self.problem, time_left)
+        solved, seconds, self.compile_time = clarabel.solve(self.problem, time_left)
         return (self.powers.value * self._unit if solved else None), seconds
 
 

@@ -5,6 +5,7 @@ The restriction is valid for free space only. It needs a gain whose inverse is a
 squared distance, 1 / g = (d^2 + H^2) / beta_0, which a square's tangent then bounds from below.
 """
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 import cvxpy as cp
@@ -32,6 +33,7 @@ class TrajectoryProblem:
         nats, up to a constant, summed over the slots.
     :ivar moves: its variables, the displacements of every UAV, (N+2, 2) in units of `unit`.
     :ivar unit: the typical distance of the last solve, in m.
+    :ivar compile_time: the time that CVXPY took in the last solve in s, None before the first.
     """
 
     step: ClassVar[str] = 'trajectory'
@@ -39,6 +41,7 @@ class TrajectoryProblem:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
+        self.compile_time: float | None = None
         self.unit = 1.0
         self._link = FreeSpace.of(scenario)
         self._limits = limits_of(scenario)
@@ -53,18 +56,27 @@ class TrajectoryProblem:
         constraints.append(cp.hstack([
             end for move in self.moves for end in (move[0], move[-1])]) == 0)
 
-        moves = [move[1:-1] for move in self.moves]
-        self._received = _ReceivedLoss(moves)
-        self._interference = _LogOfSum(moves[1:])  # y_k is the logarithm of zeta of (Ta_1).
-        self._leakages = [
-            _LeakageBound(eve, moves, [path[1:-1] for path in paths], self._scale)
-            for eve in scenario.eavesdroppers]
-        leakage = cp.Variable(slots)
-        constraints += self._interference.constraints
-        for bound in self._leakages:
-            constraints += [*bound.constraints, leakage >= bound.value]
-        self.problem = cp.Problem(cp.Minimize(cp.sum(
-            self._interference.value + self._received.value + leakage)), constraints)
+        x, y = (cp.vstack([move[1:-1, axis] for move in self.moves]) for axis in (0, 1))
+        eves = len(scenario.eavesdroppers)
+        self._received = _ReceivedLoss(x, y)
+        # y_k is the logarithm of zeta of (Ta_1).
+        self._interference = _LogOfSum(x[1:], y[1:]) if len(paths) > 1 else None
+        # y_k is the logarithm of xi of (Ta_2) for the transmitter, of tau of (Ta_3) for jammers.
+        every = np.tile(np.eye(len(paths)), (eves, 1))
+        self._leakage = _LogOfSum(every @ x, every @ y, eves)
+        self._local_leakage = cp.Parameter((eves, slots))
+        bounds: Any = self._local_leakage + self._leakage.value
+        constraints += self._leakage.constraints
+        loss: Any = self._received.value
+        if self._interference is not None:
+            self._jamming = _JammingBound(
+                scenario.eavesdroppers, [path[1:-1] for path in paths[1:]], self._scale)
+            bounds += self._jamming.value
+            loss += self._interference.value[0]
+            constraints += [*self._interference.constraints, *self._jamming.constraints]
+        largest = cp.Variable((1, slots))
+        constraints.append(np.ones((eves, 1)) @ largest >= bounds)
+        self.problem = cp.Problem(cp.Minimize(cp.sum(loss) + cp.sum(largest)), constraints)
 
     def solve(self, positions: Array, powers: Array,
               time_left: float = np.inf) -> tuple[Array | None, float]:
@@ -91,19 +103,41 @@ class TrajectoryProblem:
         slopes = 2 * offset / unit * inverse[..., None]
         received = gains * powers
         self._received.set_local_point(received, slopes, inverse)
-        self._interference.set_local_point(received[1:], slopes[1:])
-        away = _directions(offset, np.array([1.0, 0.0]))
-        for bound, squared in zip(
-                self._leakages, guaranteed_squared_distances(self.scenario, positions),
-                strict=True):
-            gains, inverse = self._gains(squared)
-            bound.set_local_point(
-                positions[:, 1:-1], gains * powers, np.sqrt(squared) / unit, inverse * unit**2,
-                away)
-        solved, seconds = clarabel.solve(self.problem, time_left)
+        if self._interference is not None:
+            self._interference.set_local_point(received[1:], slopes[1:])
+        self._set_local_leakage(
+            positions, powers, _directions(offset, np.array([1.0, 0.0])))
+        solved, seconds, self.compile_time = clarabel.solve(self.problem, time_left)
         if not solved:
             return None, seconds
         return positions + unit * np.stack([move.value for move in self.moves]), seconds
+
+    def _set_local_leakage(self, positions: Array, powers: Array, away: Array) -> None:
+        """
+        Set the parameters of what the eavesdroppers receive.
+
+        :param positions: (U, N+2, 2) in m.
+        :param powers: (U, N) in W.
+        :param away: unit vectors, (U, N, 2), that stand for a direction from an eavesdropper
+            where there is none.
+        """
+        squared = guaranteed_squared_distances(self.scenario, positions)
+        gains, inverse = self._gains(squared)
+        received, inverse = gains * powers, inverse * self.unit**2
+        distances = np.sqrt(squared) / self.unit
+        # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and the one
+        # away from the ground node lets the jammer see a gain in leaving. Of the transmitter,
+        # [d - eps]^+ is linearised: that is valid inside the disc, unlike (Ta_2).
+        centres = np.array([eve.position for eve in self.scenario.eavesdroppers])
+        slopes = 2 * (distances * inverse)[..., None] * _directions(
+            positions[:, 1:-1] - centres[:, None, None], away)
+        self._leakage.set_local_point(
+            received.reshape(-1, received.shape[-1]), slopes.reshape(-1, *slopes.shape[2:]))
+        jamming = 1 + received[:, 1:].sum(axis=1)
+        self._local_leakage.value = np.log1p(received[:, 0] / jamming)
+        if self._interference is not None:
+            self._jamming.set_local_point(
+                received[:, 1:] / jamming[:, None] * inverse[:, 1:], distances[:, 1:])
 
     def _gains(self, squared: Array) -> tuple[Array, Array]:
         """
@@ -124,16 +158,16 @@ class _ReceivedLoss:
 
     Its terms are those of the paper with a and b.
 
+    :param x: displacements of the UAVs, (U, N) in units.
+    :param y: likewise.
     :ivar value: the convex CVXPY expression, (N,) in nats.
     """
 
-    def __init__(self, moves: list[Any]) -> None:
-        self._moves = moves
-        self._slopes = [cp.Parameter(move.shape) for move in moves]
-        self._weights = [cp.Parameter(move.shape[0], nonneg=True) for move in moves]
-        self.value: Any = sum(
-            _dot(slope, move) + cp.multiply(weight, cp.sum(cp.square(move), axis=1))
-            for slope, weight, move in zip(self._slopes, self._weights, moves, strict=True))
+    def __init__(self, x: Any, y: Any) -> None:
+        self._slopes = _Slopes(x, y)
+        self._weights = cp.Parameter(x.shape, nonneg=True)
+        self.value: Any = cp.sum(
+            self._slopes.value + cp.multiply(self._weights, cp.square(x) + cp.square(y)), axis=0)
 
     def set_local_point(self, received: Array, slopes: Array, inverse: Array) -> None:
         """
@@ -144,116 +178,116 @@ class _ReceivedLoss:
         :param inverse: 1 / (d^2 + H^2), (U, N) in 1/unit^2.
         """
         shares = received / (1 + received.sum(axis=0))
-        for uav, share in enumerate(shares):
-            self._slopes[uav].value = share[:, None] * slopes[uav]
-            self._weights[uav].value = share * inverse[uav]
+        self._slopes.set_values(shares[..., None] * slopes)
+        self._weights.value = shares * inverse
 
 
 class _LogOfSum:
     """
-    An upper bound of log(1 + sum_k s_k exp(-y_k)), less its value at the local point.
+    Upper bounds of log(1 + sum_k s_k exp(-y_k)), less their values at the local point.
 
     s_k is a received power there, and y_k a lower bound of the change of log(d_k^2 + H_k^2): the
     logarithm of one of the paper's zeta, xi and tau, whose squares are linearised.
 
-    :ivar value: the CVXPY variable, (N,) in nats.
+    :param x: displacements of whoever sends, all of the first receiver, then all of the next,
+        (R K, N) in units.
+    :param y: likewise.
+    :param receivers: R.
+    :ivar value: the CVXPY variable, (R, N) in nats.
     :ivar constraints: what makes it an upper bound.
     """
 
-    def __init__(self, moves: list[Any]) -> None:
-        self.value: Any = 0.0
-        self.constraints: list[Any] = []
-        self._slopes = [cp.Parameter(move.shape) for move in moves]
-        if not moves:
-            return  # The logarithm of the noise alone does not change.
-        slots = moves[0].shape[0]
-        self._noise = cp.Parameter(slots, nonneg=True)
-        self._weights = cp.Parameter((len(moves), slots), nonneg=True)
-        self.value = cp.Variable(slots)
-        logarithms = cp.Variable((len(moves), slots))
-        tangents = cp.vstack([
-            _dot(slope, move) for slope, move in zip(self._slopes, moves, strict=True)])
-        parts = cp.exp(-logarithms - cp.vstack([self.value] * len(moves)))
-        self.constraints += [
-            cp.exp(logarithms) <= 1 + tangents,
+    def __init__(self, x: Any, y: Any, receivers: int = 1) -> None:
+        senders, slots = x.shape
+        self._receivers = receivers
+        self._slopes = _Slopes(x, y)
+        self._noise = cp.Parameter((receivers, slots), nonneg=True)
+        self._weights = cp.Parameter((senders, slots), nonneg=True)
+        self.value: Any = cp.Variable((receivers, slots))
+        logarithms = cp.Variable((senders, slots))
+        of_receiver = np.kron(np.eye(receivers), np.ones((1, senders // receivers)))
+        parts = cp.exp(-logarithms - of_receiver.T @ self.value)
+        self.constraints: list[Any] = [
+            cp.exp(logarithms) <= 1 + self._slopes.value,
             cp.multiply(self._noise, cp.exp(-self.value))
-            + cp.sum(cp.multiply(self._weights, parts), axis=0) <= 1]
+            + of_receiver @ cp.multiply(self._weights, parts) <= 1]
 
     def set_local_point(self, received: Array, slopes: Array) -> None:
         """
         Set the parameters.
 
-        :param received: s_k, (K, N).
-        :param slopes: gradients of y_k, (K, N, 2) in 1/unit.
+        :param received: s_k, (R K, N).
+        :param slopes: gradients of y_k, (R K, N, 2) in 1/unit.
         """
-        if not self._slopes:
-            return
-        total = 1 + received.sum(axis=0)
+        each = received.reshape(self._receivers, -1, received.shape[-1])
+        total = 1 + each.sum(axis=1)
         self._noise.value = 1 / total
-        self._weights.value = received / total
-        for parameter, slope in zip(self._slopes, slopes, strict=True):
-            parameter.value = slope
+        self._weights.value = (each / total[:, None]).reshape(received.shape)
+        self._slopes.set_values(slopes)
 
 
-class _LeakageBound:
+class _JammingBound:
     """
-    An upper bound of r-tilde_e for one eavesdropper, exact at the local point.
+    Upper bounds of -log(1 + sum of jamming) for every eavesdropper, with c of the paper.
 
-    :param moves: of every UAV, (N, 2) in units.
-    :param positions: of every UAV, (N, 2) in units.
+    They are weights of (d + eps)^2, less their values at the local point.
+
+    :param positions: of every jammer, (N, 2) in units.
     :param scale: units in a metre.
-    :ivar value: the convex CVXPY expression, (N,) in nats.
+    :ivar value: the convex CVXPY expression, (E, N) in nats.
     :ivar constraints: what makes it an upper bound.
     """
 
-    def __init__(self, eve: Eavesdropper, moves: list[Any], positions: list[Any],
+    def __init__(self, eavesdroppers: Sequence[Eavesdropper], positions: list[Any],
                  scale: Any) -> None:
-        self._eve = eve
-        slots = moves[0].shape[0]
-        # y_k is the logarithm of xi of (Ta_2) for the transmitter, of tau of (Ta_3) for jammers.
-        self._total = _LogOfSum(moves)
-        self._local_value = cp.Parameter(slots)
-        self.value: Any = self._local_value + self._total.value
-        self.constraints: list[Any] = list(self._total.constraints)
-        if len(moves) == 1:
-            return
-        # -log(1 + sum of jamming), with c of the paper: weights of (d + eps)^2.
-        self._weights = cp.Parameter((len(moves) - 1, slots), nonneg=True)
-        self._local_squares = cp.Parameter(slots)
-        distances = cp.Variable((len(moves) - 1, slots))
-        centre = np.tile(eve.position, (slots, 1))
-        self.constraints.append(distances >= scale * eve.error_radius + cp.vstack([
-            cp.norm(position - scale * centre, axis=1) for position in positions[1:]]))
-        self.value += cp.sum(cp.multiply(self._weights, cp.square(distances)), axis=0)
-        self.value -= self._local_squares
+        slots, jammers = positions[0].shape[0], len(positions)
+        shape = (len(eavesdroppers) * jammers, slots)
+        self._weights = cp.Parameter(shape, nonneg=True)
+        self._local_squares = cp.Parameter((len(eavesdroppers), slots))
+        distances = cp.Variable(shape)
+        centres = np.repeat([eve.position for eve in eavesdroppers], jammers, axis=0)
+        radii = np.repeat([eve.error_radius for eve in eavesdroppers], jammers)
+        every = np.tile(np.eye(jammers), (len(eavesdroppers), 1))
+        offsets = [
+            cp.vec(every @ cp.vstack([position[:, axis] for position in positions])
+                   - scale * np.tile(centres[:, [axis]], (1, slots)), order='F')
+            for axis in (0, 1)]
+        self.constraints: list[Any] = [
+            cp.vec(distances, order='F') >= scale * np.tile(radii, slots)
+            + cp.norm(cp.vstack(offsets), axis=0)]
+        of_eavesdropper = np.kron(np.eye(len(eavesdroppers)), np.ones((1, jammers)))
+        self.value: Any = of_eavesdropper @ cp.multiply(
+            self._weights, cp.square(distances)) - self._local_squares
 
-    def set_local_point(self, positions: Array, received: Array, distances: Array,
-                        inverse: Array, away: Array) -> None:
+    def set_local_point(self, weights: Array, distances: Array) -> None:
         """
         Set the parameters.
 
-        :param positions: (U, N, 2) in m.
-        :param received: powers over the noise power, (U, N).
-        :param distances: those of the guarantee, (U, N) in units.
-        :param inverse: 1 / (d^2 + H^2) with these distances, (U, N) in 1/unit^2.
-        :param away: unit vectors, (U, N, 2), that stand for a direction from the eavesdropper
-            where there is none.
+        :param weights: of (d + eps)^2, (E, U - 1, N) in 1/unit^2.
+        :param distances: d + eps, (E, U - 1, N) in units.
         """
-        # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and the one
-        # away from the ground node lets the jammer see a gain in leaving. Of the transmitter,
-        # [d - eps]^+ is linearised: that is valid inside the disc, unlike (Ta_2).
-        directions = _directions(positions - np.array(self._eve.position), away)
-        self._total.set_local_point(
-            received, 2 * (distances * inverse)[..., None] * directions)
-        jamming = 1 + received[1:].sum(axis=0)
-        self._local_value.value = np.log1p(received[0] / jamming)
-        if len(received) > 1:
-            self._weights.value = weights = received[1:] / jamming * inverse[1:]
-            self._local_squares.value = np.sum(weights * distances[1:]**2, axis=0)
+        self._weights.value = weights.reshape(-1, weights.shape[-1])
+        self._local_squares.value = (weights * distances**2).sum(axis=1)
 
 
-def _dot(slope: Any, move: Any) -> Any:
-    return cp.sum(cp.multiply(slope, move), axis=1)
+class _Slopes:
+    """
+    Scalar products of displacements with gradients that are parameters.
+
+    :param x: displacements, (K, N) in units.
+    :param y: likewise.
+    :ivar value: the affine CVXPY expression, (K, N).
+    """
+
+    def __init__(self, x: Any, y: Any) -> None:
+        self._parameters = [cp.Parameter(x.shape), cp.Parameter(y.shape)]
+        self.value: Any = sum(cp.multiply(parameter, one) for parameter, one in zip(
+            self._parameters, (x, y), strict=True))
+
+    def set_values(self, slopes: Array) -> None:
+        """Set the gradients, (K, N, 2) in 1/unit."""
+        for parameter, slope in zip(self._parameters, np.moveaxis(slopes, -1, 0), strict=True):
+            parameter.value = slope
 
 
 def _directions(offset: Array, otherwise: Array) -> Array:
