@@ -9,14 +9,15 @@ if TYPE_CHECKING:
     from .errors import PlanningError
     from .optimize.solve import fly_hover_fly, METHODS, solve
     from .plan import Iteration, Plan
-    from .scenario import Eavesdropper, Scenario, Uav
+    from .scenario import Eavesdropper, NoFlyZone, Scenario, Uav
 
-__all__ = ['Bound', 'Eavesdropper', 'Iteration', 'METHODS', 'Plan', 'PlanningError', 'Scenario',
-           'Uav', 'fly_hover_fly', 'solve', 'upper_bound']
+__all__ = ['Bound', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone', 'Plan', 'PlanningError',
+           'Scenario', 'Uav', 'fly_hover_fly', 'solve', 'upper_bound']
 
 _HOMES = {'bound': ('Bound', 'upper_bound'), 'errors': ('PlanningError',),
           'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
-          'plan': ('Iteration', 'Plan'), 'scenario': ('Eavesdropper', 'Scenario', 'Uav')}
+          'plan': ('Iteration', 'Plan'),
+          'scenario': ('Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav')}
 
 
 def __getattr__(name: str) -> object:

@@ -1,0 +1,203 @@
+from dataclasses import replace
+import json
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import NoFlyZone, Scenario, Uav
+from secure_uav_planner.airspace import airspace_of
+from secure_uav_planner.errors import ScenarioError
+from secure_uav_planner.polygons import convex_parts, depth, half_planes, pockets
+import shapely
+
+SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
+HOOK = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (30.0, 40.0), (30.0, 10.0), (0.0, 10.0))
+FENCE = ((-400.0, -800.0), (600.0, -800.0), (600.0, 800.0), (-400.0, 800.0))
+
+
+@st.composite
+def polygons(draw):
+    """Return simple polygons around a centre, most of them far from convex, in either order."""
+    count = draw(st.integers(3, 40))
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    angles = np.sort(rng.uniform(0, 2 * math.pi, count))
+    radii = rng.uniform(0.05, 1, count) * draw(st.sampled_from([1e-2, 1.0, 300.0, 1e6]))
+    points = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1)
+    points = points[::draw(st.sampled_from([1, -1]))] + rng.uniform(-500, 500, 2)
+    vertices = tuple(map(tuple, points.tolist()))
+    return vertices if shapely.Polygon(vertices).is_valid else draw(st.just(SQUARE))
+
+
+@given(polygons())
+def test_convex_parts_are_convex_and_cover_the_polygon_once(vertices):
+    polygon, parts = shapely.Polygon(vertices), convex_parts(vertices)
+    for part in parts:
+        before, after = part - np.roll(part, 1, axis=0), np.roll(part, -1, axis=0) - part
+        turns = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        assert turns.min() > -1e-9 * polygon.length**2
+        assert len(part) == 3 or set(map(tuple, part.tolist())) <= set(vertices)
+    shapes = [shapely.Polygon(part) for part in parts]
+    assert sum(shape.area for shape in shapes) == pytest.approx(polygon.area, rel=1e-6)
+    assert shapely.union_all(shapes).symmetric_difference(polygon).area < 1e-6 * polygon.area
+    assert len(parts) <= max(1, len(vertices) - 2)
+
+
+@given(polygons(), st.integers(0, 10**6))
+def test_a_fence_is_its_half_planes_without_its_pockets(vertices, seed):
+    polygon = shapely.Polygon(vertices)
+    normals, offsets = half_planes(vertices)
+    assert np.linalg.norm(normals, axis=1) == pytest.approx(np.ones(len(normals)))
+    low, high = np.min(vertices, axis=0), np.max(vertices, axis=0)
+    margin = 1e-6 * np.ptp(vertices)
+    for point in np.random.default_rng(seed).uniform(low, high, (100, 2)):
+        if polygon.exterior.distance(shapely.Point(point)) < margin:
+            continue
+        inside = (normals @ point <= offsets).all() and all(
+            depth(pocket, tuple(point)) < 0 for pocket in pockets(vertices))
+        assert inside == polygon.contains(shapely.Point(point)) == (
+            depth(vertices, tuple(point)) > 0)
+
+
+def test_a_convex_polygon_is_one_part_and_an_l_is_two():
+    assert [len(part) for part in convex_parts(SQUARE)] == [4]
+    assert len(convex_parts(HOOK)) == 2
+    assert len(convex_parts(((0.0, 0.0), (20.0, 0.0), *SQUARE[1:]))) == 1
+    [clockwise] = convex_parts(SQUARE[::-1])
+    assert shapely.Polygon(clockwise).exterior.is_ccw
+
+
+def test_each_uav_has_the_pieces_at_its_altitude_with_their_names():
+    scenario = replace(Scenario.paper(), geofence=(*FENCE[:3], (100.0, 700.0), FENCE[3]),
+                       no_fly_zones=(
+        NoFlyZone(HOOK, name='tower'), NoFlyZone(SQUARE, ceiling=105.0), NoFlyZone(SQUARE, 110.0)))
+    first, second = airspace_of(scenario).pieces
+    assert [piece.name for piece in first] == ['tower', 'tower', 'zone 2', 'the geofence']
+    assert [piece.name for piece in second] == ['tower', 'tower', 'zone 3', 'the geofence']
+    assert airspace_of(replace(scenario)) is airspace_of(scenario)
+    for array in (first[0].vertices, *airspace_of(scenario).hull):
+        with pytest.raises(ValueError):
+            array[0] = 0.0
+    plain = airspace_of(Scenario.paper())
+    assert plain.pieces == ((), ()) and len(plain.hull[1]) == 0
+
+
+def test_horizontal_separation_is_what_the_altitudes_leave():
+    scenario = replace(Scenario.paper(), uavs=tuple(
+        replace(uav, start=(uav.start[0] + 20 * number, 500.0), goal=(20.0 * number, -400.0))
+        for number, uav in enumerate(Scenario.paper().uavs)), separation=20.0)
+    assert airspace_of(scenario).separations == pytest.approx(
+        np.array([[0, math.sqrt(300)], [math.sqrt(300), 0]]))
+    assert airspace_of(replace(scenario, separation=9.0)).separations.max() == 0
+
+
+def test_a_scenario_with_zones_and_a_fence_survives_json():
+    scenario = replace(Scenario.paper(), geofence=FENCE, separation=5.0, no_fly_zones=(
+        NoFlyZone(SQUARE, name='a'), NoFlyZone(HOOK, 10.0, 120.0)))
+    data = json.loads(json.dumps(scenario.to_dict(), allow_nan=False))
+    assert Scenario.from_dict(data) == scenario
+    for name in ('separation', 'no_fly_zones', 'geofence'):
+        del data[name]
+    assert Scenario.from_dict(data) == Scenario.paper()
+
+
+def test_a_closed_ring_is_the_polygon():
+    assert NoFlyZone((*SQUARE, SQUARE[0])) == NoFlyZone(SQUARE)
+    assert NoFlyZone([list(point) for point in SQUARE]) == NoFlyZone(SQUARE)
+
+
+WRONG_POLYGONS = [
+    ('square', 'must be a list of vertices'),
+    (7, 'must be a list of vertices'),
+    ((), 'at least three different vertices'),
+    (SQUARE[:2], 'at least three different vertices'),
+    ((*SQUARE[:2], SQUARE[0]), 'at least three different vertices'),
+    (((0, 0), (50, 50), (200, 200)), 'has no area'),
+    (((0, 0), (0, 50), (1e-9, 20)), 'has no area'),
+    (((0, 0), (40, 40), (40, 0), (0, 40)), 'crosses or touches itself near (20, 20)'),
+    (((0, 0), (40, 0), (40, 40), (40, 0), (0, 40)), 'crosses or touches itself'),
+    (((0, 0), (math.nan, 0), (40, 40)), '[1] is (nan, 0); it must be two coordinates'),
+    (((0, 0), (math.inf, 0), (40, 40)), '[1] is (inf, 0); it must be two coordinates'),
+    (((0, 0), (1e9, 0), (40, 40)), 'from -1e+07 to 1e+07 m'),
+    (((0, 0), (1,), (40, 40)), '[1] is (1,); it must be two coordinates'),
+    (((0, 0, 0), (1, 0, 0), (40, 40, 0)), '[0] is (0, 0, 0); it must be two coordinates'),
+    ([(n, n * n) for n in range(257)], 'has 257 vertices; it must have at most 256'),
+]
+
+
+@pytest.mark.parametrize('vertices, reason', WRONG_POLYGONS)
+def test_a_wrong_polygon_is_refused_with_field_value_and_reason(vertices, reason):
+    for make, field in ((lambda: NoFlyZone(vertices, name='tower'), 'tower.vertices'),
+                        (lambda: NoFlyZone(vertices), 'zone vertices'),
+                        (lambda: replace(Scenario.paper(), geofence=vertices), 'geofence')):
+        with pytest.raises(ScenarioError) as error:
+            make()
+        assert str(error.value).startswith(field) and reason in str(error.value)
+        assert len(str(error.value)) < 400
+
+
+@pytest.mark.parametrize('fields, reason', [
+    ({'floor': 50.0, 'ceiling': 49.0}, 'tower.floor is 50 m; it must be at most ceiling, which '
+                                       'is 49 m'),
+    ({'floor': math.inf}, 'tower.floor is inf; it must be a number from 0'),
+    ({'floor': -1.0}, 'tower.floor is -1.0; it must be a number from 0'),
+    ({'ceiling': math.nan}, 'tower.ceiling is nan; it must be a number'),
+    ({'ceiling': 'high'}, "tower.ceiling is 'high'; it must be a number"),
+    ({'name': 3}, 'zone name is 3; it must be a string')])
+def test_a_wrong_field_of_a_zone_is_refused(fields, reason):
+    with pytest.raises(ScenarioError) as error:
+        NoFlyZone(**{'vertices': SQUARE, 'name': 'tower', **fields})
+    assert reason in str(error.value)
+
+
+def around(point, half=5.0):
+    """Return a square around a point."""
+    x, y = point
+    return ((x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half))
+
+
+@pytest.mark.parametrize('fields, reason', [
+    ({'separation': -1.0}, 'separation is -1.0; it must be a number from 0'),
+    ({'separation': math.nan}, 'separation is nan; it must be a number from 0'),
+    ({'separation': 11.0}, 'separation is 11 m; it must be at most 10 m, the distance between '
+                           'the starts of uav1 and uav2'),
+    ({'no_fly_zones': SQUARE}, 'no_fly_zones is '),
+    ({'no_fly_zones': [NoFlyZone(SQUARE)] * 65}, 'must be a tuple of 0 to 64 NoFlyZone'),
+    ({'no_fly_zones': [NoFlyZone(around((100, 500)), name='tower')]},
+     'uav1.start is (100.0, 500.0) at 100 m, inside tower; it must be outside all no_fly_zones'),
+    ({'no_fly_zones': [NoFlyZone(SQUARE), NoFlyZone(around((100, -500)), 105)]},
+     'uav2.goal is (100.0, -500.0) at 110 m, inside zone 2; it must'),
+    ({'geofence': around((100, -500), 400.0)},
+     'uav1.start is (100.0, 500.0), outside the geofence; it must be inside')])
+def test_a_mission_whose_ends_break_a_limit_is_refused_by_name(fields, reason):
+    with pytest.raises(ScenarioError) as error:
+        replace(Scenario.paper(), **fields)
+    assert reason in str(error.value)
+
+
+def test_goals_that_are_closer_than_the_separation_are_refused():
+    uavs = [Uav(name, (place, 0.0), (0.0, 0.0), 50.0, 10.0)
+            for name, place in (('a', 0.0), ('b', 50.0), ('c', 100.0))]
+    with pytest.raises(ScenarioError, match='0 m, the distance between the goals of a and b'):
+        replace(Scenario.paper(), uavs=uavs, separation=30.0)
+
+
+def test_the_edge_of_a_zone_and_of_a_fence_may_be_a_start():
+    scenario = Scenario.paper()
+    edge = around((100, 500 + 5))
+    assert replace(scenario, no_fly_zones=(NoFlyZone(edge),), separation=10.0,
+                   geofence=((100, 500), (100, -500), (300, -500)))
+
+
+def test_a_start_in_motion_may_be_off_the_curve_by_what_its_acceleration_allows():
+    scenario = Scenario.paper(200.0)  # One-second slots: the curve passes within 0.25 m.
+    zone = NoFlyZone(((99, 499.8), (101, 499.8), (101, 520), (99, 520)))
+
+    def with_start(velocity):
+        return replace(scenario, no_fly_zones=(zone,), uavs=tuple(
+            replace(uav, max_acceleration=2.0, start_velocity=velocity)
+            for uav in scenario.uavs))
+    assert with_start((0.0, -5.0))
+    with pytest.raises(ScenarioError, match='uav1.start is .* inside zone 1'):
+        with_start((0.0, 0.0))
