@@ -8,15 +8,20 @@ start half a slot before point 0 and reaches its goal half a slot after point N+
 the limit flies straight from point to point.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .channel import guaranteed_rates
 from .scenario import Array, Scenario
 
 # Slower than this share of the largest speed, a direction of travel is numerical noise.
 _HOVERING = 1e-3
+
+GAUSS_LEGENDRE = ((-math.sqrt(0.15), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.15), 5 / 18))
+"""Places from -1/2 to 1/2 and weights, whose weighted sum is the mean of quintics in between."""
 
 
 class Motion(NamedTuple):
@@ -43,6 +48,7 @@ class Curve:
     :param positions: points of the flight, (U, N+2, 2) in m, for any N.
     :ivar begin: when the first UAV leaves its start, in s from point 0.
     :ivar end: when the last UAV reaches its goal, likewise.
+    :ivar piece: of such length in s, from begin on, are pieces in which no acceleration changes.
     """
 
     def __init__(self, scenario: Scenario, positions: Array) -> None:
@@ -53,6 +59,7 @@ class Curve:
         margin = self._step / 2 if self._smooth.any() else 0.0
         self.begin = -margin
         self.end = self._last * self._step + margin
+        self.piece = self._step / 2 if margin else self._step
         moves = np.diff(positions, axis=1)
         first, last = moves[:, :1].copy(), moves[:, -1:].copy()
         for number, uav in enumerate(scenario.uavs):
@@ -103,6 +110,20 @@ class Curve:
         flying = (inside == nodes)[:, None]
         return (self._points[:, node] + slope * by + bend * (by**2 / 2 + 0.125),
                 np.where(flying, slope + bend * by, 0.0), np.where(flying, bend, 0.0))
+
+
+def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Array:
+    """
+    Return the means of the guaranteed rate in each slot along a curve, (N,) in bit/s/Hz.
+
+    :param powers: (U, N) in W; power n holds from the time of point n to that of point n + 1.
+    """
+    rates = np.zeros(scenario.slots)
+    for place, weight in GAUSS_LEGENDRE:
+        times = (np.arange(1, scenario.slots + 1) + 0.5 + place) * scenario.slot_duration
+        positions = np.pad(curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
+        rates += weight * guaranteed_rates(scenario, positions, powers)
+    return rates
 
 
 def _headings(moves: Array, max_step: Array) -> Array:

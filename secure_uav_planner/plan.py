@@ -11,6 +11,8 @@ from typing import Any, get_args, Literal, TypeAlias
 import numpy as np
 
 from . import channel
+from .clearance import Clearance
+from .curve import Curve, mean_guaranteed_rates
 from .errors import OptionError, PlanError, PlanFileError, shown
 from .files import atomic_file, read_text
 from .limits import limits_of
@@ -115,6 +117,7 @@ class Plan:
         self._check_ends()
         for limit in limits_of(self.scenario):
             limit.check(self.positions, self.powers)
+        self.clearance.check()
 
     def _check_start(self) -> None:
         if self.start_ns is None:
@@ -139,7 +142,8 @@ class Plan:
                 f'bit/s/Hz, {self.status}>')
 
     def __getstate__(self) -> dict[str, Any]:
-        return dict(self.__dict__)
+        return {name: value for name, value in self.__dict__.items()
+                if name not in ('curve', 'clearance')}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # Arrays come back from a copy or a pickle writable.
@@ -167,6 +171,30 @@ class Plan:
     def worst_case_rates(self) -> Array:
         """Worst-case rate R of every slot, (N,) in bit/s/Hz; see channel."""
         return read_only(channel.worst_case_rates(self.scenario, self.positions, self.powers))
+
+    @cached_property
+    def curve(self) -> Curve:
+        """What is flown: the points as a function of time."""
+        return Curve(self.scenario, self.positions)
+
+    @cached_property
+    def clearance(self) -> Clearance:
+        """How close the curve comes to zones and UAVs to each other."""
+        return Clearance(self.scenario, self.curve)
+
+    @cached_property
+    def curve_rates(self) -> Array:
+        """
+        Guaranteed rates along the curve, as means over each slot, (N,) in bit/s/Hz.
+
+        They differ from guaranteed_rates, which are those at the points, by the discretisation.
+        """
+        return read_only(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
+
+    @property
+    def curve_rate(self) -> float:
+        """Mean of curve_rates in bit/s/Hz: what is delivered in every second of the duration."""
+        return float(self.curve_rates.mean())
 
     @property
     def guaranteed_rate(self) -> float:

@@ -1,21 +1,16 @@
 """A plan in continuous time: where the UAVs are between its points, and what is delivered."""
 
 from dataclasses import dataclass
-from functools import cached_property
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import channel
-from .curve import Curve
+from .curve import GAUSS_LEGENDRE
 from .errors import OptionError
 from .plan import Plan
-from .scenario import Array, read_only
-
-# Three points of a Gauss-Legendre rule, on the interval from -1/2 to 1/2.
-_PLACES = (-math.sqrt(0.15), 0.0, math.sqrt(0.15))
-_WEIGHTS = (5 / 18, 8 / 18, 5 / 18)
+from .scenario import Array
 
 
 @dataclass(frozen=True)
@@ -49,7 +44,7 @@ class Playback:
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        self.curve = Curve(plan.scenario, plan.positions)
+        self.curve = plan.curve
         self.begin, self.duration = self.curve.begin, self.curve.end
 
     def at(self, time: float) -> Moment:
@@ -66,21 +61,10 @@ class Playback:
         return Moment(motion.positions[:, 0], motion.velocities[:, 0], motion.headings[:, 0],
                       powers, motion.accelerations[:, 0])
 
-    @cached_property
+    @property
     def guaranteed_rates(self) -> Array:
-        """
-        Guaranteed rates in continuous time, as means over each slot, (N,) in bit/s/Hz.
-
-        They differ from the plan's, which are those at the points, by the discretisation.
-        """
-        plan = self.plan
-        count, step = plan.scenario.slots, plan.scenario.slot_duration
-        rates = np.zeros(count)
-        for place, weight in zip(_PLACES, _WEIGHTS, strict=True):
-            times = (np.arange(1, count + 1) + 0.5 + place) * step
-            positions = np.pad(self.curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
-            rates += weight * channel.guaranteed_rates(plan.scenario, positions, plan.powers)
-        return read_only(rates)
+        """Guaranteed rates in continuous time, (N,) in bit/s/Hz; see Plan.curve_rates."""
+        return self.plan.curve_rates
 
     def secrecy_rate(self, moment: Moment, eavesdropper: ArrayLike | None = None) -> float:
         """
@@ -191,4 +175,4 @@ def _delivered(playback: Playback, begin: float, end: float,
         (after - before) * weight * playback.secrecy_rate(
             playback.at((before + after) / 2 + place * (after - before)), eavesdropper)
         for before, after in zip(edges, edges[1:], strict=False)
-        for place, weight in zip(_PLACES, _WEIGHTS, strict=True))
+        for place, weight in GAUSS_LEGENDRE)

@@ -1,0 +1,316 @@
+from dataclasses import replace
+import math
+import time
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Scenario, Uav
+from secure_uav_planner.clearance import Clearance
+from secure_uav_planner.curve import Curve
+from secure_uav_planner.errors import PlanError
+from secure_uav_planner.quadratics import least_distance
+import shapely
+
+SAMPLES = 2001
+
+
+def zone_at(rng, low=-300, high=300):
+    """Return a zone of any shape that need not be convex."""
+    count = int(rng.integers(3, 9))
+    angles = np.sort(rng.uniform(0, 2 * math.pi, count))
+    radii = rng.uniform(5, 120, count)
+    points = rng.uniform(low, high, 2) + np.stack(
+        [radii * np.cos(angles), radii * np.sin(angles)], axis=1)
+    if not shapely.Polygon(points).is_valid:
+        return zone_at(rng, low, high)
+    return tuple(map(tuple, points.tolist()))
+
+
+def flights(seed, count=3, slots=8):
+    """Return a scenario and points of flights in it that keep no limit."""
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-300, 300, (1, slots + 2, 2)) + rng.uniform(
+        -100, 100, (count, slots + 2, 2))
+    uavs = []
+    for number in range(count):
+        limit = None if rng.random() < 0.4 else 1000.0
+        velocities = [None if rng.random() < 0.3 else tuple(rng.uniform(-50, 50, 2).tolist())
+                      if rng.random() < 0.5 else (0.0, 0.0) for _ in range(2)]
+        uavs.append(Uav(f'uav{number}', *map(tuple, positions[number, [0, -1]].tolist()),
+                        50.0 + 10 * float(rng.integers(3)), 2000.0, max_acceleration=limit,
+                        start_velocity=velocities[0], goal_velocity=velocities[1]))
+    return Scenario((0, 0), (Eavesdropper((100, 100)),), tuple(uavs), 4.0 * slots,
+                    slots), positions
+
+
+def sampled(scenario, positions):
+    """Return times, and the positions of all UAVs at these, close to each other."""
+    curve = Curve(scenario, positions)
+    times = np.linspace(curve.begin, curve.end, SAMPLES)
+    return curve, times, curve.at(times).positions
+
+
+def at_rest(scenario):
+    """Return the scenario with rest at all ends."""
+    return replace(scenario, uavs=tuple(replace(
+        uav, start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0)) for uav in scenario.uavs))
+
+
+@given(st.integers(0, 10**6))
+def test_the_smallest_distance_between_uavs_is_that_of_dense_samples(seed):
+    scenario, positions = flights(seed)
+    scenario = at_rest(scenario)
+    curve, times, places = sampled(scenario, positions)
+    nearest = Clearance(scenario, curve).between_uavs
+    names = [uav.name for uav in scenario.uavs]
+    dense = {}
+    for one in range(len(names)):
+        for other in range(one):
+            height = scenario.altitudes[one] - scenario.altitudes[other]
+            dense[names[other], names[one]] = np.hypot(
+                np.linalg.norm(places[one] - places[other], axis=-1), height).min()
+    assert nearest.distance <= min(dense.values()) + 1e-9
+    # Between two samples a UAV flies at most this far.
+    step = np.linalg.norm(np.diff(places, axis=1), axis=-1).max()
+    assert nearest.distance >= min(dense.values()) - 2 * step
+    first, second = map(names.index, nearest.names)
+    there = curve.at([nearest.time]).positions[:, 0]
+    assert math.dist((*there[first], scenario.altitudes[first]),
+                     (*there[second], scenario.altitudes[second])) == pytest.approx(
+        nearest.distance, abs=1e-7)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 10**6))
+def test_the_smallest_distance_to_a_zone_is_that_of_dense_samples(seed):
+    scenario, positions = flights(seed)
+    rng = np.random.default_rng(seed)
+    zones = tuple(NoFlyZone(zone_at(rng, 250, 600), floor=float(rng.choice([0, 60])),
+                            ceiling=float(rng.choice([60, 100])), name=name) for name in 'abc')
+    ends = shapely.MultiPoint([place for uav in scenario.uavs for place in (uav.start, uav.goal)])
+    zones = tuple(zone for zone in zones
+                  if not shapely.Polygon(zone.vertices).intersects(ends))
+    scenario = replace(scenario, no_fly_zones=zones)
+    curve, times, places = sampled(scenario, positions)
+    nearest = Clearance(scenario, curve).to_zones
+    dense = [shapely.distance(shapely.Polygon(zone.vertices).exterior, shapely.points(path)).min()
+             for uav, path in zip(scenario.uavs, places) for zone in zones
+             if zone.is_at(uav.altitude)]
+    if not dense:
+        assert nearest is None
+        return
+    assert nearest.distance <= min(dense) + 1e-9
+    step = np.linalg.norm(np.diff(places, axis=1), axis=-1).max()
+    assert nearest.distance >= min(dense) - step
+    uav = [uav.name for uav in scenario.uavs].index(nearest.names[0])
+    zone = zones['abc'.index(nearest.names[1])] if len(zones) == 3 else next(
+        zone for zone in zones if zone.name == nearest.names[1])
+    there = shapely.Point(curve.at([nearest.time]).positions[uav, 0])
+    assert shapely.Polygon(zone.vertices).exterior.distance(there) == pytest.approx(
+        nearest.distance, abs=1e-7)
+
+
+@settings(max_examples=150)
+@given(st.integers(0, 10**6))
+def test_a_flight_is_refused_if_and_only_if_dense_samples_break_a_limit(seed):
+    scenario, positions = flights(seed, count=2, slots=4)
+    rng = np.random.default_rng(seed)
+    ends = shapely.MultiPoint([place for uav in scenario.uavs for place in (uav.start, uav.goal)])
+    low, high = positions.min(axis=(0, 1)) - 30, positions.max(axis=(0, 1)) + 30
+    box = shapely.box(*low, *high)
+    zones = [zone for zone in (zone_at(rng) for _ in range(2))
+             if not shapely.Polygon(zone).buffer(1).intersects(ends)]
+    fence = box.difference(shapely.Polygon(zone_at(rng))) if rng.random() < 0.5 else box
+    if fence.geom_type != 'Polygon' or fence.interiors or not fence.buffer(-1).contains(ends):
+        fence = box
+    scenario = replace(scenario, no_fly_zones=tuple(map(NoFlyZone, zones)),
+                       geofence=tuple(fence.exterior.coords[:-1]))
+    curve, times, places = sampled(scenario, positions)
+    fast = np.linalg.norm(np.diff(places, axis=1), axis=-1).max()
+    worst = -math.inf  # How deep in a forbidden place.
+    for path in places:
+        points = shapely.points(path)
+        for zone in zones:
+            polygon = shapely.Polygon(zone)
+            worst = max(worst, _depths(polygon, points).max())
+        worst = max(worst, -_depths(fence, points).min())
+    try:
+        Clearance(scenario, curve).check()
+    except PlanError as error:
+        assert worst > -fast
+        text = str(error)
+        uav = text.split(' ')[0]
+        depth, at = float(text.split(' is ')[1].split(' m')[0]), float(
+            text.split(' s after')[0].rpartition(' ')[2])
+        there = shapely.points(
+            curve.at([at]).positions[[one.name for one in scenario.uavs].index(uav), 0])
+        known = (-_depths(fence, there) if 'geofence' in text else _depths(
+            shapely.Polygon(scenario.no_fly_zones[int(text.split('zone ')[1][0]) - 1].vertices),
+            there))
+        assert known == pytest.approx(depth, abs=1e-2) and depth > 0
+    else:
+        assert worst <= 1e-6
+
+
+def _depths(polygon, points):
+    distance = shapely.distance(polygon.exterior, points)
+    return np.where(shapely.contains(polygon, points), distance, -distance)
+
+
+@given(st.integers(0, 10**6), st.sampled_from([0.0, 1e-9, 1e-3, 1.0]))
+def test_the_least_distance_of_quadratic_motion_is_exact(seed, bend):
+    rng = np.random.default_rng(seed)
+    position, velocity, acceleration = rng.normal(0, 1, (3, 20, 2)) * [[[1]], [[3]], [[bend]]]
+    if seed % 3 == 0:
+        velocity[:] = 0
+    if seed % 5 == 0:
+        acceleration = velocity * -bend
+    least, by = least_distance(position, velocity, acceleration, 0.5)
+    times = np.linspace(-0.5, 0.5, 20001)[:, None, None]
+    paths = position + velocity * times + acceleration * times**2 / 2
+    dense = np.linalg.norm(paths, axis=-1).min(axis=0)
+    assert (least <= dense + 1e-12).all() and (least >= dense - 1e-3).all()
+    there = position + velocity * by[:, None] + acceleration * by[:, None]**2 / 2
+    assert np.linalg.norm(there, axis=-1) == pytest.approx(least)
+
+
+def plan_of(path, slots=None, acceleration=None, **fields):
+    """Return a plan of one UAV at 50 m along points, with seconds between them."""
+    path = np.array(path, float)
+    uav = Uav('scout', tuple(path[0]), tuple(path[-1]), 50.0, 100.0,
+              max_acceleration=acceleration)
+    slots = len(path) - 2
+    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), (uav,), float(slots), slots, **fields)
+    return Plan(scenario, path[None], np.zeros((1, slots)))
+
+
+WALL = NoFlyZone(((10.0, -50.0), (20.0, -50.0), (20.0, 1.0), (10.0, 1.0)), name='wall')
+
+
+def test_a_plan_through_a_zone_is_refused_with_uav_zone_time_and_depth():
+    line = [(0.0, 0.0), (15.0, 0.5), (30.0, 0.0)]
+    with pytest.raises(PlanError, match=r'scout is 0\.5\d* m inside wall 1 s after point 0'):
+        plan_of(line, no_fly_zones=(WALL,))
+    # Above, below, and beside by less and by more than the tolerance.
+    for zone in (replace(WALL, floor=50.1), replace(WALL, ceiling=49.9)):
+        plan_of(line, no_fly_zones=(zone,))
+    level = [(0.0, 1.0 - 0.9e-6), (15.0, 1.0 - 0.9e-6), (30.0, 1.0 - 0.9e-6)]
+    assert plan_of(level, no_fly_zones=(WALL,)).clearance.to_zones.distance < 1e-6
+    with pytest.raises(PlanError, match='inside wall'):
+        plan_of(np.array(level) - [0.0, 0.3e-6], no_fly_zones=(WALL,))
+
+
+def test_it_is_the_curve_that_counts_and_not_its_control_points():
+    # The points go round the corner of the wall and the curve does not, and the other way round.
+    outside = [(0.0, 0.0), (0.0, 0.0), (15.0, 1.5), (30.0, 0.0), (30.0, 0.0)]
+    with pytest.raises(PlanError, match='inside wall 1.689 s'):
+        plan_of(outside, acceleration=100.0, no_fly_zones=(WALL,))
+    across = NoFlyZone(((14.0, 1.2), (16.0, 1.2), (15.0, 2.0)))
+    plan = plan_of(outside, acceleration=100.0, no_fly_zones=(across,))
+    assert plan.clearance.to_zones.distance == pytest.approx(0.075, abs=1e-9)
+    with pytest.raises(PlanError, match='inside zone 1'):
+        plan_of(outside, no_fly_zones=(across,))
+
+
+def test_a_plan_along_what_divides_a_zone_into_convex_parts_is_refused():
+    star = NoFlyZone(((10, -9), (15, -1), (20, -9), (20, 9), (10, 9)))
+    for level in np.linspace(-8, 8, 33):
+        with pytest.raises(PlanError, match='inside zone 1'):
+            plan_of([(0.0, level), (12.0, level), (40.0, level)], no_fly_zones=(star,))
+
+
+def test_a_plan_that_leaves_the_fence_is_refused_with_the_distance():
+    fence = ((-5.0, -5.0), (35.0, -5.0), (35.0, 5.0), (20.0, 5.0), (15.0, 0.0), (10.0, 5.0),
+             (-5.0, 5.0))
+    inside = [(0.0, 0.0), (15.0, -2.0), (30.0, 0.0)]
+    assert plan_of(inside, geofence=fence)
+    with pytest.raises(PlanError, match=r'scout is 0\.7071\d* m outside the geofence 1 s'):
+        plan_of([(0.0, 0.0), (15.0, 1.0), (30.0, 0.0)], geofence=fence)
+    with pytest.raises(PlanError, match=r'scout is 2 m outside the geofence 1 s'):
+        plan_of([(0.0, 0.0), (15.0, -7.0), (30.0, 0.0)], geofence=fence)
+    with pytest.raises(PlanError, match='outside the geofence'):
+        plan_of([(0.0, 0.0), (45.0, 0.0), (30.0, 0.0)], geofence=fence)
+
+
+def team(offset, separation, velocity=(0.0, 0.0)):
+    """Return a plan in which two UAVs pass each other in the middle of a slot."""
+    uavs = [Uav('one', (0.0, 0.0), (30.0, 0.0), 50.0, 100.0),
+            Uav('two', (30.0, offset), (0.0, offset), 53.0, 100.0)]
+    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), tuple(uavs), 2.0, 2,
+                        separation=separation)
+    shares = np.linspace(0, 1, 4)[:, None]
+    paths = [np.array(uav.start) + shares * (np.array(uav.goal) - uav.start) for uav in uavs]
+    return Plan(scenario, np.array(paths), np.zeros((2, 2)))
+
+
+def test_uavs_that_pass_too_close_between_points_are_refused():
+    plan = team(4.0, 0.0)
+    assert plan.clearance.between_uavs == (pytest.approx(5.0), pytest.approx(1.5), ('one', 'two'))
+    assert team(4.0, 5.0) and team(4.0, 5.0 + 0.9e-6)
+    with pytest.raises(PlanError, match=r'one and two are 5\d* m apart 1.5 s after point 0; '
+                                        'separation is 5.1 m'):
+        team(4.0, 5.1)
+
+
+def test_a_uav_that_waits_at_its_goal_counts():
+    late = Uav('late', (0.0, 40.0), (0.0, 7.0), 50.0, 100.0, max_acceleration=200.0)
+    early = Uav('early', (0.0, -40.0), (0.0, 0.0), 50.0, 100.0)
+    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), (late, early), 2.0, 2)
+    positions = np.array([[(0, 40), (0, 40), (0, 40), (0, 7)], [(0, -40), (0, 0), (0, 0), (0, 0)]])
+    plan = Plan(scenario, positions, np.zeros((2, 2)))
+    assert plan.clearance.between_uavs == (pytest.approx(7.0), pytest.approx(3.5),
+                                           ('late', 'early'))
+    close = np.array([[(0, 40), (0, 40), (0, 0), (0, 7)], [(0, -40), (0, 0), (0, 0), (0, 0)]])
+    with pytest.raises(PlanError, match='late and early'):
+        Plan(replace(scenario, separation=7.0), close, np.zeros((2, 2)))
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 10**6))
+def test_the_rest_of_a_plan_that_keeps_its_limits_keeps_them_as_well(seed):
+    scenario, positions = flights(seed, slots=6)
+    plan = Plan(at_rest(scenario), positions, np.zeros((3, 6)))
+    nearest = plan.clearance.between_uavs.distance
+    plan = replace(plan, scenario=replace(plan.scenario, separation=max(0.0, nearest - 1e-7)))
+    for point in range(1, 6):
+        try:
+            rest = plan.tail(point)
+        except PlanError as error:
+            raise AssertionError(f'from {point}: {error}') from None
+        assert rest.clearance.between_uavs.distance >= nearest - 1e-7
+
+
+def test_one_uav_has_no_distance_to_another():
+    plan = plan_of([(0.0, 0.0), (15.0, 0.0), (30.0, 0.0)])
+    assert plan.clearance.between_uavs is None and plan.clearance.to_zones is None
+
+
+def test_a_plan_survives_a_copy_with_its_distances():
+    plan = fly_hover_fly(Scenario.paper(150))
+    assert plan.clearance.between_uavs.distance == pytest.approx(10.0)
+    again = replace(plan)
+    assert again.clearance.between_uavs == plan.clearance.between_uavs
+
+
+def test_the_check_of_the_largest_plan_takes_a_few_seconds_of_computing_at_most():
+    rng = np.random.default_rng(1)
+    slots, count = 20000, 3
+    turn = np.linspace(0, 40 * math.pi, slots + 2)
+    positions = np.array([[300 * np.cos(turn) + 700 * number, 300 * np.sin(turn)]
+                          for number in range(count)]).swapaxes(1, 2) + rng.normal(
+        0, 0.01, (count, slots + 2, 2))
+    uavs = tuple(Uav(f'uav{number}', *map(tuple, path[[0, -1]].tolist()), 50.0, 100.0,
+                     max_acceleration=1000.0) for number, path in enumerate(positions))
+    zones = tuple(NoFlyZone(tuple(
+        (x + 20 * math.cos(at), y + 20 * math.sin(at)) for at in np.linspace(0, 6, 8)))
+        for x, y in rng.uniform(-150, 150, (64, 2)))
+    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), uavs, float(slots), slots,
+                        separation=1.0, no_fly_zones=zones, geofence=(
+                            (-1e4, -1e4), (1e4, -1e4), (1e4, 1e4), (-1e4, 1e4)))
+    begin = time.process_time()
+    clearance = Clearance(scenario, Curve(scenario, positions))
+    clearance.check()
+    assert clearance.to_zones.distance > 0
+    assert time.process_time() - begin < 10
