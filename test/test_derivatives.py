@@ -136,3 +136,24 @@ def test_the_gradient_at_the_very_kink_is_finite():
     slots = SlotRates(receivers, grid.variables(above, np.ones((2, 3))))
     assert np.isfinite(slots.derivatives().gradients).all()
     assert np.isfinite(slots.derivatives().hessian(np.ones((3, 2)))).all()
+
+
+@settings(max_examples=20)
+@given(scenarios(), SEEDS)
+def test_the_gradients_change_with_the_places_as_derivatives_say(scenario, seed):
+    rng = np.random.default_rng(seed)
+    grid = Grid.of(scenario)
+    x = inner_variables(grid, rng)
+    places = rng.normal(0, 3, (scenario.slots, 2, 2))
+    guarantee, step = Receivers.of(grid), 1e-5
+
+    def gradients(axis, by):
+        moved = places.copy()
+        moved[..., axis] += by
+        return SlotRates(guarantee.at_places(moved), x).derivatives().gradients[..., 1:, :, :]
+
+    exact = SlotRates(guarantee.at_places(places), x).derivatives().by_places()[..., 1:, :, :]
+    for axis in (0, 1):
+        found = (gradients(axis, step) - gradients(axis, -step)) / (2 * step)
+        assert np.allclose(exact[..., axis], found.reshape(exact.shape[:-1]),
+                           rtol=1e-4, atol=1e-4 * np.abs(exact).max())

@@ -6,7 +6,10 @@ from hypothesis import given, settings
 import numpy as np
 import pytest
 from secure_uav_planner import channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
+from secure_uav_planner.channel.derivatives import SlotRates
 from secure_uav_planner.errors import OptionError
+from secure_uav_planner.grid import Grid
+from secure_uav_planner.optimize.joint.worst_places import PER_DISC, WorstPlaces
 from strategies import scenarios
 
 
@@ -89,3 +92,32 @@ def test_the_file_keeps_the_objective_and_other_objectives_are_refused(tmp_path)
         solve(plan.scenario, objective='best')
     with pytest.raises(OptionError, match="'alternating' has only 'guaranteed'"):
         solve(plan.scenario, method='alternating', objective='worst_case')
+
+
+@pytest.mark.parametrize('radius', [20.0, 150.0], ids=['on the edge', 'inside'])
+def test_the_largest_leak_bends_as_the_places_that_follow_the_uavs_say(radius):
+    scenario = replace(Scenario.paper(120.0, radius, slots=6), reference_snr_db=90.0)
+    grid, rng = Grid.of(scenario), np.random.default_rng(2)
+    x = np.empty((6, 2, 3))
+    x[..., 0] = [0.8, 0.02]
+    x[..., 1:] = rng.uniform([-0.5, -1.0], [2.0, 1.0], (6, 2, 2))
+
+    def largest(x):
+        leaks = channel.leak_maximisers(scenario, grid.positions(x)[:, 1:-1], grid.powers(x))[1]
+        return leaks[0] * np.log(2)
+
+    places = WorstPlaces(grid, x)
+    derivatives = SlotRates(places.receivers, x[None]).derivatives()
+    only = np.zeros((1, 6, PER_DISC))
+    only[..., 0] = 1.0
+    fixed = derivatives.hessian(np.concatenate([np.zeros((1, 6, 1)), only], axis=-1))[0]
+    bend = fixed + places.curvature(derivatives, only)[0]
+    seen, of_fixed = [], []
+    for move in rng.normal(0, 1, (20, 2, 3)):
+        step = 2e-3 * move
+        second = (largest(x + step) - 2 * largest(x) + largest(x - step)) / 2e-3**2
+        seen.append(second)
+        of_fixed.append(np.einsum('i,nij,j->n', move.ravel(), fixed, move.ravel()))
+        found = np.einsum('i,nij,j->n', move.ravel(), bend, move.ravel())
+        assert np.allclose(found, second, rtol=0.05, atol=0.02)
+    assert not np.allclose(of_fixed, seen, rtol=0.2, atol=0.1)

@@ -142,3 +142,25 @@ class SlotDerivatives:
         block[..., 1, 2] += x_y
         block[..., 2, 1] += x_y
         return hessian
+
+    def by_places(self) -> Array:
+        """
+        Return the derivatives of all gradients by the receivers' places, (..., N, K, 3 U, 2).
+
+        A rate depends on offsets alone, so that a receiver's move is that of all UAVs the other
+        way: the sum of the Hessian's columns of their positions, with the sign changed.
+        """
+        weight = np.repeat((1.0 / self._total)[..., None], self._power.shape[-1], axis=-1)
+        weight[..., 1:] -= (1.0 / self._interference)[..., None]
+        mixed = weight * self._slope
+        curvature = weight * self._power * self._curvature
+        offsets = np.stack([self._dx, self._dy], axis=-1)
+        by_places = np.empty((*mixed.shape, 3, 2))
+        by_places[..., 0, :] = mixed[..., None] * offsets
+        by_places[..., 1:, :] = curvature[..., None, None] * (
+            offsets[..., :, None] * offsets[..., None, :])
+        by_places[..., (1, 2), (0, 1)] += (mixed * self._power)[..., None]
+        for part, sign in ((self._of_total, -1.0), (self._of_interference, 1.0)):
+            together = part[..., 1:].sum(axis=-2)
+            by_places += sign * part[..., None] * together[..., None, None, :]
+        return -by_places.reshape(*mixed.shape[:-1], -1, 2)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from .line_search import line_search
 from .newton import BandMatrix
 from .schedule import Schedule
+from .worst_places import WorstPlaces
 from ...channel.derivatives import Receivers, SlotRates
 from ...errors import NumericalError
 from ...grid import Grid
@@ -62,16 +63,17 @@ class Barrier:
     :param schedule: the tuned numbers.
     :param check: called between parts of a step that may take long; what it raises ends the
         step and leaves x as it was.
-    :param receivers: who receives; by default those of the guarantee.
+    :param places: of the eavesdroppers in every slot; by default the guarantee counts.
     """
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array, schedule: Schedule,
                  check: Callable[[], None] = lambda: None,
-                 receivers: Receivers | None = None) -> None:
+                 places: WorstPlaces | None = None) -> None:
         self.grid = grid
         self.schedule = schedule
         self.check = check
-        self.receivers = Receivers.of(grid) if receivers is None else receivers
+        self._places = places
+        self.receivers = Receivers.of(grid) if places is None else places.receivers
         self._limits = limits_of(grid.scenario, grid)
         self.solver_time = 0.0
         self.x = x
@@ -101,11 +103,12 @@ class Barrier:
             self._leak_shares = self._leak_shares[chosen]
         self._known = None
 
-    def exchange(self, receivers: Receivers) -> None:
-        """Go on with other receivers, as many as before and with the same duals."""
-        self.receivers = receivers
+    def exchange(self, places: WorstPlaces, worse: bool) -> None:
+        """Go on with places that have been exchanged; `worse` ones need further steps."""
+        self._places, self.receivers = places, places.receivers
         self._known = None
-        self.finished = np.zeros_like(self.finished)
+        if worse:
+            self.finished = np.zeros_like(self.finished)
 
     def rates(self) -> Array:
         """Return the mean guaranteed rates, losing slots silenced, in nats, (S,)."""
@@ -167,6 +170,8 @@ class Barrier:
         shares = central if self._leak_shares is None else self._leak_shares
         hessian = derivatives.hessian(
             np.concatenate([np.full_like(shares[..., :1], -1.0), shares], axis=-1))
+        if self._places is not None:
+            hessian += self._places.curvature(derivatives, shares)
         ratio = shares / gap
         flat = leaks.reshape(*gap.shape, -1)
         mean = (ratio[..., None] * flat).sum(axis=-2) / ratio.sum(axis=-1)[..., None]

@@ -30,7 +30,7 @@ def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
 
     :param search: a Search; when `warm`, its present plan is the only start.
     """
-    if search.objective == 'worst_case':
+    if search.objective == 'worst_case' and search.scenario.error_radii.any():
         if not search.warm:
             # The plan of (P2) is where (P1) begins, and what it is never below.
             guaranteed = search.with_objective('guaranteed')
@@ -95,21 +95,25 @@ class _Joint:
         x = strictly_feasible(self._grid, search.positions, search.powers,
                               share=schedule.warm_share)
         places = WorstPlaces(self._grid, x)
-        barrier = Barrier(self._grid, x[None], schedule.warm_mu, schedule, self._check,
-                          places.receivers)
+        barrier = Barrier(self._grid, x[None], schedule.warm_mu if search.warm
+                          else schedule.places_mu, schedule, self._check, places)
+        best, rate, tried = x, places.rate, 0.0
         last_steps = 0
         for step in range(1, schedule.steps + 1):
-            self._step(barrier, schedule.final_mu)
-            last_steps += int(barrier.mu[0] <= schedule.final_mu)
-            if places.exchange(barrier.x[0], schedule.worse):
-                barrier.exchange(places.receivers)
+            self._step(barrier, schedule.places_final_mu)
+            last_steps += int(barrier.mu[0] <= schedule.places_final_mu)
+            barrier.exchange(places, places.exchange(barrier.x[0], schedule.worse))
+            if places.rate > rate:
+                best, rate = barrier.x[0], places.rate
             # Places may go on moving to and fro, by ever less.
-            if barrier.finished.all() or last_steps >= schedule.patience:
-                self._try_best(barrier)
+            done = barrier.finished.all() or last_steps >= schedule.places_patience
+            # To evaluate the rate takes longer than a step.
+            if rate > tried and (done or step % schedule.try_every == 0):
+                self._try(best)
+                tried = rate
+            if done:
                 search.report('joint')
                 return 'converged'
-            if step % schedule.try_every == 0:
-                self._try_best(barrier)
         return 'iteration_limit'
 
     def _compete(self, grid: Grid, x: Array, mus: Array) -> Barrier:
@@ -262,4 +266,8 @@ class _Joint:
         x = barrier.x[barrier.rates().argmax()]
         if barrier.grid.slots != self._grid.slots:
             x = barrier.grid.refined(x, self._grid.slots)
+        self._try(x)
+
+    def _try(self, x: Array) -> None:
+        """Propose variables of the full grid, (N, U, 3), to the search."""
         self._search.try_improve(self._grid.positions(x), self._grid.powers(x))

@@ -1,14 +1,20 @@
 """The places in the discs that stand for them where the true worst case is the objective."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ...channel import leak_maximisers
-from ...channel.derivatives import Receivers, SlotRates
+from ...channel.derivatives import Receivers, SlotDerivatives, SlotRates
 from ...grid import Grid
 from ...scenario import Array
 
-_ANGLES = (0.0, 3.0)  # Of the first places of a disc, from the worst one, in rad.
+_ANGLES = (0.0, 2.0, 4.0)  # Of the first places of a disc, from the worst one, in rad.
 _NEAR = 0.5  # In radii of the disc.
+_ON_EDGE = 1 - 1e-6  # Distance from the centre, in radii, of a place that the edge holds.
+_FLATTEST = 0.01  # Least curvature with which a place follows, as a share of the largest.
+_TINY = 1e-300
 PER_DISC = len(_ANGLES)
 
 
@@ -22,54 +28,111 @@ class WorstPlaces:
     :param grid: of the variables; it has the scenario's own slots.
     :param x: where to begin, (N, U, 3).
     :ivar receivers: the ground node, and eavesdroppers at the places.
+    :ivar rate: mean rate against the worst places found at the last x, losing slots silenced, in
+        nats.
     """
 
     def __init__(self, grid: Grid, x: Array) -> None:
         self._grid = grid
-        scenario = grid.scenario
+        self._scenario = grid.scenario
+        self._centres = self._scenario.eavesdropper_positions
         self._guarantee = Receivers.of(grid)
-        worst, _ = self._worst(x)
-        offset = worst - scenario.eavesdropper_positions[:, None]
+        worst, leaks = self._worst(x)
+        offset = worst - self._centres[:, None]
         turns = np.array([[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
                           for angle in _ANGLES])
         # (E, N, PER_DISC, 2)
-        self._places = scenario.eavesdropper_positions[:, None, None] + np.einsum(
-            'aij,enj->enai', turns, offset)
+        self._places = self._centres[:, None, None] + np.einsum('aij,enj->enai', turns, offset)
+        # Which are where the leak is largest at the last x, (E, N, PER_DISC).
+        self._largest: NDArray[np.bool_] = np.zeros(self._places.shape[:-1], bool)
+        self._largest[..., 0] = True
         self.receivers = self._made()
+        self.rate = self._rate(SlotRates(self.receivers, x), leaks)
 
     def exchange(self, x: Array, tolerance: float) -> bool:
         """
-        Take up the worst place of every disc and slot where it is worse than all that count.
+        Take up the worst place of every disc and slot.
 
-        It takes the place of a near one, which it follows when the UAVs move and whose dual is
-        nearly its own, or, if none is near, of the one with the smallest leak.
+        It takes the place of a near one, which so follows the UAVs and whose dual is nearly its
+        own. If none is near, it counts only where it is worse than all that do, and takes the
+        place of the one with the smallest leak.
 
         :param x: (N, U, 3).
         :param tolerance: by which it must be worse, in nats.
-        :return: whether any was taken up.
+        :return: whether any was worse.
         """
         worst, leaks = self._worst(x)
-        known = SlotRates(self.receivers, x).leaks
-        known = np.moveaxis(known.reshape(len(x), len(worst), PER_DISC), 1, 0)
+        rates = SlotRates(self.receivers, x)
+        self.rate = self._rate(rates, leaks)
+        known = np.moveaxis(rates.leaks.reshape(len(x), len(worst), PER_DISC), 1, 0)
         # Only what is worse than all places of all discs matters.
-        new = leaks > known.max(axis=(0, 2)) + tolerance
-        eve, slot = np.nonzero(new)
-        if not len(eve):
-            return False
-        apart = np.linalg.norm(self._places[eve, slot] - worst[eve, slot][:, None], axis=-1)
-        near = apart.min(axis=-1) < _NEAR * self._grid.scenario.error_radii[eve]
-        left = np.where(near, apart.argmin(axis=-1), known[eve, slot].argmin(axis=-1))
+        worse = leaks > known.max(axis=(0, 2)) + tolerance
+        apart = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
+        near = apart.min(axis=-1) < _NEAR * self._scenario.error_radii[:, None]
+        left = np.where(near, apart.argmin(axis=-1), known.argmin(axis=-1))
+        eve, slot = np.nonzero(near | worse)
+        left = left[eve, slot]
         self._places[eve, slot, left] = worst[eve, slot]
+        self._largest[:] = False
+        self._largest[eve, slot, left] = True
         self.receivers = self._made()
-        return True
+        return bool(worse.any())
+
+    def curvature(self, derivatives: SlotDerivatives, shares: Array) -> Array:
+        """
+        Return what the Hessian of the leaks gains as places follow the UAVs, (..., N, 3 U, 3 U).
+
+        For f(x) = max_w g(x, w) it is -g_xw g_ww^-1 g_wx at the worst place w, which is on top of
+        g_xx; for a place on the edge, that along the edge, whose curvature counts too. Without
+        it, places and UAVs that follow each other in turn may swing ever further.
+
+        :param derivatives: at the x at which places were exchanged.
+        :param shares: weights of the leaks to all places, (..., N, E PER_DISC).
+        """
+        mixed = derivatives.by_places()[..., 1:, :, :]
+        of_positions = mixed.reshape(*mixed.shape[:-2], -1, 3, 2)[..., 1:, :]
+        bend = of_positions.sum(axis=-3)  # -g_ww
+        slope = -derivatives.gradients[..., 1:, :, 1:].sum(axis=-2)
+        radii = np.repeat(self._scenario.error_radii / self._grid.length, PER_DISC)
+        offset = self._by_slots(self._places - self._centres[:, None, None]) / self._grid.length
+        distance = np.linalg.norm(offset, axis=-1)
+        out = offset / np.maximum(distance, _TINY)[..., None]
+        along = np.stack([-out[..., 1], out[..., 0]], axis=-1)
+        least = _FLATTEST * np.abs(bend).max(axis=(-2, -1)) + _TINY
+        # On the edge:
+        on_edge = (bend @ along[..., None])[..., 0]
+        bend_along = (on_edge * along).sum(axis=-1) + (
+            slope * out).sum(axis=-1) / np.maximum(radii, _TINY)
+        row = (mixed @ along[..., None]) / np.sqrt(
+            np.maximum(bend_along, least))[..., None, None]
+        # Inside:
+        bends, axes = np.linalg.eigh(bend)
+        rows = (mixed @ axes) / np.sqrt(np.maximum(bends, least[..., None]))[..., None, :]
+        edge = (distance >= _ON_EDGE * radii)[..., None, None]
+        rows = np.where(edge, np.concatenate([row, np.zeros_like(row)], axis=-1), rows)
+        weights = shares * (self._by_slots(self._largest) & (radii > 0))
+        rows = rows * np.sqrt(weights)[..., None, None]
+        rows = np.moveaxis(rows, -3, -2).reshape(*rows.shape[:-3], rows.shape[-2], -1)
+        curvature: Array = rows @ np.swapaxes(rows, -1, -2)
+        return curvature
 
     def _worst(self, x: Array) -> tuple[Array, Array]:
         """Return the worst places (E, N, 2) in m, and their leaks (E, N) in nats."""
         places, leaks = leak_maximisers(
-            self._grid.scenario, self._grid.positions(x)[:, 1:-1], self._grid.powers(x))
+            self._scenario, self._grid.positions(x)[:, 1:-1], self._grid.powers(x))
         return places, leaks * np.log(2)
 
     def _made(self) -> Receivers:
-        places = np.moveaxis(self._places, 0, 1)  # (N, E, PER_DISC, 2)
-        places = places.reshape(len(places), -1, 2)
+        places = self._by_slots(self._places)
         return self._guarantee.at_places((places - self._grid.origin) / self._grid.length)
+
+    @staticmethod
+    def _by_slots(values: NDArray[Any]) -> NDArray[Any]:
+        """Return (N, E PER_DISC, ...) of (E, N, PER_DISC, ...)."""
+        values = np.moveaxis(values, 0, 1)
+        return values.reshape(len(values), -1, *values.shape[3:])
+
+    @staticmethod
+    def _rate(rates: SlotRates, leaks: Array) -> float:
+        most = np.maximum(leaks.max(axis=0), rates.leaks.max(axis=-1))
+        return float(np.maximum(rates.ground - most, 0.0).mean())
