@@ -15,10 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .channel import guaranteed_rates
-from .scenario import Array, Scenario
+from .fields import LIMITS
+from .scenario import Array, Point, Scenario
 
 # Slower than this share of the largest speed, a direction of travel is numerical noise.
 _HOVERING = 1e-3
+# Smaller velocities in m/s, and changes of velocity in a slot, are those of rounding.
+_NOTHING = 1e-9
+# How far limits lie above what a flight uses of them, as a share.
+_ROUNDING = 1e-6
 
 GAUSS_LEGENDRE = ((-math.sqrt(0.15), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.15), 5 / 18))
 """Places from -1/2 to 1/2 and weights, whose weighted sum is the mean of quintics in between."""
@@ -38,6 +43,22 @@ class Motion(NamedTuple):
     velocities: Array
     accelerations: Array
     headings: Array
+
+
+class Flown(NamedTuple):
+    """
+    What a flight tells of its vehicle: the fields of Uav with the same names.
+
+    :ivar max_speed: the smallest limit that it keeps, in m/s.
+    :ivar max_acceleration: likewise, in m/s^2, or None for a flight straight from point to point.
+    :ivar start_velocity: (x, y) in m/s, or None where the first move goes on as it begins.
+    :ivar goal_velocity: likewise at the goal.
+    """
+
+    max_speed: float
+    max_acceleration: float | None
+    start_velocity: Point | None
+    goal_velocity: Point | None
 
 
 class Curve:
@@ -124,6 +145,43 @@ def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Ar
         positions = np.pad(curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
         rates += weight * guaranteed_rates(scenario, positions, powers)
     return rates
+
+
+def flown(points: Array, step: float, velocities: Array | None = None,
+          accelerations: Array | None = None) -> Flown:
+    """
+    Return the limits and the ends with which the Curve of some points is a given motion.
+
+    :param points: of one UAV, (N+2, 2) in m.
+    :param step: the length of a slot in s.
+    :param velocities: of the motion at the times of the points, (N+2, 2) in m/s; None, as for the
+        accelerations, if the UAV flies straight from point to point.
+    :param accelerations: likewise, (N+2, 2) in m/s^2.
+    """
+    moves = np.diff(points, axis=0) / step
+    fastest = float(np.linalg.norm(moves, axis=-1).max())
+    least_speed, least = LIMITS['max_speed'][0], LIMITS['max_acceleration'][0]
+    if velocities is None or accelerations is None or not (
+            np.abs(accelerations * step).max() > _NOTHING
+            or np.abs(velocities[-1]).max() > _NOTHING):
+        return Flown(max(fastest * (1 + 1e-9), least_speed), None, (0.0, 0.0), (0.0, 0.0))
+    ends = [_end(moves[0], -accelerations[0] * step), _end(moves[-1], accelerations[-1] * step)]
+    given = [end for end in ends if end is not None]
+    fastest = max([fastest, *(math.hypot(*end) for end in given)])
+    changes = np.diff(np.concatenate([
+        moves[:1] if ends[0] is None else [ends[0]], moves,
+        moves[-1:] if ends[1] is None else [ends[1]]]), axis=0)
+    most = float(np.linalg.norm(changes, axis=-1).max()) / step
+    return Flown(max(fastest * (1 + _ROUNDING), least_speed),
+                 max(most * (1 + _ROUNDING), least), *ends)
+
+
+def _end(velocity: Array, change: Array) -> Point | None:
+    """Return the velocity at an end, from that of the move there and the change to it."""
+    if np.abs(change).max() <= _NOTHING:
+        return None
+    x, y = (velocity + change).tolist()
+    return (0.0, 0.0) if max(abs(x), abs(y)) <= _NOTHING else (x, y)
 
 
 def _headings(moves: Array, max_step: Array) -> Array:

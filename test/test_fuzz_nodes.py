@@ -16,7 +16,8 @@ import time
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
-    Point, Pose, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped, Quaternion)
+    Point, Pose, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped, Quaternion,
+    Transform, Twist, Vector3)
 from hypothesis import given, HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry, Path
@@ -32,7 +33,7 @@ from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.parameters import PLANNER, REPLAY, uav_parameters
 from secure_uav_planner.ros.qos import LATCHED
 from std_msgs.msg import Float64, Float64MultiArray, Header
-from trajectory_msgs.msg import MultiDOFJointTrajectory
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 UAVS = ('uav1', 'uav2')
 DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -77,7 +78,14 @@ POWER = st.builds(
     Float64MultiArray, data=st.one_of(
         st.lists(st.one_of(st.floats(0, 4), ANY), max_size=5).map(lambda x: array.array('d', x)),
         st.integers(0, 50).map(lambda count: array.array('d', [1.0] * count))))
+VECTOR = st.builds(Vector3, x=COORDINATE, y=COORDINATE, z=COORDINATE)
+TWISTS = st.lists(st.builds(Twist, linear=VECTOR), max_size=2)
+TRAJECTORY = st.builds(
+    MultiDOFJointTrajectory, header=HEADER, points=st.lists(st.builds(
+        MultiDOFJointTrajectoryPoint, velocities=TWISTS, accelerations=TWISTS,
+        transforms=st.lists(st.builds(Transform, translation=VECTOR), max_size=2)), max_size=5))
 PLANS = st.one_of(
+    st.tuples(st.sampled_from([f'{name}/trajectory' for name in UAVS]), TRAJECTORY, STAMP),
     st.tuples(st.sampled_from([f'{name}/path' for name in UAVS]), PATH, STAMP),
     st.tuples(st.sampled_from([f'{name}/power' for name in UAVS]), POWER, STAMP))
 
@@ -310,6 +318,9 @@ class Replay(Target):
             path, power = messages.path(plan, index, 'map'), messages.power(plan, index)
             self.client.publisher(Path, f'{name}/path', LATCHED).publish(path)
             self.client.publisher(Float64MultiArray, f'{name}/power', LATCHED).publish(power)
+            self.client.publisher(
+                MultiDOFJointTrajectory, f'{name}/trajectory', LATCHED).publish(
+                    messages.trajectory(plan, index, 'map'))
 
     def check_setpoints(self):
         for received in self.setpoints + self.odometry:

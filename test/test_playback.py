@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import channel, fly_hover_fly, Scenario
-from secure_uav_planner.curve import Curve
+from secure_uav_planner.curve import Curve, flown
 from secure_uav_planner.playback import Playback, Player
 from strategies import scenarios
 
@@ -165,3 +165,24 @@ def test_a_plan_whose_time_has_passed_takes_over_at_the_right_moment(plan):
     player.load(plan.tail(30))
     assert player.playback.plan.scenario.slots == 72
     assert player.time == pytest.approx(10.0)
+
+
+@settings(max_examples=60)
+@given(scenarios())
+def test_a_motion_tells_the_limits_and_the_ends_of_the_curve_that_it_is_of(scenario):
+    plan = fly_hover_fly(scenario)
+    motion = Curve(scenario, plan.positions).at(plan.times)
+    uavs = tuple(
+        replace(uav, **flown(plan.positions[index], scenario.slot_duration,
+                             motion.velocities[index], motion.accelerations[index])._asdict())
+        for index, uav in enumerate(scenario.uavs))
+    for uav, was in zip(uavs, scenario.uavs, strict=True):
+        assert uav.max_speed <= was.max_speed * (1 + 2e-6) + 1e-6
+        assert (uav.max_acceleration or 0) <= (was.max_acceleration or 0) * (1 + 2e-6) + 2e-6
+    # The plan keeps them, and flies the same curve.
+    again = replace(plan, scenario=replace(scenario, uavs=uavs))
+    times = np.linspace(plan.times[0], plan.times[-1], 999)
+    before = Curve(scenario, plan.positions).at(times)
+    found = Curve(again.scenario, again.positions).at(times)
+    assert found.positions == pytest.approx(before.positions, abs=1e-6)
+    assert found.velocities == pytest.approx(before.velocities, abs=1e-4)

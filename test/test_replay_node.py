@@ -72,13 +72,16 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
     assert 0 < step < np.linalg.norm(np.diff(plan.positions, axis=1), axis=-1).sum(axis=1).max()
 
 
-def send(client, plan, start_ns, change=lambda kind, uav, message: None):
+def send(client, plan, start_ns, change=lambda kind, uav, message: None,
+         topics=('path', 'power')):
     """Send the messages of a plan, each changed by a function, with no delay in between."""
     plan = replace(plan, start_ns=start_ns)
+    makers = {'path': messages.path, 'power': lambda plan, index, _: messages.power(plan, index),
+              'trajectory': messages.trajectory}
     made = []
     for index, uav in enumerate(plan.scenario.uavs):
-        for message, topic in ((messages.path(plan, index, 'earth'), 'path'),
-                               (messages.power(plan, index), 'power')):
+        for topic in topics:
+            message = makers[topic](plan, index, 'earth')
             change(topic, index, message)
             publisher = client.publisher(type(message), f'{uav.name}/{topic}', LATCHED)
             made.append((publisher, message))
@@ -302,3 +305,119 @@ def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(
                      for message in found[:200]])
     assert (abs(np.diff(y) - speeds[:-1] * later) <= 4 * 1.5 / 2 * later**2 + 1e-3).all()
     assert y[0] == pytest.approx(500.0, abs=5.0)
+
+
+# The curve of a plan on the topics
+
+ALL = ('path', 'power', 'trajectory')
+
+
+@pytest.fixture(scope='module')
+def smooth():
+    """Return a plan whose transmitter has a limit of acceleration and whose jammer has none."""
+    scenario = Scenario.paper(120.0, slots=30)
+    scenario = replace(scenario, uavs=(
+        replace(scenario.uavs[0], max_acceleration=1.5, start_velocity=(1.0, -2.0),
+                goal_velocity=None), scenario.uavs[1]))
+    return fly_hover_fly(scenario, 'optimised')
+
+
+def distance_from_curve(plan, uav, setpoints):
+    """Return how far setpoints are at most from the curve of a plan, in m and in m/s."""
+    curve = Curve(plan.scenario, plan.positions)
+    motion = curve.at(np.linspace(curve.begin, curve.end, 20001))
+    places = np.array([(at.x, at.y) for message in setpoints
+                       for at in [message.points[0].transforms[0].translation]])
+    apart = np.linalg.norm(motion.positions[uav][:, None] - places, axis=-1)
+    nearest = apart.argmin(axis=0)
+    velocities = np.array([(at.x, at.y) for message in setpoints
+                           for at in [message.points[0].velocities[0].linear]])
+    off = np.linalg.norm(velocities - motion.velocities[uav][nearest], axis=-1)
+    return apart.min(axis=0).max(), off.max()
+
+
+def moving(setpoints):
+    """Return the setpoints before the first that rests."""
+    speeds = [np.hypot(at.x, at.y) for message in setpoints
+              for at in [message.points[0].velocities[0].linear]]
+    return setpoints[:next((number for number, speed in enumerate(speeds) if not speed), None)]
+
+
+def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from_a_file(
+        client, smooth):
+    with node_process('replay', speed=1.0, rate=50.0) as process:
+        send(client, smooth, 10**18, topics=ALL)
+        wait_for(lambda: any('got a plan of 30 slots' in line for line in process.lines))
+        assert client.set_parameters('replay', speed=20.0)[0].successful
+        setpoints = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
+        assert client.call('replay/start').success
+        wait_for(lambda: end_of(process))
+    for message in setpoints:
+        # As a vehicle sees it at real time.
+        linear = message.points[0].velocities[0].linear
+        linear.x, linear.y = linear.x / 20, linear.y / 20
+    assert len(moving(setpoints)) > 50
+    place, velocity = distance_from_curve(smooth, 0, moving(setpoints))
+    assert place < 0.05 and velocity < 0.05
+    # The points are farther from the curve than that: nobody flies straight between them.
+    curve = Curve(smooth.scenario, smooth.positions).at(smooth.times).positions
+    assert np.linalg.norm(curve - smooth.positions, axis=-1)[0].max() > 0.5
+    assert not np.linalg.norm(curve - smooth.positions, axis=-1)[1].any()
+    assert not any('straight' in line for line in process.lines)
+
+
+def test_trajectories_may_come_in_any_order_and_late_ones_still_count(client, smooth):
+    with node_process('replay') as process:
+        def plans():
+            return sum('got a plan' in line for line in process.lines)
+
+        send(client, smooth, 10**18, topics=('trajectory', 'power', 'path'))
+        wait_for(lambda: plans() == 1)
+        # The replay knows now that somebody publishes trajectories, and misses them.
+        send(client, smooth, 11 * 10**17)
+        wait_for(lambda: plans() == 2)
+        assert sum('nothing has come on uav1/trajectory, uav2/trajectory' in line
+                   for line in process.lines) == 1
+        send(client, smooth, 11 * 10**17, topics=('trajectory',))
+        wait_for(lambda: plans() == 3)
+        # A new plan of the same flight has the same stamp.
+        send(client, smooth, 11 * 10**17, topics=ALL)
+        wait_for(lambda: plans() == 4)
+        assert sum('straight' in line for line in process.lines) == 1
+        assert not any('not used' in line for line in process.lines)
+
+
+def of_another_curve(kind, uav, message):
+    if kind == 'trajectory' and uav == 0:
+        message.points[7].transforms[0].translation.x += 0.5
+
+
+def beyond_every_number(kind, uav, message):
+    if kind == 'trajectory' and uav == 0:
+        message.points[0].accelerations[0].linear.x = float('nan')
+
+
+def too_short(kind, uav, message):
+    if kind == 'trajectory' and uav == 0:
+        message.points = message.points[:-1]
+
+
+def of_a_curve_elsewhere(kind, uav, message):
+    if kind == 'trajectory' and uav == 0:
+        message.header.frame_id = 'odom'
+
+
+@pytest.mark.parametrize('change, reason', [
+    (of_another_curve, 'uav1/trajectory is not the curve of uav1/path: at point 7'),
+    (beyond_every_number, 'uav1/trajectory has values beyond'),
+    (too_short, 'uav1/trajectory has 31 points and uav1/path 32'),
+    (of_a_curve_elsewhere, "uav1/path is in frame 'earth', uav1/trajectory in 'odom'")])
+def test_trajectories_that_do_not_belong_to_their_paths_are_refused(
+        client, smooth, change, reason):
+    with node_process('replay') as process:
+        send(client, smooth, 10**18, change, topics=ALL)
+        wait_for(lambda: any('not used' in line and reason in line for line in process.lines))
+        assert not any('got a plan' in line for line in process.lines)
+        # The right one completes the plan.
+        send(client, smooth, 10**18, topics=('trajectory',))
+        wait_for(lambda: any('got a plan' in line for line in process.lines))

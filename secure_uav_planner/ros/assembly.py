@@ -1,11 +1,14 @@
 """Assembly of a plan from the messages on its topics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 from nav_msgs.msg import Path
 import numpy as np
 from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from ..curve import Curve, flown
 from ..errors import PlanError, shown
 from ..plan import Plan
 from ..scenario import Array, Eavesdropper, LIMITS, Point, Scenario, Uav
@@ -14,6 +17,7 @@ _SETTLING_NS = 100_000_000
 _PATIENCE_NS = 2_000_000_000
 _IRREGULAR = 0.01  # Largest error of a point's time, as a share of a slot.
 _SAME_ALTITUDE = 1e-3
+_SAME_PLACE = 1e-3
 
 
 class Assembly:
@@ -21,21 +25,32 @@ class Assembly:
     Collects the messages of a plan, which arrive one by one and in any order.
 
     Every message is used for one plan only, because messages with powers have no stamp, and new
-    powers must not be combined with an old path.
+    powers must not be combined with an old path. A plan may have no trajectories. They are waited
+    for where somebody publishes them, and one that comes late makes the last plan anew.
 
     :param names: the names of the UAVs.
+    :param expects: whether somebody publishes the trajectory of a UAV, by its name.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str], expects: Callable[[str], bool]) -> None:
         self._names = names
-        self._paths: dict[str, Path] = {}
-        self._powers: dict[str, Float64MultiArray] = {}
+        self._expects = expects
+        self._new = _Messages({}, {}, {})
+        self._last = _Messages({}, {}, {})
         self._received: int | None = None
 
-    def take(self, name: str, message: Path | Float64MultiArray, now_ns: int) -> None:
+    def take(self, name: str, message: Path | Float64MultiArray | MultiDOFJointTrajectory,
+             now_ns: int) -> None:
         """Keep a message as the newest of a UAV's topic."""
-        kept = self._paths if isinstance(message, Path) else self._powers
-        kept[name] = message
+        if isinstance(message, MultiDOFJointTrajectory):
+            self._new.trajectories[name] = message
+            # One that comes before everything else of its plan waits in silence.
+            if not (self._new.paths or self._new.powers or self._late()):
+                return
+        elif isinstance(message, Path):
+            self._new.paths[name] = message
+        else:
+            self._new.powers[name] = message
         self._received = now_ns
 
     def is_due(self, now_ns: int) -> bool:
@@ -49,12 +64,12 @@ class Assembly:
             return False
         # After the clock has jumped back, do not wait.
         waited = now_ns - self._received
-        patience = _PATIENCE_NS if self._missing() else _SETTLING_NS
+        patience = _SETTLING_NS if self._is_complete() else _PATIENCE_NS
         return not 0 <= waited < patience
 
     def is_whole(self) -> bool:
         """Return whether there is a message of every topic, of which at least one is new."""
-        return self._received is not None and not self._missing()
+        return self._received is not None and self._is_complete()
 
     def plan(self, ground_node: Point, reference_snr_db: float, eavesdropper: Point | None
              ) -> tuple[Plan, str]:
@@ -66,33 +81,66 @@ class Assembly:
             message may complete them.
         """
         self._received = None
-        missing = self._missing()
+        chosen = self._chosen()
+        missing = self._missing(chosen)
         if missing:
             raise PlanError(f'nothing new has come on {", ".join(missing)}')
-        found = plan_from(self._names, self._paths, self._powers, ground_node, reference_snr_db,
-                          eavesdropper)
-        frame_id = self._paths[self._names[0]].header.frame_id
-        self._paths, self._powers = {}, {}
-        return found, frame_id
+        found = plan_from(self._names, chosen, ground_node, reference_snr_db, eavesdropper)
+        self._new, self._last = _Messages({}, {}, {}), chosen
+        return found, chosen.paths[self._names[0]].header.frame_id
 
-    def _missing(self) -> list[str]:
-        return [f'{name}/{topic}' for topic, kept in (('path', self._paths),
-                                                      ('power', self._powers))
+    def without_trajectory(self) -> list[str]:
+        """Return the UAVs of the last plan whose trajectories are published but did not come."""
+        return [name for name in self._names
+                if name not in self._last.trajectories and self._expects(name)]
+
+    def _chosen(self) -> '_Messages':
+        """Return the messages of the next plan, or of the last one and what comes late for it."""
+        new = self._new
+        if new.paths or new.powers or not self._late():
+            return new._replace(trajectories=new.trajectories_of(new.paths))
+        return self._last._replace(trajectories={**self._last.trajectories, **self._late()})
+
+    def _late(self) -> dict[str, MultiDOFJointTrajectory]:
+        """Return the new trajectories that the last plan was made without."""
+        return {name: message
+                for name, message in self._new.trajectories_of(self._last.paths).items()
+                if name not in self._last.trajectories}
+
+    def _missing(self, chosen: '_Messages') -> list[str]:
+        return [f'{name}/{topic}' for topic, kept in (('path', chosen.paths),
+                                                      ('power', chosen.powers))
                 for name in self._names if name not in kept]
 
+    def _is_complete(self) -> bool:
+        chosen = self._chosen()
+        return not self._missing(chosen) and all(
+            name in chosen.trajectories for name in self._names if self._expects(name))
 
-def plan_from(names: Sequence[str], paths: Mapping[str, Path],
-              powers: Mapping[str, Float64MultiArray], ground_node: Point,
+
+class _Messages(NamedTuple):
+    """The messages of a plan by the names of the UAVs; those without a trajectory fly straight."""
+
+    paths: dict[str, Path]
+    powers: dict[str, Float64MultiArray]
+    trajectories: dict[str, MultiDOFJointTrajectory]
+
+    def trajectories_of(self, paths: Mapping[str, Path]) -> dict[str, MultiDOFJointTrajectory]:
+        """Return the trajectories that have the stamps of paths, as those of one plan do."""
+        return {name: message for name, message in self.trajectories.items()
+                if name in paths and message.header.stamp == paths[name].header.stamp}
+
+
+def plan_from(names: Sequence[str], messages: _Messages, ground_node: Point,
               reference_snr_db: float, eavesdropper: Point | None) -> Plan:
     """
     Return the Plan that messages contain; its limits are the smallest that the plan keeps.
 
     :param names: the names of the UAVs in their order.
-    :param paths: the Path of every UAV by name.
-    :param powers: the Float64MultiArray of every UAV by name.
     :param eavesdropper: (x, y) in m of an eavesdropper, or None for one at the ground node.
     :raises PlanningError: if the messages do not fit together.
     """
+    paths, powers, trajectories = messages
     slots = len(powers[names[0]].data)
     for name in names:
         points, watts = len(paths[name].poses), len(powers[name].data)
@@ -106,18 +154,59 @@ def plan_from(names: Sequence[str], paths: Mapping[str, Path],
     watts = np.array([powers[name].data for name in names], dtype=float)
     _check_values(names, places, watts)
     positions = places[..., :2]
-    speeds = np.linalg.norm(np.diff(positions, axis=1), axis=-1).max(axis=1) / slot_duration
+    motions = {name: motion for name, message in trajectories.items()
+               if (motion := _motion(name, message, paths[name])) is not None}
     uavs = tuple(
         Uav(name, tuple(line[0].tolist()), tuple(line[-1].tolist()), float(line_z),
-            max(speed * (1 + 1e-9), LIMITS['max_speed'][0]),
-            max(float(level.mean()) * (1 + 1e-9), LIMITS['average_power'][0]),
-            max(float(level.max()) * (1 + 1e-9), LIMITS['peak_power'][0]))
-        for name, line, line_z, speed, level in zip(
-            names, positions, places[:, 0, 2], speeds.tolist(), watts, strict=True))
+            average_power=max(float(level.mean()) * (1 + 1e-9), LIMITS['average_power'][0]),
+            peak_power=max(float(level.max()) * (1 + 1e-9), LIMITS['peak_power'][0]),
+            **flown(line, slot_duration, *motions.get(name, [])[1:])._asdict())
+        for name, line, line_z, level in zip(
+            names, positions, places[:, 0, 2], watts, strict=True))
     scenario = Scenario(
         tuple(ground_node), (Eavesdropper(eavesdropper or tuple(ground_node)),), uavs,
         slot_duration * slots, slots, reference_snr_db)
-    return Plan(scenario, positions, watts, start_ns=start_ns)
+    plan = Plan(scenario, positions, watts, start_ns=start_ns)
+    _check_motions(plan, motions)
+    return plan
+
+
+def _motion(name: str, message: MultiDOFJointTrajectory, path: Path) -> list[Array] | None:
+    """
+    Return positions, velocities and accelerations at the times of the points, each (N+2, 2).
+
+    :return: None if the trajectory has no velocities or accelerations, as some have.
+    """
+    if message.header.frame_id != path.header.frame_id:
+        raise PlanError(f'{name}/path is in frame {shown(path.header.frame_id)}, '
+                        f'{name}/trajectory in {shown(message.header.frame_id)}')
+    if len(message.points) != len(path.poses):
+        raise PlanError(f'{name}/trajectory has {len(message.points)} points and {name}/path '
+                        f'{len(path.poses)}; there must be as many')
+    kinds = ('transforms', 'velocities', 'accelerations')
+    if not all(getattr(at, kind) for at in message.points for kind in kinds):
+        return None
+    motion = [np.array([(vector.x, vector.y) for at in message.points
+                        for vector in [getattr(getattr(at, kind)[0], part)]])
+              for kind, part in zip(kinds, ('translation', 'linear', 'linear'), strict=True)]
+    low, high = LIMITS['coordinate']
+    if not all(((values >= low) & (values <= high)).all() for values in motion):
+        raise PlanError(f'{name}/trajectory has values beyond {low:g} to {high:g}')
+    return motion
+
+
+def _check_motions(plan: Plan, motions: Mapping[str, list[Array]]) -> None:
+    """Compare the curve of a plan with the trajectories that it was made from."""
+    expected = Curve(plan.scenario, plan.positions).at(plan.times)
+    for index, uav in enumerate(plan.scenario.uavs):
+        if uav.name not in motions:
+            continue
+        apart = np.linalg.norm(
+            motions[uav.name][0] - expected.positions[index], axis=-1)
+        if not apart.max() <= _SAME_PLACE:
+            raise PlanError(
+                f'{uav.name}/trajectory is not the curve of {uav.name}/path: at point '
+                f'{apart.argmax()} they are {apart.max():.3g} m apart')
 
 
 def _check_frames(paths: Mapping[str, Path]) -> None:

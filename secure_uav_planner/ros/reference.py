@@ -34,6 +34,8 @@ _MEANINGS = {
     ('planner', '~/cancel'): 'stop the solve that is under way',
     ('replay', '<uav>/path'): 'what to replay, unless `plan_file` is set',
     ('replay', '<uav>/power'): 'what to replay, unless `plan_file` is set',
+    ('replay', '<uav>/trajectory'):
+        'the curve through the path; without it, the UAV flies straight from point to point',
     ('replay', '<uav>/setpoint/pose'): 'the pose that the UAV should have now',
     ('replay', '<uav>/setpoint/trajectory'):
         'position, velocity, acceleration and yaw of the UAV now, for autopilots',

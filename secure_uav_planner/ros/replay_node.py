@@ -43,7 +43,9 @@ class Replay(Node):
         self._frame_id = self._settings['frame_id']
         self._player = Player()
         self._last_tick: int | None = None
-        self._assembly = Assembly(self._uavs)
+        self._trajectory_topics: dict[str, str] = {}
+        self._assembly = Assembly(self._uavs, lambda name: self.count_publishers(
+            self._trajectory_topics[name]) > 0)
         self._warned: set[str] = set()
         self._drawing = Drawing(lambda reason: self.get_logger().warning(
             f'picture_file: {reason}; the replay goes on without'))
@@ -68,12 +70,14 @@ class Replay(Node):
 
     def _subscribe(self) -> None:
         for name in self._uavs:
-            for kind, topic in ((Path, 'path'), (Float64MultiArray, 'power')):
-                self.create_subscription(
+            for kind, topic in ((Path, 'path'), (Float64MultiArray, 'power'),
+                                (MultiDOFJointTrajectory, 'trajectory')):
+                subscription = self.create_subscription(
                     kind, f'{name}/{topic}',
                     lambda message, name=name: self._assembly.take(
                         name, message, self.get_clock().now().nanoseconds),
                     LATCHED, callback_group=self._group, qos_overriding_options=OVERRIDABLE)
+            self._trajectory_topics[name] = subscription.topic_name
 
     def _make_interface(self) -> None:
         def stream(kind: type, topic: str) -> Publisher:
@@ -112,6 +116,11 @@ class Replay(Node):
         self._warned.clear()
         self._frame_id = frame_id
         self._take(plan)
+        missing = self._assembly.without_trajectory()
+        if missing:
+            self.get_logger().warning(brief(
+                'nothing has come on ' + ', '.join(f'{name}/trajectory' for name in missing)
+                + ' that belongs to this plan; it is flown straight from point to point'))
         return ''
 
     def _take(self, plan: Plan) -> None:
