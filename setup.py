@@ -67,6 +67,7 @@ setup(
     entry_points={
         'console_scripts': [
             'planner = secure_uav_planner.ros.planner:main',
+            'relay = secure_uav_planner.ros.relay:main',
             'replay = secure_uav_planner.ros.replay:main',
             'study = secure_uav_planner.study:main',
         ],

@@ -11,6 +11,7 @@ import tempfile
 
 from domain_coordinator import domain_id
 from hypothesis import HealthCheck, Phase, settings
+import message_package
 import pytest
 import setuptools
 
@@ -34,6 +35,7 @@ OPTIONAL = {
     'test_colcon.py': ['colcon', 'colcon_ros'],
     'test_demo.py': ['mcap', 'plotly'],
     'test_page.py': ['plotly', 'selenium'],
+    'test_relay_node.py': message_package.NEEDED,
     'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],
     'test_types.py': ['mypy'],
 }

@@ -71,7 +71,7 @@ def test_everything_is_installed_where_ros_looks_for_it(workspace):
     assert (share / 'package.xml').exists()
     assert {path.name for path in (ROOT / 'config').iterdir()} == {
         path.name for path in (share / 'config').iterdir()}
-    for name in ('planner', 'replay'):
+    for name in ('planner', 'relay', 'replay'):
         assert os.access(prefix / 'lib' / 'secure_uav_planner' / name, os.X_OK)
 
 

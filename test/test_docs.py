@@ -18,7 +18,7 @@ import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, playback, Scenario
 from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, REPLAY, uav_parameters)
+    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters)
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -263,7 +263,10 @@ class Walkthrough:
         return f'<eavesdropper>/{rest}' if first in self.eavesdroppers else name
 
     def _check_parameter(self, node, name, *value):
-        specs = dict(PLANNER if node == 'planner' else REPLAY)
+        specs = dict({'planner': PLANNER, 'relay': RELAY}.get(node, REPLAY))
+        if node == 'relay':
+            for uav in self.uavs:
+                specs.update(relay_parameters(uav))
         if node == 'planner':
             for uav in self.uavs:
                 specs.update(uav_parameters(uav, 0))
@@ -394,7 +397,7 @@ FOREIGN = {
 
 def known_names():
     """Return every parameter, argument, attribute and status that a page may mention."""
-    names = set(FOREIGN) | set(PLANNER) | set(REPLAY) | {'U', 'N', 'E'}
+    names = set(FOREIGN) | set(PLANNER) | set(REPLAY) | set(RELAY) | {'U', 'N', 'E'}
     for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
                   secure_uav_planner.Eavesdropper, playback, playback.Playback,
                   playback.Moment, secure_uav_planner.channel):
@@ -411,12 +414,13 @@ def known_names():
 def test_every_name_of_a_parameter_or_a_topic_exists(page, interfaces):
     prose = re.sub('```.*?```', '', page.read_text(), flags=re.DOTALL)
     known = known_names()
-    of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>')}
+    of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
+              **relay_parameters('<uav>')}
     topics = {one.name for one in interfaces}
     for code in re.findall('`([^`\n]+)`', prose):
         if re.fullmatch(r'<(uav|eavesdropper)>\.\w+', code):
             assert code in of_one, code
-        elif re.fullmatch(r'(<(uav|eavesdropper)>|~|ground_node)/[\w/]+', code):
+        elif re.fullmatch(r'(<(uav|eavesdropper|vehicle)>|~|ground_node)/[\w/]+', code):
             assert code in topics, code
         elif re.fullmatch(r'[a-z]+(_[a-z]+)+', code):
             assert code in known, code

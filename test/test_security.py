@@ -85,7 +85,7 @@ def test_the_policy_has_an_enclave_of_its_own_for_every_node_in_the_schemas_form
     assert (root.tag, root.attrib) == ('policy', {'version': '0.2.0'})
     assert [one.tag for one in root] == ['enclaves']
     assert [one.get('path') for one in root[0]] == [
-        f'/secure_uav_planner/{node}' for node in NODES]
+        f'/secure_uav_planner/{node}' for node in (*NODES, 'relay')]
     for enclave in root[0]:
         profiles, = enclave
         profile, = profiles

@@ -7,7 +7,9 @@ in the sent message. Every number is therefore converted with float() or int() h
 
 import array
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 import math
+import re
 from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
@@ -23,10 +25,13 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from . import cdr
+from ..autopilots import Setpoint, yaw_of
+from ..errors import OptionError
 from ..plan import Plan
 from ..view.colors import EAVESDROPPER, GROUND_NODE, uav_color
 
 
+_OF_MESSAGES = re.compile(r'sequence<(\w+)/(\w+)>')
 _MOST_POINTS = 1000  # Largest number of points of a path marker.
 
 
@@ -103,6 +108,49 @@ def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[f
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
     message.twist.twist.linear = Vector3(
         x=float(ahead @ velocity), y=float(ahead[0] * velocity[1] - ahead[1] * velocity[0]))
+    return message
+
+
+def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
+    """
+    Return the Setpoint that trajectory_setpoint, or another program, put into a message.
+
+    A rate of yaw of zero counts as not given.
+
+    :raises OptionError: if the message has not one point with a transform, or for a wrong value.
+    """
+    if len(message.points) != 1 or not message.points[0].transforms:
+        raise OptionError(f'it has {len(message.points)} points; it must have one, with a '
+                          'transform')
+    at = message.points[0]
+    place, turn = at.transforms[0].translation, at.transforms[0].rotation
+    velocity, acceleration = (
+        [(of.linear.x, of.linear.y, of.linear.z) for of in kind[:1]]
+        for kind in (at.velocities, at.accelerations))
+    stamp = message.header.stamp
+    return Setpoint(
+        message.header.frame_id, stamp.sec * 10**9 + stamp.nanosec, (place.x, place.y, place.z),
+        yaw_of(turn.x, turn.y, turn.z, turn.w), velocity[0] if velocity else None,
+        acceleration[0] if acceleration else None,
+        (at.velocities[0].angular.z or None) if at.velocities else None)
+
+
+def filled(message: Any, values: Mapping[str, Any]) -> Any:
+    """
+    Return a message with values in its fields.
+
+    :param values: by the names of fields; for a message a mapping, for a list of messages a list.
+    """
+    for field, value in values.items():
+        if isinstance(value, Mapping):
+            filled(getattr(message, field), value)
+        elif isinstance(value, list):
+            kind = message.get_fields_and_field_types()[field]
+            package, name = _OF_MESSAGES.fullmatch(kind).groups()
+            kind = getattr(import_module(f'{package}.msg'), name)
+            setattr(message, field, [filled(kind(), one) for one in value])
+        else:
+            setattr(message, field, value)
     return message
 
 

@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from rclpy.validate_topic_name import validate_topic_name
 
 from .text import brief
+from ..autopilots import STACKS
 from ..errors import ParameterError, PlanningError, shown
 from ..optimize import METHODS
 from ..plan import OBJECTIVES
@@ -218,6 +219,23 @@ REPLAY = {
                               'not known.', LIMITS['coordinate'], length=(0, 2)),
 }
 """Parameters of the replay node."""
+
+RELAY = {
+    'uavs': _UAVS,
+    'stack': Spec('mavros', 'Whose messages to publish.', choices=tuple(STACKS), read_only=True),
+    'vehicles': Spec([], 'Namespaces of the vehicles, one for each UAV; empty for the names of '
+                     'the UAVs.', length=(0, MAX_MEMBERS), read_only=True),
+    'setpoint_timeout': Spec(1.0, 'Age in s of the last setpoint beyond which the heartbeat that '
+                             'a stack needs is no longer sent.', (0.1, 60.0)),
+}
+"""Parameters of the relay that do not belong to one UAV."""
+
+
+def relay_parameters(name: str) -> dict[str, Spec]:
+    """Return the parameters of the relay for one UAV by name."""
+    return {f'{name}.origin': Spec(
+        [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
+        'setpoints in m; often where it was switched on.', LIMITS['coordinate'], length=(3, 3))}
 
 
 class Parameters:

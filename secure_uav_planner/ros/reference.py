@@ -11,9 +11,12 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from .parameters import eavesdropper_parameters, PLANNER, REPLAY, Spec, uav_parameters
+from .parameters import (
+    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, Spec, uav_parameters)
 from .planner_node import Planner
+from .qos import STREAM
 from .replay_node import Replay
+from ..autopilots import STACKS
 
 _NAMESPACE = '/reference'
 _NAMES = {'uav1': '<uav>', 'uav2': '<uav>', 'eavesdropper': '<eavesdropper>'}
@@ -46,6 +49,8 @@ _MEANINGS = {
     ('replay', '~/start'): 'start, or continue after a pause',
     ('replay', '~/pause'): 'hold the setpoint and continue to stream it',
     ('replay', '~/reset'): 'go back to the start and stop streaming',
+    ('relay', '<uav>/setpoint/trajectory'):
+        'one point: position, yaw and, where known, velocity and acceleration',
 }
 
 
@@ -60,7 +65,7 @@ class Interface(NamedTuple):
 
 
 def interfaces() -> list[Interface]:
-    """Return every Interface that the two nodes create."""
+    """Return every Interface of the nodes; the relay's depend on its parameter `stack`."""
     context = Context()
     rclpy.init(context=context, args=[])
     try:
@@ -72,15 +77,26 @@ def interfaces() -> list[Interface]:
             finally:
                 node.close()
                 node.destroy_node()
-        return list(dict.fromkeys(found))
+        return list(dict.fromkeys([*found, *_of_relay()]))
     finally:
         rclpy.try_shutdown(context=context)
+
+
+def _of_relay() -> list[Interface]:
+    """Return the relay's: it runs only where the messages of a stack are installed."""
+    found = [Interface('relay', 'sub', '<uav>/setpoint/trajectory',
+                       'trajectory_msgs/msg/MultiDOFJointTrajectory', _in_words(STREAM))]
+    for stack in STACKS.values():
+        found += [Interface('relay', 'pub', f'<vehicle>/{topic}', f'{stack.package}/msg/{kind}',
+                            _in_words(STREAM)) for kind, topic in stack.topics.items()]
+    return found
 
 
 def parameters() -> dict[str, dict[str, Spec]]:
     """Return the Spec of every parameter of each node by name; `<uav>` stands for any UAV."""
     of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>')}
-    return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY}
+    return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY,
+            'relay': {**RELAY, **relay_parameters('<uav>')}}
 
 
 def markdown() -> str:
@@ -91,7 +107,7 @@ def markdown() -> str:
         lines += [f'### {node}: topics and services', '',
                   '| | name | type | QoS | meaning |', '| --- | --- | --- | --- | --- |']
         lines += [f'| {one.direction} | `{one.name}` | {one.kind} | {one.qos} | '
-                  f'{_MEANINGS[node, one.name]} |' for one in found if one.node == node]
+                  f'{_meaning(one)} |' for one in found if one.node == node]
         lines += ['', f'### {node}: parameters', '',
                   '| name | default | allowed | meaning |', '| --- | --- | --- | --- |']
         lines += [f'| `{name}` | {_default(name, spec)} | {spec.allowed} | {spec.description}'
@@ -99,6 +115,13 @@ def markdown() -> str:
                   for name, spec in specs.items()]
         lines.append('')
     return '\n'.join(lines)
+
+
+def _meaning(one: Interface) -> str:
+    for name, stack in STACKS.items():
+        if one.kind.startswith(f'{stack.package}/'):
+            return f'with `stack` {name}'
+    return _MEANINGS[one.node, one.name]
 
 
 def _interfaces_of(node: Node) -> list[Interface]:

@@ -1,0 +1,161 @@
+"""The forms of a setpoint that autopilots take, against the conventions of REP-103 and of PX4."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.autopilots import (
+    aerostack2, mavros, ned, px4, Setpoint, STACKS, yaw_ned, yaw_of)
+from secure_uav_planner.curve import Curve
+from secure_uav_planner.errors import OptionError
+
+# The columns are east, north and up in north-east-down: a turn, no reflection.
+NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+NUMBER = st.floats(-1e6, 1e6)
+VECTOR = st.tuples(NUMBER, NUMBER, NUMBER)
+ANGLE = st.floats(-10.0, 10.0)
+SETPOINTS = st.builds(Setpoint, st.just('map'), st.integers(0, 2**62), VECTOR, ANGLE,
+                      st.none() | VECTOR, st.none() | VECTOR, st.none() | ANGLE)
+
+
+def test_the_turn_to_ned_is_proper():
+    assert np.linalg.det(NED) == pytest.approx(1.0)
+    assert ned((1.0, 0.0, 0.0)) == (0.0, 1.0, 0.0)      # east
+    assert ned((0.0, 1.0, 0.0)) == (1.0, 0.0, 0.0)      # north
+    assert ned((0.0, 0.0, 1.0)) == (0.0, 0.0, -1.0)     # up
+
+
+@given(VECTOR)
+def test_vectors_are_turned_to_ned_and_back(vector):
+    assert ned(vector) == tuple((NED @ vector).tolist())
+    assert ned(ned(vector)) == vector
+
+
+@given(ANGLE)
+def test_a_yaw_points_where_it_pointed(yaw):
+    north, east, _ = NED @ [math.cos(yaw), math.sin(yaw), 0.0]
+    assert -math.pi <= yaw_ned(yaw) <= math.pi
+    assert math.cos(yaw_ned(yaw)) == pytest.approx(north, abs=1e-9)
+    assert math.sin(yaw_ned(yaw)) == pytest.approx(east, abs=1e-9)
+
+
+@given(ANGLE, st.floats(-1.5, 1.5), st.floats(-3.0, 3.0))
+def test_the_yaw_of_an_orientation_is_that_of_the_nose(yaw, pitch, roll):
+    def turn(axis, angle):
+        return np.array([*np.sin(angle / 2) * np.eye(3)[axis], np.cos(angle / 2)])
+
+    def times(p, q):
+        return np.array([*(p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])),
+                         p[3] * q[3] - p[:3] @ q[:3]])
+
+    found = yaw_of(*times(times(turn(2, yaw), turn(1, pitch)), turn(0, roll)))
+    assert math.cos(found - yaw) == pytest.approx(1.0, abs=1e-9)
+
+
+@given(SETPOINTS, st.integers(0, 2**62))
+def test_px4_gets_every_value_in_ned_and_nan_for_what_is_not_known(setpoint, now_ns):
+    fields = px4(setpoint, now_ns)
+    target, mode = fields['TrajectorySetpoint'], fields['OffboardControlMode']
+    assert target['timestamp'] == mode['timestamp'] == now_ns // 1000
+    assert mode['position'] is True
+    for name in ('position', 'velocity', 'acceleration'):
+        value = getattr(setpoint, name)
+        if value is None:
+            assert all(map(math.isnan, target[name])) and not mode[name]
+        else:
+            assert target[name] == tuple((NED @ value).tolist()) and mode[name]
+    assert all(map(math.isnan, target['jerk']))
+    assert math.isnan(target['yawspeed']) == (setpoint.yaw_rate is None)
+
+
+def test_a_setpoint_that_turns_left_turns_left_in_px4_too():
+    step = 1e-3
+    now, soon = (px4(Setpoint('map', 0, (0.0, 0.0, 5.0), 1.0 + 0.3 * time, yaw_rate=0.3), 0)[
+        'TrajectorySetpoint'] for time in (0.0, step))
+    assert (soon['yaw'] - now['yaw']) / step == pytest.approx(now['yawspeed'])
+    assert now['yawspeed'] < 0  # clockwise is positive, seen from above
+
+
+@given(SETPOINTS)
+def test_mavros_is_told_what_not_to_use(setpoint):
+    target = mavros(setpoint, 0)['PositionTarget']
+    mask = target['type_mask']
+    assert target['coordinate_frame'] == 1
+    assert not mask & (1 + 2 + 4 + 1024 + 512)  # the position, the yaw, and no force
+    for bits, value in ((8 + 16 + 32, setpoint.velocity),
+                        (64 + 128 + 256, setpoint.acceleration), (2048, setpoint.yaw_rate)):
+        assert mask & bits == (bits if value is None else 0)
+    # MAVROS turns it into NED itself.
+    assert tuple(target['position'].values()) == setpoint.position
+    assert target['yaw'] == setpoint.yaw
+    stamp = target['header']['stamp']
+    assert stamp['sec'] * 10**9 + stamp['nanosec'] == setpoint.time_ns
+
+
+@given(SETPOINTS)
+def test_aerostack2_gets_whole_setpoints_only(setpoint):
+    if setpoint.velocity is None or setpoint.acceleration is None:
+        with pytest.raises(OptionError, match='velocity and acceleration only'):
+            aerostack2(setpoint, 0)
+        return
+    fields = aerostack2(setpoint, 0)['TrajectorySetpoints']
+    assert fields['header']['frame_id'] == 'map'
+    point, = fields['setpoints']
+    assert tuple(point['twist'].values()) == setpoint.velocity
+    assert tuple(point['acceleration'].values()) == setpoint.acceleration
+    assert point['yaw_angle'] == setpoint.yaw
+
+
+def test_what_px4_gets_of_a_plan_is_one_motion():
+    """Position, velocity, acceleration and yaw of a curve still belong together in NED."""
+    scenario = Scenario.paper(120.0, slots=40)
+    scenario = replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=1.5) for uav in scenario.uavs))
+    curve = Curve(scenario, fly_hover_fly(scenario).positions)
+    step = 1e-4
+    times = np.linspace(curve.begin + 1, curve.end - 1, 77)
+    before, here, after = (curve.at(times + by) for by in (-step, 0.0, step))
+
+    def targets(motion):
+        return [px4(Setpoint('map', 0, (*at, 100.0), float(yaw), (*v, 0.0), (*a, 0.0)), 0)[
+            'TrajectorySetpoint'] for at, v, a, yaw in zip(
+                *(of[0].tolist() for of in motion), strict=True)]
+
+    moved = 0
+    for old, now, new in zip(targets(before), targets(here), targets(after), strict=True):
+        velocity = np.subtract(new['position'], old['position']) / (2 * step)
+        assert velocity == pytest.approx(now['velocity'], abs=1e-3)
+        change = np.subtract(new['velocity'], old['velocity']) / (2 * step)
+        # It jumps between slots.
+        assert np.linalg.norm(change) <= 1.5 + 1e-6
+        if np.hypot(*velocity[:2]) > 0.1:
+            moved += 1
+            assert math.atan2(velocity[1], velocity[0]) == pytest.approx(now['yaw'], abs=1e-2)
+    assert moved > 30
+
+
+@pytest.mark.parametrize('values', [
+    {'position': (math.nan, 0.0, 0.0)}, {'yaw': math.inf}, {'velocity': (0.0, 0.0, 1e300)},
+    {'acceleration': (0.0, -math.inf, 0.0)}, {'yaw_rate': math.nan}])
+def test_a_value_that_is_no_place_is_refused_by_name(values):
+    field, = values
+    with pytest.raises(OptionError, match=f'{field} is .*; it must be from -1e[+]07 to 1e[+]07'):
+        Setpoint(**{'frame_id': 'map', 'time_ns': 0, 'position': (0.0, 0.0, 0.0), 'yaw': 0.0,
+                    **values})
+
+
+def test_an_origin_moves_the_position_and_nothing_else():
+    setpoint = Setpoint('map', 7, (10.0, 20.0, 30.0), 0.5, (1.0, 2.0, 3.0))
+    moved = setpoint.seen_from((1.0, -2.0, 3.0))
+    assert moved == replace(setpoint, position=(9.0, 22.0, 27.0))
+
+
+def test_every_stack_publishes_what_it_makes():
+    setpoint = Setpoint('map', 0, (0.0, 0.0, 1.0), 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    for stack in STACKS.values():
+        assert set(stack.fields(setpoint, 0)) == set(stack.topics)
+        assert set(stack.heartbeat) <= set(stack.topics)
