@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 
 SOURCES := setup.py setup.cfg package.xml \
-	$(shell find secure_uav_planner config resource -type f -not -name '*.pyc')
+	$(shell find secure_uav_planner config launch resource -type f -not -name '*.pyc')
 
 # The oldest versions have no wheels for Python 3.13, and Ubuntu 24.04 has 3.12.
 COMPAT_PYTHON ?= $(shell python3.12 -c 'print("python3.12")' 2>/dev/null || echo $(PYTHON))
