@@ -174,7 +174,7 @@ class Plan:
 
     @cached_property
     def curve(self) -> Curve:
-        """What is flown: the points as a function of time."""
+        """Flight as a function of time."""
         return Curve(self.scenario, self.positions)
 
     @cached_property
