@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from .approaches import approaches_text, approaches_values
 from .poses import PoseBook
 from .scenarios import GROUND_NODE_TOPIC, pose_topic
 from .text import brief
@@ -56,7 +57,8 @@ class State:
         self.plan = plan
         self.evaluated = plan if self.upcoming is plan else None
         self.counts[count] += 1
-        level = DiagnosticStatus.OK if plan.status == 'converged' else DiagnosticStatus.WARN
+        good = plan.status == 'converged' and not plan.clearance.is_close
+        level = DiagnosticStatus.OK if good else DiagnosticStatus.WARN
         text = prefix + summary(plan, self.evaluated is plan)
         self.outcome = Outcome(level, 'ok', text)
         return text
@@ -89,9 +91,11 @@ def summary(plan: Plan, evaluated: bool) -> str:
     """
     worst = (f'{plan.worst_case_rate:.4f} bit/s/Hz' if evaluated
              else 'not evaluated yet (bit/s/Hz)')
+    near = approaches_text(plan)
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: guaranteed rate '
             f'{plan.guaranteed_rate:.4f}, worst-case rate {worst}, {plan.solve_time:.2f} s, '
-            f'{_iterations(plan)} iterations, {plan.message}')
+            f'{_iterations(plan)} iterations, {plan.message}; along the curve '
+            f'{plan.curve_rate:.4f}' + (f'; {near}' if near else ''))
 
 
 def level_and_text(outcome: Outcome, problems: Sequence[PlanningError],
@@ -100,8 +104,8 @@ def level_and_text(outcome: Outcome, problems: Sequence[PlanningError],
     Return the level of the planner's status and a text that explains it.
 
     ERROR: a solve failed. WARN: planning is not possible now, or the last request was refused, or
-    its plan has not converged. OK: none of these. STALE is not used, because tools take it for a
-    node that has stopped reporting.
+    its plan has not converged or lets UAVs come close without a separation. OK: none of these.
+    STALE is not used, because tools take it for a node that has stopped reporting.
 
     :param problems: errors of poses that prevent planning.
     :param progress: the latest Iteration of the solve that is under way, or None.
@@ -135,7 +139,8 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
         found.update({
             'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
             'plan.age': now - plan.start_ns * 1e-9,
-            'plan.guaranteed_rate': plan.guaranteed_rate})
+            'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
+            **approaches_values(plan)})
         if state.evaluated is plan:
             found['plan.worst_case_rate'] = plan.worst_case_rate
         found.update({
