@@ -27,8 +27,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 from . import cdr
 from ..autopilots import Setpoint, yaw_of
 from ..errors import OptionError
+from ..members import NoFlyZone
 from ..plan import Plan
-from ..view.colors import EAVESDROPPER, GROUND_NODE, uav_color
+from ..polygons import convex_parts, Vertices
+from ..scenario import Scenario
+from ..view.colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, uav_color
 
 
 _OF_MESSAGES = re.compile(r'sequence<(\w+)/(\w+)>')
@@ -170,7 +173,7 @@ def status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
 
 def markers(plan: Plan, frame_id: str) -> MarkerArray:
     """
-    Return a MarkerArray with the paths, the ground node and the eavesdroppers' discs.
+    Return a MarkerArray with paths, ground node, eavesdroppers' discs, no-fly zones and geofence.
 
     Of paths with very many points only some are shown, because markers are for display only.
     """
@@ -195,6 +198,7 @@ def markers(plan: Plan, frame_id: str) -> MarkerArray:
                        (across, across, 1.0), opacity=0.5)
         disc.pose = pose(*eve.position, 0.5, 0.0)
         found += [disc, _label(200 + index, name, (*eve.position, 2 * size), EAVESDROPPER)]
+    found += _airspace(scenario)
     for marker in found:
         marker.header.frame_id, marker.header.stamp = frame_id, stamp_at(plan)
     return MarkerArray(markers=found)
@@ -211,6 +215,49 @@ def slot_markers(frame_id: str, stamp: Stamp, places: Iterable[Sequence[float]],
         sphere.header.frame_id, sphere.header.stamp = frame_id, stamp
         found.append(sphere)
     return MarkerArray(markers=found)
+
+
+def _airspace(scenario: Scenario) -> list[Marker]:
+    """Return a prism, its edges and its name for every zone, and the edges of the geofence."""
+    high = 1.2 * max(uav.altitude for uav in scenario.uavs)
+    found = []
+    for index, (zone, name) in enumerate(
+            zip(scenario.no_fly_zones, scenario.zone_names, strict=True)):
+        floor = zone.floor
+        top = min(zone.ceiling, max(high, 1.2 * floor))  # A zone without a ceiling ends there.
+        prism = _marker('no_fly_zone', index, Marker.TRIANGLE_LIST, NO_FLY_ZONE, (1.0, 1.0, 1.0),
+                        opacity=0.35)
+        prism.points = _faces(zone, floor, top)
+        edges = _marker('no_fly_zone_edges', index, Marker.LINE_LIST, NO_FLY_ZONE, (1.5, 0.0, 0.0))
+        edges.points = _edges(zone.vertices, floor, top)
+        place = np.mean(convex_parts(zone.vertices)[0], axis=0)
+        found += [prism, edges, _label(300 + index, name, (*place, top), NO_FLY_ZONE)]
+    if scenario.geofence is not None:
+        fence = _marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0))
+        fence.points = _edges(scenario.geofence, 0.0, high)
+        found.append(fence)
+    return found
+
+
+def _edges(vertices: Vertices, floor: float, top: float) -> list[Point]:
+    """Return the edges of a prism as pairs of points."""
+    return [Point(x=float(x), y=float(y), z=float(z))
+            for (x, y), (to_x, to_y) in zip(vertices, vertices[1:] + vertices[:1], strict=True)
+            for x, y, z in ((x, y, floor), (to_x, to_y, floor), (x, y, top), (to_x, to_y, top),
+                            (x, y, floor), (x, y, top))]
+
+
+def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Point]:
+    """Return the walls and the top of a prism as triangles, three points each."""
+    corners = []
+    for (x, y), (to_x, to_y) in zip(
+            zone.vertices, zone.vertices[1:] + zone.vertices[:1], strict=True):
+        corners += [(x, y, floor), (to_x, to_y, floor), (to_x, to_y, top),
+                    (x, y, floor), (to_x, to_y, top), (x, y, top)]
+    for part in convex_parts(zone.vertices):
+        for first, second in zip(part[1:], part[2:], strict=False):
+            corners += [(*part[0], top), (*first, top), (*second, top)]
+    return [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in corners]
 
 
 def _facing(yaw: float) -> Quaternion:

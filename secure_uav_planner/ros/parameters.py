@@ -18,7 +18,8 @@ from ..autopilots import STACKS
 from ..errors import ParameterError, PlanningError, shown
 from ..optimize import METHODS
 from ..plan import OBJECTIVES
-from ..scenario import LIMITS, MAX_MEMBERS, Point, Scenario, Uav
+from ..polygons import MAX_VERTICES
+from ..scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Point, Scenario, Uav
 
 _PAPER = Scenario.paper()
 
@@ -130,6 +131,12 @@ PLANNER = {
     'reference_snr_db': Spec(_PAPER.reference_snr_db,
                              'beta_0/sigma^2, SNR at 1 m and 1 W, in dB.',
                              LIMITS['reference_snr_db']),
+    'separation': Spec(_PAPER.separation, 'Smallest distance in space between any two UAVs at any '
+                       'time in m; 0 for no limit.', LIMITS['separation']),
+    'no_fly_zones': Spec([], 'Names of the no-fly zones.', length=(0, MAX_ZONES), read_only=True),
+    'geofence': Spec([], 'Vertices of a polygon that no UAV leaves in m, one after the other as '
+                     '[x1, y1, x2, y2, ...]; empty for none.', LIMITS['coordinate'],
+                     length=(0, 2 * MAX_VERTICES)),
     'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
     'objective': Spec('guaranteed', 'Rate that is maximised: the lower bound by formula, or the '
                       'true worst case over the discs, which only the method joint can.',
@@ -170,7 +177,7 @@ _FIELDS = {
     'goal_velocity': 'Velocity (x, y) in m/s at the goal, used only with an acceleration limit; '
                      'empty if it is free.',
 }
-_NO_LIMIT = 0.0
+NO_LIMIT = 0.0
 
 
 def uav_parameters(name: str, index: int) -> dict[str, Spec]:
@@ -188,7 +195,7 @@ def _uav_spec(default: Any, text: str, field: str) -> Spec:
         shortest = 0 if field.endswith('velocity') else 2
         return Spec(list(default), text, LIMITS['coordinate'], length=(shortest, 2))
     if default is None:
-        return Spec(_NO_LIMIT, text, (_NO_LIMIT, LIMITS[field][1]))
+        return Spec(NO_LIMIT, text, (NO_LIMIT, LIMITS[field][1]))
     return Spec(default, text, LIMITS[field])
 
 

@@ -16,6 +16,7 @@ from .parameters import (
 from .planner_node import Planner
 from .qos import STREAM
 from .replay_node import Replay
+from .zone_parameters import zone_parameters
 from ..autopilots import STACKS
 
 _NAMESPACE = '/reference'
@@ -94,7 +95,8 @@ def _of_relay() -> list[Interface]:
 
 def parameters() -> dict[str, dict[str, Spec]]:
     """Return the Spec of every parameter of each node by name; `<uav>` stands for any UAV."""
-    of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>')}
+    of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
+              **zone_parameters('<zone>')}
     return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY,
             'relay': {**RELAY, **relay_parameters('<uav>')}}
 

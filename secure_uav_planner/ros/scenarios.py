@@ -7,6 +7,7 @@ from typing import Any
 
 from .parameters import uav_from
 from .poses import error_radius, PoseBook
+from .zone_parameters import airspace_from
 from ..errors import PoseError
 from ..scenario import Eavesdropper, Scenario
 
@@ -67,7 +68,7 @@ def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, now: float) ->
         uavs=tuple(uav_from(parameters, name, known and known.position)
                    for name, known in zip(parameters['uavs'], starts, strict=True)),
         duration=parameters['duration'], slots=parameters['slots'],
-        reference_snr_db=parameters['reference_snr_db'])
+        reference_snr_db=parameters['reference_snr_db'], **airspace_from(parameters))
 
 
 def updated(scenario: Scenario, parameters: Mapping[str, Any], poses: PoseBook,

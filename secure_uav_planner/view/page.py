@@ -4,7 +4,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from .colors import EAVESDROPPER, GROUND_NODE, RATE, uav_color
+from .airspace import altitudes_of, corners_of_map, is_in_the_way, middle_of
+from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, RATE, uav_color
 from .. import channel
 from ..files import atomic_file
 
@@ -87,14 +88,15 @@ class _View:
             self.plan.positions.reshape(-1, 2), [scenario.ground_node],
             *(np.array(eve.position) + [[-eve.error_radius], [eve.error_radius]]
               for eve in scenario.eavesdroppers)])
-        low, high = points.min(axis=0), points.max(axis=0)
+        low, high = np.array(corners_of_map(
+            scenario, [points.min(axis=0), points.max(axis=0)]))
         margin = 0.06 * max(*(high - low), 10.0)
         return np.stack([low - margin, high + margin], axis=1).tolist()
 
     def still_traces(self):
         """Return the traces that do not move, each with its row and column."""
         plan, times = self.plan, self.plan.times.tolist()
-        traces = []
+        traces = [(trace, 1, 1) for trace in _airspace_traces(plan.scenario)]
         for index, eve in enumerate(plan.scenario.eavesdroppers):
             angle = np.linspace(0, 2 * np.pi, 73)
             traces.append((go.Scatter(
@@ -176,6 +178,31 @@ class _View:
         return go.Scatter(x=[x], y=[y], mode='markers', legendgroup=group, showlegend=False,
                           hoverinfo='skip', cliponaxis=False,
                           marker={'color': color, 'size': 9})
+
+
+def _airspace_traces(scenario):
+    """Return the outlines of zones and fence, filled where a UAV flies at a zone's altitudes."""
+    traces = []
+    for index, (zone, name) in enumerate(zip(scenario.no_fly_zones, scenario.zone_names)):
+        x, y = zip(*zone.vertices, zone.vertices[0])
+        near = is_in_the_way(zone, scenario)
+        text = ', '.join(filter(None, (name, altitudes_of(zone))))
+        traces.append(go.Scatter(
+            x=x, y=y, mode='lines', fill='toself' if near else 'none', hoveron='fills',
+            line={'color': NO_FLY_ZONE, 'width': 1.5, 'dash': 'solid' if near else 'dot'},
+            legendgroup='zone', showlegend=index == 0, name='no-fly zone', text=text,
+            hoverinfo='text'))
+    if traces:
+        places = np.array([middle_of(zone) for zone in scenario.no_fly_zones])
+        traces.append(go.Scatter(
+            x=places[:, 0], y=places[:, 1], mode='text', text=list(scenario.zone_names),
+            textfont={'size': 10, 'color': GEOFENCE}, showlegend=False, hoverinfo='skip'))
+    if scenario.geofence is not None:
+        x, y = zip(*scenario.geofence, scenario.geofence[0])
+        traces.append(go.Scatter(
+            x=x, y=y, mode='lines', name='geofence', hoverinfo='name',
+            line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'}))
+    return traces
 
 
 def _watts(power):

@@ -5,11 +5,12 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.patheffects import withStroke
 import numpy as np
 
-from .colors import EAVESDROPPER, GROUND_NODE, RATE, uav_color
+from .airspace import altitudes_of, corners_of_map, is_in_the_way, middle_of
+from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, RATE, uav_color
 
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2
@@ -19,6 +20,9 @@ _TIME_MARKS = 12
 _TIME_STEPS = [digit * 10.0 ** power for power in range(-6, 9) for digit in (1, 2, 5)]
 _STYLES = ('--', ':', '-.')
 _GREY = '0.45'
+_ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
+_ZONE_BESIDE = {**_ZONE, 'facecolor': 'none', 'linestyle': ':'}
+_FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
 _NAMES = {
     'fly_hover_fly_constant': 'fly-hover-fly, constant power',
     'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
@@ -65,7 +69,7 @@ def name_of(method):
 
 def draw_map(axes, plan, baselines=(), legend=True):
     """
-    Draw the paths, wide and dark where the power is high, the ground node and the discs.
+    Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
 
     A mission that is much longer in y than in x is rotated by 90 degrees, so that the flight goes
     from left to right.
@@ -79,6 +83,7 @@ def draw_map(axes, plan, baselines=(), legend=True):
     for other in baselines:
         for path in other.positions:
             axes.plot(*place_of(path).T, color=_GREY, linewidth=0.9, zorder=1)
+    _draw_airspace(axes, scenario, place_of)
     for eve in scenario.eavesdroppers:
         place = place_of(eve.position)
         axes.add_patch(Circle(place, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
@@ -104,6 +109,19 @@ def draw_map(axes, plan, baselines=(), legend=True):
         _mark_times(axes, plan.times, points, uav_color(index), 1 if upper else -1)
     if legend:
         _explain_map(axes, plan, baselines, peak)
+
+
+def _draw_airspace(axes, scenario, place_of):
+    """Draw the fence, and the zones: filled where a UAV flies at their altitudes."""
+    if scenario.geofence is not None:
+        axes.add_patch(Polygon(place_of(scenario.geofence), **_FENCE, zorder=1))
+    for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
+        style = _ZONE if is_in_the_way(zone, scenario) else _ZONE_BESIDE
+        axes.add_patch(Polygon(place_of(zone.vertices), **style, zorder=1.5))
+        text = '\n'.join(filter(None, (name, altitudes_of(zone))))
+        axes.annotate(text, place_of(middle_of(zone)), ha='center', va='center', fontsize=7.5,
+                      color='0.25', zorder=8, annotation_clip=True,
+                      path_effects=[withStroke(linewidth=2.5, foreground='white')])
 
 
 def power_level(powers, peak):
@@ -197,6 +215,7 @@ def _extent(plans):
         for eve in scenario.eavesdroppers)]
     points = np.concatenate(points)
     low, high = points.min(axis=0), points.max(axis=0)
+    low, high = np.array(corners_of_map(scenario, [low, high]))
     margin = 0.07 * max(*(high - low), 10.0)
     return np.array([low - margin, high + margin])
 
@@ -259,6 +278,11 @@ def _explain_map(axes, plan, baselines, peak):
     blurred = any(eve.error_radius for eve in plan.scenario.eavesdroppers)
     entries['eavesdropper' + ', disc' * blurred] = Line2D(
         [], [], marker='X', **_sign(EAVESDROPPER, 8))
+    if plan.scenario.no_fly_zones:
+        entries['no-fly zone'] = Patch(**_ZONE)
+    if plan.scenario.geofence is not None:
+        entries['geofence'] = Line2D([], [], color=GEOFENCE, linewidth=1.2,
+                                     linestyle=_FENCE['linestyle'])
     if baselines:
         entries['baseline'] = Line2D([], [], color=_GREY, linewidth=0.9)
     _legend(axes, list(entries.values()), list(entries), handlelength=3,

@@ -1,0 +1,60 @@
+"""The mission of config/city.yaml, and a flight by hand that keeps its limits."""
+
+from pathlib import Path
+
+import numpy as np
+from ros_client import flat
+from secure_uav_planner import Eavesdropper, Plan, Scenario
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, uav_from, uav_parameters)
+from secure_uav_planner.ros.zone_parameters import airspace_from, zone_parameters
+import yaml
+
+FILE = Path(__file__).resolve().parents[1] / 'config' / 'city.yaml'
+PLACES = {'market': (190.0, 130.0), 'station': (-170.0, -120.0)}
+WAY = {'courier': [(-190, 250), (-110, 120), (0, 0), (150, -60), (220, -100), (300, -160)],
+       'escort1': [(-150, 250), (190, 130), (300, -80)],
+       'escort2': [(-300, 80), (-170, -120), (100, -220)]}
+
+
+def values():
+    """Return all values of the planner's parameters, checked."""
+    given = dict(flat(yaml.safe_load(FILE.read_text())['/**/planner']['ros__parameters']))
+    specs = dict(PLANNER)
+    for index, name in enumerate(given['uavs']):
+        specs.update(uav_parameters(name, index))
+    for name in given['eavesdroppers']:
+        specs.update(eavesdropper_parameters(name))
+    for name in given['no_fly_zones']:
+        specs.update(zone_parameters(name))
+    return {**{name: spec.default for name, spec in specs.items()},
+            **{name: specs[name].checked(name, value) for name, value in given.items()}}
+
+
+def scenario():
+    """Return the mission as the planner makes it of its parameters and these places."""
+    of = values()
+    return Scenario(
+        (0.0, 0.0),
+        tuple(Eavesdropper(PLACES[name], of[f'{name}.error_radius'], name)
+              for name in of['eavesdroppers']),
+        tuple(uav_from(of, name) for name in of['uavs']), of['duration'], of['slots'],
+        of['reference_snr_db'], **airspace_from(of))
+
+
+def plan_by_hand(scenario):
+    """Return a plan along straight lines with rounded corners."""
+    count, positions = scenario.slots + 2, []
+    for uav in scenario.uavs:
+        corners = np.array([uav.start, *WAY[uav.name], uav.goal])
+        length = np.append(0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
+        way = np.interp(np.linspace(0, length[-1], count - 24), length, np.arange(len(corners)))
+        line = np.stack([np.interp(way, np.arange(len(corners)), corners[:, axis])
+                         for axis in range(2)], axis=1)
+        # A mean over neighbours bounds the accelerations.
+        line = np.concatenate([np.repeat(line[:1], 16, axis=0), line,
+                               np.repeat(line[-1:], 16, axis=0)])
+        positions.append(np.stack([np.convolve(line[:, axis], np.ones(9) / 9, 'valid')
+                                   for axis in range(2)], axis=1))
+    powers = np.array([[1.0], [0.05], [0.05]]) * np.ones((3, scenario.slots))
+    return Plan(scenario, np.array(positions), powers)

@@ -1,0 +1,131 @@
+"""Separation, no-fly zones and geofence in the planner node, over DDS."""
+
+import city
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+from ros_client import Client, node_process, output_of, stopped, values_of, wait_for, wait_for_line
+from visualization_msgs.msg import MarkerArray
+
+# Beside every path of the paper's mission.
+FAR = {'no_fly_zones': '[tower]', 'tower__vertices': '[900.0, 0.0, 950.0, 0.0, 950.0, 50.0]'}
+
+
+@pytest.fixture
+def client():
+    with Client() as client:
+        yield client
+
+
+def planner(**parameters):
+    return node_process('planner', **{'duration': 120.0, 'slots': 20, **parameters})
+
+
+def test_a_planner_with_a_zone_and_a_fence_shows_them_and_says_how_close_it_comes(client):
+    with planner(**FAR, geofence='[-900.0, -900.0, 990.0, -900.0, 990.0, 900.0, -900.0, 900.0]',
+                 separation=8.0) as process:
+        markers = client.listen(MarkerArray, 'planner/markers')
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        client.send_paper()
+        answer = client.call('planner/plan')
+        assert answer.success, answer.message
+        assert 'uav1 and uav2 come within 10.0 m of each other' in answer.message
+        assert ' m of tower' in answer.message and '; along the curve ' in answer.message
+        wait_for(lambda: markers and status and 'plan.zone_distance' in values_of(status[-1]))
+        names = {marker.ns for marker in markers[-1].markers}
+        assert {'no_fly_zone', 'no_fly_zone_edges', 'geofence'} <= names
+        values = values_of(status[-1])
+        assert float(values['plan.uav_distance']) == pytest.approx(10.0, abs=1e-3)
+        assert values['plan.uav_distance.between'] == 'uav1, uav2'
+        assert values['plan.zone_distance.between'].endswith(', tower')
+        assert float(values['plan.zone_distance']) > 500
+        assert float(values['plan.curve_rate']) == pytest.approx(
+            float(values['plan.guaranteed_rate']), abs=0.05)
+        assert status[-1].level == DiagnosticStatus.OK
+    assert not any('there is no parameter' in line for line in process.lines)
+
+
+def test_a_wrong_change_is_refused_with_its_reason_and_the_old_value_stays(client):
+    with planner(**FAR) as process:
+        wait_for_line(process, 'ready')
+        for name, value, reason in (
+                ('tower.vertices', [0.0, 0.0, 40.0, 40.0, 40.0, 0.0, 0.0, 40.0],
+                 'tower.vertices is ((0.0, 0.0), (40.0, 40.0), (40.0, 0.0), (0.0, 40.0)), whose '
+                 'outline crosses or touches itself near (20, 20)'),
+                ('tower.vertices', [0.0, 0.0, 40.0, 40.0], 'a list of 6 to 512 numbers'),
+                ('tower.vertices', [0.0, 0.0, 20.0, 20.0, 40.0, 40.0], 'has no area'),
+                ('tower.vertices', [0.0, 0.0, 20.0, 0.0, 20.0, 9.0, 1.0], 'an even number'),
+                ('tower.vertices', [0.0, 0.0, 20.0, 0.0, 20.0, float('nan')], 'must be a list of'),
+                ('tower.floor', 50.0, None), ('tower.ceiling', 60.0, None),
+                ('tower.floor', 70.0, 'tower.floor is 70 m; it must be at most ceiling, which is '
+                                      '60 m'),
+                ('tower.floor', float('nan'), 'tower.floor out of range Min: 0.0'),
+                ('separation', -1.0, 'separation out of range Min: 0.0'),
+                ('separation', float('inf'), 'separation out of range Min: 0.0'),
+                ('geofence', [0.0, 0.0, 20.0, 0.0], 'geofence is ((0.0, 0.0), (20.0, 0.0)); it '
+                                                    'must have at least three different'),
+                ('geofence', [1.0], 'an even number'),
+                ('geofence', [0.0, 0.0, 9.0, 0.0, 9.0, 9.0], None), ('geofence', [], None),
+                ('no_fly_zones', ['other'], 'read-only')):
+            before = client.get_parameters('planner', name)[0]
+            result = client.set_parameters('planner', **{name: value})[0]
+            assert result.successful == (reason is None), (name, value, result.reason)
+            assert reason is None or reason in result.reason
+            if reason is not None:
+                assert client.get_parameters('planner', name)[0] == before
+
+
+def test_a_mission_that_begins_in_a_zone_is_refused_by_name_and_the_last_plan_stands(client):
+    with planner(**FAR):
+        client.send_paper()
+        assert client.call('planner/plan').success
+        for name, value, undo, reason in (
+                ('tower.vertices', [50.0, 450.0, 150.0, 450.0, 150.0, 550.0, 50.0, 550.0],
+                 [900.0, 0.0, 950.0, 0.0, 950.0, 50.0],
+                 'uav1.start is (100.0, 500.0) at 100 m, inside tower; it must be outside'),
+                ('geofence', [0.0, -600.0, 200.0, -600.0, 200.0, 400.0], [],
+                 'uav1.start is (100.0, 500.0), outside the geofence; it must be inside'),
+                ('separation', 30.0, 0.0,
+                 'separation is 30 m; it must be at most 10 m, the distance between the starts '
+                 'of uav1 and uav2')):
+            assert client.set_parameters('planner', **{name: value})[0].successful
+            answer = client.call('planner/plan')
+            assert not answer.success
+            assert answer.message.startswith(reason)
+            assert answer.message.endswith('; the last plan stands')
+            assert client.set_parameters('planner', **{name: undo})[0].successful
+        assert client.call('planner/plan').success
+
+
+def test_uavs_that_come_close_without_a_separation_are_warned_of(client):
+    with planner(uav2__altitude=101.0):
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        client.send_paper()
+        answer = client.call('planner/plan')
+        assert answer.success
+        assert 'come within 1.0 m of each other at ' in answer.message
+        assert 'less than 5 m; set separation to keep them apart' in answer.message
+        wait_for(lambda: status and 'plan.uav_distance' in values_of(status[-1]))
+        assert status[-1].level == DiagnosticStatus.WARN
+
+
+@pytest.mark.parametrize('parameters, reason', [
+    ({'no_fly_zones': '[tower]'}, 'parameter tower.vertices is []; it must be a list of 6'),
+    ({'no_fly_zones': '[uav1]'}, 'no_fly_zones give the names'),
+    ({**FAR, 'tower__floor': 5.0, 'tower__ceiling': 4.0}, 'tower.floor is 5 m; it must be at'),
+    ({'geofence': '[0.0, 0.0, 1.0]'}, 'an even number')])
+def test_a_planner_does_not_start_with_a_wrong_airspace(parameters, reason):
+    with planner(**parameters) as process:
+        wait_for(lambda: process.poll() is not None, what='the end of the planner')
+        assert process.returncode != 0
+        assert reason in output_of(process)
+
+
+def test_a_planner_starts_with_the_city_and_has_its_zones(client):
+    with node_process('planner', '--params-file', str(city.FILE)) as process:
+        wait_for_line(process, 'ready')
+        of = city.values()
+        found = client.get_parameters('planner', 'tower.vertices', 'stadium.ceiling', 'geofence')
+        assert [list(found[0]), found[1], list(found[2])] == [
+            of['tower.vertices'], of['stadium.ceiling'], of['geofence']]
+        assert not any('there is no parameter' in line for line in process.lines)
+        assert stopped(process) == 0

@@ -1,0 +1,91 @@
+"""Zones and fence in the picture, the page and the markers."""
+
+import city
+from matplotlib.patches import Polygon
+import numpy as np
+import pytest
+from secure_uav_planner import NoFlyZone
+from secure_uav_planner.ros import messages
+from secure_uav_planner.view.airspace import altitudes_of, corners_of_map
+from secure_uav_planner.view.picture import draw_plan
+import shapely
+from visualization_msgs.msg import Marker
+
+SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return city.plan_by_hand(city.scenario())
+
+
+def test_the_city_can_be_flown_with_room_to_spare(plan):
+    scenario = plan.scenario
+    assert plan.clearance.between_uavs.distance > scenario.separation == 20
+    assert plan.clearance.to_zones.distance > 5
+    assert len(scenario.no_fly_zones) == 3 and len(set(scenario.altitudes.tolist())) == 3
+    assert not shapely.Polygon(scenario.no_fly_zones[0].vertices).equals(
+        shapely.Polygon(scenario.no_fly_zones[0].vertices).convex_hull)
+    # What blocks the straight way of the courier to the ground node and on to its goal.
+    courier = scenario.uavs[0]
+    way = shapely.LineString([courier.start, scenario.ground_node, courier.goal])
+    assert [zone.name for zone in scenario.no_fly_zones if zone.is_at(courier.altitude)
+            and way.intersects(shapely.Polygon(zone.vertices))] == ['hospital', 'tower']
+
+
+def test_the_picture_has_every_zone_with_its_altitudes_and_the_fence(plan):
+    axes = draw_plan(plan).axes[0]
+    shapes = [patch.get_xy()[:-1] for patch in axes.patches if isinstance(patch, Polygon)]
+    wanted = [plan.scenario.geofence, *(zone.vertices for zone in plan.scenario.no_fly_zones)]
+    assert len(shapes) == len(wanted) == 4
+    for shape, vertices in zip(shapes, wanted):
+        assert shape == pytest.approx(np.array(vertices))
+    texts = {text.get_text() for text in axes.texts}
+    assert {'hospital', 'tower\nup to 150 m', 'stadium\nup to 95 m'} <= texts
+    legend = {text.get_text() for text in axes.get_legend().get_texts()}
+    assert {'no-fly zone', 'geofence'} <= legend
+    x, y = axes.get_xlim(), axes.get_ylim()
+    for corner in plan.scenario.geofence:
+        assert x[0] < corner[0] < x[1] and y[0] < corner[1] < y[1]
+
+
+def test_the_page_has_every_zone_with_its_altitudes_and_the_fence(plan):
+    pytest.importorskip('plotly')
+    from secure_uav_planner.view.page import draw_page
+    traces = {trace.text if trace.name == 'no-fly zone' else trace.name: trace
+              for trace in draw_page(plan).data if trace.name in ('no-fly zone', 'geofence')}
+    assert set(traces) == {'hospital', 'tower, up to 150 m', 'stadium, up to 95 m', 'geofence'}
+    for zone, trace in zip(plan.scenario.no_fly_zones, traces.values()):
+        assert list(zip(trace.x, trace.y)) == [*zone.vertices, zone.vertices[0]]
+    assert sum(bool(trace.showlegend) for name, trace in traces.items() if name != 'geofence') == 1
+
+
+def test_markers_are_prisms_between_floor_and_ceiling(plan):
+    found = messages.markers(
+        type(plan)(plan.scenario, plan.positions, plan.powers, start_ns=0), 'map').markers
+    prisms = [marker for marker in found if marker.ns == 'no_fly_zone']
+    assert len({(marker.ns, marker.id) for marker in found}) == len(found)
+    for marker, zone in zip(prisms, plan.scenario.no_fly_zones, strict=True):
+        assert marker.type == Marker.TRIANGLE_LIST and len(marker.points) % 3 == 0
+        points = np.array([(point.x, point.y, point.z) for point in marker.points])
+        # Without a ceiling it ends above the highest UAV.
+        top = 132.0 if np.isinf(zone.ceiling) else zone.ceiling
+        assert sorted(set(points[:, 2].tolist())) == pytest.approx([zone.floor, min(top, 132.0)])
+        roof = points.reshape(-1, 3, 3)[(points.reshape(-1, 3, 3)[..., 2] > 50).all(axis=1)]
+        shape = shapely.union_all([shapely.Polygon(corners[:, :2]) for corners in roof])
+        assert shape.symmetric_difference(shapely.Polygon(zone.vertices)).area < 1e-6
+    [fence] = [marker for marker in found if marker.ns == 'geofence']
+    assert {(point.x, point.y) for point in fence.points} == set(plan.scenario.geofence)
+    assert [marker.text for marker in found if marker.ns == 'label'][-3:] == [
+        'hospital', 'tower', 'stadium']
+
+
+@pytest.mark.parametrize('floor, ceiling, text', [
+    (0, np.inf, ''), (0, 50, 'up to 50 m'), (20, 50, '20 to 50 m'), (20, None, 'above 20 m')])
+def test_altitudes_are_said_in_words(floor, ceiling, text):
+    assert altitudes_of(NoFlyZone(SQUARE, floor, ceiling)) == text
+
+
+def test_a_very_large_fence_does_not_make_the_plan_small(plan):
+    corners = [[-100.0, -100.0], [100.0, 100.0]]
+    assert corners_of_map(plan.scenario, corners) == [[-300.0, -300.0], [300.0, 300.0]]
