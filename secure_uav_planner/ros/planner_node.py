@@ -25,6 +25,7 @@ from .scenarios import GROUND_NODE_TOPIC, pose_problems, pose_topic, scenario_fr
 from .status import level_and_text, State, values
 from .text import brief, with_type
 from .worker import Worker
+from .zone_parameters import airspace_from, zone_parameters
 from ..errors import ParameterError, PlanFileError, PlanningError, PoseError, StoppedError
 from ..optimize.feasible import similar
 from ..optimize.solve import check_method
@@ -72,14 +73,17 @@ class Planner(Node):
         self.get_logger().info(brief('ready: ~/plan plans for ' + ', '.join(self._uavs)))
 
     def _declare_members(self) -> None:
-        names = [*self._uavs, *self._eavesdroppers, 'ground_node']
+        zones = self._settings['no_fly_zones']
+        names = [*self._uavs, *self._eavesdroppers, *zones, 'ground_node']
         if len(set(names)) < len(names):
-            raise ParameterError(f'parameters uavs and eavesdroppers give the names {names[:-1]}; '
-                                 f"they must be unique and not 'ground_node'")
+            raise ParameterError('parameters uavs, eavesdroppers and no_fly_zones give the names '
+                                 f"{names[:-1]}; they must be unique and not 'ground_node'")
         for index, name in enumerate(self._uavs):
             self._settings.declare(uav_parameters(name, index))
         for name in self._eavesdroppers:
             self._settings.declare(eavesdropper_parameters(name))
+        for name in zones:
+            self._settings.declare(zone_parameters(name))
         self._settings.apply(self._check)
 
     def _make_interface(self) -> None:
@@ -119,6 +123,7 @@ class Planner(Node):
         check_method(values['method'], values['objective'])
         for name in self._uavs:
             uav_from(values, name)
+        airspace_from(values)
 
     # Poses
 
