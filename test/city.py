@@ -16,6 +16,8 @@ WAY = {'courier': [(-190, 250), (-110, 120), (0, 0), (150, -60), (220, -100), (3
        'escort1': [(-150, 250), (190, 130), (300, -80)],
        'escort2': [(-300, 80), (-170, -120), (100, -220)]}
 
+WAIT = {'courier': 8, 'escort1': 24, 'escort2': 12}  # How long each waits at its start, in slots.
+
 
 def values():
     """Return all values of the planner's parameters, checked."""
@@ -52,8 +54,9 @@ def plan_by_hand(scenario):
         line = np.stack([np.interp(way, np.arange(len(corners)), corners[:, axis])
                          for axis in range(2)], axis=1)
         # A mean over neighbours bounds the accelerations.
-        line = np.concatenate([np.repeat(line[:1], 16, axis=0), line,
-                               np.repeat(line[-1:], 16, axis=0)])
+        wait = WAIT[uav.name]
+        line = np.concatenate([np.repeat(line[:1], wait, axis=0), line,
+                               np.repeat(line[-1:], 32 - wait, axis=0)])
         positions.append(np.stack([np.convolve(line[:, axis], np.ones(9) / 9, 'valid')
                                    for axis in range(2)], axis=1))
     powers = np.array([[1.0], [0.05], [0.05]]) * np.ones((3, scenario.slots))
