@@ -15,10 +15,11 @@ from typing import NamedTuple
 import pytest
 from ros_client import flat
 import secure_uav_planner
-from secure_uav_planner import errors, Iteration, Plan, playback, Scenario
+from secure_uav_planner import clearance, errors, Iteration, Plan, playback, Scenario
 from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters)
+from secure_uav_planner.ros.zone_parameters import zone_parameters
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,7 +76,7 @@ class Walkthrough:
 
     def __init__(self, packaging, interfaces, folder):
         self.packaging, self.interfaces, self.folder = packaging, interfaces, folder
-        self.uavs, self.eavesdroppers = {'uav1', 'uav2'}, {'eavesdropper'}
+        self.uavs, self.eavesdroppers, self.zones = {'uav1', 'uav2'}, {'eavesdropper'}, set()
         self.namespace = {'__name__': '__main__'}
         self.unused, self.nodes = set(), {}
 
@@ -111,6 +112,7 @@ class Walkthrough:
             values = content['ros__parameters']
             self.uavs |= set(values.get('uavs', ()))
             self.eavesdroppers |= set(values.get('eavesdroppers', ()))
+            self.zones |= set(values.get('no_fly_zones', ()))
             for name, value in flat(values):
                 self._check_parameter(node.strip('/*'), name, value)
 
@@ -272,6 +274,8 @@ class Walkthrough:
                 specs.update(uav_parameters(uav, 0))
             for eavesdropper in self.eavesdroppers:
                 specs.update(eavesdropper_parameters(eavesdropper))
+            for zone in self.zones:
+                specs.update(zone_parameters(zone))
         assert name in specs, f'{node} has no parameter {name}'
         for one in value:
             specs[name].checked(name, one)
@@ -399,7 +403,8 @@ def known_names():
     """Return every parameter, argument, attribute and status that a page may mention."""
     names = set(FOREIGN) | set(PLANNER) | set(REPLAY) | set(RELAY) | {'U', 'N', 'E'}
     for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
-                  secure_uav_planner.Eavesdropper, playback, playback.Playback,
+                  secure_uav_planner.Eavesdropper, secure_uav_planner.NoFlyZone,
+                  clearance.Clearance, clearance.Approach, playback, playback.Playback,
                   playback.Moment, secure_uav_planner.channel):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
@@ -415,16 +420,16 @@ def test_every_name_of_a_parameter_or_a_topic_exists(page, interfaces):
     prose = re.sub('```.*?```', '', page.read_text(), flags=re.DOTALL)
     known = known_names()
     of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
-              **relay_parameters('<uav>')}
+              **relay_parameters('<uav>'), **zone_parameters('<zone>')}
     topics = {one.name for one in interfaces}
     for code in re.findall('`([^`\n]+)`', prose):
-        if re.fullmatch(r'<(uav|eavesdropper)>\.\w+', code):
+        if re.fullmatch(r'<(uav|eavesdropper|zone)>\.\w+', code):
             assert code in of_one, code
         elif re.fullmatch(r'(<(uav|eavesdropper|vehicle)>|~|ground_node)/[\w/]+', code):
             assert code in topics, code
         elif re.fullmatch(r'[a-z]+(_[a-z]+)+', code):
             assert code in known, code
-        elif re.fullmatch(r'(Scenario|Plan|Uav|Eavesdropper|Iteration)\.\w+(\(.*\))?', code):
+        elif re.fullmatch(r'(Scenario|Plan|Uav|Eavesdropper|NoFlyZone|Iteration)\.\w+(\(.*\))?', code):
             owner, name = code.partition('(')[0].split('.')
             kind = getattr(secure_uav_planner, owner)
             assert hasattr(kind, name) or name in kind.__dataclass_fields__, code
