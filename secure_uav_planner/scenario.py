@@ -100,8 +100,9 @@ class Scenario:
     def _check_ends(self) -> None:
         """Check where flights begin and end against zones, fence and separation."""
         for field in ('start', 'goal'):
-            # How far the curve may be from the first or the last of its control points.
-            slack = [POSITION_TOLERANCE + uav.bend_at(field, self.slot_duration)
+            # How far the curve may be from the first or the last of its control points. A place
+            # on a plan, with which the rest of it begins, is itself beyond a limit by rounding.
+            slack = [2 * POSITION_TOLERANCE + uav.bend_at(field, self.slot_duration)
                      for uav in self.uavs]
             for uav, most in zip(self.uavs, slack, strict=True):
                 self._check_place(uav, field, most)
