@@ -5,6 +5,7 @@ import json
 import pathlib
 import re
 
+import city
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import numpy as np
@@ -68,6 +69,22 @@ def test_every_eavesdropper_has_a_topic_of_its_own_name(plan, tmp_path):
         topics = {channel.topic for channel in make_reader(stream).get_summary().channels.values()}
     assert {topic for topic in topics if topic.endswith('/pose') and 'setpoint' not in topic} == {
         '/ground_node/pose', '/listener/pose', '/mallory/pose'}
+
+
+def test_zones_fence_and_distances_are_recorded(tmp_path):
+    path = tmp_path / 'city.mcap'
+    record(city.plan_by_hand(city.scenario()), path, rate=0.1)
+    with path.open('rb') as stream:
+        found = {channel.topic: decoded for _, channel, _, decoded in make_reader(
+            stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(
+                ['/planner/markers', '/planner/status'])}
+    names = [marker.ns for marker in found['/planner/markers'].markers]
+    assert names.count('no_fly_zone') == 3 and names.count('geofence') == 1
+    values = {one.key: one.value for one in found['/planner/status'].values}
+    assert float(values['plan.uav_distance']) > 20
+    assert values['plan.zone_distance.between'] == 'courier, hospital'
+    assert float(values['plan.curve_rate']) == pytest.approx(
+        float(values['plan.guaranteed_rate']), abs=0.01)
 
 
 def test_the_plan_can_be_read_back_from_it(read, plan):

@@ -14,6 +14,7 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from . import messages
+from .approaches import approaches_values
 from .. import channel
 from ..errors import OptionError, shown
 from ..files import atomic_file
@@ -84,7 +85,8 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
         'planner: plan', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
             'state': 'idle', 'plan.guaranteed_rate': plan.guaranteed_rate,
             'plan.worst_case_rate': plan.worst_case_rate, 'plan.method': plan.method,
-            'plan.status': plan.status, 'plan.solve_time': plan.solve_time}), latched=True)
+            'plan.status': plan.status, 'plan.solve_time': plan.solve_time,
+            'plan.curve_rate': plan.curve_rate, **approaches_values(plan)}), latched=True)
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float,
