@@ -429,7 +429,8 @@ def test_every_name_of_a_parameter_or_a_topic_exists(page, interfaces):
             assert code in topics, code
         elif re.fullmatch(r'[a-z]+(_[a-z]+)+', code):
             assert code in known, code
-        elif re.fullmatch(r'(Scenario|Plan|Uav|Eavesdropper|NoFlyZone|Iteration)\.\w+(\(.*\))?', code):
+        elif re.fullmatch(
+                r'(Scenario|Plan|Uav|Eavesdropper|NoFlyZone|Iteration)\.\w+(\(.*\))?', code):
             owner, name = code.partition('(')[0].split('.')
             kind = getattr(secure_uav_planner, owner)
             assert hasattr(kind, name) or name in kind.__dataclass_fields__, code
