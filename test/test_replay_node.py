@@ -261,10 +261,10 @@ def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
             stamps = [at.header.stamp.sec + at.header.stamp.nanosec * 1e-9 for at in setpoints]
             gap, drawing = max(np.diff(stamps), default=np.inf), time.monotonic() - began
             print(f'\nlongest gap between setpoints at 50 Hz: {gap:.3f} s, drawing {drawing:.1f} s')
-            shares.append(gap / drawing)
-    # A loaded machine has longer gaps, and draws longer. Drawing in the node would hold setpoints
-    # up for most of that time.
-    assert min(shares) < 0.25
+            shares.append((gap - 0.02) / drawing)
+    # A loaded machine has longer gaps, but also draws longer. A thread of the node that draws holds
+    # setpoints up for 4% of its time, or more.
+    assert min(shares) < 0.03
 
 
 def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):
