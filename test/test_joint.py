@@ -172,7 +172,7 @@ def test_a_factorisation_that_never_succeeds_is_numerical_trouble_and_keeps_the_
 
 
 def test_a_matrix_that_no_shift_can_mend_raises():
-    matrix = newton.BandMatrix(np.full((1, 4, 3, 3), np.nan), 1, np.zeros(1, bool))
+    matrix = newton.BandMatrix(np.full((1, 4, 3, 3), np.nan), 5, np.zeros(1, bool))
     with pytest.raises(NumericalError):
         matrix._factor(0)
     assert np.isnan(matrix.solve(np.ones((1, 12)), np.zeros((1, 12)), np.ones((1, 1)))).all()

@@ -70,7 +70,7 @@ def test_curvature_is_that_of_the_barrier_function(scenario, seed):
     for limit in limits_of(scenario, grid):
         if limit.reach == ALL_SLOTS:
             continue
-        matrix = BandMatrix(np.zeros((1, x.shape[1], size, size)), limit.reach,
+        matrix = BandMatrix(np.zeros((1, x.shape[1], size, size)), max(size, limit.height(size)),
                             np.zeros(x.shape[2], bool))
         margin = limit.margin(Iterate(grid, x))
         limit.add_curvature(Iterate(grid, x), 1 / margin, margin, matrix)

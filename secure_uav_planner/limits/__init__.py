@@ -7,13 +7,18 @@ repair of an iterate, and its terms in both methods.
 
 from .acceleration import AccelerationLimit
 from .base import Limit
+from .fence import FenceLimit
+from .lines import LineLimit
 from .power import AveragePower, PeakPower
+from .separation import SeparationLimit
 from .speed import SpeedLimit
+from .zones import ZoneLimit
 from ..grid import Grid
 from ..scenario import Array, Scenario
 
 LIMITS: tuple[type[Limit], ...] = (
-    SpeedLimit, AccelerationLimit, PeakPower, AveragePower)
+    SpeedLimit, AccelerationLimit, FenceLimit, ZoneLimit, SeparationLimit, PeakPower,
+    AveragePower)
 """All limits, in the order in which a plan is checked and an iterate repaired."""
 
 
@@ -34,5 +39,17 @@ def repaired(scenario: Scenario, positions: Array, powers: Array, grid: Grid | N
     return positions, powers
 
 
-__all__ = ['AccelerationLimit', 'AveragePower', 'LIMITS', 'Limit', 'PeakPower', 'SpeedLimit',
-           'limits_of', 'repaired']
+def is_clear(scenario: Scenario, positions: Array) -> bool:
+    """
+    Return whether flights clear zones, fence and each other at any time.
+
+    This is sufficient: pieces of curves may be clear while their control points are not.
+
+    :param positions: (U, N+2, 2) in m.
+    """
+    limits = [limit for limit in limits_of(scenario) if isinstance(limit, LineLimit)]
+    return all(limit.is_clear(positions) for limit in limits)
+
+
+__all__ = ['AccelerationLimit', 'AveragePower', 'FenceLimit', 'LIMITS', 'Limit', 'PeakPower',
+           'SeparationLimit', 'SpeedLimit', 'ZoneLimit', 'is_clear', 'limits_of', 'repaired']

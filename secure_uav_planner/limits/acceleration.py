@@ -53,7 +53,7 @@ class AccelerationLimit(NormLimit):
     def _excess(self, uav: int, place: int, value: float) -> str:
         square = self.grid.slot_duration**2
         return (f'{self.scenario.uavs[uav].name} accelerates by {value / square:.9g} m/s^2 at '
-                f'point {place}; at most {self._most[uav] / square:.9g} m/s^2 are allowed')
+                f'point {place}; at most {self.longest[uav] / square:.9g} m/s^2 are allowed')
 
     def differences(self, positions: Array) -> Array:
         """Return the second differences, (U, N+2, 2)."""

@@ -22,14 +22,14 @@ class Limit(ABC):
     several starts at once, with x (S, N, U, 3) and arrays c whose first axis is the starts.
 
     :cvar of_flights: whether it limits positions rather than powers.
-    :cvar reach: how many slots beyond its own an inequality couples: 0 within a slot, 1 with the
+    :ivar reach: how many slots beyond its own an inequality couples: 0 within a slot, 1 with the
         next one, and so on, or ALL_SLOTS. The optimiser's band is as high as the largest reach.
     :param scenario: whose limit it is.
     :param grid: on which joint asks; by default the scenario's own.
     """
 
     of_flights: ClassVar[bool] = False
-    reach: ClassVar[int]
+    reach: int
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         self.scenario = scenario
@@ -39,6 +39,18 @@ class Limit(ABC):
     def applies_to(cls, scenario: Scenario) -> bool:
         """Return whether a scenario has this limit."""
         return True
+
+    def height(self, size: int) -> int:
+        """
+        Return how many diagonals of the lower triangle of the Hessian its inequalities fill.
+
+        By default, they couple the variables of a slot, and the two coordinates of a UAV with
+        those in slots within reach. Of a limit that couples all slots it does not count.
+
+        :param size: variables of a slot, 3 U.
+        """
+        # Between slots, one row up or down.
+        return self.reach * size + 2 if self.reach > 0 else size
 
     # For a plan
 
@@ -145,13 +157,40 @@ class Iterate:
 
     :param grid: of the variables.
     :param x: (S, N, U, 3).
+    :param lines: what limits chose for another x near it and keep here, by limit; without it,
+        they choose anew.
     """
 
-    def __init__(self, grid: Grid, x: Array) -> None:
+    def __init__(self, grid: Grid, x: Array, lines: dict[Any, Any] | None = None) -> None:
+        self.grid = grid
         self.x = x
         self.power: Array = x[..., 0]
-        self.moves: Array = np.diff(grid.path(x), axis=1)
+        self.path: Array = grid.path(x)
+        """Points with start and goal in units, (S, N+2, U, 2)."""
+        self.moves: Array = np.diff(self.path, axis=1)
         """From each point to the next, (S, N+1, U, 2)."""
+        self.lines: dict[Any, Any] = {} if lines is None else lines
+
+    @classmethod
+    def of_path(cls, grid: Grid, path: Array) -> 'Iterate':
+        """Return an Iterate of flights without powers, (S, N+2, U, 2) in units."""
+        x = np.zeros((len(path), grid.slots, path.shape[2], 3))
+        x[..., 1:] = path[:, 1:-1]
+        return cls(grid, x)
+
+    def moved(self, x: Array, starts: Any = None) -> 'Iterate':
+        """
+        Return an Iterate at another x with the same choices.
+
+        :param x: (S', N, U, 3).
+        :param starts: which of the starts these are, an index array; by default all.
+        """
+        lines = self.lines
+        if starts is not None and lines:
+            lines = {limit: type(chosen)(*(
+                None if part is None else part[starts] for part in chosen))
+                for limit, chosen in lines.items()}
+        return Iterate(self.grid, x, lines)
 
 
 class Step:
@@ -166,6 +205,8 @@ class Step:
         path[:, 1:-1] = change[..., 1:]
         self.x = change
         self.power: Array = change[..., 0]
+        self.path: Array = path
+        """The change of every point, (S, N+2, U, 2)."""
         self.moves: Array = np.diff(path, axis=1)
         """The change of every move, (S, N+1, U, 2)."""
 

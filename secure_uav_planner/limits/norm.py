@@ -25,6 +25,8 @@ class NormLimit(Limit):
 
     :cvar stencil: the weights a_k.
     :cvar lead: how many points before the start the first difference reaches.
+    :ivar longest: r, (U,) in m, infinite for UAVs without this limit.
+    :ivar absent: which differences have no limit, (M, U).
     """
 
     of_flights = True
@@ -33,12 +35,12 @@ class NormLimit(Limit):
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
-        self._most = self._longest()
-        open_ends = ~np.isfinite(self._most) | self._free_ends()
+        self.longest = self._longest()
+        open_ends = ~np.isfinite(self.longest) | self._free_ends()
         self._ignored: NDArray[np.bool_] = open_ends | self.grid.fixed
         self._has_ignored = bool(self._ignored.any())
-        self._absent = open_ends
-        radius = np.where(np.isfinite(self._most), self._most, 1.0) / self.grid.length
+        self.absent = open_ends
+        radius = np.where(np.isfinite(self.longest), self.longest, 1.0) / self.grid.length
         self._square = radius**2
         # The gradient of c by a difference is this times the difference.
         self._slope = -2.0 / self._square[:, None]
@@ -70,7 +72,7 @@ class NormLimit(Limit):
     def check(self, positions: Array, powers: Array) -> None:
         """Check every difference of a plan; see Limit."""
         lengths = self._lengths(positions)
-        for uav, (length, most) in enumerate(zip(lengths, self._most.tolist(), strict=True)):
+        for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
             if length.max() > most + TOLERANCE:
                 raise PlanError(self._excess(uav, int(length.argmax()), float(length.max())))
 
@@ -91,8 +93,8 @@ class NormLimit(Limit):
         longest = self._lengths(positions).max(axis=1)
         least = self._lengths(reference).max(axis=1)
         with np.errstate(invalid='ignore'):  # of UAVs without the limit
-            excess = longest - (1 - margin) * self._most
-            slack = np.maximum((1 - margin) * self._most - least, 0)
+            excess = longest - (1 - margin) * self.longest
+            slack = np.maximum((1 - margin) * self.longest - least, 0)
         share = np.zeros(len(positions))
         over = excess > 0
         share[over] = excess[over] / (excess[over] + slack[over])
@@ -100,10 +102,14 @@ class NormLimit(Limit):
         blended[:, [0, -1]] = reference[:, [0, -1]]
         return blended, powers
 
+    def efforts(self, positions: Array) -> Array:
+        """Return the largest share of the limit that each flight uses, (U,)."""
+        return np.asarray((self._lengths(positions) / self.longest[:, None]).max(axis=1))
+
     def _lengths(self, positions: Array) -> Array:
         """Return |d|, 0 where it does not count, (U, M) in m."""
         lengths: Array = np.linalg.norm(self.differences(positions), axis=-1)
-        lengths[self._absent.T] = 0.0
+        lengths[self.absent.T] = 0.0
         return lengths
 
     def margin(self, iterate: Iterate) -> Array:
@@ -171,8 +177,8 @@ class NormLimit(Limit):
         cp: Any = import_module('cvxpy')
         constraints = []
         for uav, (path, most) in enumerate(zip(
-                variables.paths, self._most.tolist(), strict=True)):
-            counted = np.flatnonzero(~self._absent[:, uav])
+                variables.paths, self.longest.tolist(), strict=True)):
+            counted = np.flatnonzero(~self.absent[:, uav])
             if np.isfinite(most) and len(counted):
                 found = self._of_expression(path, uav, variables.scale)
                 constraints.append(cp.norm(found[counted], axis=1) <= most * variables.scale)

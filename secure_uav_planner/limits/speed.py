@@ -25,7 +25,7 @@ class SpeedLimit(NormLimit):
 
     def _excess(self, uav: int, place: int, value: float) -> str:
         return (f'{self.scenario.uavs[uav].name} moves {value:.9g} m after point {place}; '
-                f'at most {self._most[uav]:.9g} m are allowed')
+                f'at most {self.longest[uav]:.9g} m are allowed')
 
     def differences(self, positions: Array) -> Array:
         """Return the moves, (U, N+1, 2)."""

@@ -1,35 +1,75 @@
 """Fly-hover-fly with constant powers, Section IV: the baseline, and where the methods start."""
 
+from functools import lru_cache
 import math
 
 import numpy as np
 
+from .detours import direct_flights, fitted, free_places, is_open, route
+from .refusal import refuse
+from ..grid import Grid
 from ..limits import repaired
-from ..scenario import Array, Scenario, Uav
+from ..scenario import Array, read_only, Scenario, Uav
 
 
-def fly_hover_fly_positions(scenario: Scenario, hover: Array | None = None) -> Array:
+_SHARE = 1e-3  # Of its slack that a flight around others leaves, where it can.
+
+
+def fly_hover_fly_positions(scenario: Scenario) -> Array:
     """
     Return straight flights at full speed to a hovering place and on to the goal, as late.
 
-    A UAV without the time to reach its hovering place flies towards it and turns back at the
-    last moment that still reaches the goal.
+    The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn. A
+    UAV without the time to reach its hovering place flies towards it and turns back at the last
+    moment that still reaches the goal. Flights go around what may not be entered, and keep their
+    separation.
 
-    :param hover: hovering places, (U, 2) in m; by default the paper's: the transmitter above the
-        ground node, the jammers above the eavesdroppers in turn.
+    :return: positions, (U, N+2, 2) in m.
+    :raises InfeasibleMissionError: when no flights are found that keep the limits.
+    """
+    eves = scenario.eavesdropper_positions
+    jammers = np.arange(len(scenario.uavs) - 1)
+    hover = np.concatenate([[scenario.ground_node], eves[jammers % len(eves)]])
+    if is_open(scenario):
+        return flights_to(scenario, hover)
+    return _flights_around(scenario, tuple(map(tuple, hover.tolist())))
+
+
+@lru_cache(maxsize=16)
+def _flights_around(scenario: Scenario, hover: tuple[tuple[float, float], ...]) -> Array:
+    grid = Grid.of(scenario)
+    found = fitted(grid, flights_to(scenario, free_places(scenario, np.array(hover))), _SHARE)
+    if found is None:
+        for flights in direct_flights(scenario):
+            found = fitted(grid, flights, _SHARE)
+            if found is not None:
+                break
+        else:
+            refuse(scenario)
+    return read_only(found)
+
+
+def flights_to(scenario: Scenario, hover: Array,
+               ways: tuple[tuple[int, int], ...] | None = None) -> Array:
+    """
+    Return fly-hover-fly flights to hovering places.
+
+    Where a zone, a fence or another UAV is in the way they may break the limits still.
+
+    :param hover: hovering places, (U, 2) in m.
+    :param ways: which ways each UAV takes to its place and back; by default the shortest.
     :return: positions, (U, N+2, 2) in m.
     """
-    if hover is None:
-        eves = scenario.eavesdropper_positions
-        jammers = np.arange(len(scenario.uavs) - 1)
-        hover = np.concatenate([[scenario.ground_node], eves[jammers % len(eves)]])
-    positions = np.stack([
-        _fly_hover_fly(start, goal, place, step, scenario.slots)
-        if uav.max_acceleration is None else _smooth_fly_hover_fly(uav, place, scenario)
-        for uav, start, goal, place, step in zip(
-            scenario.uavs, scenario.starts, scenario.goals, hover, scenario.max_step.tolist(),
-            strict=True)])
-    if np.isfinite(scenario.max_accelerations).any():
+    positions = np.empty((len(scenario.uavs), scenario.slots + 2, 2))
+    for number, (uav, place) in enumerate(zip(scenario.uavs, hover, strict=True)):
+        around = route(scenario, number, place, *(ways[number] if ways else ()))
+        if around is None:
+            around = (_smooth_fly_hover_fly(uav, place, scenario)
+                      if uav.max_acceleration is not None else
+                      _fly_hover_fly(np.array(uav.start), np.array(uav.goal), place,
+                                     float(scenario.max_step[number]), scenario.slots))
+        positions[number] = around
+    if np.isfinite(scenario.max_accelerations).any() and is_open(scenario):
         positions, _ = repaired(scenario, positions, np.zeros((len(positions), scenario.slots)))
     return positions
 

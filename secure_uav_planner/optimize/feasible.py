@@ -4,12 +4,16 @@ import math
 
 import numpy as np
 
+from .baselines import fly_hover_fly_positions
+from .detours import fitted
 from ..channel import guaranteed_rates, worst_case_rates
 from ..errors import OptionError
-from ..grid import resampled
-from ..limits import repaired
+from ..grid import Grid, resampled
+from ..limits import is_clear, repaired
 from ..plan import Objective, Plan
 from ..scenario import Array, Point, Scenario
+
+_SHARE = 1e-3  # Of its slack that a flight which is bent aside leaves, where it can.
 
 
 def without_losing_slots(scenario: Scenario, positions: Array, powers: Array,
@@ -53,6 +57,7 @@ def adapted(scenario: Scenario, plan: Plan) -> tuple[Array, Array]:
     Return the positions and powers of a plan for another scenario, bent to be feasible in it.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole way.
+    Where zones, fence or separation allow no flights near those, fly-hover-fly takes their place.
 
     :raises OptionError: when the number of UAVs differs.
     """
@@ -65,4 +70,8 @@ def adapted(scenario: Scenario, plan: Plan) -> tuple[Array, Array]:
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = resampled(plan.powers.T, scenario.slots, inner=True).T
-    return repaired(scenario, positions, powers)
+    positions, powers = repaired(scenario, positions, powers)
+    if not is_clear(scenario, positions):
+        found = fitted(Grid.of(scenario), positions, _SHARE)
+        positions = fly_hover_fly_positions(scenario) if found is None else found
+    return positions, powers

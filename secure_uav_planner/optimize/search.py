@@ -8,7 +8,7 @@ import numpy as np
 
 from .feasible import without_losing_slots
 from ..channel import guaranteed_rates
-from ..limits import repaired
+from ..limits import is_clear, repaired
 from ..plan import Iteration, Objective, Plan, Status
 from ..scenario import Array, Scenario
 
@@ -88,6 +88,8 @@ class Search:
         repaired_positions, repaired_powers = repaired(
             self.scenario, self.positions if positions is None else positions,
             self.powers if powers is None else powers)
+        if positions is not None and not is_clear(self.scenario, repaired_positions):
+            return 0.0
         # What stays the same stays so to the last bit.
         positions = self.positions if positions is None else repaired_positions
         powers = self.powers if powers is None else repaired_powers

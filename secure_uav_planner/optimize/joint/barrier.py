@@ -25,13 +25,18 @@ class Evaluation:
     :ivar value: of the barrier function, (S,), infinite outside the limits.
     :ivar largest: t, the largest leak as the barrier function has it, (S, N).
     :ivar margins: c of every limit.
+    :param same: what was evaluated at the same x and mu with other lines.
     """
 
-    def __init__(self, barrier: 'Barrier', x: Array, mu: Array) -> None:
-        softening = barrier.schedule.softening * np.sqrt(mu)[:, None]
-        self.iterate = Iterate(barrier.grid, x)
-        self.rates = SlotRates(barrier.receivers, x, softening)
-        self.largest = _epigraph(self.rates.leaks, mu)
+    def __init__(self, barrier: 'Barrier', iterate: Iterate, mu: Array,
+                 same: 'Evaluation | None' = None) -> None:
+        self.iterate, x = iterate, iterate.x
+        if same is None:
+            softening = barrier.schedule.softening * np.sqrt(mu)[:, None]
+            self.rates = SlotRates(barrier.receivers, x, softening)
+            self.largest = _epigraph(self.rates.leaks, mu)
+        else:
+            self.rates, self.largest = same.rates, same.largest
         self.margins = [limit.margin(self.iterate) for limit in barrier.limits]
         value = (self.largest - self.rates.ground).sum(axis=1)
         if self.rates.leaks.shape[-1] > 1:
@@ -80,12 +85,14 @@ class Barrier:
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
         self._age = np.zeros(len(x), int)
-        iterate = Iterate(grid, x)
-        self._duals = [limit.weight * _quotient(self.mu, limit.margin(iterate))
+        self._base = Iterate(grid, x)
+        self._duals = [limit.weight * _quotient(self.mu, limit.margin(self._base))
                        for limit in self.limits]
+        self._has_lines = bool(self._base.lines)
         self._leak_shares: Array | None = None
         self._known: Evaluation | None = None
-        self._reach = max(limit.reach for limit in self.limits)
+        size = 3 * x.shape[2]
+        self._height = max(limit.height(size) for limit in self.limits)
         rows = [limit.dense_rows() for limit in self.limits if limit.reach == ALL_SLOTS]
         self._rows = np.concatenate([row for row in rows if row is not None])
 
@@ -125,7 +132,11 @@ class Barrier:
         :raises NumericalError: when no step can be computed from any start.
         """
         x, mu = self.x, self.mu
-        here = Evaluation(self, x, mu) if self._known is None else self._known
+        here = self._known
+        if here is None or self._has_lines:  # which are chosen anew for every step
+            here = Evaluation(self, Iterate(self.grid, x), mu, here)
+            self._clip_duals(here.margins)
+        self._base = here.iterate
         self.check()
         gradient, hessian, leaks = self._model_of_slots(here)
         self.check()
@@ -150,7 +161,7 @@ class Barrier:
     def try_from(self, x: Array, starts: NDArray[np.intp]) -> Evaluation:
         """Return the barrier function of some of the starts at another x."""
         self.check()
-        return Evaluation(self, x, self.mu[starts])
+        return Evaluation(self, self._base.moved(x, starts), self.mu[starts])
 
     def move(self, x: Array, known: Evaluation | None) -> None:
         """Go to another x, with its Evaluation if that is known for all starts."""
@@ -187,7 +198,7 @@ class Barrier:
 
         :raises NumericalError: when it fails for all.
         """
-        matrix = BandMatrix(hessian, self._reach, self.grid.fixed)
+        matrix = BandMatrix(hessian, self._height, self.grid.fixed)
         softness = []
         for limit, dual, margin in zip(self.limits, self._duals, here.margins, strict=True):
             if limit.reach == ALL_SLOTS:
@@ -217,17 +228,20 @@ class Barrier:
                 by, step_to_zero(leaks.shares, move, boundary).reshape(starts, -1).min(axis=1))
             shares = leaks.shares + _spread(by, move) * move
             self._leak_shares = shares / shares.sum(axis=-1, keepdims=True)
+        for index, dual in enumerate(self._duals):
+            self._duals[index] = dual + _spread(by, dual) * moves[index]
         if self._known is None:
-            iterate = Iterate(self.grid, self.x)
-            margins = [limit.margin(iterate) for limit in self.limits]
+            iterate = self._base.moved(self.x)
+            self._clip_duals([limit.margin(iterate) for limit in self.limits])
         else:
-            margins = self._known.margins
+            self._clip_duals(self._known.margins)
+
+    def _clip_duals(self, margins: list[Array]) -> None:
+        """Keep the duals near their central values for some margins."""
         most = self.schedule.dual_range
         for index, (limit, margin) in enumerate(zip(self.limits, margins, strict=True)):
             target = limit.weight * _quotient(self.mu, margin)
-            dual = self._duals[index]
-            self._duals[index] = np.clip(
-                dual + _spread(by, dual) * moves[index], target / most, target * most)
+            self._duals[index] = np.clip(self._duals[index], target / most, target * most)
 
     def _update_mu(self, length: Array, decrement: Array, final: float) -> None:
         """Decide which starts have finished, and lower the barrier parameter of others."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .barrier import Barrier
 from .schedule import SCHEDULE, Schedule
-from .starts import inside_limits, several_starts, strictly_feasible
+from .starts import refined, several_starts, strictly_feasible
 from .worst_places import WorstPlaces
 from ..baselines import constant_powers, fly_hover_fly_positions
 from ..search import powers_without_jamming, Search
@@ -166,8 +166,9 @@ class _Joint:
             grids = int(np.ceil(np.log(full / slots) / np.log(schedule.refinement)))
             finer = round(slots * (full / slots)**(1 / grids))
             grid = one.grid.divided(finer)
-            x = one.grid.refined(one.x[0], finer)
-            x = grid.variables(inside_limits(grid, grid.positions(x))[:, 1:-1], grid.powers(x))
+            x = refined(one.grid, one.x[0], grid)
+            if x is None:
+                raise NumericalError('no flight strictly inside the limits was found')
             mu = one.mu
             if np.isfinite(grid.scenario.max_accelerations).any():
                 mu = np.maximum(mu, schedule.refined_mu)

@@ -24,18 +24,16 @@ class BandMatrix:
 
     :param hessians: those of the objective, slot by slot, (S, N, 3 U, 3 U); those of fixed
         positions are set to zero in place.
-    :param reach: how many slots beyond its own a limit couples at most.
+    :param height: how many diagonals of the lower triangle there are, at least 3 U.
     :param fixed: UAVs whose positions are no variables, (U,).
     """
 
-    def __init__(self, hessians: Array, reach: int, fixed: NDArray[np.bool_]) -> None:
+    def __init__(self, hessians: Array, height: int, fixed: NDArray[np.bool_]) -> None:
         starts, slots, self._size = hessians.shape[:3]
         constant = np.outer(fixed, [False, True, True]).ravel()
         hessians[..., constant, :] = 0.0
         hessians[..., constant] = 0.0
         self._hessians = hessians
-        # Between slots a limit couples the two coordinates of one UAV, one row up or down.
-        height = self._size + (reach * self._size - self._size + 2 if reach else 0)
         self._inside = np.arange(self._size)[:, None] + np.arange(self._size) < self._size
         columns, offsets = np.indices((self._size, self._size))
         self._pattern = np.where(self._inside, (columns + offsets) * self._size + columns, 0)
@@ -66,6 +64,25 @@ class BandMatrix:
                 offset = later * self._size + row - column
                 if offset >= 0:
                     self._band[:, :slots, 1 + column::3, offset] += blocks[..., row, column]
+
+    def add_pairs(self, later: int, row: NDArray[np.intp], column: NDArray[np.intp],
+                  blocks: Array) -> None:
+        """
+        Add blocks that couple the position of one UAV in a slot with another's some slots later.
+
+        :param later: how many slots; with 0, only what is in the lower triangle counts.
+        :param row: the UAV of the later slot of each of P pairs, (P,).
+        :param column: the UAV of the earlier slot, (P,); no pair occurs twice.
+        :param blocks: (S, N - later, P, 2, 2), the later slot's coordinate first.
+        """
+        if later == 0:
+            below = row > column
+            row, column, blocks = row[below], column[below], blocks[:, :, below]
+        slots = blocks.shape[1]
+        for down in (0, 1):
+            for right in (0, 1):
+                offset = later * self._size + 3 * (row - column) + down - right
+                self._band[:, :slots, 3 * column + 1 + right, offset] += blocks[..., down, right]
 
     def dense(self, start: int) -> Array:
         """Return the matrix of a start in full, (N * 3 U, N * 3 U); for small ones."""

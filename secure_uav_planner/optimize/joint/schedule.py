@@ -12,11 +12,13 @@ class StartKind:
     :param jamming: share of their average power with which the jammers begin; 0 transmits only
         where that wins without jamming.
     :param mu: barrier parameter to begin with.
+    :param other_ways: the most starts that pass what is in the way on other sides.
     """
 
     count: int
     jamming: float
     mu: float
+    other_ways: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +47,8 @@ class Schedule:
     """
 
     kinds: tuple[StartKind, ...] = (
-        StartKind(count=4, jamming=0.9, mu=0.02), StartKind(count=8, jamming=0.05, mu=0.02),
+        StartKind(count=4, jamming=0.9, mu=0.02, other_ways=8),
+        StartKind(count=8, jamming=0.05, mu=0.02, other_ways=8),
         StartKind(count=4, jamming=0.05, mu=0.003), StartKind(count=3, jamming=0.0, mu=1e-4))
     """
     The kinds of start: with jammers on; with jammers all but silent, so that the transmitter

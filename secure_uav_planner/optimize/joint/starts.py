@@ -1,12 +1,16 @@
 """Where the joint method begins: flights to various hovering places."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 from .schedule import Schedule, StartKind
-from ..baselines import constant_powers, fly_hover_fly_positions
+from ..baselines import constant_powers, flights_to, fly_hover_fly_positions
+from ..detours import free_places, is_open, route
+from ..fitting import Fitting
 from ..search import powers_without_jamming
+from ...errors import NumericalError
 from ...grid import Grid, resampled
 from ...limits import repaired
 from ...limits.reference import reference_flight
@@ -14,6 +18,8 @@ from ...scenario import Array, Scenario
 
 _TRANSMITTING = 0.9  # Share of its average power with which the transmitter begins.
 _MARGIN = 0.01  # Share of a limit of acceleration that is left where it can be.
+_SHARE = 0.05  # Of the slack that a start leaves.
+_REFINED_SHARE = 1e-3  # The same for flights that are refined.
 _SILENT = 1e-5  # Power of a jammer that is off, in units of its average power.
 
 
@@ -62,22 +68,96 @@ def several_starts(grid: Grid, schedule: Schedule,
     """
     Return strictly feasible starts (S, N, U, 3), and mu to begin each with, (S,).
 
-    Each kind of start is spread over the hovering places.
+    Each kind of start is spread over the hovering places, and some are sent other ways as well.
 
     :param check: called before each start; what it raises is passed on.
     """
     scenario = grid.scenario
-    places = hovering_places(scenario, schedule)
+    flights = _Flights(grid, schedule, check)
     starts, mus = [], []
     for kind in schedule.kinds:
-        spread = np.linspace(0, len(places) - 1, min(kind.count, len(places)))
-        for hover in places[np.unique(spread.round().astype(int))]:
-            check()
-            positions = fly_hover_fly_positions(scenario, hover)
+        for positions, inside in flights.spread(kind.count, kind.other_ways):
             for powers, least in _powers(scenario, positions, kind, schedule):
-                starts.append(strictly_feasible(grid, positions, powers, least=least))
+                starts.append(_variables(grid, inside, powers, least=least))
                 mus.append(kind.mu)
     return np.array(starts), np.array(mus)
+
+
+class _Flights:
+    """
+    The flights of the starts, each on the scenario's own slots and strictly feasible on a grid.
+
+    :param grid: of the starts.
+    :param schedule: the tuned numbers.
+    :param check: called before each flight; what it raises is passed on.
+    """
+
+    def __init__(self, grid: Grid, schedule: Schedule, check: Callable[[], None]) -> None:
+        self._grid, self._check = grid, check
+        self._scenario = grid.scenario
+        places = hovering_places(self._scenario, schedule)
+        self._open = is_open(self._scenario)
+        if not self._open:
+            places = free_places(self._scenario, places)
+        self._places = places
+        self._known: dict[Any, tuple[Array, Array] | None] = {}
+
+    def spread(self, count: int, other_ways: int) -> Iterator[tuple[Array, Array]]:
+        """
+        Give flights to hovering places spread over all, and the paper's in other ways.
+
+        Where a mission has no zones, fence or separation there are no other ways.
+
+        :param count: the largest number of hovering places.
+        :param other_ways: the largest number of other ways.
+        """
+        spread = np.linspace(0, len(self._places) - 1, min(count, len(self._places)))
+        found = 0
+        for index in np.unique(spread.round().astype(int)).tolist():
+            flight = self._flight(index)
+            if flight is not None:
+                found += 1
+                yield flight
+        if not self._open:
+            for choice in list(self._other_ways())[:other_ways]:
+                flight = self._flight(*choice)
+                if flight is not None:
+                    found += 1
+                    yield flight
+        if not found:
+            positions = fly_hover_fly_positions(self._scenario)
+            flight = self._inside(positions)
+            if flight is None:
+                raise NumericalError('no flight strictly inside the limits was found')
+            yield positions, flight
+
+    def _other_ways(self) -> Iterator[tuple[Any, ...]]:
+        """Give the arguments of _flight for the other sides of what is in the way."""
+        uavs = len(self._scenario.uavs)
+        if uavs > 1 and self._scenario.separation:
+            yield 0, None, True
+        for way in (1, 2):
+            for leg in (0, 1):
+                for uav in range(uavs):
+                    ways = [(0, 0)] * uavs
+                    ways[uav] = (way, 0) if leg == 0 else (0, way)
+                    if all(route(self._scenario, uav, self._places[0, uav], *ways[uav]
+                                 ) is not None for uav in [uav]):
+                        yield 0, tuple(ways), False
+
+    def _flight(self, index: int, ways: tuple[tuple[int, int], ...] | None = None,
+                other_way: bool = False) -> tuple[Array, Array] | None:
+        """Return flights to hovering places, on both grids, or None where there are none."""
+        key = index, ways, other_way
+        if key not in self._known:
+            self._check()
+            positions = flights_to(self._scenario, self._places[index], ways)
+            inside = self._inside(positions, other_way)
+            self._known[key] = None if inside is None else (positions, inside)
+        return self._known[key]
+
+    def _inside(self, positions: Array, other_way: bool = False) -> Array | None:
+        return interior(self._grid, positions, _SHARE, other_way)
 
 
 def _powers(scenario: Scenario, positions: Array, kind: StartKind,
@@ -95,7 +175,7 @@ def _powers(scenario: Scenario, positions: Array, kind: StartKind,
     yield powers, None
 
 
-def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float = 0.05,
+def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float = _SHARE,
                       least: float | None = None) -> Array:
     """
     Return variables of a grid that are strictly feasible and near a plan, (N, U, 3).
@@ -104,9 +184,17 @@ def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float 
     :param powers: feasible, (U, M) in W.
     :param share: by which to go from the plan into the interior.
     :param least: powers in units of the average power, by default a fifth of the share.
+    :raises NumericalError: when no flights strictly inside the limits are found.
     """
-    flights = np.swapaxes(resampled(np.swapaxes(positions, 0, 1), grid.slots + 2), 0, 1)
-    flights = inside_limits(grid, flights + share * (reference_flight(grid) - flights))
+    flights = interior(grid, positions, share)
+    if flights is None:
+        raise NumericalError('no flight strictly inside the limits was found')
+    return _variables(grid, flights, powers, share, least)
+
+
+def _variables(grid: Grid, flights: Array, powers: Array, share: float = _SHARE,
+               least: float | None = None) -> Array:
+    """Return variables of flights on the grid, with powers made strictly feasible."""
     average, peak = grid.scenario.average_powers, grid.scenario.peak_powers
     margin = 0.2 * share
     power = resampled(powers.T, grid.slots, inner=True)
@@ -115,13 +203,51 @@ def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float 
     return grid.variables(flights[:, 1:-1], power.T)
 
 
+def interior(grid: Grid, positions: Array, share: float,
+             other_way: bool = False) -> Array | None:
+    """
+    Return flights on a grid that are strictly inside their limits, or None if none are found.
+
+    :param positions: (U, M+2, 2) in m, for any number M of slots.
+    :param share: by which to go into the interior.
+    :param other_way: whether UAVs that meet pass each other on another side than the nearest.
+    """
+    flights = np.swapaxes(resampled(np.swapaxes(positions, 0, 1), grid.slots + 2), 0, 1)
+    if grid.fixed.all():
+        return flights
+    blended = inside_limits(grid, flights + share * (reference_flight(grid) - flights))
+    fitting = Fitting(grid, share)
+    if fitting.is_inside(blended) and not other_way:
+        return blended
+    found = fitting.near(flights, other_way)
+    return found.positions if found.excess < 0 else None
+
+
 def inside_limits(grid: Grid, positions: Array) -> Array:
     """
     Return positions (U, N+2, 2) in m that are strictly inside the limits of acceleration.
 
-    Blending towards the reference flight and interpolation keep the other limits.
+    Blending towards the reference flight and interpolation keep the limit of speed.
     """
     if not np.isfinite(grid.scenario.max_accelerations).any():
         return positions
     powers = np.zeros((len(positions), grid.slots))
     return repaired(grid.scenario, positions, powers, grid, _MARGIN)[0]
+
+
+def refined(grid: Grid, x: Array, finer: Grid) -> Array | None:
+    """
+    Return variables (N, U, 3) of a grid on a finer one, strictly inside, or None.
+
+    :param x: (N, U, 3).
+    """
+    x = grid.refined(x, finer.slots)
+    positions = inside_limits(finer, finer.positions(x))
+    if not is_open(grid.scenario):
+        fitting = Fitting(finer, _REFINED_SHARE)
+        if not fitting.is_inside(positions):
+            found = fitting.near(positions)
+            if found.excess >= 0:
+                return None
+            positions = found.positions
+    return finer.variables(positions[:, 1:-1], finer.powers(x))

@@ -1,0 +1,31 @@
+"""The convex hull of the geofence; what else is outside the fence are pieces as of zones."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .lines import LineLimit, Lines
+from .tracks import Tracks
+from ..airspace import airspace_of
+from ..scenario import Array, Scenario
+
+
+class FenceLimit(LineLimit):
+    """No UAV leaves the convex hull of the geofence: every control point is within its sides."""
+
+    @classmethod
+    def applies_to(cls, scenario: Scenario) -> bool:
+        """Return whether there is a fence."""
+        return scenario.geofence is not None
+
+    def _subjects(self) -> tuple[Tracks, NDArray[np.intp], NDArray[np.intp] | None]:
+        outward, offsets = airspace_of(self.scenario).hull
+        uavs = len(self.scenario.uavs)
+        self._normals = np.tile(-outward, (uavs, 1))
+        self._offsets = np.tile(outward @ self.grid.origin - offsets, uavs) / self.grid.length
+        return (Tracks.of_points(self.grid), np.repeat(np.arange(uavs), len(offsets)), None)
+
+    def lines(self, places: Array) -> Lines:
+        """Return the sides of the hull; see LineLimit."""
+        shape = places.shape[:3]
+        return Lines(np.broadcast_to(self._normals, (*shape, 2)),
+                     np.broadcast_to(self._offsets, shape))

@@ -1,0 +1,86 @@
+"""Why a mission with zones, a fence or a separation cannot be flown, and how long it takes."""
+
+from dataclasses import replace
+import math
+from typing import NoReturn
+
+from .detours import direct, direct_flights, fitted
+from ..airspace import airspace_of
+from ..errors import InfeasibleMissionError
+from ..grid import Grid
+from ..scenario import Scenario
+
+_DOUBLINGS, _HALVINGS = 8, 8
+
+
+def refuse(scenario: Scenario) -> NoReturn:
+    """
+    Say why no flights were found for a scenario.
+
+    :raises InfeasibleMissionError: naming the UAVs, what is in their way, and the shortest
+        duration with which flights were found.
+    """
+    for uav in scenario.uavs:
+        alone = replace(scenario, uavs=(uav,), separation=0.0)
+        names = _in_the_way(alone)
+        if direct(alone, 0) is None:
+            raise InfeasibleMissionError(
+                f'no way leads {uav.name} from start to goal: {names} is in its way')
+        if names and not _is_flown(alone):
+            shortest = _shortest(alone)
+            limits = f'{uav.max_speed:g} m/s' + (
+                '' if uav.max_acceleration is None else f' and {uav.max_acceleration:g} m/s^2')
+            if shortest is None:
+                raise InfeasibleMissionError(
+                    f'no flight was found that takes {uav.name} from start to goal around '
+                    f'{names} at {limits}, however long')
+            raise InfeasibleMissionError(
+                f'duration is {scenario.duration:g} s; {uav.name} needs at least '
+                f'{_text(shortest)} s from start to goal around {names} at {limits}')
+    names = ' and '.join(uav.name for uav in scenario.uavs)
+    shortest = _shortest(scenario)
+    more = ('' if shortest is None else
+            f'; with a duration of {_text(shortest)} s, some were')
+    raise InfeasibleMissionError(
+        f'duration is {scenario.duration:g} s; no flights of {names} were found that keep the '
+        f'separation of {scenario.separation:g} m{more}')
+
+
+def _in_the_way(scenario: Scenario) -> str:
+    """Return the names of what may not be entered, or an empty text."""
+    names = list(dict.fromkeys(piece.name for piece in airspace_of(scenario).pieces[0]))
+    return ' or '.join(names)
+
+
+def _is_flown(scenario: Scenario) -> bool:
+    """Return whether flights from start to goal are found."""
+    grid = Grid.of(scenario)
+    return any(fitted(grid, flights) is not None for flights in direct_flights(scenario))
+
+
+def _shortest(scenario: Scenario) -> float | None:
+    """Return a duration with which flights are found, close to the shortest, or None."""
+    low = scenario.duration
+    if not _is_flown_in(scenario, low * 2**_DOUBLINGS):
+        return None
+    high = low
+    for _ in range(_DOUBLINGS):
+        high *= 2
+        if _is_flown_in(scenario, high):
+            break
+        low = high
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        if _is_flown_in(scenario, middle):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def _is_flown_in(scenario: Scenario, duration: float) -> bool:
+    return _is_flown(replace(scenario, duration=duration))
+
+
+def _text(duration: float) -> str:
+    return f'{math.ceil(duration * 1000) / 1000:g}'
