@@ -6,11 +6,27 @@ from numpy.typing import NDArray
 from .lines import LineLimit, Lines
 from .tracks import Tracks
 from ..airspace import airspace_of
+from ..grid import Grid
 from ..scenario import Array, Scenario
+
+_ROUNDING = 1e-3
 
 
 class FenceLimit(LineLimit):
-    """No UAV leaves the convex hull of the geofence: every control point is within its sides."""
+    """
+    No UAV leaves the convex hull of the geofence: every control point is within its sides.
+
+    Points that no UAV could take so far, with its speed, have no c.
+    """
+
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        super().__init__(scenario, grid)
+        number = np.arange(self.grid.slots + 2.0)[:, None]
+        steps = (scenario.max_speeds * self.grid.slot_duration / self.grid.length)[self.first]
+        for ends, moves in ((self.grid.starts, number), (self.grid.goals, number[::-1])):
+            margin = (self._normals * ends[self.first]).sum(axis=-1) - self._offsets
+            self.ignored |= (margin > (1 + _ROUNDING) * moves * steps)[..., None]
+        self._has_ignored = bool(self.ignored.any())
 
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:

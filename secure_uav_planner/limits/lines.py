@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import ConvexVariables, Iterate, Limit, Step
+from .base import ConvexVariables, Iterate, Limit, Step, step_to_zero
+from .nearest import dot
 from .tracks import Tracks
 from ..grid import Grid
 from ..scenario import Array, Scenario
@@ -56,6 +57,7 @@ class LineLimit(Limit):
         self.ignored: NDArray[np.bool_] = varies == 0
         self._has_ignored = bool(self.ignored.any())
         self.reach = self.tracks.reach
+        self._parameters: list[Any] = []
         # Which subjects are about each track, (T, G).
         track = np.arange(len(self.tracks.uav))[:, None]
         self._plus: Array = (track == self.first).astype(float)
@@ -102,17 +104,23 @@ class LineLimit(Limit):
         places = found[:, :, self.first]
         return places if self.second is None else places - found[:, :, self.second]
 
-    def lines_of(self, iterate: Iterate) -> Lines:
-        """Return the lines of an iterate."""
+    def lines_of(self, iterate: Iterate, places: Array | None = None) -> Lines:
+        """
+        Return the lines of an iterate.
+
+        :param places: of its path, where they are known.
+        """
         if self not in iterate.lines:
-            iterate.lines[self] = self.lines(self.places(iterate.path))
+            iterate.lines[self] = self.lines(
+                self.places(iterate.path) if places is None else places)
         found: Lines = iterate.lines[self]
         return found
 
     def margin(self, iterate: Iterate) -> Array:
         """Return c, (S, N+2, G, K)."""
-        lines = self.lines_of(iterate)
-        margin: Array = _along(lines, self.places(iterate.path)) - lines.offsets[..., None]
+        places = self.places(iterate.path)
+        lines = self.lines_of(iterate, places)
+        margin: Array = _along(lines, places) - lines.offsets[..., None]
         if self._has_ignored:
             margin[:, self.ignored] = 1.0
         return margin
@@ -152,11 +160,11 @@ class LineLimit(Limit):
     def longest_step(self, iterate: Iterate, step: Step, margin: Array, change: Array,
                      share: float) -> Array:
         """Return the least over the pieces in which a UAV is, (S, U)."""
-        most = share * margin
-        length = (most / np.maximum(-change, np.maximum(most, 1e-300))).min(axis=(1, 3))
+        length = step_to_zero(margin, change, share).min(axis=(1, 3))
         room = self.lines_of(iterate).room
         if room is not None:
-            moved = np.linalg.norm(self._moved(step), axis=-1).max(axis=-1)
+            moved = self._moved(step)
+            moved = np.sqrt(dot(moved, moved).max(axis=-1))
             room = share * room
             length = np.minimum(length, (room / np.maximum(moved, np.maximum(room, 1e-300))
                                          ).min(axis=1))
@@ -223,11 +231,10 @@ class LineLimit(Limit):
         # Only here, where a CVXPY problem is being built anyway.
         cp: Any = import_module('cvxpy')
         count = self.grid.slots + 2
-        self._normals = [(cp.Parameter(count), cp.Parameter(count)) for _ in self.first]
-        self._offsets = [cp.Parameter(count) for _ in self.first]
+        # Of every subject, both coordinates of the normal and the offset.
+        self._parameters = [tuple(cp.Parameter(count) for _ in range(3)) for _ in self.first]
         constraints = []
-        for subject, (normal, offset) in enumerate(
-                zip(self._normals, self._offsets, strict=True)):
+        for subject, (*normal, offset) in enumerate(self._parameters):
             for place in range(self.tracks.weights.shape[2]):
                 counted = np.flatnonzero(~self.ignored[:, subject, place])
                 if not len(counted):
@@ -251,23 +258,22 @@ class LineLimit(Limit):
 
     def set_local_point(self, positions: Array, powers: Array) -> None:
         """Choose the lines for a flight; see Limit."""
+        if not self._parameters:
+            return
         path = (np.swapaxes(positions, 0, 1) - self.grid.origin) / self.grid.length
         lines = self.lines(self.places(path[None]))
         least = self.margin(Iterate.of_path(self.grid, path[None]))[0].min(axis=-1)
         length = self.grid.length
-        for subject, (normal, offset) in enumerate(
-                zip(self._normals, self._offsets, strict=True)):
-            for axis in (0, 1):
-                normal[axis].value = lines.normals[0, :, subject, axis]
+        for subject, (*normal, offset) in enumerate(self._parameters):
+            for axis, parameter in enumerate(normal):
+                parameter.value = lines.normals[0, :, subject, axis]
             offset.value = (lines.offsets[0, :, subject] + np.minimum(
                 _INSIDE, np.maximum(least[:, subject], 0) / 2)) * length
 
 
 def _along(lines: Lines, places: Array) -> Array:
     """Return normal . place, (S, N+2, G, K)."""
-    normals = lines.normals[..., None, :]
-    found: Array = normals[..., 0] * places[..., 0] + normals[..., 1] * places[..., 1]
-    return found
+    return dot(lines.normals[..., None, :], places)
 
 
 def _spread(incidence: Array, values: Array) -> Array:

@@ -1,10 +1,13 @@
 """What no UAV may enter: zones, and the pockets of a geofence, as convex pieces."""
 
+from collections.abc import Iterable
+from functools import reduce
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .lines import LineLimit, Lines
-from .nearest import separating_lines
+from .nearest import dot, separating_lines
 from .tracks import Tracks
 from ..airspace import airspace_of
 from ..scenario import Array, Scenario
@@ -47,13 +50,16 @@ class ZoneLimit(LineLimit):
         places = places[:, :, ::self._lines]  # (S, N+2, A, K, 2)
         uavs, most = self._polygons.shape[:2]
         # Lines that are across the way from each polygon's centre, (S, N+2, A, Z).
-        to = places.mean(axis=3)[..., None, :] - self._centres
-        normals = to / np.maximum(np.linalg.norm(to, axis=-1, keepdims=True), 1e-300)
-        reach = np.einsum('snazc,azvc->snazv', normals, self._polygons).max(axis=-1)
-        least = np.einsum('snakc,snazc->snazk', places, normals).min(axis=-1) - reach
+        to = (sum(places[..., place, :] for place in range(corners)) / corners
+              )[..., None, :] - self._centres
+        normals = to / np.sqrt(np.maximum(dot(to, to), 1e-300))[..., None]
+        reach = _largest(dot(normals, self._polygons[:, :, vertex])
+                         for vertex in range(self._polygons.shape[2]))
+        least = -_largest(-dot(normals, places[..., place, :][..., None, :])
+                          for place in range(corners)) - reach
         chosen = np.broadcast_to(np.arange(most), least.shape)
-        size = np.linalg.norm(places[..., -1, :] - places[..., 0, :], axis=-1)
-        near = least < _NEAR * size[..., None] + _LEAST
+        size = places[..., -1, :] - places[..., 0, :]
+        near = least < _NEAR * np.sqrt(dot(size, size))[..., None] + _LEAST
         at = np.nonzero(near)
         exact, offsets = separating_lines(places[at[:3]], self._polygons[at[2:]])
         normals[at], reach[at] = exact, offsets
@@ -71,6 +77,11 @@ class ZoneLimit(LineLimit):
 
 
 _LEAST = 1e-3  # In units, beyond the above.
+
+
+def _largest(arrays: Iterable[Array]) -> Array:
+    """Return the largest entries of arrays, faster than along a short axis."""
+    return reduce(np.maximum, arrays)
 
 
 def _padded(vertices: Array, count: int) -> Array:

@@ -15,7 +15,8 @@ from ..limits.reference import reference_flight
 from ..scenario import Array
 
 _ROUNDS = 8  # How often lines are chosen at most.
-_PENALTY = 1e4  # Of an exceedance by all of a limit or by a step, beside a step of deviation.
+_PENALTY = 1e4  # Of an exceedance by all of a limit, beside the square of a step of deviation.
+_LINE_PENALTY = 1e7  # Of a step beyond a line: sides are kept even where there is no time to.
 _CLEARANCE = 0.05  # That is left to lines where it can be, in steps.
 _NEAR = 4.0  # Lines farther away than this do not matter, in steps.
 
@@ -131,7 +132,7 @@ class Fitting:
         weight = 1.0 / max(size, 1)
         cost = sparse.diags_array(np.append(np.full(size, weight), [0.0, 0.0]), format='csc')
         linear = np.append(weight * ((base - target)[1:-1][free] / step).ravel(),
-                           [_PENALTY, _PENALTY])
+                           [_PENALTY, _LINE_PENALTY])
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         try:

@@ -4,13 +4,15 @@ from dataclasses import replace
 import math
 from typing import NoReturn
 
+import shapely
+
 from .detours import direct, direct_flights, fitted
 from ..airspace import airspace_of
 from ..errors import InfeasibleMissionError
 from ..grid import Grid
 from ..scenario import Scenario
 
-_DOUBLINGS, _HALVINGS = 8, 8
+_DOUBLINGS, _HALVINGS = 8, 12
 
 
 def refuse(scenario: Scenario) -> NoReturn:
@@ -47,9 +49,11 @@ def refuse(scenario: Scenario) -> NoReturn:
 
 
 def _in_the_way(scenario: Scenario) -> str:
-    """Return the names of what may not be entered, or an empty text."""
-    names = list(dict.fromkeys(piece.name for piece in airspace_of(scenario).pieces[0]))
-    return ' or '.join(names)
+    """Return the names of what is on the straight way of the only UAV, or else of all."""
+    uav, pieces = scenario.uavs[0], airspace_of(scenario).pieces[0]
+    line = shapely.LineString([uav.start, uav.goal])
+    met = [piece for piece in pieces if shapely.Polygon(piece.vertices).intersects(line)]
+    return ' or '.join(dict.fromkeys(piece.name for piece in met or pieces))
 
 
 def _is_flown(scenario: Scenario) -> bool:

@@ -215,11 +215,9 @@ def interior(grid: Grid, positions: Array, share: float,
     flights = np.swapaxes(resampled(np.swapaxes(positions, 0, 1), grid.slots + 2), 0, 1)
     if grid.fixed.all():
         return flights
-    blended = inside_limits(grid, flights + share * (reference_flight(grid) - flights))
-    fitting = Fitting(grid, share)
-    if fitting.is_inside(blended) and not other_way:
-        return blended
-    found = fitting.near(flights, other_way)
+    if is_open(grid.scenario):
+        return inside_limits(grid, flights + share * (reference_flight(grid) - flights))
+    found = Fitting(grid, share).near(flights, other_way)
     return found.positions if found.excess < 0 else None
 
 
@@ -242,8 +240,10 @@ def refined(grid: Grid, x: Array, finer: Grid) -> Array | None:
     :param x: (N, U, 3).
     """
     x = grid.refined(x, finer.slots)
-    positions = inside_limits(finer, finer.positions(x))
-    if not is_open(grid.scenario):
+    positions = finer.positions(x)
+    if is_open(grid.scenario):
+        positions = inside_limits(finer, positions)
+    else:
         fitting = Fitting(finer, _REFINED_SHARE)
         if not fitting.is_inside(positions):
             found = fitting.near(positions)
