@@ -1,10 +1,12 @@
 """Random missions with all limits at once, checked by dense sampling of the flown curves."""
 
 from dataclasses import replace
+import math
+import re
 
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, solve
+from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
 from secure_uav_planner.bench.missions import random_city_mission
 from secure_uav_planner.errors import InfeasibleMissionError
 import shapely
@@ -59,26 +61,127 @@ def check_flown(plan):
             assert apart.min() >= scenario.separation - TOLERANCE, 'too close'
 
 
-def fly(seed, method='joint', slots=None, objective='guaranteed'):
-    """Return the plan of a mission, checked, and its baseline, or a refusal."""
-    scenario = random_city_mission(seed, slots)
-    try:
-        baseline = fly_hover_fly(scenario, 'optimised')
-    except InfeasibleMissionError as error:
-        return error, None
+def fly(scenario, method='joint', objective='guaranteed'):
+    """Return the plan of a mission and its baseline, both checked; the plan is not below it."""
+    baseline = fly_hover_fly(scenario, 'optimised')
     check_flown(baseline)
     plan = solve(scenario, method, objective=objective)
     check_flown(plan)
-    assert plan.guaranteed_rate >= baseline.guaranteed_rate - 1e-7, (
-        seed, plan.guaranteed_rate, baseline.guaranteed_rate)
+    assert rate(plan, objective) >= rate(baseline, objective) - 1e-6
     return plan, baseline
 
 
+def rate(plan, objective):
+    """Return what was maximised."""
+    return plan.guaranteed_rate if objective == 'guaranteed' else plan.worst_case_rate
+
+
 @pytest.mark.parametrize('seed', range(6))
-def test_a_plan_with_all_limits_keeps_them_all_the_time_and_is_not_below_its_baseline(seed):
-    found, _ = fly(seed, slots=60)
-    assert not isinstance(found, InfeasibleMissionError)
+def test_a_plan_keeps_all_limits_all_the_time_and_is_not_below_its_baseline(seed):
+    fly(random_city_mission(seed, slots=60))
 
 
-def longer(scenario, factor):
-    return replace(scenario, duration=factor * scenario.duration)
+@pytest.mark.parametrize('method, objective', [
+    ('alternating', 'guaranteed'), ('joint', 'worst_case')])
+def test_so_do_other_methods_and_objectives(method, objective):
+    fly(random_city_mission(8, slots=40), method, objective)
+
+
+@pytest.mark.parametrize('point', [1, 25, 59])
+def test_a_tail_goes_on_around_what_is_in_the_way(point):
+    plan, _ = fly(random_city_mission(1, slots=60))
+    tail = plan.tail(point)
+    again = solve(tail.scenario, initial=tail)
+    check_flown(again)
+    assert again.guaranteed_rate >= tail.guaranteed_rate - 1e-6
+    check_flown(plan.continued(point, again))
+
+
+def test_a_plan_for_another_mission_is_bent_around_what_is_in_its_way():
+    scenario = random_city_mission(3, slots=60)
+    before = solve(replace(scenario, no_fly_zones=(), geofence=None, separation=0.0))
+    plan = solve(scenario, initial=before)
+    check_flown(plan)
+    assert plan.guaranteed_rate >= 0.9 * fly(scenario)[0].guaranteed_rate
+
+
+def circle(centre, radius, corners=48):
+    """Return a zone around a circle."""
+    angles = 2 * np.pi * np.arange(corners) / corners
+    radius /= np.cos(np.pi / corners)
+    return NoFlyZone(tuple((centre[0] + radius * x, centre[1] + radius * y) for x, y in zip(
+        np.cos(angles).tolist(), np.sin(angles).tolist())), name='circle')
+
+
+@pytest.mark.parametrize('duration, centre, best_known', [
+    (102, (23.0, 252.0), 1.1704), (120, (-28.0, 252.0), 1.9441), (200, (-28.0, 252.0), 2.9926)])
+def test_the_best_known_rates_around_a_circle_are_reached(duration, centre, best_known):
+    scenario = replace(Scenario.paper(float(duration)), no_fly_zones=(circle(centre, 80.0),))
+    plan = solve(scenario)
+    check_flown(plan)
+    assert plan.guaranteed_rate >= 0.998 * best_known
+
+
+@pytest.mark.parametrize('duration, best_known', [(102, 1.5053), (120, 2.0810), (200, 3.1444)])
+def test_the_best_known_rates_with_a_separation_are_reached(duration, best_known):
+    scenario = Scenario.paper(float(duration))
+    uavs = tuple(replace(uav, start=(x, 500.0), goal=(x, -500.0), altitude=100.0)
+                 for uav, x in zip(scenario.uavs, (90.0, 110.0)))
+    plan = solve(replace(scenario, uavs=uavs, separation=20.0))
+    check_flown(plan)
+    assert plan.guaranteed_rate >= 0.9999 * best_known
+
+
+@pytest.mark.parametrize('acceleration', [None, 3.0])
+def test_uavs_whose_ways_cross_pass_each_other(acceleration):
+    scenario = Scenario.paper(150.0, slots=75)
+    uavs = tuple(replace(uav, start=start, goal=goal, altitude=100.0,
+                         max_acceleration=acceleration)
+                 for uav, start, goal in zip(scenario.uavs, ((-400.0, 0.0), (0.0, -400.0)),
+                                             ((400.0, 0.0), (0.0, 400.0))))
+    fly(replace(scenario, uavs=uavs, separation=30.0))
+
+
+def walled(duration, gap):
+    """Return the paper's scenario with a wall across the way of the first UAV."""
+    scenario = Scenario.paper(float(duration))
+    wall = NoFlyZone(((-300.0, 240.0), (400.0, 240.0), (400.0, 260.0), (-300.0, 260.0)),
+                     ceiling=105.0, name='wall')
+    fence = ((-400.0, -600.0), (gap, -600.0), (gap, 600.0), (-400.0, 600.0))
+    return replace(scenario, no_fly_zones=(wall,), geofence=fence)
+
+
+def test_what_is_in_the_way_is_named_with_the_shortest_duration_that_is_flown():
+    with pytest.raises(InfeasibleMissionError, match=(
+            'duration is 102 s; uav1 needs at least .* s from start to goal around wall')
+            ) as error:
+        solve(walled(102, 450.0))
+    shortest = float(str(error.value).split('at least ')[1].split(' s')[0])
+    way = math.hypot(300, 240) + 20 + math.hypot(300, 740)  # around the corners of the wall
+    assert way / 10 * 102 / 103 <= shortest <= 1.003 * way / 10 * 102 / 103
+    check_flown(solve(replace(walled(200, 450.0), duration=shortest, slots=102)))
+
+
+def test_no_way_at_all_is_named():
+    scenario = walled(200, 390.0)
+    wall = replace(scenario.no_fly_zones[0], vertices=(
+        (-450.0, 240.0), (450.0, 240.0), (450.0, 260.0), (-450.0, 260.0)))
+    with pytest.raises(InfeasibleMissionError, match='no way leads uav1 .* wall is in its way'):
+        fly_hover_fly(replace(scenario, no_fly_zones=(wall,)))
+
+
+@pytest.mark.soak
+def test_two_hundred_random_missions_with_all_limits():
+    refused, gains = [], []
+    for seed in range(200):
+        try:
+            plan, baseline = fly(random_city_mission(seed))
+        except InfeasibleMissionError as error:
+            refused.append((seed, str(error)))
+            continue
+        gains.append(plan.guaranteed_rate - baseline.guaranteed_rate)
+    print(f'\n{len(gains)} flown, {np.median(gains):.3f} bit/s/Hz above the baseline in the '
+          f'median; {len(refused)} refused: {refused}')
+    for seed, text in refused:
+        duration = float(re.search(r'(?:at least|duration of) ([0-9.]+) s', text)[1])
+        check_flown(fly_hover_fly(replace(random_city_mission(seed), duration=duration)))

@@ -63,6 +63,11 @@ class LineLimit(Limit):
         self._plus: Array = (track == self.first).astype(float)
         self._minus: Array | None = (
             None if self.second is None else (track == self.second).astype(float))
+        uav = np.arange(len(scenario.uavs))[:, None]
+        # Which subjects each UAV is in, (U, G).
+        self._concerned: NDArray[np.bool_] = uav == self.tracks.uav[self.first]
+        if self.second is not None:
+            self._concerned |= uav == self.tracks.uav[self.second]
 
     @abstractmethod
     def _subjects(self) -> tuple[Tracks, NDArray[np.intp], NDArray[np.intp] | None]:
@@ -139,6 +144,8 @@ class LineLimit(Limit):
     def add_gradient(self, iterate: Iterate, force: Array, gradient: Array) -> None:
         """Subtract force * dc/dx."""
         lines = self.lines_of(iterate)
+        if self._has_ignored:
+            force = np.where(self.ignored, 0.0, force)
         pull = force[..., None] * lines.normals[..., None, :]
         gradient[..., 1:] -= self.tracks.gathered(self._to_tracks(pull))
 
@@ -168,10 +175,7 @@ class LineLimit(Limit):
             room = share * room
             length = np.minimum(length, (room / np.maximum(moved, np.maximum(room, 1e-300))
                                          ).min(axis=1))
-        found = np.ones((len(length), len(self.scenario.uavs)))
-        for tracks in (self.first, self.second):
-            if tracks is not None:
-                np.minimum.at(found, (slice(None), self.tracks.uav[tracks]), length)
+        found: Array = np.where(self._concerned, length[:, None], 1.0).min(axis=-1)
         return found
 
     def add_curvature(self, iterate: Iterate, dual: Array, margin: Array, matrix: Any) -> None:

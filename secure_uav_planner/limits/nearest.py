@@ -67,7 +67,8 @@ def _to_edges(places: Array, polygons: Array) -> Array:
     to = places[:, None] - begin
     square = np.maximum(dot(along, along), 1e-300)
     share = np.clip(dot(to, along) / square, 0.0, 1.0)
-    return (to - share[..., None] * along).reshape(len(places), polygons.shape[1] * places.shape[1], 2)
+    found = to - share[..., None] * along
+    return found.reshape(len(places), polygons.shape[1] * places.shape[1], 2)
 
 
 def _support(polygons: Array, normals: Array) -> Array:

@@ -51,14 +51,14 @@ def route(scenario: Scenario, uav: int, place: Array, out: int = 0,
     :return: (N+2, 2) in m, or None where there is no such way, or nothing is in its way.
     """
     one, step = scenario.uavs[uav], float(scenario.max_step[uav])
-    for distance in _DISTANCES:
-        road = roadmap_of(scenario, uav, distance * step)
-        if road is None:
-            return None
-        start, goal = np.array(one.start), np.array(one.goal)
+    start, goal = np.array(one.start), np.array(one.goal)
+    road = roadmap_of(scenario, uav, _DISTANCES[0] * step)
+    if road is None:
+        return None
+    ways = road.ways(start, place), road.ways(place, goal)
+    if not all(ways):
+        road = roadmap_of(scenario, uav, _DISTANCES[1] * step) or road
         ways = road.ways(start, place), road.ways(place, goal)
-        if all(ways):
-            break
     if len(ways[0]) <= out or len(ways[1]) <= back:
         return None
     legs = ways[0][out], ways[1][back]

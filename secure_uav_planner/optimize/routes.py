@@ -1,6 +1,7 @@
 """Shortest ways around what a UAV may not enter, also those on the other sides."""
 
 from functools import lru_cache
+import math
 from typing import Any
 
 import numpy as np
@@ -80,7 +81,7 @@ class Roadmap:
             centre = np.array(part.representative_point().coords[0])
             away = touched[len(touched) // 2] - centre
             ray = shapely.linestrings(np.stack([
-                centre, centre + away * (1e5 / max(np.linalg.norm(away), 1e-9))]))
+                centre, centre + away * (1e5 / max(math.hypot(*away), 1e-9))]))
             lines = shapely.linestrings(np.stack([places[edges[0]], places[edges[1]]], axis=1))
             open_ = ~shapely.intersects(ray, lines)
             other = _shortest(places, (edges[0][open_], edges[1][open_]))
@@ -107,8 +108,8 @@ class Roadmap:
         """Return places with some more, these last, and the edges between all."""
         known = len(self._corners)
         places = np.concatenate([self._corners, extra])
-        first, second = np.meshgrid(np.arange(known), known + np.arange(len(extra)))
-        first, second = first.ravel(), second.ravel()
+        first = np.tile(np.arange(known), len(extra))
+        second = np.repeat(known + np.arange(len(extra)), known)
         if len(extra) > 1:
             to_last = known + np.arange(len(extra) - 1)
             first = np.append(first, to_last)

@@ -15,6 +15,7 @@ from .schedule import SCHEDULE, Schedule
 from .starts import refined, several_starts, strictly_feasible
 from .worst_places import WorstPlaces
 from ..baselines import constant_powers, fly_hover_fly_positions
+from ..detours import is_open
 from ..search import powers_without_jamming, Search
 from ...errors import NumericalError
 from ...grid import Grid
@@ -116,18 +117,23 @@ class _Joint:
                 return 'converged'
         return 'iteration_limit'
 
-    def _compete(self, grid: Grid, x: Array, mus: Array) -> Barrier:
-        """Return a Barrier of the best starts, best first."""
+    def _compete(self, grid: Grid, x: Array, mus: Array,
+                 others: NDArray[np.bool_]) -> Barrier:
+        """
+        Return a Barrier of the best starts, best first.
+
+        :param others: which of them are sent other ways.
+        """
         schedule = self._schedule
         # A few of every kind first: in an easy mission all of them end in the same place.
-        scouts = np.arange(0, len(x), schedule.scouts)
+        scouts = np.flatnonzero(others | (np.arange(len(x)) % schedule.scouts == 0))
         barrier = self._best_of(self._barrier(grid, x[scouts], mus[scouts]))
         if len(barrier.x) == 1:
             return barrier
         rest = np.setdiff1d(np.arange(len(x)), scouts)
-        others = self._best_of(self._barrier(grid, x[rest], mus[rest]))
-        barrier = self._barrier(grid, np.concatenate([barrier.x, others.x]),
-                                np.concatenate([barrier.mu, others.mu]))
+        later = self._best_of(self._barrier(grid, x[rest], mus[rest]))
+        barrier = self._barrier(grid, np.concatenate([barrier.x, later.x]),
+                                np.concatenate([barrier.mu, later.mu]))
         self._select(barrier, 0.5)
         self._advance(barrier, schedule.last_steps, schedule.coarse_mu)
         self._select(barrier, 0.0)
@@ -170,7 +176,8 @@ class _Joint:
             if x is None:
                 raise NumericalError('no flight strictly inside the limits was found')
             mu = one.mu
-            if np.isfinite(grid.scenario.max_accelerations).any():
+            if (np.isfinite(grid.scenario.max_accelerations).any()
+                    or not is_open(grid.scenario)):
                 mu = np.maximum(mu, schedule.refined_mu)
             one = self._barrier(grid, x[None], mu)
         return one

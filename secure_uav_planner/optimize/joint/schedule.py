@@ -47,7 +47,7 @@ class Schedule:
     """
 
     kinds: tuple[StartKind, ...] = (
-        StartKind(count=4, jamming=0.9, mu=0.02, other_ways=8),
+        StartKind(count=4, jamming=0.9, mu=0.02),
         StartKind(count=8, jamming=0.05, mu=0.02, other_ways=8),
         StartKind(count=4, jamming=0.05, mu=0.003), StartKind(count=3, jamming=0.0, mu=1e-4))
     """

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .schedule import Schedule, StartKind
 from ..baselines import constant_powers, flights_to, fly_hover_fly_positions
@@ -64,23 +65,26 @@ def hovering_places(scenario: Scenario, schedule: Schedule) -> Array:
 
 
 def several_starts(grid: Grid, schedule: Schedule,
-                   check: Callable[[], None] = lambda: None) -> tuple[Array, Array]:
+                   check: Callable[[], None] = lambda: None
+                   ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """
-    Return strictly feasible starts (S, N, U, 3), and mu to begin each with, (S,).
+    Return strictly feasible starts (S, N, U, 3).
 
     Each kind of start is spread over the hovering places, and some are sent other ways as well.
 
     :param check: called before each start; what it raises is passed on.
+    :return: the starts, mu to begin each with, (S,), and which are sent other ways, (S,).
     """
     scenario = grid.scenario
     flights = _Flights(grid, schedule, check)
-    starts, mus = [], []
+    starts, mus, others = [], [], []
     for kind in schedule.kinds:
-        for positions, inside in flights.spread(kind.count, kind.other_ways):
+        for positions, inside, other in flights.spread(kind.count, kind.other_ways):
             for powers, least in _powers(scenario, positions, kind, schedule):
                 starts.append(_variables(grid, inside, powers, least=least))
                 mus.append(kind.mu)
-    return np.array(starts), np.array(mus)
+                others.append(other)
+    return np.array(starts), np.array(mus), np.array(others)
 
 
 class _Flights:
@@ -102,7 +106,7 @@ class _Flights:
         self._places = places
         self._known: dict[Any, tuple[Array, Array] | None] = {}
 
-    def spread(self, count: int, other_ways: int) -> Iterator[tuple[Array, Array]]:
+    def spread(self, count: int, other_ways: int) -> Iterator[tuple[Array, Array, bool]]:
         """
         Give flights to hovering places spread over all, and the paper's in other ways.
 
@@ -117,19 +121,19 @@ class _Flights:
             flight = self._flight(index)
             if flight is not None:
                 found += 1
-                yield flight
+                yield *flight, False
         if not self._open:
             for choice in list(self._other_ways())[:other_ways]:
                 flight = self._flight(*choice)
                 if flight is not None:
                     found += 1
-                    yield flight
+                    yield *flight, True
         if not found:
             positions = fly_hover_fly_positions(self._scenario)
-            flight = self._inside(positions)
-            if flight is None:
+            inside = self._inside(positions)
+            if inside is None:
                 raise NumericalError('no flight strictly inside the limits was found')
-            yield positions, flight
+            yield positions, inside, False
 
     def _other_ways(self) -> Iterator[tuple[Any, ...]]:
         """Give the arguments of _flight for the other sides of what is in the way."""
@@ -141,8 +145,7 @@ class _Flights:
                 for uav in range(uavs):
                     ways = [(0, 0)] * uavs
                     ways[uav] = (way, 0) if leg == 0 else (0, way)
-                    if all(route(self._scenario, uav, self._places[0, uav], *ways[uav]
-                                 ) is not None for uav in [uav]):
+                    if route(self._scenario, uav, self._places[0, uav], *ways[uav]) is not None:
                         yield 0, tuple(ways), False
 
     def _flight(self, index: int, ways: tuple[tuple[int, int], ...] | None = None,
