@@ -1,0 +1,212 @@
+"""Where UAVs are beside their plan, and where a replan meets them: the laws, without ROS."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import Scenario, solve
+from secure_uav_planner.errors import InfeasibleMissionError, OptionError
+from secure_uav_planner.optimize.rejoin import first_point, rejoined
+from secure_uav_planner.playback import Playback
+from secure_uav_planner.tracking import (
+    departing, deviation, expected, GAIN, predicted, Sighting, Track)
+
+LEAD, TOLERANCE = 2.0, 1.0
+
+
+@pytest.fixture(scope='module', params=[None, 2.0], ids=['unlimited', '2 m/s^2'])
+def plan(request):
+    """Return a plan of a minute more than the flight needs, for both kinds of vehicle."""
+    scenario = Scenario.paper(160.0, slots=80)
+    uavs = tuple(replace(uav, max_acceleration=request.param) for uav in scenario.uavs)
+    return replace(solve(replace(scenario, uavs=uavs)), start_ns=10**18)
+
+
+def sighting_at(playback, time, offset, gust=(0.0, 0.0), uav=0):
+    moment = playback.at(time)
+    return Sighting(time, tuple((moment.positions[uav] + offset).tolist()),
+                    tuple((moment.velocities[uav] + gust).tolist()))
+
+
+def limits_of(plan):
+    uav = plan.scenario.uavs[0]
+    return uav.max_speed, uav.max_acceleration
+
+
+TIMES = st.floats(10.0, 80.0)
+OFFSETS = st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0))
+GUSTS = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
+
+
+@settings(max_examples=25)
+@given(time=TIMES, offset=OFFSETS, gust=GUSTS)
+def test_a_prediction_keeps_the_limits_of_the_vehicle(plan, time, offset, gust):
+    most_speed, most_acceleration = limits_of(plan)
+    seen = sighting_at(Playback(plan), time, offset, gust)
+    times = np.linspace(time, time + 20.0, 401)
+    positions, velocities = predicted(Playback(plan), 0, seen, times)
+    assert positions[0] == pytest.approx(seen.position)
+    speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / 0.05
+    # A gust may have made it faster; it then slows down.
+    assert (speeds <= max(most_speed, np.hypot(*seen.velocity)) + 1e-6).all()
+    if most_acceleration is not None:
+        changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1) / 0.05
+        assert changes.max() <= most_acceleration + 1e-6
+        assert velocities[0] == pytest.approx(seen.velocity)
+
+
+@settings(max_examples=25)
+@given(time=st.floats(90.0, 100.0), offset=OFFSETS, gust=GUSTS)
+def test_a_prediction_comes_back_to_a_plan_that_leaves_time_for_it(plan, time, offset, gust):
+    playback = Playback(plan)
+    # The plan hovers for a minute; this one does so all the time.
+    still = Playback(replace(
+        plan, scenario=replace(plan.scenario, uavs=tuple(
+            replace(uav, start=uav.goal) for uav in plan.scenario.uavs)),
+        positions=np.repeat(plan.positions[:, -1:], plan.positions.shape[1], axis=1)))
+    seen = sighting_at(still, time, offset, gust)
+    (before, after), _ = predicted(still, 0, seen, [time, time + 25.0])
+    goal = plan.positions[0, -1]
+    assert np.linalg.norm(after - goal) < 0.01
+    assert np.linalg.norm(before - goal) == pytest.approx(np.hypot(*offset))
+    # On the plan it stays on the plan.
+    times = time + np.arange(5.0)
+    on_plan, _ = predicted(playback, 1, sighting_at(playback, time, (0, 0), uav=1), times)
+    planned = playback.curve.at(times).positions[1]
+    assert np.linalg.norm(on_plan - planned, axis=1).max() < 0.5 / GAIN
+
+
+def test_the_distance_counts_from_a_plan_that_rests_before_and_after_its_flight(plan):
+    playback, uav = Playback(plan), plan.scenario.uavs[0]
+    for time, place in ((-100.0, uav.start), (playback.duration + 100.0, uav.goal)):
+        seen = Sighting(time, (place[0] + 3.0, place[1] - 4.0))
+        assert deviation(playback, 0, seen) == pytest.approx([3.0, -4.0])
+
+
+def test_before_a_new_plan_a_uav_goes_on_with_its_plan_or_else_straight_on(plan):
+    playback = Playback(plan)
+    seen = sighting_at(playback, 30.0, (0.2, -0.1))
+    position, velocity = expected(seen, 35.0, playback, 0, TOLERANCE)
+    assert position == pytest.approx(playback.at(35.0).positions[0], abs=0.5)
+    assert velocity == pytest.approx(playback.at(35.0).velocities[0], abs=1.0)
+    far = sighting_at(playback, 30.0, (20.0, 0.0), (1.0, 0.0))
+    for known in (playback, None):
+        position, velocity = expected(far, 35.0, known, 0, TOLERANCE)
+        assert velocity == far.velocity
+        assert position == pytest.approx(np.array(far.position) + 5 * np.array(far.velocity))
+    assert expected(far._replace(velocity=None), 35.0) == (far.position, None)
+
+
+def test_the_curve_of_a_departing_uav_begins_with_its_state(plan):
+    limit = plan.scenario.uavs[0].max_acceleration
+    uav = departing(plan.scenario.uavs[0], (80.0, 480.0), (3.0, -4.0), 2.0)
+    scenario = replace(plan.scenario, uavs=(uav, plan.scenario.uavs[1]))
+    playback = Playback(solve(scenario, initial=plan))
+    if limit is None:
+        assert playback.at(0.0).positions[0] == pytest.approx([80.0, 480.0])
+    else:
+        begin = playback.at(playback.begin)
+        assert playback.begin == -1.0
+        assert begin.positions[0] == pytest.approx([80.0, 480.0])
+        assert begin.velocities[0] == pytest.approx([3.0, -4.0])
+        fast = departing(uav, (0.0, 0.0), (30.0, -40.0), 2.0)
+        assert fast.start_velocity == pytest.approx((6.0, -8.0))
+
+
+def begun(plan, time, sightings, tolerance=TOLERANCE):
+    first = first_point(plan.scenario, time + LEAD)
+    return rejoined(plan, first, sightings, tolerance, plan.scenario.ground_node,
+                    plan.scenario.eavesdroppers)
+
+
+@settings(max_examples=20)
+@given(time=st.floats(5.0, 60.0), offset=OFFSETS, gust=GUSTS)
+def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
+        plan, time, offset, gust):
+    playback = Playback(plan)
+    seen = sighting_at(playback, time, offset, gust)
+    try:
+        beginning = begun(plan, time, [seen, None])
+    except InfeasibleMissionError as error:
+        assert 'uav1, ' in str(error) and 'cannot be met' in str(error)
+        return
+    scenario = beginning.scenario
+    assert scenario.duration == pytest.approx(
+        plan.scenario.duration - beginning.point * plan.scenario.slot_duration)
+    # A plan checks all limits of its points, those of the way as well.
+    whole = beginning.continued(solve(scenario, initial=beginning.tail, time_limit=0.05))
+    new = Playback(whole)
+    assert beginning.effect >= time + LEAD - 1e-9
+    before = np.linspace(playback.begin, beginning.effect, 500)
+    assert new.curve.at(before).positions == pytest.approx(playback.curve.at(before).positions)
+    limited = plan.scenario.uavs[0].max_acceleration is not None
+    meeting = (beginning.point - 0.5 * limited) * plan.scenario.slot_duration
+    (position,), (velocity,) = predicted(playback, 0, seen, [meeting])
+    there, planned = new.at(meeting), playback.at(meeting)
+    if np.linalg.norm(position - planned.positions[0]) <= TOLERANCE:
+        assert there.positions[0] == pytest.approx(planned.positions[0])
+    else:
+        assert there.positions[0] == pytest.approx(position, abs=1e-6)
+        if limited:
+            assert there.velocities[0] == pytest.approx(velocity, abs=1e-6)
+    assert there.positions[1] == pytest.approx(planned.positions[1])
+
+
+def test_a_replan_that_meets_nobody_begins_on_the_plan(plan):
+    playback = Playback(plan)
+    near = sighting_at(playback, 40.0, (0.3, -0.3))
+    for sightings in ([None, None], [near, None]):
+        beginning = begun(plan, 40.0, sightings)
+        assert beginning.point == beginning.first
+        assert beginning.scenario == plan.tail(beginning.point).scenario
+        assert (beginning.positions == plan.positions[:, :beginning.point + 1]).all()
+        assert (beginning.powers == plan.powers[:, :beginning.point]).all()
+
+
+def test_a_uav_that_cannot_reach_its_goal_any_more_is_named_with_its_distance(plan):
+    playback = Playback(plan)
+    late = plan.times[-1] - 20.0
+    with pytest.raises(InfeasibleMissionError, match=r'uav1, 90\.0 m from it, cannot be met'):
+        begun(plan, late, [sighting_at(playback, late, (90.0, 0.0)), None])
+
+
+def test_nothing_is_sent_on_the_way_where_it_would_only_leak(plan):
+    """Far from its plan the transmitter may be nearer to the eavesdropper than to its node."""
+    playback = Playback(plan)
+    loud = replace(plan, powers=np.repeat([[1.0], [0.0]], plan.scenario.slots, axis=1))
+    seen = sighting_at(playback, 70.0, (60.0, 0.0))
+    beginning = begun(loud, 70.0, [seen, None])
+    whole = beginning.continued(solve(
+        beginning.scenario, initial=beginning.tail, time_limit=0.05))
+    way = slice(beginning.first, beginning.point)
+    assert beginning.point > beginning.first
+    assert (whole.guaranteed_rates[way] >= 0).all()
+
+
+def test_the_achieved_rate_is_the_planned_one_for_uavs_that_follow_exactly(plan):
+    playback, track = Playback(plan), Track()
+    assert track.rates is None
+    for time in np.arange(-3.0, playback.duration + 3.0, 0.1):
+        track.add(playback, time, playback.at(time).positions)
+    achieved, should_be = track.rates
+    assert achieved == pytest.approx(should_be, rel=1e-9)
+    assert should_be == pytest.approx(playback.guaranteed_rates.mean(), rel=5e-3)
+
+
+def test_the_achieved_rate_falls_when_uavs_leave_their_plan_and_begins_anew(plan):
+    playback, track = Playback(plan), Track()
+    for time in np.arange(0.0, 60.0, 0.2):
+        track.add(playback, time, playback.at(time).positions + [0.0, 200.0])
+    achieved, should_be = track.rates
+    assert achieved < 0.9 * should_be
+    # Nothing counts twice, and a long silence does not count.
+    track.add(playback, 59.0, playback.at(59.0).positions)
+    track.add(playback, 90.0, playback.at(90.0).positions)
+    assert track.rates == (achieved, should_be)
+    again = Playback(replace(plan, start_ns=plan.start_ns + 1))
+    track.add(again, 30.0, again.at(30.0).positions)
+    assert track.rates is None
+    with pytest.raises(OptionError, match='positions has the shape'):
+        track.add(again, 31.0, np.zeros((3, 2)))
