@@ -160,7 +160,7 @@ class Player:
             return
         now, then = self.playback.plan.start_ns, self._next.plan.start_ns
         time = 0.0 if now is None or then is None else self.time - (then - now) * 1e-9
-        if time >= 0 or self.finished:
+        if time >= self._next.begin or self.finished:
             self.playback, self._next = self._next, None
             self.time = min(max(time, self.playback.begin), self.playback.duration)
 

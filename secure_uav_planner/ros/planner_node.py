@@ -8,35 +8,36 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from . import messages
+from .departure import Departure
+from .intake import Intake
 from .latest import Latest
 from .parameters import eavesdropper_parameters, Parameters, PLANNER, uav_from, uav_parameters
 from .plan_topics import PlanTopics, publish
 from .poses import PoseBook
-from .qos import LATCHED, OVERRIDABLE, SENSOR
+from .qos import LATCHED, OVERRIDABLE
 from .replanning import check_in_time, Replanning
-from .scenarios import GROUND_NODE_TOPIC, pose_problems, pose_topic, scenario_from
+from .scenarios import pose_problems, scenario_from
 from .status import level_and_text, State, values
 from .text import brief, with_type
+from .whereabouts import Whereabouts
 from .worker import Worker
 from .zone_parameters import airspace_from, zone_parameters
-from ..errors import ParameterError, PlanFileError, PlanningError, PoseError, StoppedError
+from ..errors import ParameterError, PlanFileError, PlanningError, StoppedError
 from ..optimize.feasible import similar
 from ..optimize.solve import check_method
 from ..plan import Plan
 from ..scenario import Scenario
 
 _STATUS_PERIOD = 0.1
-_REPLAN_CHECK_PERIOD = 0.1
+_CHECK_PERIOD = 0.1  # Of where the UAVs are, and whether a replan is due.
 _EVALUATION = 0.5  # How long a plan waits for its worst-case rate before publication, in s.
 _SHORTEST_SOLVE = 0.01
-_MOST_WARNINGS = 5  # For each topic, until a valid pose arrives on it.
 _LONGEST_REASON = 4000
 
 
@@ -54,7 +55,7 @@ class Planner(Node):
         self._eavesdroppers = self._settings['eavesdroppers']
         self._declare_members()
         self._poses = PoseBook()
-        self._warned: set[tuple[str, str]] = set()
+        self._whereabouts = Whereabouts(self._poses)
         self._state = State()
         self._closed = False
         self._progress_sent = 0.0
@@ -63,8 +64,8 @@ class Planner(Node):
         self._publishing = threading.Lock()
         self._worker = Worker(self._on_iteration)
         self._replanning = Replanning(
-            self._worker, self._poses, self._publish_replan, self._refuse_replan,
-            self._publish_status)
+            self._worker, self._poses, self._whereabouts, self._publish_replan,
+            self._refuse_replan, self._publish_status)
         self._evaluation = Latest(self._evaluate)
         self._make_interface()
         self._restore()
@@ -87,15 +88,7 @@ class Planner(Node):
         self._settings.apply(self._check)
 
     def _make_interface(self) -> None:
-        poses, services = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
-        kinds = {GROUND_NODE_TOPIC: PoseStamped}
-        kinds.update({pose_topic(name): PoseWithCovarianceStamped
-                      for name in self._eavesdroppers})
-        kinds.update({pose_topic(name): PoseStamped for name in self._uavs})
-        for topic, kind in kinds.items():
-            self.create_subscription(
-                kind, topic, lambda message, topic=topic: self._on_pose(topic, message), SENSOR,
-                callback_group=poses, qos_overriding_options=OVERRIDABLE)
+        checks, services = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
         self._topics = PlanTopics(self, self._uavs)
         self._status = self.create_publisher(
             DiagnosticStatus, '~/status', LATCHED, qos_overriding_options=OVERRIDABLE)
@@ -107,7 +100,8 @@ class Planner(Node):
         # Both timers continue when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, callback_group=services, clock=steady)
-        self.create_timer(_REPLAN_CHECK_PERIOD, self._on_replan_check, clock=steady)
+        self.create_timer(_CHECK_PERIOD, self._on_check, callback_group=checks, clock=steady)
+        self._intake = Intake(self, self._settings, self._poses, self._publish_status)
 
     def close(self) -> bool:
         """Stop the solve that is under way; return whether nothing is left running."""
@@ -116,8 +110,11 @@ class Planner(Node):
         stopped = self._worker.close(timeout=1.0)
         return self._evaluation.close(timeout=0.1) and stopped
 
+    def _now_ns(self) -> int:
+        return self.get_clock().now().nanoseconds
+
     def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
+        return self._now_ns() * 1e-9
 
     def _check(self, values: Mapping[str, Any]) -> None:
         check_method(values['method'], values['objective'])
@@ -125,32 +122,15 @@ class Planner(Node):
             uav_from(values, name)
         airspace_from(values)
 
-    # Poses
-
-    def _on_pose(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped) -> None:
-        frame_id = self._settings['frame_id']
-        first = self._poses.get(topic) is None
-        try:
-            self._poses.take(topic, message, frame_id, self._now())
-        except PoseError as error:
-            reason = brief(error)
-            if (topic, reason) not in self._warned and (
-                    sum(known[0] == topic for known in self._warned) < _MOST_WARNINGS):
-                self._warned.add((topic, reason))
-                self.get_logger().warning(f'{topic}: {reason}; it is not used')
-        else:
-            self._warned -= {known for known in self._warned if known[0] == topic}
-            if first:
-                self._publish_status()
-
     # Planning on request
 
     def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         began = time.monotonic()
         settings = self._settings.snapshot()
-        limit = settings['time_limit'] or None
+        departure = Departure.of(settings, self._now_ns())
+        limit = departure.time_limit(settings['time_limit'] or None)
         try:
-            scenario = scenario_from(settings, self._poses, self._now())
+            scenario = scenario_from(settings, self._poses, departure, self._state.plan)
             # This stops a replan, and no other one starts before this request is answered.
             with self._worker.reserved(limit):
                 left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
@@ -160,8 +140,9 @@ class Planner(Node):
                     initial=self._initial(scenario)).result()
                 if plan.status == 'cancelled':
                     raise StoppedError('cancelled')
-                plan = replace(plan, start_ns=self.get_clock().now().nanoseconds)
-                text = self._publish_plan(plan, 'plans')
+                text = self._publish_plan(
+                    replace(plan, start_ns=departure.start_of(self._now_ns())), 'plans',
+                    still_wanted=lambda: departure.check_in_time(self._now_ns()))
             self._publish_status()  # Now the request has been answered.
         except Exception as error:
             response.success, response.message = False, self._refuse(error, 'the solve failed')
@@ -208,13 +189,14 @@ class Planner(Node):
 
     # Replanning
 
-    def _on_replan_check(self) -> None:
-        self._replanning.start_when_due(
-            lambda: self._state.plan, self._settings.snapshot(), self._now())
+    def _on_check(self) -> None:
+        settings, now = self._settings.snapshot(), self._now()
+        self._whereabouts.observe(settings, now)
+        self._replanning.start_when_due(lambda: self._state.plan, settings, now)
 
     def _publish_replan(self, plan: Plan, continued: Plan, start_ns: int) -> None:
         self._publish_plan(plan, 'replans', still_wanted=lambda: check_in_time(
-            self._state.plan, continued, start_ns, self.get_clock().now().nanoseconds))
+            self._state.plan, continued, start_ns, self._now_ns()))
 
     def _refuse_replan(self, error: Exception) -> None:
         stopped = isinstance(error, StoppedError)
@@ -259,6 +241,7 @@ class Planner(Node):
             with self._lock:
                 text = self._state.publish(plan, count, 'restored: ' if restored else '')
                 level = self._state.outcome.level
+            self._whereabouts.follow(plan)
             self._replanning.planned(self._now())
         self._log(level, text)
         self._publish_status()
@@ -301,10 +284,12 @@ class Planner(Node):
         with self._lock:
             busy, progress = self._worker.busy, self._worker.progress
             level, text = level_and_text(
-                self._state.outcome, pose_problems(settings, self._poses, now), progress)
+                self._state.outcome, [*pose_problems(settings, self._poses, now),
+                                      *self._whereabouts.problems(settings, now)], progress)
             return messages.status(
                 self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
-                values(self._state, progress, busy, self._poses, settings, now))
+                {**values(self._state, progress, busy, self._poses, settings, now),
+                 **self._whereabouts.values(settings, now)})
 
     def _publish_status(self) -> None:
         with self._lock:
@@ -312,5 +297,7 @@ class Planner(Node):
 
     def _publish_diagnostics(self) -> None:
         message = DiagnosticArray(status=[self._status_message()])
+        if self._whereabouts.distances(self._settings.snapshot(), self._now()):
+            self._publish_status()
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

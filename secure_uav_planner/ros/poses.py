@@ -1,15 +1,20 @@
 """The last valid pose of every topic, on which the planner bases its scenarios."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 import threading
 from typing import Any
 
-from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, Quaternion
+from nav_msgs.msg import Odometry
 import numpy as np
 
 from ..errors import PoseError, PoseMissingError, PoseStaleError, shown, WrongFrameError
 from ..scenario import Array, LIMITS, Point
+
+# Positions over so many seconds give the velocity of a UAV that sends no odometry.
+_SHORTEST_BASE, _LONGEST_BASE = 0.2, 1.0
 
 
 @dataclass(frozen=True)
@@ -23,6 +28,7 @@ class KnownPose:
     :param covariance: the covariance of x and y, (2, 2) in m^2, or None.
     :param stamp: the time of the measurement in s, or of reception if the pose has no stamp.
     :param received: the time of reception in s.
+    :param velocity: (x, y) in m/s, from odometry or from the poses of the last second, or None.
     """
 
     frame_id: str
@@ -31,10 +37,16 @@ class KnownPose:
     covariance: Array | None
     stamp: float
     received: float
+    velocity: Point | None = None
+
+    @property
+    def time(self) -> float:
+        """Return when it was measured in s; a stamp of the future counts as that of reception."""
+        return min(self.stamp, self.received)
 
     def age(self, now: float) -> float:
         """Return the age in s at a time in s, or 0 if the clock has jumped back."""
-        return max(0.0, now - min(self.stamp, self.received))
+        return max(0.0, now - self.time)
 
 
 class PoseBook:
@@ -43,14 +55,15 @@ class PoseBook:
     def __init__(self) -> None:
         self._poses: dict[str, KnownPose] = {}
         self._foreign: dict[str, str] = {}
+        self._recent: dict[str, list[tuple[float, Point]]] = {}
         self._lock = threading.Lock()
 
-    def take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped, frame_id: str,
-             now: float) -> None:
+    def take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped | Odometry,
+             frame_id: str, now: float) -> None:
         """
         Check a pose and keep it.
 
-        :param message: a PoseStamped or PoseWithCovarianceStamped.
+        :param message: a PoseStamped, PoseWithCovarianceStamped or Odometry.
         :param frame_id: the frame in which it must be.
         :param now: the node's time in s.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
@@ -63,19 +76,33 @@ class PoseBook:
             raise WrongFrameError(
                 f'the pose is in frame {foreign}; it must be in frame {shown(frame_id)}, '
                 f'as the parameter frame_id says')
-        covariance = getattr(message.pose, 'covariance', None)
-        pose = message.pose if covariance is None else message.pose.pose
+        pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
         _check_values(pose)
-        if covariance is not None:
-            covariance = _horizontal_covariance(covariance)
+        covariance = velocity = None
+        if isinstance(message, PoseWithCovarianceStamped):
+            covariance = _horizontal_covariance(message.pose.covariance)
+        elif isinstance(message, Odometry):
+            velocity = _velocity(message)
         # Without rclpy's Time, which raises an error for times before 1970.
         stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
-        known = KnownPose(
-            frame_id, (pose.position.x, pose.position.y), pose.position.z, covariance, stamp,
-            now)
+        place = (pose.position.x, pose.position.y)
         with self._lock:
-            self._poses[topic] = known
+            if isinstance(message, PoseStamped):
+                velocity = self._difference(topic, stamp, place)
+            self._poses[topic] = KnownPose(
+                frame_id, place, pose.position.z, covariance, stamp, now, velocity)
             self._foreign.pop(topic, None)
+
+    def _difference(self, topic: str, stamp: float, place: Point) -> Point | None:
+        """Note a position; return the mean velocity of the last second in m/s, if it is known."""
+        recent = [(time, before) for time, before in self._recent.get(topic, ())
+                  if 0 < stamp - time <= _LONGEST_BASE]
+        self._recent[topic] = [*recent, (stamp, place)]
+        time, before = recent[0] if recent else (stamp, place)
+        base = stamp - time
+        if base < _SHORTEST_BASE:
+            return None
+        return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
     def get(self, topic: str) -> KnownPose | None:
         """Return the last valid pose of the topic, or None."""
@@ -113,6 +140,15 @@ class PoseBook:
                 f'z = 0 of the frame, above which altitudes count')
         return None
 
+    def usable(self, topics: Sequence[str], frame_id: str, now: float, timeout: float
+               ) -> KnownPose | None:
+        """Return the pose of the first topic that has one that is usable, as by problem()."""
+        for topic in topics:
+            known = self.get(topic)
+            if known is not None and self.problem(topic, frame_id, now, timeout) is None:
+                return known
+        return None
+
 
 def error_radius(covariance: Array, confidence: float) -> float:
     """
@@ -145,6 +181,37 @@ def _check_values(pose: Pose) -> None:
         value = getattr(pose.orientation, field)
         if not math.isfinite(value):
             raise PoseError(f'orientation.{field} is {shown(value)}; it must be finite')
+
+
+def _velocity(message: Odometry) -> Point:
+    """Return the horizontal velocity of an Odometry in the frame of its header, in m/s."""
+    speed = message.twist.twist.linear
+    most = LIMITS['max_speed'][1]
+    for field in 'xyz':
+        value = getattr(speed, field)
+        if not abs(value) <= most:
+            raise PoseError(f'twist.linear.{field} is {shown(value)}; it must be from {-most:g} '
+                            f'to {most:g} m/s')
+    # REP-105 and nav_msgs: a twist is in the child frame, whatever that is.
+    if message.child_frame_id == message.header.frame_id:
+        return (speed.x, speed.y)
+    x, y, _ = _rotated(message.pose.pose.orientation, (speed.x, speed.y, speed.z))
+    return (x, y)
+
+
+def _rotated(orientation: Quaternion, vector: tuple[float, float, float]) -> tuple[float, ...]:
+    """Return a vector of a body's own frame in the frame in which it has an orientation."""
+    parts = np.array([getattr(orientation, field) for field in 'xyzw'])
+    scale = np.abs(parts).max()
+    if scale < 1e-6:
+        raise PoseError('orientation is zero; it must be a quaternion of length 1, with which '
+                        'the velocity is rotated')
+    axis, real = parts[:3] / scale, parts[3] / scale
+    length = axis @ axis + real**2
+    across = np.cross(axis, vector)
+    turned: tuple[float, ...] = tuple(
+        (vector + 2 / length * (real * across + np.cross(axis, across))).tolist())
+    return turned
 
 
 def _horizontal_covariance(values: Any) -> Array:

@@ -26,7 +26,8 @@ _MEANINGS = {
     ('planner', 'ground_node/pose'): 'the position of the ground node',
     ('planner', '<eavesdropper>/pose'):
         'the estimated position; its covariance gives the error radius',
-    ('planner', '<uav>/pose'): "optional: plan from the UAV's present position",
+    ('planner', '<uav>/odom'): 'optional: where the UAV is and how fast; used before its pose',
+    ('planner', '<uav>/pose'): 'optional: where the UAV is',
     ('planner', '<uav>/path'): 'every point of the plan with its time',
     ('planner', '<uav>/power'): 'the power of every slot in W',
     ('planner', '<uav>/trajectory'):

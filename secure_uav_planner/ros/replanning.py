@@ -1,16 +1,22 @@
 """Replanning of the rest of a mission during the flight."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
 import math
 from typing import Any
 
 from .poses import PoseBook
 from .scenarios import has_moved, updated
+from .whereabouts import Whereabouts
 from .worker import Worker
-from ..errors import BusyError, LateError, PlanningError, StoppedError, SupersededError
+from ..errors import (
+    BusyError, InfeasibleMissionError, LateError, PlanningError, StoppedError, SupersededError)
+from ..optimize.rejoin import first_point, Rejoin, rejoined
 from ..plan import Plan
+from ..scenario import Scenario
+from ..tracking import Sighting
+
+_REASONS = ('period', 'distance', 'deviation')
 
 
 class Replanning:
@@ -19,18 +25,21 @@ class Replanning:
 
     :param worker: the Worker that solves.
     :param poses: the PoseBook.
+    :param whereabouts: the Whereabouts.
     :param publish: called in the solver's thread with the new plan of the whole mission, the plan
         that it continues, and the time in ns at which it takes effect; it raises a PlanningError
         if that is too late.
     :param refuse: called with the error if there is no new plan.
+    :param superseded: called when another plan came first, which has been reported already.
     """
 
-    def __init__(self, worker: Worker, poses: PoseBook,
+    def __init__(self, worker: Worker, poses: PoseBook, whereabouts: Whereabouts,
                  publish: Callable[[Plan, Plan, int], None],
                  refuse: Callable[[Exception], None],
                  superseded: Callable[[], None]) -> None:
         self._worker = worker
         self._poses = poses
+        self._whereabouts = whereabouts
         self._publish = publish
         self._refuse = refuse
         self._superseded = superseded
@@ -49,47 +58,70 @@ class Replanning:
         :param settings: values of the planner's parameters by name.
         :param now: the node's time in s.
         """
-        period, distance = settings['replan_period'], settings['replan_distance']
-        if not (period or distance) or self._worker.busy:
+        if self._worker.busy or not any(settings[f'replan_{reason}'] for reason in _REASONS):
             return
         plan = last_plan()  # Only now: a solve that was under way may have published another.
         if plan is None:
             return
         elapsed = now - plan.start_ns * 1e-9
-        point = max(0, math.ceil(
-            (elapsed + settings['replan_lead']) / plan.scenario.slot_duration))
-        if point >= plan.scenario.slots:
+        first = first_point(plan.scenario, elapsed + settings['replan_lead'])
+        if first >= plan.scenario.slots:
             return  # The mission ends before a new plan could take effect.
         try:
             known = updated(plan.scenario, settings, self._poses, now)
         except PlanningError:
             return  # Poses are missing or too old; the diagnostics report it.
-        # If the clock has jumped back, the last plan may be in the future; it is then ignored.
-        due = period and not 0 <= now - self._last_planned < period
-        if not (due or (distance and has_moved(plan.scenario, known, distance))):
+        is_due = self._is_due(plan, known, settings, now)
+        is_off = 0 < elapsed and self._is_off(settings, now)
+        if not (is_due or is_off):
             return
-        tail = plan.tail(point)
-        scenario = replace(tail.scenario, ground_node=known.ground_node,
-                           eavesdroppers=known.eavesdroppers)
-
-        def finish(future: 'Future[Plan]') -> None:
-            self._finish(future, plan, point, tail.start_ns)
-
+        sightings = self._whereabouts.sightings(plan, settings, now)
         try:
-            self._worker.start(scenario, finish, method=settings['method'],
-                               objective=settings['objective'], initial=tail,
-                               time_limit=settings['replan_lead'])
+            rejoin = self._rejoin(plan, first, sightings, settings, known, must_meet=not is_due)
+            self._worker.start(
+                rejoin.scenario, lambda future: self._finish(future, rejoin),
+                method=settings['method'], objective=settings['objective'], initial=rejoin.tail,
+                time_limit=settings['replan_lead'])
         except (BusyError, StoppedError):
             return  # A request was faster.
+        except PlanningError as error:
+            self._refuse(error)
         self._last_planned = now
 
-    def _finish(self, future: 'Future[Plan]', plan: Plan, point: int, start_ns: int) -> None:
-        """Continue a plan from a point with the result of a replan, in the solver's thread."""
+    def _is_due(self, plan: Plan, known: Scenario, settings: Mapping[str, Any],
+                now: float) -> bool:
+        """Return whether the period is over, or somebody on the ground has moved."""
+        period, distance = settings['replan_period'], settings['replan_distance']
+        # If the clock has jumped back, the last plan may be in the future; it is then ignored.
+        over = period and not 0 <= now - self._last_planned < period
+        return bool(over or (distance and has_moved(plan.scenario, known, distance)))
+
+    def _is_off(self, settings: Mapping[str, Any], now: float) -> bool:
+        """Return whether a UAV is too far from its plan, and has had the time to come back."""
+        most = settings['replan_deviation']
+        distances = self._whereabouts.distances(settings, now).values()
+        return bool(most and max(distances, default=0.0) > most
+                    and not 0 <= now - self._last_planned < settings['replan_lead'])
+
+    def _rejoin(self, plan: Plan, first: int, sightings: Sequence[Sighting | None],
+                settings: Mapping[str, Any], known: Scenario, must_meet: bool) -> Rejoin:
+        """Return the beginning of a replan; unless must_meet, from the plan if need be."""
+        arguments = (settings['track_tolerance'], known.ground_node, known.eavesdroppers)
+        try:
+            return rejoined(plan, first, sightings, *arguments)
+        except InfeasibleMissionError:
+            if must_meet:
+                raise
+            return rejoined(plan, first, [None] * len(sightings), *arguments)
+
+    def _finish(self, future: 'Future[Plan]', rejoin: Rejoin) -> None:
+        """Continue a plan with the result of a replan, in the solver's thread."""
         try:
             found = future.result()
             if found.status == 'cancelled':
                 raise StoppedError('the replan was cancelled')
-            self._publish(plan.continued(point, found), plan, start_ns)
+            effect_ns = rejoin.plan.start_ns + round(rejoin.effect * 1e9)
+            self._publish(rejoin.continued(found), rejoin.plan, effect_ns)
         except SupersededError:
             self._superseded()
         except Exception as error:

@@ -5,11 +5,15 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from .departure import Departure
 from .parameters import uav_from
-from .poses import error_radius, PoseBook
+from .poses import error_radius, KnownPose, PoseBook
 from .zone_parameters import airspace_from
 from ..errors import PoseError
-from ..scenario import Eavesdropper, Scenario
+from ..plan import Plan
+from ..playback import Playback
+from ..scenario import Eavesdropper, Scenario, Uav
+from ..tracking import departing, expected, Sighting
 
 GROUND_NODE_TOPIC = 'ground_node/pose'
 
@@ -17,6 +21,16 @@ GROUND_NODE_TOPIC = 'ground_node/pose'
 def pose_topic(name: str) -> str:
     """Return the topic of a UAV's or an eavesdropper's pose."""
     return f'{name}/pose'
+
+
+def odometry_topic(name: str) -> str:
+    """Return the topic of a UAV's odometry."""
+    return f'{name}/odom'
+
+
+def uav_topics(name: str) -> tuple[str, str]:
+    """Return the topics that say where a UAV is; the first counts before the second."""
+    return odometry_topic(name), pose_topic(name)
 
 
 def pose_problems(parameters: Mapping[str, Any], poses: PoseBook, now: float,
@@ -32,9 +46,11 @@ def pose_problems(parameters: Mapping[str, Any], poses: PoseBook, now: float,
         poses.problem(topic, frame_id, now, timeout, parameters['height_tolerance'])
         for topic in (GROUND_NODE_TOPIC, *map(pose_topic, parameters['eavesdroppers']))]
     for name in parameters['uavs'] if of_uavs else ():
-        if not parameters[f'{name}.use_pose']:
+        if not parameters[f'{name}.use_pose'] or known_of(name, parameters, poses, now):
             continue
-        problem = poses.problem(pose_topic(name), frame_id, now, timeout, optional=True)
+        of_uav = [poses.problem(topic, frame_id, now, timeout, optional=True)
+                  for topic in uav_topics(name)]
+        problem = next((problem for problem in of_uav if problem is not None), None)
         if problem is not None:
             problem = type(problem)(
                 f'{problem}; send a new one, or set {name}.use_pose to false to plan from '
@@ -43,32 +59,72 @@ def pose_problems(parameters: Mapping[str, Any], poses: PoseBook, now: float,
     return [problem for problem in problems if problem is not None]
 
 
+def known_of(name: str, parameters: Mapping[str, Any], poses: PoseBook, now: float
+             ) -> KnownPose | None:
+    """Return the last usable odometry of a UAV, or else its last usable pose, or None."""
+    return poses.usable(
+        uav_topics(name), parameters['frame_id'], now, parameters['pose_timeout'])
+
+
+def sighting_of(name: str, parameters: Mapping[str, Any], poses: PoseBook, now: float,
+                origin: float) -> Sighting | None:
+    """
+    Return the last usable state of a UAV, or None.
+
+    :param origin: the time in s from which times of the Sighting count.
+    """
+    known = known_of(name, parameters, poses, now)
+    return known and Sighting(known.time - origin, known.position, known.velocity)
+
+
 def raise_first(problems: list[PoseError]) -> None:
     """Raise an error of the first problem's class with the texts of all, if there are any."""
     if problems:
         raise type(problems[0])('; '.join(map(str, problems)))
 
 
-def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, now: float) -> Scenario:
+def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, departure: Departure,
+                  last: Plan | None = None) -> Scenario:
     """
-    Return the Scenario of a new mission, from the UAVs' present positions if they are known.
+    Return the Scenario of a new mission, from where the UAVs are or will be, if that is known.
 
     :param parameters: values of the planner's parameters by name.
     :param poses: the planner's PoseBook.
-    :param now: the node's time in s.
+    :param departure: when the mission begins.
+    :param last: the last Plan, along which UAVs may fly until the new one begins.
     :raises PoseError: if poses cannot be used; the text names every such topic.
     :raises ScenarioError: for a mission that cannot be flown, or a wrong combination of values.
     """
-    raise_first(pose_problems(parameters, poses, now))
-    starts = [poses.get(pose_topic(name)) if parameters[f'{name}.use_pose'] else None
-              for name in parameters['uavs']]
+    raise_first(pose_problems(parameters, poses, departure.asked_ns * 1e-9))
     return Scenario(
         ground_node=poses.get(GROUND_NODE_TOPIC).position,
         eavesdroppers=_eavesdroppers(parameters, poses),
-        uavs=tuple(uav_from(parameters, name, known and known.position)
-                   for name, known in zip(parameters['uavs'], starts, strict=True)),
+        uavs=_uavs(parameters, poses, departure, last),
         duration=parameters['duration'], slots=parameters['slots'],
         reference_snr_db=parameters['reference_snr_db'], **airspace_from(parameters))
+
+
+def _uavs(parameters: Mapping[str, Any], poses: PoseBook, departure: Departure,
+          last: Plan | None) -> tuple[Uav, ...]:
+    """Return the UAVs with the places, and for a delayed start the velocities, they start with."""
+    playback = Playback(last) if last is not None and departure.is_delayed else None
+    origin_ns = 0 if playback is None else last.start_ns
+    found = []
+    for index, name in enumerate(parameters['uavs']):
+        uav = uav_from(parameters, name)
+        sighting = sighting_of(
+            name, parameters, poses, departure.asked_ns * 1e-9, origin_ns * 1e-9)
+        if sighting is None or not parameters[f'{name}.use_pose']:
+            pass
+        elif not departure.is_delayed:
+            uav = replace(uav, start=sighting.position)
+        else:
+            time_ns = departure.start_ns if uav.max_acceleration is None else departure.effect_ns
+            state = expected(sighting, (time_ns - origin_ns) * 1e-9, playback, index,
+                             parameters['track_tolerance'])
+            uav = departing(uav, *state, parameters['duration'] / parameters['slots'])
+        found.append(uav)
+    return tuple(found)
 
 
 def updated(scenario: Scenario, parameters: Mapping[str, Any], poses: PoseBook,

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from .approaches import approaches_text, approaches_values
 from .poses import PoseBook
-from .scenarios import GROUND_NODE_TOPIC, pose_topic
+from .scenarios import GROUND_NODE_TOPIC, odometry_topic, pose_topic
 from .text import brief
 from ..errors import PlanningError
 from ..plan import Iteration, Plan
@@ -98,16 +98,17 @@ def summary(plan: Plan, evaluated: bool) -> str:
             f'{plan.curve_rate:.4f}' + (f'; {near}' if near else ''))
 
 
-def level_and_text(outcome: Outcome, problems: Sequence[PlanningError],
+def level_and_text(outcome: Outcome, problems: Sequence[object],
                    progress: Iteration | None) -> tuple[bytes, str]:
     """
     Return the level of the planner's status and a text that explains it.
 
-    ERROR: a solve failed. WARN: planning is not possible now, or the last request was refused, or
-    its plan has not converged or lets UAVs come close without a separation. OK: none of these.
-    STALE is not used, because tools take it for a node that has stopped reporting.
+    ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or the
+    last request was refused, or its plan has not converged or lets UAVs come close without a
+    separation. OK: none of these. STALE is not used, because tools take it for a node that has
+    stopped reporting.
 
-    :param problems: errors of poses that prevent planning.
+    :param problems: errors of poses that prevent planning, and texts about UAVs off their plan.
     :param progress: the latest Iteration of the solve that is under way, or None.
     """
     if progress is not None:
@@ -147,7 +148,8 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
             'plan.method': brief(plan.method, 60), 'plan.status': plan.status,
             'plan.iterations': _iterations(plan), 'plan.solve_time': plan.solve_time})
     names = parameters['eavesdroppers'] + parameters['uavs']
-    for topic in [GROUND_NODE_TOPIC, *map(pose_topic, names)]:
+    for topic in [GROUND_NODE_TOPIC, *map(pose_topic, names),
+                  *map(odometry_topic, parameters['uavs'])]:
         known = poses.get(topic)
         found[f'pose_age.{topic}'] = 'none' if known is None else known.age(now)
     return found
