@@ -1,6 +1,7 @@
 """A ROS environment of the tests' own, set before anything imports rclpy; what a test needs."""
 
 from contextlib import ExitStack
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 import os
@@ -87,6 +88,20 @@ def pytest_runtest_makereport():
     client = sys.modules.get('ros_client')
     if report.failed and client is not None and (text := client.outputs()):
         report.sections.append(('Output of the nodes', text))
+
+
+@pytest.fixture
+def client():
+    """Return a client of the nodes."""
+    with import_module('ros_client').Client() as made:  # Imported in the environment from above.
+        yield made
+
+
+@pytest.fixture
+def planner():
+    """Return the process of a planner of the paper's mission in few slots, for quick solves."""
+    with import_module('ros_client').node_process('planner', duration=120.0, slots=40) as process:
+        yield process
 
 
 @pytest.fixture(scope='session')

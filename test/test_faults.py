@@ -26,12 +26,6 @@ KINDS = {'path': Path, 'power': Float64MultiArray, 'trajectory': MultiDOFJointTr
 
 
 @pytest.fixture
-def client():
-    with Client() as client:
-        yield client
-
-
-@pytest.fixture
 def file(tmp_path):
     return tmp_path / 'plan.json'
 

@@ -18,19 +18,6 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 
-@pytest.fixture
-def client():
-    with Client() as client:
-        yield client
-
-
-@pytest.fixture
-def planner():
-    # The paper's mission in fewer slots, so that every test solves in a moment.
-    with node_process('planner', duration=120.0, slots=40) as process:
-        yield process
-
-
 def seconds(stamp):
     return stamp.sec + stamp.nanosec * 1e-9
 

@@ -8,21 +8,9 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
-from ros_client import Client, node_process, values_of, wait_for
+from ros_client import node_process, values_of, wait_for
 from secure_uav_planner.ros.poses import error_radius
 from visualization_msgs.msg import MarkerArray
-
-
-@pytest.fixture
-def client():
-    with Client() as client:
-        yield client
-
-
-@pytest.fixture
-def planner():
-    with node_process('planner', duration=120.0, slots=20) as process:
-        yield process
 
 
 def test_a_stale_pose_of_a_uav_is_refused_with_a_way_out_that_needs_no_restart(client, planner):

@@ -6,16 +6,10 @@ import json
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Path
 import pytest
-from ros_client import Client, node_process, values_of, wait_for
+from ros_client import node_process, values_of, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
 
 PLAN = replace(fly_hover_fly(Scenario.paper(104, slots=8)), start_ns=10**18)
-
-
-@pytest.fixture
-def client():
-    with Client() as client:
-        yield client
 
 
 @pytest.fixture
