@@ -17,7 +17,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
     Point, Pose, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped, Quaternion,
-    Transform, Twist, Vector3)
+    Transform, Twist, TwistWithCovariance, Vector3)
 from hypothesis import given, HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry, Path
@@ -69,10 +69,16 @@ HEADER = st.builds(Header, frame_id=TEXT)
 STAMPED = st.builds(PoseStamped, header=HEADER, pose=POSE)
 ESTIMATE = st.builds(PoseWithCovarianceStamped, header=HEADER, pose=st.builds(
     PoseWithCovariance, pose=POSE, covariance=COVARIANCE))
+SPEED = st.one_of(st.floats(-20, 20), ANY)
+ODOMETRY = st.builds(
+    Odometry, header=HEADER, child_frame_id=TEXT, pose=st.builds(PoseWithCovariance, pose=POSE),
+    twist=st.builds(TwistWithCovariance, twist=st.builds(
+        Twist, linear=st.builds(Vector3, x=SPEED, y=SPEED, z=SPEED))))
 POSES = st.one_of(
     st.tuples(st.just('ground_node/pose'), STAMPED, STAMP),
     st.tuples(st.just('eavesdropper/pose'), ESTIMATE, STAMP),
-    st.tuples(st.sampled_from([f'{name}/pose' for name in UAVS]), STAMPED, STAMP))
+    st.tuples(st.sampled_from([f'{name}/pose' for name in UAVS]), STAMPED, STAMP),
+    st.tuples(st.sampled_from([f'{name}/odom' for name in UAVS]), ODOMETRY, STAMP))
 PATH = st.builds(Path, header=HEADER, poses=st.lists(STAMPED, max_size=5))
 POWER = st.builds(
     Float64MultiArray, data=st.one_of(
@@ -104,7 +110,8 @@ NEAR = {
     'reference_snr_db': st.floats(20, 120), 'method': st.sampled_from(['joint', 'alternating']),
     'confidence': st.floats(0.01, 0.99), 'pose_timeout': st.floats(0, 20),
     'eavesdropper.error_radius': st.floats(0, 500), 'frame_id': st.sampled_from(['map', 'odom']),
-    'replan_period': st.sampled_from([0.0, 0.3]), 'replan_distance': st.sampled_from([0.0, 5.0])}
+    'replan_period': st.sampled_from([0.0, 0.3]), 'replan_distance': st.sampled_from([0.0, 5.0]),
+    'replan_deviation': st.sampled_from([0.0, 2.0]), 'track_tolerance': st.floats(0.01, 20)}
 for name in UAVS:
     NEAR.update({f'{name}.start': PLACE, f'{name}.goal': PLACE,
                  f'{name}.altitude': st.floats(1, 1e4), f'{name}.max_speed': st.floats(0.1, 100),
@@ -120,8 +127,9 @@ def parameter_sets(near, names):
             name=name, value=rclpy.Parameter(name, value=value).get_parameter_value())))
     wild = st.builds(Parameter, name=st.one_of(st.sampled_from(names), TEXT), value=WILD)
     one = st.one_of(good, good, wild).filter(
-        # Simulated time would stop the clock that the fuzz itself reads.
-        lambda made: made.name not in ('use_sim_time', 'plan_file'))
+        # Simulated time would stop the clock that the fuzz itself reads; with a delay plans start
+        # where nobody has been.
+        lambda made: made.name not in ('use_sim_time', 'plan_file', 'start_delay'))
     return st.lists(one, min_size=1, max_size=3)
 
 
@@ -194,7 +202,8 @@ class Planner(Target):
     def send(self, topic, message, stamp, qos=None):
         name = topic.split('/')[0]
         if name in self.starts:
-            self.starts[name].add((message.pose.position.x, message.pose.position.y))
+            pose = getattr(message.pose, 'pose', message.pose)
+            self.starts[name].add((pose.position.x, pose.position.y))
         super().send(topic, message, stamp, qos)
 
     def send_good(self):
