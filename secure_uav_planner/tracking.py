@@ -96,15 +96,16 @@ def expected(sighting: Sighting, time: float, playback: Playback | None = None, 
     """
     Return where a UAV will be when a new plan begins, in m, and its velocity in m/s, if known.
 
-    A UAV on its last plan goes on with it; any other one goes on with its present velocity.
+    A UAV on its last plan will be where that plan says, so that its setpoints go on without a
+    jump. Any other one goes on with its present velocity.
 
     :param time: in the same time as that of the sighting.
     :param playback: of its last plan, or None.
     :param tolerance: the distance in m within which it counts as on that plan.
     """
     if playback is not None and math.hypot(*deviation(playback, uav, sighting)) <= tolerance:
-        (position,), (velocity,) = predicted(playback, uav, sighting, [time])
-        return _point(position), _point(velocity)
+        motion = playback.curve.at([time])
+        return _point(motion.positions[uav, 0]), _point(motion.velocities[uav, 0])
     if sighting.velocity is None:
         return sighting.position, None
     ahead = max(0.0, time - sighting.time)

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from .feasible import without_losing_slots
-from ..errors import InfeasibleMissionError, ScenarioError
+from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..kinematics import Vehicle
 from ..plan import Plan
 from ..playback import Playback
@@ -90,15 +90,17 @@ def rejoined(plan: Plan, first: int, sightings: Sequence[Sighting | None], toler
     if not ways:
         return Rejoin(plan, first, first, plan.positions[:, :first + 1], plan.powers[:, :first],
                       tail, now)
-    reason: ScenarioError | None = None
+    reason: ScenarioError | PlanError | None = None
     for point in _candidates(first, plan.scenario.slots):
         found = {uav: way.to(point) for uav, way in ways.items()}
         paths = {uav: path for uav, path in found.items() if path is not None}
         if len(paths) < len(found):
             continue
         try:
-            return _begun(plan, first, point, paths, now)
-        except ScenarioError as error:
+            beginning = _begun(plan, first, point, paths, now)
+            _check_way(beginning, now)
+            return beginning
+        except (ScenarioError, PlanError) as error:
             reason = reason or error  # A later point may be better.
     far = ', '.join(f'{plan.scenario.uavs[uav].name}, {way.distance:.1f} m from it,'
                     for uav, way in ways.items())
@@ -125,6 +127,18 @@ def _begun(plan: Plan, first: int, point: int, paths: dict[int, Array], now: Sce
             scenario, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))),
             powers[:, first:], plan.objective)[0]
     return Rejoin(plan, first, point, positions, powers, tail, scenario)
+
+
+def _check_way(beginning: Rejoin, now: Scenario) -> None:
+    """Check all limits between the points at which the path and the replan begin to differ."""
+    positions = beginning.positions[:, beginning.first:]
+    slots = positions.shape[1] - 2
+    if slots < 1:
+        return
+    uavs = tuple(replace(uav, goal=_point(path[-1]), goal_velocity=None)
+                 for uav, path in zip(now.uavs, positions, strict=True))
+    Plan(replace(now, uavs=uavs, slots=slots, duration=slots * now.slot_duration), positions,
+         np.zeros((len(uavs), slots)))
 
 
 class _Way:

@@ -18,8 +18,8 @@ class Departure:
     :param is_delayed: whether it begins at a time that is known before the solve.
     :param asked_ns: the time of the request in ns.
     :param start_ns: the time of point 0 in ns.
-    :param effect_ns: when the first UAV leaves its start, in ns; with a limit of acceleration
-        half a slot before point 0.
+    :param effect_ns: when setpoints pass over to the plan, in ns: half a slot before point 0 if
+        any UAV has a limit of acceleration, for then it leaves its start.
     """
 
     is_delayed: bool

@@ -99,9 +99,10 @@ class Replanning:
     def _is_off(self, settings: Mapping[str, Any], now: float) -> bool:
         """Return whether a UAV is too far from its plan, and has had the time to come back."""
         most = settings['replan_deviation']
-        distances = self._whereabouts.distances(settings, now).values()
-        return bool(most and max(distances, default=0.0) > most
-                    and not 0 <= now - self._last_planned < settings['replan_lead'])
+        if not most or 0 <= now - self._last_planned < settings['replan_lead']:
+            return False
+        return any(distance > most and settings[f'{name}.use_pose']
+                   for name, distance in self._whereabouts.distances(settings, now).items())
 
     def _rejoin(self, plan: Plan, first: int, sightings: Sequence[Sighting | None],
                 settings: Mapping[str, Any], known: Scenario, must_meet: bool) -> Rejoin:

@@ -119,8 +119,7 @@ def _uavs(parameters: Mapping[str, Any], poses: PoseBook, departure: Departure,
         elif not departure.is_delayed:
             uav = replace(uav, start=sighting.position)
         else:
-            time_ns = departure.start_ns if uav.max_acceleration is None else departure.effect_ns
-            state = expected(sighting, (time_ns - origin_ns) * 1e-9, playback, index,
+            state = expected(sighting, (departure.effect_ns - origin_ns) * 1e-9, playback, index,
                              parameters['track_tolerance'])
             uav = departing(uav, *state, parameters['duration'] / parameters['slots'])
         found.append(uav)
