@@ -1,7 +1,6 @@
 """Requests to the planner that meet replans, failures of the solver and their own deadline."""
 
 from contextlib import contextmanager
-from dataclasses import replace
 import os
 import random
 import subprocess
@@ -10,18 +9,10 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_client import Client, node_process, PATIENCE, stopped, values_of, wait_for
-from secure_uav_planner import fly_hover_fly, Scenario
-from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, uav_parameters)
-from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.replanning import check_in_time, Replanning
-from secure_uav_planner.ros.whereabouts import Whereabouts
-from secure_uav_planner.ros.worker import Worker
 
 DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -247,31 +238,3 @@ def solve(scenario, **options):
         wait_for(lambda: values_of(status[-1])['state'] == 'idle', what='an idle planner')
     assert future.result().success
     assert 'solving' in [values_of(one)['state'] for one in status]
-
-
-def test_a_replan_that_comes_second_is_reported_once_the_solver_is_free():
-    """Its progress was the last report; without another one the state would stay 'solving'."""
-    settings = {name: spec.default for specs in (
-        PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
-        eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()}
-    settings['replan_period'] = 1.0
-    poses = PoseBook()
-    for topic, kind, x in (('ground_node/pose', PoseStamped, 0.0),
-                           ('eavesdropper/pose', PoseWithCovarianceStamped, 200.0)):
-        message = kind()
-        message.header.frame_id = 'map'
-        pose = getattr(message.pose, 'pose', message.pose)
-        pose.position.x, pose.orientation.w = x, 1.0
-        poses.take(topic, message, 'map', 1000.0)
-    plan = replace(fly_hover_fly(Scenario.paper(120.0, slots=20)), start_ns=1000 * 10**9)
-    other = replace(plan)
-    reported, refused = [], []
-    worker = Worker(lambda: None)
-    replanning = Replanning(
-        worker, poses, Whereabouts(poses),
-        lambda new, continued, effect_ns: check_in_time(other, continued, effect_ns, 0),
-        refused.append, lambda: reported.append(worker.busy))
-    replanning.start_when_due(lambda: plan, settings, 1005.0)
-    wait_for(lambda: reported or refused, what='the end of the replan')
-    assert (reported, refused) == ([False], [])
-    assert worker.close(PATIENCE)

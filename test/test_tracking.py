@@ -157,7 +157,7 @@ def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
     try:
         beginning = begun(plan, time, [seen, None])
     except InfeasibleMissionError as error:
-        assert 'uav1, ' in str(error) and 'cannot be met' in str(error)
+        assert 'uav1 (' in str(error) and 'cannot be met' in str(error)
         return
     scenario = beginning.scenario
     assert scenario.duration == pytest.approx(
@@ -195,7 +195,7 @@ def test_a_replan_that_meets_nobody_begins_on_the_plan(plan):
 def test_a_uav_that_cannot_reach_its_goal_any_more_is_named_with_its_distance(plan):
     playback = Playback(plan)
     late = plan.times[-1] - 20.0
-    with pytest.raises(InfeasibleMissionError, match=r'uav1, 90\.0 m from it, cannot be met'):
+    with pytest.raises(InfeasibleMissionError, match=r'uav1 \(90\.0 m from it\) cannot be met'):
         begun(plan, late, [sighting_at(playback, late, (90.0, 0.0)), None])
 
 

@@ -95,6 +95,12 @@ class Uav:
         self.publisher.publish(odometry(x, y, velocity, stamp=time.time() - age, **options))
 
 
+def timed(path):
+    """Return the times in s and the points of a path."""
+    return (np.array([at.header.stamp.sec + at.header.stamp.nanosec * 1e-9 for at in path.poses]),
+            np.array([(at.pose.position.x, at.pose.position.y) for at in path.poses]))
+
+
 def status_with(status, publish, condition, what):
     """Publish until the values of a status fulfil a condition; return the message."""
     def fulfilled():
@@ -195,7 +201,7 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
 @pytest.mark.parametrize('acceleration', [0.0, 2.0])
 def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration):
     """It flies with 5 m/s towards -y, on no plan, so that it goes straight on."""
-    with node_process('planner', duration=150.0, slots=75, start_delay=8.0,
+    with node_process('planner', duration=180.0, slots=90, start_delay=30.0,
                       uav1__max_acceleration=acceleration):
         path = client.listen(Path, 'uav1/path')
         uav = Uav(client, 'uav1')
@@ -212,16 +218,41 @@ def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration
         while not planned():
             asked = time.time()
         wait_for(lambda: path)
-        times = np.array([at.header.stamp.sec + at.header.stamp.nanosec * 1e-9
-                          for at in path[-1].poses])
-        points = np.array([(at.pose.position.x, at.pose.position.y) for at in path[-1].poses])
-        assert times[0] > asked + 8.0 - 1e-3
-        assert times[-2] - times[0] == pytest.approx(150.0)
+        times, points = timed(path[-1])
+        assert times[0] > asked + 30.0 - 1e-3
+        assert times[-2] - times[0] == pytest.approx(180.0)
         assert points[0] == pytest.approx(place(times[0]), abs=1e-2)
         if acceleration:
             # The first move has nearly the velocity that it had; the limit says how nearly.
             change = (points[1] - points[0]) / 2.0 - [0.0, -5.0]
             assert np.linalg.norm(change) <= 2.0 * 2.0 + 1e-6
+
+
+def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(client):
+    with node_process('planner', duration=150.0, slots=75):
+        path = client.listen(Path, 'uav1/path')
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        uav = Uav(client, 'uav1')
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: path)
+        times, points = timed(path[0])
+
+        def place(moment):
+            return [float(np.interp(moment, times, points[:, axis])) for axis in (0, 1)]
+
+        def fly():
+            x, y = place(time.time())
+            uav.send(x + 1.0, y)  # within the tolerance
+        status_with(status, fly, lambda values: float(values['plan.age']) > 1.0
+                    and values['track.distance.uav1'] != 'none'
+                    and 0.9 < float(values['track.distance.uav1']) < 1.1, 'a UAV on its plan')
+        client.set_parameters('planner', start_delay=30.0)
+        assert client.call('planner/plan').success
+        wait_for(lambda: len(path) == 2)
+        again, others = timed(path[1])
+        assert again[0] > times[0] + 30.0
+        assert others[0] == pytest.approx(place(again[0]), abs=1e-5)
 
 
 def test_a_plan_that_is_solved_too_late_for_its_start_is_refused(client):

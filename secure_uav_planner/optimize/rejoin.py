@@ -102,11 +102,11 @@ def rejoined(plan: Plan, first: int, sightings: Sequence[Sighting | None], toler
             return beginning
         except (ScenarioError, PlanError) as error:
             reason = reason or error  # A later point may be better.
-    far = ', '.join(f'{plan.scenario.uavs[uav].name}, {way.distance:.1f} m from it,'
+    far = ', '.join(f'{plan.scenario.uavs[uav].name} ({way.distance:.1f} m from it)'
                     for uav, way in ways.items())
     raise InfeasibleMissionError(
-        f'the plan cannot be continued from where the UAVs are: {far} cannot be met in time for '
-        'the goal' + (f'; {reason}' if reason is not None else ''))
+        f'the plan cannot be continued from where the UAVs are: {far} cannot be met within all '
+        'limits in time for the goal' + (f'; {reason}' if reason is not None else ''))
 
 
 def _begun(plan: Plan, first: int, point: int, paths: dict[int, Array], now: Scenario) -> Rejoin:

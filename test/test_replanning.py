@@ -1,0 +1,123 @@
+"""When a replan is due and where it begins; the real solver, without a node."""
+
+from dataclasses import replace
+import threading
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+import pytest
+from ros_client import PATIENCE, wait_for
+from secure_uav_planner import Scenario, solve
+from secure_uav_planner.errors import InfeasibleMissionError
+from secure_uav_planner.playback import Playback
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, uav_parameters)
+from secure_uav_planner.ros.poses import PoseBook
+from secure_uav_planner.ros.replanning import check_in_time, Replanning
+from secure_uav_planner.ros.whereabouts import Whereabouts
+from secure_uav_planner.ros.worker import Worker
+
+DEFAULTS = {name: spec.default for specs in (
+    PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
+    eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()}
+START = 1000  # of the plan, in s
+
+
+class Bench:
+    """
+    A plan, what is known of everybody, and what comes of a check whether a replan is due.
+
+    :ivar published: new plans, each with the time in s at which it takes effect.
+    """
+
+    def __init__(self, plan, last=None):
+        self.plan, self.last = plan, last or plan
+        self.poses = PoseBook()
+        self.whereabouts = Whereabouts(self.poses)
+        self.whereabouts.follow(plan)
+        self.worker = Worker(lambda: None)
+        self.published, self.refused, self.superseded = [], [], []
+        self.replanning = Replanning(
+            self.worker, self.poses, self.whereabouts, self._publish, self.refused.append,
+            lambda: self.superseded.append(self.worker.busy))
+
+    def _publish(self, plan, continued, effect_ns):
+        check_in_time(self.last, continued, effect_ns, 0)
+        self.published.append((plan, effect_ns * 1e-9 - START))
+
+    def know(self, kind, topic, x, y, now):
+        message = kind()
+        message.header.frame_id = 'map'
+        pose = getattr(message.pose, 'pose', message.pose)
+        pose.position.x, pose.position.y, pose.orientation.w = float(x), float(y), 1.0
+        self.poses.take(topic, message, 'map', now)
+
+    def check(self, time, eavesdropper=(200.0, 0.0), offset=None, **settings):
+        """Check at a time of the plan in s; the offset in m is that of the first UAV."""
+        now = START + time
+        self.know(PoseStamped, 'ground_node/pose', 0, 0, now)
+        self.know(PoseWithCovarianceStamped, 'eavesdropper/pose', *eavesdropper, now)
+        if offset is not None:
+            place = Playback(self.plan).at(time).positions[0] + offset
+            self.know(Odometry, 'uav1/odom', *place, now)
+        self.replanning.start_when_due(
+            lambda: self.plan, {**DEFAULTS, 'replan_lead': 5.0, **settings}, now)
+        wait_for(lambda: all(thread.name != 'solver' for thread in threading.enumerate()),
+                 what='the end of the replan')
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return replace(solve(Scenario.paper(120.0, slots=40)), start_ns=START * 10**9)
+
+
+@pytest.fixture
+def bench(plan):
+    bench = Bench(plan)
+    yield bench
+    assert bench.worker.close(PATIENCE)
+
+
+def test_a_replan_that_comes_second_is_reported_once_the_solver_is_free(plan):
+    """Its progress was the last report; without another one the state would stay 'solving'."""
+    bench = Bench(plan, last=replace(plan))
+    bench.check(5.0, replan_period=1.0)
+    assert (bench.superseded, bench.published, bench.refused) == ([False], [], [])
+    assert bench.worker.close(PATIENCE)
+
+
+def test_a_deviation_is_a_reason_to_plan_again_once_in_every_lead(bench):
+    bench.check(30.0, offset=(20.0, 0.0))
+    bench.check(30.0, offset=(4.0, 0.0), replan_deviation=5.0)
+    bench.check(30.0, offset=(20.0, 0.0), replan_deviation=5.0, **{'uav1.use_pose': False})
+    assert not bench.published and not bench.refused
+    bench.check(30.0, offset=(20.0, 0.0), replan_deviation=5.0)
+    bench.check(32.0, offset=(20.0, 0.0), replan_deviation=5.0)
+    assert len(bench.published) == 1
+    bench.check(36.0, offset=(20.0, 0.0), replan_deviation=5.0)
+    assert len(bench.published) == 2 and not bench.refused
+    assert [effect for _, effect in bench.published] == [36.0, 42.0]
+
+
+def test_a_uav_that_cannot_be_met_is_a_refusal_but_does_not_hide_an_eavesdropper(bench, plan):
+    bench.check(100.0, offset=(60.0, 0.0), replan_deviation=5.0)
+    assert not bench.published and len(bench.refused) == 1
+    assert isinstance(bench.refused[0], InfeasibleMissionError)
+    assert 'uav1 (60.0 m from it) cannot be met' in str(bench.refused[0])
+    bench.check(100.0, (160.0, 0.0), (60.0, 0.0), replan_distance=5.0)
+    (found, effect), = bench.published
+    assert effect == 105.0 and len(bench.refused) == 1
+    assert found.scenario.eavesdroppers[0].position == (160.0, 0.0)
+    assert (found.positions[:, :36] == plan.positions[:, :36]).all()
+
+
+def test_a_uav_whose_odometry_is_stale_counts_as_on_its_plan(bench, plan):
+    bench.check(30.0, offset=(20.0, 0.0), pose_timeout=0.0)
+    bench.check(50.0, replan_period=1.0, pose_timeout=10.0)
+    (found, _), = bench.published
+    assert (found.positions[:, :19] == plan.positions[:, :19]).all()
+    again = Bench(plan)
+    again.check(30.0, offset=(20.0, 0.0), pose_timeout=0.0)
+    again.check(35.0, replan_period=1.0, pose_timeout=10.0)
+    assert len(again.published) == 1
+    assert again.worker.close(PATIENCE)
