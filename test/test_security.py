@@ -119,7 +119,8 @@ def test_the_pattern_finds_what_gives_a_place_away():
 
 def test_no_place_of_ground_node_or_eavesdropper_is_in_the_output():
     with Client() as client, \
-            node_process('planner', duration=150.0, slots=33) as planner, \
+            node_process('planner', duration=150.0, slots=33, uav1__use_pose='false',
+                         uav2__use_pose='false') as planner, \
             node_process('replay', true_eavesdropper=list(EVE), ground_node=list(GROUND),
                          speed=100.0, autostart='true') as replay:
         client.send_pose('ground_node/pose', *GROUND)

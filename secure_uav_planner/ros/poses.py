@@ -15,6 +15,7 @@ from ..scenario import Array, LIMITS, Point
 
 # Positions over so many seconds give the velocity of a UAV that sends no odometry.
 _SHORTEST_BASE, _LONGEST_BASE = 0.2, 1.0
+_LEAST_SPACING = 0.02  # Of those that are kept, in s, so that they are few at any rate.
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ class PoseBook:
         """Note a position; return the mean velocity of the last second in m/s, if it is known."""
         recent = [(time, before) for time, before in self._recent.get(topic, ())
                   if 0 < stamp - time <= _LONGEST_BASE]
-        self._recent[topic] = [*recent, (stamp, place)]
+        if not recent or stamp - recent[-1][0] >= _LEAST_SPACING:
+            self._recent[topic] = [*recent, (stamp, place)]
         time, before = recent[0] if recent else (stamp, place)
         base = stamp - time
         if base < _SHORTEST_BASE:
