@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import Scenario, solve
+from secure_uav_planner import NoFlyZone, Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, OptionError
 from secure_uav_planner.optimize.rejoin import first_point, rejoined
 from secure_uav_planner.playback import Playback, Player
@@ -197,6 +197,23 @@ def test_a_uav_that_cannot_reach_its_goal_any_more_is_named_with_its_distance(pl
     late = plan.times[-1] - 20.0
     with pytest.raises(InfeasibleMissionError, match=r'uav1 \(90\.0 m from it\) cannot be met'):
         begun(plan, late, [sighting_at(playback, late, (90.0, 0.0)), None])
+
+
+@pytest.mark.parametrize('share', [0.6, 1.0], ids=['between', 'around'])
+def test_the_way_to_a_uav_keeps_out_of_zones(plan, share):
+    """The zone is between the UAV and its plan, or around the place where they would meet."""
+    seen = sighting_at(Playback(plan), 30.0, (40.0, 20.0))
+    free = begun(plan, 30.0, [seen, None])
+    assert free.point > free.first
+    x, y = (1 - share) * plan.positions[0, free.first] + share * free.positions[0, -1]
+    zone = NoFlyZone(tuple((x + u, y + v) for u, v in ((-2, -2), (2, -2), (2, 2), (-2, 2))),
+                     ceiling=105.0, name='mast')
+    zoned = replace(plan, scenario=replace(plan.scenario, no_fly_zones=(zone,)))
+    beginning = begun(zoned, 30.0, [seen, None])
+    assert beginning.point > free.point
+    whole = beginning.continued(solve(
+        beginning.scenario, initial=beginning.tail, time_limit=1.0))
+    assert whole.scenario.no_fly_zones == (zone,)
 
 
 def test_nothing_is_sent_on_the_way_where_it_would_only_leak(plan):

@@ -23,7 +23,7 @@ from .poses import PoseBook
 from .qos import LATCHED, OVERRIDABLE
 from .replanning import check_in_time, Replanning
 from .scenarios import pose_problems, scenario_from
-from .status import level_and_text, State, values
+from .status import level_and_text, log_at, State, values
 from .text import brief, with_type
 from .whereabouts import Whereabouts
 from .worker import Worker
@@ -183,7 +183,7 @@ class Planner(Node):
             level = DiagnosticStatus.ERROR
         with self._lock:
             text = self._state.refuse(error, reason, level)
-        self._log(level, f'no new plan: {text}')
+        log_at(self.get_logger(), level, f'no new plan: {text}')
         self._publish_status()
         return text
 
@@ -243,19 +243,9 @@ class Planner(Node):
                 level = self._state.outcome.level
             self._whereabouts.follow(plan)
             self._replanning.planned(self._now())
-        self._log(level, text)
+        log_at(self.get_logger(), level, text)
         self._publish_status()
         return text
-
-    def _log(self, level: bytes, text: str) -> None:
-        """Log at a level of DiagnosticStatus; rclpy needs a separate call for each severity."""
-        log = self.get_logger()
-        if level == DiagnosticStatus.ERROR:
-            log.error(text)
-        elif level == DiagnosticStatus.WARN:
-            log.warning(text)
-        else:
-            log.info(text)
 
     def _evaluate(self, plan: Plan) -> None:
         """Evaluate the rates of a plan, in a background thread, because it can take long."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from .approaches import approaches_text, approaches_values
 from .poses import PoseBook
@@ -117,6 +118,16 @@ def level_and_text(outcome: Outcome, problems: Sequence[object],
     if outcome.level == DiagnosticStatus.OK and problems:
         return DiagnosticStatus.WARN, '; '.join(map(str, problems))
     return outcome.level, outcome.text
+
+
+def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
+    """Log at a level of DiagnosticStatus; rclpy needs a separate call for each severity."""
+    if level == DiagnosticStatus.ERROR:
+        log.error(text)
+    elif level == DiagnosticStatus.WARN:
+        log.warning(text)
+    else:
+        log.info(text)
 
 
 def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook,
