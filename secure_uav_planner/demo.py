@@ -226,8 +226,8 @@ class _Client(Node):
     def _on_status(self, message: DiagnosticStatus) -> None:
         self._status = {entry.key: entry.value for entry in message.values}
         if 'progress.iteration' in self._status:
-            print(f'  iteration {self._status["progress.iteration"]:>3}  guaranteed rate '
-                  f'{self._status["progress.guaranteed_rate"]} bit/s/Hz', flush=True)
+            print(f'  iteration {self._status["progress.iteration"]:>3}  '
+                  f'{self._status["progress.rate"]} bit/s/Hz', flush=True)
 
     def _poses_known(self) -> bool:
         return all(self._status.get(f'pose_age.{name}/pose', 'none') != 'none'

@@ -26,7 +26,7 @@ def test_ipopt_solves_the_same_problem(scenario):
     pytest.importorskip('casadi')
     answer = solve_by_ipopt(scenario, fly_hover_fly_positions(scenario),
                             constant_powers(scenario))
-    plan = solve(scenario, method='joint')
+    plan = solve(scenario, objective='guaranteed')
     assert plan.guaranteed_rate >= answer.rate * (1 - 1e-3)
     assert answer.rate > 0.5 * plan.guaranteed_rate
     assert answer.build_time > 0 and answer.solve_time > 0 and answer.iterations > 0

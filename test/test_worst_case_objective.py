@@ -21,7 +21,7 @@ def test_the_papers_scenario_reaches_the_best_known_worst_case(duration, radius,
     plan = solve(scenario, objective='worst_case')
     assert (plan.status, plan.objective) == ('converged', 'worst_case')
     assert plan.worst_case_rate >= best_known - 5e-5
-    assert plan.worst_case_rate > solve(scenario).worst_case_rate + 1e-3
+    assert plan.worst_case_rate > solve(scenario, objective='guaranteed').worst_case_rate + 1e-3
 
 
 @settings(max_examples=25)
@@ -31,7 +31,7 @@ def test_it_is_never_below_the_plan_by_the_formula_and_rises_all_the_way(scenari
     rates = [iteration.rate for iteration in plan.history]
     assert (np.diff(rates) >= 0).all()
     assert rates[-1] == pytest.approx(plan.worst_case_rate, abs=5e-6)
-    assert plan.worst_case_rate >= solve(scenario).worst_case_rate - 1e-9
+    assert plan.worst_case_rate >= solve(scenario, objective='guaranteed').worst_case_rate - 1e-9
     assert plan.worst_case_rates.min() >= -1e-9
 
 
@@ -42,7 +42,7 @@ def test_no_place_in_any_disc_leaks_more_than_counted():
         (uav, replace(uav, name='b', altitude=110.0), replace(uav, name='c', altitude=80.0)),
         100.0, 40)
     plan = solve(scenario, objective='worst_case')
-    guaranteed = solve(scenario)
+    guaranteed = solve(scenario, objective='guaranteed')
     assert plan.worst_case_rate > guaranteed.worst_case_rate + 1e-3
     rng = np.random.default_rng(0)
     for eve in scenario.eavesdroppers:
@@ -64,7 +64,7 @@ def test_a_limit_of_acceleration_holds_with_it_and_a_warm_start_is_never_lost():
     scenario = replace(scenario, uavs=tuple(
         replace(uav, max_acceleration=2.0) for uav in scenario.uavs))
     plan = solve(scenario, objective='worst_case')
-    assert plan.worst_case_rate > solve(scenario).worst_case_rate + 1e-3
+    assert plan.worst_case_rate > solve(scenario, objective='guaranteed').worst_case_rate + 1e-3
     again = solve(scenario, objective='worst_case', initial=plan)
     assert again.worst_case_rate >= plan.worst_case_rate - 1e-9
     assert len(again.history) < 0.8 * len(plan.history)
@@ -92,6 +92,24 @@ def test_the_file_keeps_the_objective_and_other_objectives_are_refused(tmp_path)
         solve(plan.scenario, objective='best')
     with pytest.raises(OptionError, match="'alternating' has only 'guaranteed'"):
         solve(plan.scenario, method='alternating', objective='worst_case')
+
+
+def test_by_default_every_method_maximises_its_own_objective_and_goes_on_with_a_plans():
+    scenario = Scenario.paper(102.0, 30.0, slots=10)
+    plan = solve(scenario)
+    assert plan.objective == 'worst_case'
+    assert solve(scenario, method='alternating', time_limit=0.5).objective == 'guaranteed'
+    guaranteed = solve(scenario, objective='guaranteed')
+    assert guaranteed.guaranteed_rate >= plan.guaranteed_rate
+    for before in (plan, guaranteed):
+        tail = before.tail(3)
+        assert tail.objective == before.objective
+        again = solve(tail.scenario, initial=tail)
+        assert again.objective == before.objective
+        assert before.continued(3, again).objective == before.objective
+    assert solve(scenario, method='alternating', initial=plan,
+                 time_limit=0.5).objective == 'guaranteed'
+    assert solve(scenario, initial=fly_hover_fly(scenario)).objective == 'worst_case'
 
 
 @pytest.mark.parametrize('radius', [20.0, 150.0], ids=['on the edge', 'inside'])

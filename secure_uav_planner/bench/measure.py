@@ -13,7 +13,7 @@ from ..optimize.baselines import constant_powers, fly_hover_fly_positions
 
 _MEMORY = (
     'import resource, sys; from secure_uav_planner import Scenario, solve; '
-    'solve(Scenario.paper(200.0, 10.0, int(sys.argv[1])), method="joint"); '
+    'solve(Scenario.paper(200.0, 10.0, int(sys.argv[1])), objective="guaranteed"); '
     'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)')
 
 
@@ -35,7 +35,7 @@ def measure(name, scenario, repeats, *, ipopt=True, alternating=False, reference
     """
     plans, answers = [], []
     for _ in range(repeats):
-        plans.append(solve(scenario, method='joint'))
+        plans.append(solve(scenario, method='joint', objective='guaranteed'))
         # One run is enough to know the time of a slow answer.
         if ipopt and (not answers or answers[0].solve_time < 2.0):
             answers.append(solve_by_ipopt(
@@ -72,7 +72,7 @@ def measure_warm(name, scenario, seed, repeats):
 
     :param seed: the seed of the direction of the move.
     """
-    before = solve(scenario, method='joint')
+    before = solve(scenario, method='joint', objective='guaranteed')
     angle = np.random.default_rng([5, seed]).uniform(0, 2 * np.pi)
     moved = replace(scenario, eavesdroppers=tuple(
         replace(eve, position=(eve.position[0] + 5 * np.cos(angle),
@@ -80,8 +80,8 @@ def measure_warm(name, scenario, seed, repeats):
         for eve in scenario.eavesdroppers))
     cold, warm = [], []
     for _ in range(repeats):
-        cold.append(solve(moved, method='joint'))
-        warm.append(solve(moved, method='joint', initial=before))
+        cold.append(solve(moved, method='joint', objective='guaranteed'))
+        warm.append(solve(moved, method='joint', initial=before, objective='guaranteed'))
     times = [statistics.median(plan.solve_time for plan in plans) for plans in (cold, warm)]
     return {
         'name': name, 'slots': scenario.slots, 'cold_rate': cold[0].guaranteed_rate,

@@ -187,7 +187,7 @@ class _Run:
 def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
     scenario = run.scenario
-    positions, powers = _reference(run, plan)
+    positions, powers = _reference(run, objective, plan)
     if run.stop():
         return
     everyone = Witnesses.of(scenario, objective)
@@ -257,7 +257,7 @@ def _finer(point: Point, team: Team, weight: Array, finer: Team, positions: Arra
                    shares=v * (wanted / total)[..., None])
 
 
-def _reference(run: _Run, plan: Plan | None) -> tuple[Array, Array]:
+def _reference(run: _Run, objective: str, plan: Plan | None) -> tuple[Array, Array]:
     """Return positions (U, N + 2, 2) and powers (U, N) to start from."""
     if plan is not None:
         return plan.positions, plan.powers
@@ -267,7 +267,7 @@ def _reference(run: _Run, plan: Plan | None) -> tuple[Array, Array]:
     left = None if math.isinf(run.time_left) else max(run.time_left / 2, 1e-3)
     try:
         short = scenario if slots == scenario.slots else replace(scenario, slots=slots)
-        found: Plan = solve(short, time_limit=left)  # type: ignore[no-untyped-call]
+        found: Plan = solve(short, time_limit=left, objective=objective)  # type: ignore
         positions, powers = found.positions, found.powers
     except ValueError:
         # A mission that cannot be flown in so few slots.

@@ -39,7 +39,7 @@ def _improve_by(method: Method) -> Callable[[Search], Status]:
 
 def solve(scenario: Scenario, method: Method = 'joint',
           on_iteration: OnIteration | None = None, time_limit: float | None = None,
-          initial: Plan | None = None, *, objective: Objective = 'guaranteed') -> Plan:
+          initial: Plan | None = None, *, objective: Objective | None = None) -> Plan:
     """
     Plan trajectories and powers that maximise a secrecy rate.
 
@@ -53,14 +53,18 @@ def solve(scenario: Scenario, method: Method = 'joint',
     :param time_limit: in s; past it the best feasible plan so far is returned.
     :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be
         for another scenario with as many UAVs; it is then bent to be feasible in this one.
-    :param objective: one of plan.OBJECTIVES: 'guaranteed' is the lower bound by formula of
-        problem (P2), 'worst_case' the true worst case of problem (P1), by 'joint' only.
+    :param objective: one of plan.OBJECTIVES: 'worst_case' is the true worst case of problem (P1),
+        by 'joint' only, 'guaranteed' the lower bound by formula of problem (P2). By default that
+        of the initial plan, if the same method made it, or else 'worst_case' for 'joint' and
+        'guaranteed' for 'alternating'.
     :return: a Plan.
     :raises OptionError: for an unknown method or objective, a scenario too large for
         'alternating', a time limit that is not positive, or an initial plan with another number
         of UAVs.
     """
-    check_method(method, objective)
+    if objective is None and initial is not None and initial.method == method:
+        objective = initial.objective
+    objective = checked_objective(method, objective)
     _check_size(scenario, method)
     _check_time_limit(time_limit)
     started = time.monotonic()
@@ -99,19 +103,27 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     return search.plan(method, optimise_powers(search))
 
 
-def check_method(method: str, objective: str) -> None:
+def checked_objective(method: str, objective: str | None = None) -> Objective:
     """
-    Check a method and what it is to maximise.
+    Return what a method is to maximise.
 
+    :param method: its name.
+    :param objective: what it is to maximise, or None for the method's own objective.
     :raises OptionError: when there is no such method or objective, or not together.
     """
     if method not in METHODS:
         raise OptionError(f'method is {shown(method)}; it must be one of {sorted(METHODS)!r}')
-    if objective not in OBJECTIVES:
+    if objective is None:
+        return 'guaranteed' if method == 'alternating' else 'worst_case'
+    for known in OBJECTIVES:
+        if objective == known:
+            break
+    else:
         raise OptionError(f'objective is {shown(objective)}; it must be one of {OBJECTIVES}')
     if method == 'alternating' and objective != 'guaranteed':
         raise OptionError(f"objective is {shown(objective)}; the method 'alternating' has only "
                           "'guaranteed'")
+    return known
 
 
 def _check_size(scenario: Scenario, method: Method) -> None:

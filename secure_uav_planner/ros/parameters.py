@@ -17,11 +17,13 @@ from .text import brief
 from ..autopilots import STACKS
 from ..errors import ParameterError, PlanningError, shown
 from ..optimize import METHODS
-from ..plan import OBJECTIVES
+from ..optimize.solve import checked_objective
+from ..plan import Objective, OBJECTIVES
 from ..polygons import MAX_VERTICES
 from ..scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario, Uav
 
 _PAPER = Scenario.paper()
+_OWN = 'default'  # The method's own objective.
 
 
 @dataclass(frozen=True)
@@ -138,9 +140,9 @@ PLANNER = {
                      '[x1, y1, x2, y2, ...]; empty for none.', LIMITS['coordinate'],
                      length=(0, 2 * MAX_VERTICES)),
     'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
-    'objective': Spec('guaranteed', 'Rate that is maximised: the lower bound by formula, or the '
-                      'true worst case over the discs, which only the method joint can.',
-                      choices=OBJECTIVES),
+    'objective': Spec(_OWN, 'Rate that is maximised: the lower bound by formula (guaranteed), or '
+                      'the true worst case over the discs (worst_case), which only the method '
+                      'joint can and maximises by default.', choices=(_OWN, *OBJECTIVES)),
     'time_limit': Spec(60.0, 'Deadline of a solve in s, after which the best feasible plan so '
                        'far is published; 0 for none.', (0.0, 86400.0)),
     'confidence': Spec(0.95, 'Probability that an eavesdropper is within the error radius taken '
@@ -205,6 +207,16 @@ def _uav_spec(default: Any, text: str, field: str) -> Spec:
     if default is None:
         return Spec(NO_LIMIT, text, (NO_LIMIT, LIMITS[field][1]))
     return Spec(default, text, LIMITS[field])
+
+
+def objective_from(values: Mapping[str, Any]) -> Objective:
+    """
+    Return the objective that the parameter values describe.
+
+    :raises OptionError: if the method cannot maximise it.
+    """
+    objective = values['objective']
+    return checked_objective(values['method'], None if objective == _OWN else objective)
 
 
 def eavesdropper_parameters(name: str) -> dict[str, Spec]:

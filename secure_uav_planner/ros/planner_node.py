@@ -17,7 +17,8 @@ from . import messages
 from .departure import Departure
 from .intake import Intake
 from .latest import Latest
-from .parameters import eavesdropper_parameters, Parameters, PLANNER, uav_from, uav_parameters
+from .parameters import (
+    eavesdropper_parameters, objective_from, Parameters, PLANNER, uav_from, uav_parameters)
 from .plan_topics import PlanTopics, publish
 from .poses import PoseBook
 from .qos import LATCHED, OVERRIDABLE
@@ -30,7 +31,6 @@ from .worker import Worker
 from .zone_parameters import airspace_from, zone_parameters
 from ..errors import ParameterError, PlanFileError, PlanningError, StoppedError
 from ..optimize.feasible import similar
-from ..optimize.solve import check_method
 from ..plan import Plan
 from ..scenario import Scenario
 
@@ -117,7 +117,7 @@ class Planner(Node):
         return self._now_ns() * 1e-9
 
     def _check(self, values: Mapping[str, Any]) -> None:
-        check_method(values['method'], values['objective'])
+        objective_from(values)
         for name in self._uavs:
             uav_from(values, name)
         airspace_from(values)
@@ -135,7 +135,7 @@ class Planner(Node):
             with self._worker.reserved(limit):
                 left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
                 plan = self._worker.start(
-                    scenario, method=settings['method'], objective=settings['objective'],
+                    scenario, method=settings['method'], objective=objective_from(settings),
                     time_limit=left,
                     initial=self._initial(scenario)).result()
                 if plan.status == 'cancelled':

@@ -5,6 +5,7 @@ from concurrent.futures import Future
 import math
 from typing import Any
 
+from .parameters import objective_from
 from .poses import PoseBook
 from .scenarios import has_moved, updated
 from .whereabouts import Whereabouts
@@ -80,8 +81,8 @@ class Replanning:
             rejoin = self._rejoin(plan, first, sightings, settings, known, must_meet=not is_due)
             self._worker.start(
                 rejoin.scenario, lambda future: self._finish(future, rejoin),
-                method=settings['method'], objective=settings['objective'], initial=rejoin.tail,
-                time_limit=settings['replan_lead'])
+                method=settings['method'], objective=objective_from(settings),
+                initial=rejoin.tail, time_limit=settings['replan_lead'])
         except (BusyError, StoppedError):
             return  # A request was faster.
         except PlanningError as error:

@@ -113,7 +113,7 @@ def level_and_text(outcome: Outcome, problems: Sequence[object],
     :param progress: the latest Iteration of the solve that is under way, or None.
     """
     if progress is not None:
-        return DiagnosticStatus.OK, (f'solving: iteration {progress.number}, guaranteed rate '
+        return DiagnosticStatus.OK, (f'solving: iteration {progress.number}, '
                                      f'{progress.rate:.4f} bit/s/Hz')
     if outcome.level == DiagnosticStatus.OK and problems:
         return DiagnosticStatus.WARN, '; '.join(map(str, problems))
@@ -145,7 +145,7 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
     if progress is not None:
         found.update({
             'progress.iteration': progress.number, 'progress.step': progress.step,
-            'progress.guaranteed_rate': progress.rate, 'progress.elapsed': progress.elapsed})
+            'progress.rate': progress.rate, 'progress.elapsed': progress.elapsed})
     plan = state.plan
     if plan is not None:
         found.update({
@@ -156,7 +156,8 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
         if state.evaluated is plan:
             found['plan.worst_case_rate'] = plan.worst_case_rate
         found.update({
-            'plan.method': brief(plan.method, 60), 'plan.status': plan.status,
+            'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
+            'plan.status': plan.status,
             'plan.iterations': _iterations(plan), 'plan.solve_time': plan.solve_time})
     names = parameters['eavesdroppers'] + parameters['uavs']
     for topic in [GROUND_NODE_TOPIC, *map(pose_topic, names),

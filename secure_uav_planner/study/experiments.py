@@ -17,7 +17,7 @@ BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
 _DURATIONS = (102, 104, 106, 108, 110, 115, 120, 130, 140, 150, 160, 170, 180, 190, 200)
 _RADII = (0, 5, 10, 15, 20, 30, 40, 50, 60)
 _SNRS = (60, 65, 70, 75, 80, 85, 90, 95, 100)
-_NOT_PLANNING = ('bench', 'ros', 'study', 'view', 'demo.py')
+_NOT_PLANNING = ('bench', 'bound', 'ros', 'study', 'view', 'demo.py')
 
 
 @dataclass(frozen=True)
