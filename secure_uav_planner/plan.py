@@ -6,7 +6,7 @@ from functools import cached_property
 import json
 import math
 import os
-from typing import Any, get_args, Literal, TypeAlias
+from typing import Any, get_args, Literal, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from .limits import limits_of
 from .limits.norm import TOLERANCE as POSITION_TOLERANCE
 from .limits.power import TOLERANCE as POWER_TOLERANCE
 from .scenario import Array, checked_fields, LIMITS, Point, read_only, Scenario, Uav
+
+if TYPE_CHECKING:
+    from .bound import Bound
 
 Objective: TypeAlias = Literal['guaranteed', 'worst_case']
 """What is maximised: 'guaranteed' is the paper's problem (P2), 'worst_case' its (P1)."""
@@ -90,6 +93,7 @@ class Plan:
     :param start_ns: time of point 0 in ns on the clock of those who fly it, or None before a
         time has been set.
     :param objective: what the method maximised.
+    :param bound: a Bound of the scenario by upper_bound, or None.
     :raises PlanError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
         and limit; or for another field with a wrong value.
     """
@@ -103,6 +107,7 @@ class Plan:
     solve_time: float = 0.0
     start_ns: int | None = None
     objective: Objective = 'guaranteed'
+    bound: 'Bound | None' = None
 
     def __post_init__(self) -> None:
         count, slots = len(self.scenario.uavs), self.scenario.slots
@@ -113,6 +118,7 @@ class Plan:
             if value not in allowed:
                 raise PlanError(f'{name} is {shown(value)}; it must be one of {allowed}')
         object.__setattr__(self, 'history', tuple(self.history))
+        self._check_bound()
         self._check_start()
         self._check_ends()
         for limit in limits_of(self.scenario):
@@ -129,6 +135,14 @@ class Plan:
                             f'number from 0 to {last}, so that ROS can stamp the whole flight')
         object.__setattr__(self, 'start_ns', int(self.start_ns))
 
+    def _check_bound(self) -> None:
+        if self.bound is None:
+            return
+        from .bound import Bound  # Here and not above: it is built on plans.
+        if not isinstance(self.bound, Bound) or self.bound.scenario != self.scenario:
+            raise PlanError(f'bound is {shown(self.bound)}; it must be None or a Bound of the '
+                            "plan's scenario")
+
     def _check_ends(self) -> None:
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):
             for field, point in (('start', path[0]), ('goal', path[-1])):
@@ -139,7 +153,7 @@ class Plan:
     def __repr__(self) -> str:
         return (f'<Plan by {self.method} for {len(self.scenario.uavs)} UAVs and '
                 f'{self.scenario.slots} slots: guaranteed rate {self.guaranteed_rate:.4f} '
-                f'bit/s/Hz, {self.status}>')
+                f'bit/s/Hz, {self.status}{self.claim and ", " + self.claim}>')
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items()
@@ -206,6 +220,32 @@ class Plan:
         """Mean of worst_case_rates, the objective of problem (P1), in bit/s/Hz."""
         return float(self.worst_case_rates.mean())
 
+    @property
+    def rate(self) -> float:
+        """Mean of the rates that were to be maximised, in bit/s/Hz."""
+        return self.guaranteed_rate if self.objective == 'guaranteed' else self.worst_case_rate
+
+    @property
+    def claim(self) -> str:
+        """What the bound proves of the rate, in words, or '' without a bound."""
+        if self.bound is None:
+            return ''
+        name = 'guaranteed' if self.bound.objective == 'guaranteed' else 'worst-case'
+        return f'{name} rate {self.bound.claim(self)}'
+
+    def with_bound(self, bound: 'Bound | None') -> 'Plan':
+        """
+        Return this plan with a bound, which is saved and shown with it.
+
+        :param bound: a Bound of the plan's scenario by upper_bound, or None.
+        :raises PlanError: for anything else.
+        """
+        plan = replace(self, bound=bound)
+        # Rates that have been evaluated are kept.
+        plan.__dict__.update({name: value for name, value in self.__dict__.items()
+                              if name in ('guaranteed_rates', 'worst_case_rates')})
+        return plan
+
     def evaluated(self) -> 'Plan':
         """Return this plan after its rates have been evaluated, which it then keeps."""
         for rates in ('guaranteed_rates', 'worst_case_rates'):
@@ -238,6 +278,7 @@ class Plan:
         return replace(
             self, scenario=replace(self.scenario, uavs=uavs, slots=slots, duration=slots * step),
             positions=self.positions[:, point:], powers=self.powers[:, point:], history=(),
+            bound=None,
             start_ns=(None if self.start_ns is None else
                       self.start_ns + round(point * step * 1e9)))
 
@@ -254,7 +295,7 @@ class Plan:
                                    eavesdroppers=tail.scenario.eavesdroppers),
             positions=np.concatenate([self.positions[:, :point], tail.positions], axis=1),
             powers=np.concatenate([self.powers[:, :point], tail.powers], axis=1),
-            start_ns=self.start_ns)
+            start_ns=self.start_ns, bound=None)
 
     def save(self, path: str | os.PathLike[str], evaluate: bool = True) -> None:
         """
@@ -276,6 +317,7 @@ class Plan:
             'solve_time': self.solve_time,
             'start_ns': self.start_ns,
             'objective': self.objective,
+            'bound': None if self.bound is None else self.bound.to_dict(),
             # For readers of the file; load computes them anew.
             'guaranteed_rate': self.guaranteed_rate,
             **({'worst_case_rate': self.worst_case_rate} if evaluate else {}),
@@ -316,6 +358,9 @@ class Plan:
         values['history'] = tuple(_iteration(entry) for entry in values.get('history', []))
         values = checked_fields(cls, values)
         values['scenario'] = Scenario.from_dict(values['scenario'])
+        if values.get('bound') is not None:
+            from .bound import Bound  # As above.
+            values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
         if not isinstance(values.get('method', ''), str):
             raise PlanFileError(f'method is {shown(values["method"])}; it must be a string')
         return cls(**{**values, 'solve_time': _finite('solve_time', values.get('solve_time', 0))})

@@ -77,6 +77,22 @@ def checked_rate(rate: Any) -> float:
     return float(rate)
 
 
+def checked_names(ignored: Any) -> tuple[str, ...]:
+    """Return the names of limits as a tuple; raise OptionError for anything else."""
+    if not isinstance(ignored, (list, tuple)) or not all(
+            isinstance(name, str) for name in ignored):
+        raise OptionError(f'ignored is {shown(ignored)}; it must be names of limits')
+    return tuple(ignored)
+
+
+def checked_time(solve_time: Any) -> float:
+    """Return a time that was taken as a float; raise OptionError unless it is from 0 s."""
+    if (isinstance(solve_time, bool) or not isinstance(solve_time, (int, float))
+            or not 0 <= solve_time < math.inf):
+        raise OptionError(f'solve_time is {shown(solve_time)}; it must be a finite number from 0')
+    return float(solve_time)
+
+
 def checked_fields(data: Any, names: tuple[str, ...]) -> dict[str, Any]:
     """Return what Bound.to_dict wrote; raise OptionError for missing or unknown fields."""
     if not isinstance(data, dict) or set(data) != set(names):

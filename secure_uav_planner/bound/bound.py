@@ -60,7 +60,8 @@ class Bound:
         object.__setattr__(self, 'rate', arguments.checked_rate(self.rate))
         arguments.checked_objective(self.objective)
         arguments.checked_status(self.status)
-        object.__setattr__(self, 'ignored', tuple(self.ignored))
+        object.__setattr__(self, 'ignored', arguments.checked_names(self.ignored))
+        object.__setattr__(self, 'solve_time', arguments.checked_time(self.solve_time))
 
     def gap(self, plan: Plan) -> float:
         """
@@ -77,6 +78,31 @@ class Bound:
         if missing == 0.0:
             return 0.0
         return missing / rate if rate > 0 else math.inf
+
+    def share_missing(self, plan: Plan) -> float:
+        """
+        Return which share of the best possible rate a plan misses at most, from 0 to 1.
+
+        :param plan: a Plan of the scenario.
+        :raises OptionError: for anything else.
+        """
+        gap = self.gap(plan)
+        return 1.0 if math.isinf(gap) else gap / (1.0 + gap)
+
+    def claim(self, plan: Plan) -> str:
+        """
+        Return in words what it proves of a plan, such as 'at most 0.9% below the best possible'.
+
+        Where a limit is not counted with, the best is that of a mission without it.
+
+        :param plan: a Plan of the scenario.
+        :raises OptionError: for anything else.
+        """
+        share = self.share_missing(plan)
+        without = f' without {", ".join(self.ignored)}' if self.ignored else ''
+        if math.isinf(self.rate):
+            return f'perhaps far below the best possible{without}'
+        return f'at most {math.ceil(1000 * share) / 10:.1f}% below the best possible{without}'
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the scenario as plain values; an infinite rate is None."""

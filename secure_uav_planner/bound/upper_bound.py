@@ -42,6 +42,9 @@ SLOTS_A_STAGE, FEWEST = 4, 20
 ITERATIONS, SHARPER = 8, 2
 """Newton steps on the same columns; how often columns are found by branch and bound."""
 
+REPORT_PERIOD = 0.5
+"""Time in s after which progress is reported although no better bound was proven."""
+
 TOLERANCES = {0: 5e-4, 1: 5e-4, 2: 2e-3}
 """What a maximum may be too large, in nats, by the number of jammers that are followed."""
 
@@ -63,8 +66,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     :param plan: a good Plan of the scenario, from which the search for multipliers starts; by
         default one that solve finds. A better plan may make the bound lower.
     :param time_limit: in s; past it the best bound so far is returned.
-    :param on_progress: called with a Progress after every bound that was proven; returning True
-        ends the search.
+    :param on_progress: called with a Progress after every bound that was proven, and twice a
+        second; returning True ends the search.
     :return: a Bound.
     :raises OptionError: for an unknown objective, a time limit that is not above 0, or a plan of
         another scenario.
@@ -127,6 +130,7 @@ class _Run:
         self.scenario, self.rate, self.status = scenario, math.inf, ''
         self._started, self._limit, self._on_progress = started, limit, on_progress
         self._number = 0
+        self._reported = started
         self._proving = 0.0
         self._late = False
 
@@ -166,6 +170,10 @@ class _Run:
     def offer(self, rate: float) -> None:
         """Keep a proven bound if it is the lowest, and report."""
         self.rate = min(self.rate, rate)
+        self._report()
+
+    def _report(self) -> None:
+        self._reported = time.monotonic()
         if self._on_progress is not None:
             progress = Progress(self._number, self.rate, time.monotonic() - self._started)
             if self._on_progress(progress):
@@ -181,6 +189,8 @@ class _Run:
         """Return whether the search must end, and remember why."""
         if not self.status and self.time_left <= 0:
             self.status = 'time_limit'
+        elif not self.status and time.monotonic() - self._reported > REPORT_PERIOD:
+            self._report()
         return bool(self.status)
 
 

@@ -1,5 +1,7 @@
 """The web page of a plan: one HTML file with a time slider, which needs no network."""
 
+import html
+
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
@@ -222,12 +224,15 @@ def _label_axes(figure, ranges):
 
 def _add_controls(figure, view, points):
     plan = view.plan
+    title = (f'{plan.method} plan: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
+             f'{plan.worst_case_rate:.3f} in the worst case')
+    if plan.bound is not None:
+        title += f'<br><sup>{html.escape(plan.claim)}</sup>'
     play = {'mode': 'immediate', 'fromcurrent': True, 'transition': {'duration': 0},
             'frame': {'duration': 1000 * _PLAYING_TIME / len(points), 'redraw': False}}
     figure.update_layout(
         template='plotly_white', hovermode='closest', margin={'l': 60, 'r': 20, 't': 50, 'b': 20},
-        title={'text': f'{plan.method} plan: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
-                       f'{plan.worst_case_rate:.3f} in the worst case', 'x': 0.01},
+        title={'text': title, 'x': 0.01},
         sliders=[{
             'active': 0, 'x': 0.12, 'len': 0.88, 'pad': {'t': 50},
             # The labels of the steps are the readout. Below the slider there is no room for them.

@@ -45,7 +45,11 @@ def draw_plan(plan, baselines=()):
     width, height = np.diff(_extent([plan, *baselines]), axis=0)[0]
     ratio = width / height if _is_turned(width, height) else height / width
     tall = min(5.6, _MAP_WIDTH * ratio)
-    total = tall + 4.7
+    title = (f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
+             f'{plan.worst_case_rate:.3f} in the worst case')
+    if plan.bound is not None:
+        title += f'\n{plan.claim}'
+    total = tall + 4.7 + 0.2 * title.count('\n')
     figure = Figure(figsize=(_WIDTH, total))
     # Axes are placed in inches, because constrained layout cuts off legends beside axes of equal
     # aspect.
@@ -56,9 +60,7 @@ def draw_plan(plan, baselines=()):
     draw_powers(power_axes, plan)
     draw_rates(rate_axes, plan, baselines)
     power_axes.tick_params(labelbottom=False)
-    map_axes.set_title(
-        f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
-        f'{plan.worst_case_rate:.3f} in the worst case', fontsize=11, loc='left')
+    map_axes.set_title(title, fontsize=11, loc='left')
     return figure
 
 
