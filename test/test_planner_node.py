@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import math
+import signal
 import time
 
 from builtin_interfaces.msg import Time
@@ -383,3 +384,39 @@ def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client):
         refused = client.call('planner/plan')
         assert not refused.success and 'uav1 needs at least' in refused.message
         assert '0.1 m/s^2' in refused.message
+
+
+def test_the_bound_follows_the_plan_and_is_part_of_the_status_and_the_file(client, tmp_path):
+    file = tmp_path / 'plan.json'
+    with node_process('planner', duration=104.0, slots=12, bound='after', pose_timeout=0.0,
+                      plan_file=str(file)):
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        client.send_paper()
+        answer = client.call('planner/plan')
+        assert answer.success and 'below the best possible' not in answer.message
+        wait_for(lambda: status and 'plan.bound' in values_of(status[-1]), what='the bound')
+        values = values_of(status[-1])
+        assert float(values['plan.bound']) >= float(values['plan.worst_case_rate'])
+        assert values['plan.claim'] in status[-1].message
+        assert 'below the best possible' in values['plan.claim']
+        wait_for(lambda: Plan.load(file).bound is not None, what='the bound in the file')
+        # The next plan has none at first, and then its own.
+        first = values['plan.stamp']
+        assert client.call('planner/plan').success
+        wait_for(lambda: values_of(status[-1])['plan.stamp'] != first
+                 and 'plan.bound' in values_of(status[-1]), what='the next bound')
+        news = [values_of(one) for one in status]
+        assert any(one.get('plan.stamp', first) != first and 'plan.bound' not in one
+                   for one in news)
+
+
+def test_a_request_stops_the_bound_of_the_last_plan_and_a_stop_of_the_node_too(client):
+    with node_process('planner', bound='after', pose_timeout=0.0) as process:
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        client.send_paper()
+        assert client.call('planner/plan').success
+        assert client.call('planner/plan').success
+        wait_for(lambda: status and values_of(status[-1]).get('plans') == '2')
+        assert client.call('planner/cancel').message == 'no solve is under way'
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0

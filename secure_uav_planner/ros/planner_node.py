@@ -14,6 +14,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from . import messages
+from .bounding import Bounding
 from .departure import Departure
 from .intake import Intake
 from .latest import Latest
@@ -29,6 +30,7 @@ from .text import brief, with_type
 from .whereabouts import Whereabouts
 from .worker import Worker
 from .zone_parameters import airspace_from, zone_parameters
+from ..bound import Bound
 from ..errors import ParameterError, PlanFileError, PlanningError, StoppedError
 from ..optimize.feasible import similar
 from ..plan import Plan
@@ -67,6 +69,7 @@ class Planner(Node):
             self._worker, self._poses, self._whereabouts, self._publish_replan,
             self._refuse_replan, self._publish_status)
         self._evaluation = Latest(self._evaluate)
+        self._bounding = Bounding(self._add_bound, self.get_logger().error)
         self._make_interface()
         self._restore()
         self._publish_status()
@@ -107,7 +110,9 @@ class Planner(Node):
         """Stop the solve that is under way; return whether nothing is left running."""
         with self._lock:
             self._closed = True
+        self._bounding.cancel()
         stopped = self._worker.close(timeout=1.0)
+        stopped = self._bounding.close(timeout=0.6) and stopped
         return self._evaluation.close(timeout=0.1) and stopped
 
     def _now_ns(self) -> int:
@@ -129,6 +134,7 @@ class Planner(Node):
         settings = self._settings.snapshot()
         departure = Departure.of(settings, self._now_ns())
         limit = departure.time_limit(settings['time_limit'] or None)
+        self._bounding.cancel()
         try:
             scenario = scenario_from(settings, self._poses, departure, self._state.plan)
             # This stops a replan, and no other one starts before this request is answered.
@@ -243,6 +249,10 @@ class Planner(Node):
                 level = self._state.outcome.level
             self._whereabouts.follow(plan)
             self._replanning.planned(self._now())
+            if self._settings['bound'] == 'after' and plan.bound is None:
+                self._bounding.start(plan)
+            else:
+                self._bounding.cancel()
         log_at(self.get_logger(), level, text)
         self._publish_status()
         return text
@@ -258,6 +268,17 @@ class Planner(Node):
             self._state.evaluate(plan)
             if plan is self._state.plan and not self._closed:
                 self._publish_status()
+
+    def _add_bound(self, plan: Plan, bound: Bound) -> None:
+        """Publish and keep the last plan's bound, unless another plan came in between."""
+        plan.evaluated()
+        with self._publishing:
+            with self._lock:
+                if self._closed or not self._state.take_bound(plan, bound):
+                    return
+            self._save(plan.with_bound(bound), True)
+        self.get_logger().info(f'{plan.rate:.4f} bit/s/Hz, {bound.claim(plan)}')
+        self._publish_status()
 
     def _save(self, plan: Plan, evaluated: bool) -> None:
         file = self._settings['plan_file']

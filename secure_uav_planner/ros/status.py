@@ -11,6 +11,7 @@ from .approaches import approaches_text, approaches_values
 from .poses import PoseBook
 from .scenarios import GROUND_NODE_TOPIC, odometry_topic, pose_topic
 from .text import brief
+from ..bound import Bound
 from ..errors import PlanningError
 from ..plan import Iteration, Plan
 
@@ -38,11 +39,13 @@ class State:
 
     :ivar plan: the last plan that was published, or None.
     :ivar evaluated: the last plan whose worst-case rate has been evaluated, or None.
+    :ivar bound: the Bound of the last plan, or None.
     :ivar upcoming: a plan whose worst-case rate is known and that is not published yet, or None.
     """
 
     plan: Plan | None = None
     evaluated: Plan | None = None
+    bound: Bound | None = None
     upcoming: Plan | None = None
     outcome: Outcome = Outcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
     counts: dict[str, int] = field(
@@ -55,12 +58,12 @@ class State:
         :param count: the name of the count to increase.
         :param prefix: put before the summary.
         """
-        self.plan = plan
+        self.plan, self.bound = plan, plan.bound
         self.evaluated = plan if self.upcoming is plan else None
         self.counts[count] += 1
         good = plan.status == 'converged' and not plan.clearance.is_close
         level = DiagnosticStatus.OK if good else DiagnosticStatus.WARN
-        text = prefix + summary(plan, self.evaluated is plan)
+        text = prefix + summary(plan, self.evaluated is plan, self.bound)
         self.outcome = Outcome(level, 'ok', text)
         return text
 
@@ -70,11 +73,23 @@ class State:
             self.evaluated = plan
         else:
             self.upcoming = plan
-        before = summary(plan, False)
+        before = summary(plan, False, self.bound)
         # The outcome may have changed since the plan was published.
         if self.plan is plan and self.outcome.text.endswith(before):
-            text = self.outcome.text.removesuffix(before) + summary(plan, True)
+            text = self.outcome.text.removesuffix(before) + summary(plan, True, self.bound)
             self.outcome = self.outcome._replace(text=text)
+
+    def take_bound(self, plan: Plan, bound: Bound) -> bool:
+        """Take up the bound of the last plan; return whether it still is the last."""
+        if self.plan is not plan:
+            return False
+        self.evaluate(plan)
+        before = summary(plan, True, self.bound)
+        self.bound = bound
+        if self.outcome.text.endswith(before):
+            text = self.outcome.text.removesuffix(before) + summary(plan, True, bound)
+            self.outcome = self.outcome._replace(text=text)
+        return True
 
     def refuse(self, error: Exception, reason: str, level: bytes) -> str:
         """Note why there is no new plan; return the reason, and whether the last plan remains."""
@@ -84,11 +99,12 @@ class State:
         return text
 
 
-def summary(plan: Plan, evaluated: bool) -> str:
+def summary(plan: Plan, evaluated: bool, bound: Bound | None = None) -> str:
     """
     Return a summary of a plan in one line, without any position.
 
     :param evaluated: whether its worst-case rate is known; evaluating it can take long.
+    :param bound: its Bound, if that is known.
     """
     worst = (f'{plan.worst_case_rate:.4f} bit/s/Hz' if evaluated
              else 'not evaluated yet (bit/s/Hz)')
@@ -96,7 +112,8 @@ def summary(plan: Plan, evaluated: bool) -> str:
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: guaranteed rate '
             f'{plan.guaranteed_rate:.4f}, worst-case rate {worst}, {plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
-            f'{plan.curve_rate:.4f}' + (f'; {near}' if near else ''))
+            f'{plan.curve_rate:.4f}' + (f'; {near}' if near else '')
+            + ('' if bound is None else f'; {bound.claim(plan)}'))
 
 
 def level_and_text(outcome: Outcome, problems: Sequence[object],
@@ -158,6 +175,8 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
         found.update({
             'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
             'plan.status': plan.status,
+            **({} if state.bound is None else {
+                'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)}),
             'plan.iterations': _iterations(plan), 'plan.solve_time': plan.solve_time})
     names = parameters['eavesdroppers'] + parameters['uavs']
     for topic in [GROUND_NODE_TOPIC, *map(pose_topic, names),
