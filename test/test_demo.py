@@ -22,17 +22,22 @@ def demo(tmp_path_factory):
 
 def test_the_demo_plans_and_prints_the_plan_beside_its_baselines(demo):
     _, text = demo
-    rates = {line.split('  ')[0]: float(line.split()[-3]) for line in text.splitlines()
+    rates = {line.split('  ')[0]: float(line.split()[-4]) for line in text.splitlines()
              if line.startswith(('fly_hover_fly', 'planned over DDS'))}
     assert rates['fly_hover_fly_constant'] == pytest.approx(1.439, abs=1e-3)
     assert rates['fly_hover_fly_optimised'] == pytest.approx(2.640, abs=1e-3)
     assert rates['planned over DDS'] > 3.007
+    missing = [float(line.split()[-1].rstrip('%')) for line in text.splitlines()
+               if line.startswith(('fly_hover_fly', 'planned over DDS'))]
+    assert missing[0] > missing[1] > missing[2] > 0
 
 
 def test_the_plan_that_was_received_is_saved_and_drawn(demo):
     out, text = demo
     plan = Plan.load(out / 'plan.json')
     assert plan.scenario == Scenario.paper()
+    assert plan.objective == 'worst_case'
+    assert plan.bound.rate > plan.worst_case_rate
     assert f'{plan.guaranteed_rate:.4f}' in text
     assert (out / 'plan.png').read_bytes().startswith(b'\x89PNG')
     assert '<html' in (out / 'plan.html').read_text()[:100]

@@ -87,12 +87,12 @@ def test_every_method_has_its_convergence(plans):
     assert {point.scheme for point in plans if point.experiment == 'convergence'} == set(METHODS)
 
 
-def test_the_full_study_has_at_least_twelve_durations_for_each_of_four_schemes():
+def test_the_full_study_has_at_least_twelve_durations_for_each_of_five_curves():
     found = [point for point in study.points() if point.experiment.startswith('duration')]
     curves = {}
     for point in found:
         curves.setdefault((point.experiment, point.scheme), set()).add(point.x)
-    assert len(curves) == 4
+    assert len(curves) == 5
     assert all(len(durations) >= 12 and min(durations) == 102 and max(durations) == 200
                for durations in curves.values())
 
@@ -108,9 +108,11 @@ def test_figures_and_tables_are_written(plans, tmp_path):
             assert imread(path).std() > 0.05
     with (tmp_path / 'rate_against_duration.csv').open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 12
+    assert len(rows) == 15
     kept = {(float(row['duration']), row['scheme'], float(row['error_radius_m'])):
-            float(row['guaranteed_rate']) for row in rows}
+            float(row['guaranteed_rate']) for row in rows if row['objective'] == 'guaranteed'}
+    proven, = (row for row in rows if row['upper_bound'])
+    assert float(proven['worst_case_rate']) <= float(proven['upper_bound']) < 3.3
     assert kept[200.0, 'fly-hover-fly, constant power', 10.0] == pytest.approx(1.439, abs=1e-3)
     with (tmp_path / 'trajectories.csv').open() as file:
         assert len(list(csv.DictReader(file))) == 2 * (104 + 106 + 202)
@@ -139,7 +141,8 @@ def test_another_scenario_scheme_or_code_is_another_file(monkeypatch):
               replace(point, scenario=replace(point.scenario, reference_snr_db=81.0))]
     names = {point.file, *(other.file for other in others)}
     assert replace(point, experiment='elsewhere', x=3.0).file in names and len(names) == 3
-    monkeypatch.setattr('secure_uav_planner.study.experiments.code_version', lambda: 'other')
+    monkeypatch.setattr('secure_uav_planner.study.experiments.code_version',
+                        lambda bounded: 'other')
     assert point.file not in names
 
 

@@ -3,6 +3,7 @@
 import csv
 
 from matplotlib.figure import Figure
+import numpy as np
 
 from ..view.colors import uav_color
 from ..view.picture import draw_map, name_of
@@ -12,6 +13,7 @@ _DOTS_PER_INCH = 200
 _COLORS = {'fly_hover_fly_constant': '#777777', 'fly_hover_fly_optimised': '#E69F00'}
 _MARKERS = {'fly_hover_fly_constant': 's', 'fly_hover_fly_optimised': '^'}
 _RADIUS_ZERO = ('#56B4E9', 'D')
+_WORST_CASE = '#009E73'
 _AXES = {
     'duration': 'mission duration T (s)',
     'radius': "radius of the eavesdropper's disc (m)",
@@ -34,13 +36,14 @@ def write_figures(plans, folder):
                   if point.experiment.split(',')[0] == experiment}
         name = f'rate_against_{experiment}'
         rows = [(point.x, name_of(point.scheme), plan.scenario.eavesdroppers[0].error_radius,
-                 plan.guaranteed_rate, plan.worst_case_rate, plan.status, plan.solve_time)
+                 plan.objective, plan.guaranteed_rate, plan.worst_case_rate,
+                 plan.bound.rate if plan.bound else '', plan.status, plan.solve_time)
                 for point, plan in sorted(chosen.items(), key=lambda entry: (
                     entry[0].experiment, entry[0].scheme, entry[0].x))]
         written += [_save(_curves(chosen, label), folder / f'{name}.png'),
                     _table(folder / f'{name}.csv', (
-                        experiment, 'scheme', 'error_radius_m', 'guaranteed_rate',
-                        'worst_case_rate', 'status', 'solve_time_s'), rows)]
+                        experiment, 'scheme', 'error_radius_m', 'objective', 'guaranteed_rate',
+                        'worst_case_rate', 'upper_bound', 'status', 'solve_time_s'), rows)]
     shown = {point.x: plan for point, plan in sorted(
         plans.items(), key=lambda entry: entry[0].x)
         if point.experiment == 'duration' and point.scheme not in _COLORS and point.x in _SHOWN}
@@ -66,10 +69,18 @@ def _curves(plans, label):
     lines = {}
     for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x):
         lines.setdefault((point.experiment, point.scheme), []).append(
-            (point.x, plan.guaranteed_rate, plan.worst_case_rate))
+            (point.x, plan.guaranteed_rate, plan.worst_case_rate,
+             plan.bound.rate if plan.bound else np.nan))
     # The best scheme is on top, both in the figure and in the legend.
     for (experiment, scheme), values in sorted(lines.items(), key=lambda entry: -entry[1][-1][1]):
-        x, guaranteed, worst = zip(*values)
+        x, guaranteed, worst, bound = zip(*values)
+        if experiment.endswith('worst case'):
+            axes.plot(x, worst, color=_WORST_CASE, marker='v', markersize=6, linestyle='--',
+                      markerfacecolor='white', linewidth=1.1,
+                      label=f'{scheme}, objective worst_case, disc of 10 m, worst case')
+            axes.plot(x, bound, color='black', marker='_', markersize=8, linestyle=':',
+                      linewidth=1.1, label='upper bound of the worst case, disc of 10 m')
+            continue
         perfect = experiment.endswith('radius 0')
         color, marker = _RADIUS_ZERO if perfect else (
             _COLORS.get(scheme, uav_color(0)), _MARKERS.get(scheme, 'o'))

@@ -8,7 +8,7 @@ import signal
 import joblib
 from tqdm import tqdm
 
-from .. import fly_hover_fly, METHODS, Plan, solve
+from .. import fly_hover_fly, METHODS, Plan, solve, upper_bound
 
 _THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
                   'RAYON_NUM_THREADS')
@@ -17,9 +17,12 @@ _THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
 def compute(point):
     """Return the Plan of a point with its rates evaluated."""
     if point.scheme in METHODS:
-        plan = solve(point.scenario, method=point.scheme)
+        plan = solve(point.scenario, method=point.scheme, objective=point.objective)
     else:
         plan = fly_hover_fly(point.scenario, point.scheme.rpartition('_')[2])
+    if point.bounded:
+        plan = plan.with_bound(upper_bound(
+            point.scenario, objective=point.objective, plan=plan))
     return plan.evaluated()  # In the worker process, not later when the plan is saved.
 
 
