@@ -227,7 +227,7 @@ class Plan:
 
     @property
     def claim(self) -> str:
-        """What the bound proves of the rate, in words, or '' without a bound."""
+        """Return in words what the bound proves of the rate, or nothing without a bound."""
         if self.bound is None:
             return ''
         name = 'guaranteed' if self.bound.objective == 'guaranteed' else 'worst-case'

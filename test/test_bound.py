@@ -1,5 +1,6 @@
 """The bound as a user sees it: above every plan, honest about what it ignores, quick to say no."""
 
+from importlib import import_module
 import json
 import math
 import warnings
@@ -180,7 +181,8 @@ def test_a_plan_keeps_its_bound_in_its_file_and_its_parts_have_none(plan, tmp_pa
     loaded = Plan.load(tmp_path / 'plan.json')
     assert loaded.bound == bound and plan.bound is None
     assert loaded.claim in repr(loaded)
-    assert loaded.claim == 'worst-case rate at most 1.0% below the best possible without separation'
+    assert loaded.claim == ('worst-case rate at most 1.0% below the best possible '
+                            'without separation')
     assert loaded.with_bound(None).claim == ''
     tail = proven.tail(2)
     assert tail.bound is None and proven.continued(2, tail).bound is None
@@ -216,7 +218,8 @@ def test_a_bound_says_in_words_what_it_proves(times, words, plan):
 
 
 def test_progress_comes_without_better_bounds_too_and_can_stop_a_long_proof(monkeypatch, plan):
-    monkeypatch.setattr('secure_uav_planner.bound.upper_bound.REPORT_PERIOD', 0.0)
+    module = import_module('secure_uav_planner.bound.upper_bound')
+    monkeypatch.setattr(module, 'REPORT_PERIOD', 0.0)
     seen = []
     bound = upper_bound(PAPER, plan=plan,
                         on_progress=lambda progress: seen.append(progress) or len(seen) == 5)
