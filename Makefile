@@ -15,7 +15,7 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, alternating channel der
 	fly_hover_fly fuzz_solve joint load plan playback planner_node replay_node restrictions \
 	scenario))
 
-.PHONY: demo test bench soak study compat clean
+.PHONY: demo test bench fly soak study compat clean
 
 demo: $(VENV)/.view
 	$(BIN)/python -m secure_uav_planner.demo
@@ -35,6 +35,10 @@ compat-%: .venv-%/.check
 
 bench: $(VENV)/.bench
 	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.bench
+
+# Quadrotors in physics follow the replay node's setpoints.
+fly: $(VENV)/.fly
+	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.fly
 
 study: $(VENV)/.study
 	$(BIN)/python -m secure_uav_planner.study

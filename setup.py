@@ -11,6 +11,7 @@ ros = [
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'plotly>=5.15']
 study = [*view, 'joblib>=1.4', 'tqdm>=4.64']
 bench = [*view, 'casadi>=3.6']
+fly = ['matplotlib>=3.6', 'rotorpy>=3.0']
 # What the tests of the library and of the nodes need; other tests need more.
 check = [
     'hypothesis',
@@ -23,6 +24,7 @@ check = [
 test = [
     *bench,
     *check,
+    *fly,
     *study,
     'colcon-common-extensions',
     'flake8',
@@ -59,7 +61,8 @@ setup(
         'setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'scipy>=1.11', 'shapely>=2.0'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
     extras_require={
-        'ros': ros, 'view': view, 'study': study, 'bench': bench, 'check': check, 'test': test},
+        'ros': ros, 'view': view, 'study': study, 'bench': bench, 'fly': fly, 'check': check,
+        'test': test},
     zip_safe=True,
     maintainer='secure_uav_planner maintainers',
     maintainer_email='secure-uav-planner@users.noreply.github.com',

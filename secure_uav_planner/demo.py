@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     options.out.mkdir(parents=True, exist_ok=True)
     try:
-        with _isolated(options.out):
+        with isolated(options.out):
             plan = _plan_and_replay(Scenario.paper(), options.method)
         baselines = [fly_hover_fly(plan.scenario, power) for power in ('constant', 'optimised')]
         print(f'proving how good they are, for at most {_PROOF:g} s ...', flush=True)
@@ -102,7 +102,7 @@ def _missing(plan: Plan) -> str:
 
 
 @contextmanager
-def _isolated(out: pathlib.Path) -> Iterator[None]:
+def isolated(out: pathlib.Path) -> Iterator[None]:
     """Keep the ROS graph on this host and logs in the folder, unless variables say otherwise."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
@@ -146,26 +146,26 @@ def _plan_and_replay(scenario: Scenario, method: str | None) -> Plan:
     place = np.array(scenario.eavesdroppers[0].position) - [
         scenario.eavesdroppers[0].error_radius, 0.0]
     replay = ['-p', f'speed:={_REPLAY_SPEED}', '-p', f'true_eavesdropper:={place.tolist()}']
-    with _process('planner', planner), _process('replay', replay):
+    with process('planner', planner), process('replay', replay):
         with _client(scenario) as client:
             return client.run()
 
 
 @contextmanager
-def _process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
+def process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
     """Run a node in its own process, and stop it with SIGINT, like Ctrl-C."""
-    process = subprocess.Popen(
+    started = subprocess.Popen(
         [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],
         start_new_session=True)
     try:
-        yield process
+        yield started
     finally:
-        process.send_signal(signal.SIGINT)
+        started.send_signal(signal.SIGINT)
         try:
-            process.wait(timeout=5)
+            started.wait(timeout=5)
         except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            started.kill()
+            started.wait()
 
 
 @contextmanager

@@ -35,6 +35,7 @@ settings.load_profile('quick')
 OPTIONAL = {
     'test_colcon.py': ['colcon', 'colcon_ros'],
     'test_demo.py': ['mcap', 'plotly'],
+    'test_fly.py': ['rotorpy'],
     'test_page.py': ['plotly', 'selenium'],
     'test_relay_node.py': message_package.NEEDED,
     'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],

@@ -38,19 +38,24 @@ def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
     return rate_of(ground_gains(scenario, positions) * powers)
 
 
-def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
+def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
+                     altitudes: Array | None = None) -> Array:
     """
     Return R-bar[n] of problem (P2), (N,) in bit/s/Hz, negative where the leak is larger.
 
     A lower bound of worst_case_rates; equal to it when every error radius is zero.
+
+    :param altitudes: heights at which the UAVs really were, (U, N) in m, instead of their own.
     """
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
     leak = np.full(powers.shape[1], -np.inf)
-    link = FreeSpace.of(scenario)
+    link = (FreeSpace.of(scenario) if altitudes is None else
+            FreeSpace(scenario.reference_snr, altitudes**2))
     for eve in scenario.eavesdroppers:
         gains = link.gain(_guaranteed_squared_distances_to(eve, positions))
         np.maximum(leak, rate_of(gains * powers), out=leak)
-    rates: Array = ground_rates(scenario, positions, powers) - leak
+    gains = link.gain(ground_squared_distances(scenario, positions))
+    rates: Array = rate_of(gains * powers) - leak
     return rates
 
 

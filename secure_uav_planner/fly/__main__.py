@@ -1,0 +1,56 @@
+"""Fly the missions in physics: print a table, and write it and pictures to a folder."""
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+import sys
+import time
+
+from .missions import paper_missions, random_missions
+from ..demo import isolated
+from ..errors import PlanningError
+from ..optimize import solve
+
+
+def main(arguments=None):
+    """Plan, fly, print and write; return the exit status."""
+    parser = argparse.ArgumentParser(prog='python -m secure_uav_planner.fly',
+                                     description=sys.modules[__name__].__doc__)
+    parser.add_argument('--out', type=Path, default=Path('out/fly'), help='output folder')
+    parser.add_argument('--random', type=int, default=5, help='number of random missions')
+    options = parser.parse_args(arguments)
+    if find_spec('rotorpy') is None:
+        print("fly: rotorpy is missing: pip install '.[ros,fly]'", file=sys.stderr)
+        return 1
+    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        with isolated(options.out):
+            _fly_all(options)
+    except PlanningError as error:
+        print(f'fly: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def _fly_all(options):
+    from .flight import fly
+    from .picture import save_flight
+    from .report import report, table
+    reports = []
+    for number, (name, scenario) in enumerate([*paper_missions(),
+                                               *random_missions(options.random)]):
+        began = time.monotonic()
+        flight = fly(solve(scenario), seed=number)
+        reports.append(report(name, flight))
+        save_flight(name, flight, options.out / f'flight_{number + 1}.png')
+        print(f'{table(reports[-1:]).splitlines()[-1]} {time.monotonic() - began:.0f} s',
+              flush=True)
+    text = table(reports)
+    (options.out / 'fly.md').write_text(f'# Flown in physics\n\n{text}\n', encoding='utf-8')
+    print(f'\n{text}\n\nwritten to {options.out}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,40 @@
+"""The missions that are flown."""
+
+from dataclasses import replace
+
+from ..bench.missions import random_mission
+from ..errors import InfeasibleMissionError
+from ..scenario import Scenario
+
+_RANDOM_LIMIT = 3.0
+_SEEDS = range(100)
+
+
+def limited(scenario, most):
+    """Return a scenario whose UAVs have a limit of acceleration in m/s^2, at rest at both ends."""
+    return replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=most, start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0))
+        for uav in scenario.uavs))
+
+
+def paper_missions():
+    """Yield names and Scenarios of the paper's mission."""
+    for duration in (120.0, 200.0):
+        for most in (2.0, 3.0):
+            yield (f"the paper's, T = {duration:g} s, {most:g} m/s^2",
+                   limited(Scenario.paper(duration), most))
+
+
+def random_missions(count):
+    """Yield names and Scenarios of random missions, those of the first seeds that can be flown."""
+    for seed in _SEEDS:
+        if count == 0:
+            return
+        try:
+            scenario = limited(random_mission(seed), _RANDOM_LIMIT)
+        except InfeasibleMissionError:
+            continue
+        count -= 1
+        speeds = max(uav.max_speed for uav in scenario.uavs)
+        yield (f'random {seed}, {len(scenario.uavs)} UAVs, up to {speeds:.0f} m/s, '
+               f'{_RANDOM_LIMIT:g} m/s^2', scenario)

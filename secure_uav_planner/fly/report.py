@@ -1,0 +1,88 @@
+"""What a flight was worth: errors, rates and distances, from where the UAVs really were."""
+
+from dataclasses import dataclass
+import itertools
+import math
+
+import numpy as np
+
+from .. import channel
+from ..playback import Playback
+
+
+@dataclass(frozen=True)
+class Report:
+    """
+    One line of the table.
+
+    :param mission: its name.
+    :param error_rms: distance from the planned curve, in 3-D, of all UAVs and times, in m.
+    :param error_max: the largest, in m.
+    :param arrival: the largest distance from a goal at the time of arrival, in m.
+    :param planned_rate: the mean guaranteed rate along the planned curve, in bit/s/Hz.
+    :param flown_rate: the same along the flown path, with its heights, in bit/s/Hz.
+    :param planned_apart: the smallest distance between two UAVs on the curve, in m.
+    :param flown_apart: as flown, in m.
+    """
+
+    mission: str
+    error_rms: float
+    error_max: float
+    arrival: float
+    planned_rate: float
+    flown_rate: float
+    planned_apart: float
+    flown_apart: float
+
+
+def report(mission, flight):
+    """Return the Report of a Flight."""
+    plan = flight.plan
+    playback = Playback(plan)
+    planned = planned_places(flight)
+    errors = np.linalg.norm(flight.places - planned, axis=-1)
+    arrival = np.array([[*uav.goal, uav.altitude] for uav in plan.scenario.uavs])
+    last = np.argmin(np.abs(flight.times - playback.duration))
+    return Report(
+        mission, float(np.sqrt((errors**2).mean())), float(errors.max()),
+        float(np.linalg.norm(flight.places[:, last] - arrival, axis=-1).max()),
+        mean_rate(plan, flight.times, planned), mean_rate(plan, flight.times, flight.places),
+        smallest_distance(planned), smallest_distance(flight.places))
+
+
+def planned_places(flight):
+    """Return where the curve is at the times of a flight, (U, K, 3) in m."""
+    plan = flight.plan
+    level = Playback(plan).curve.at(flight.times).positions
+    heights = np.broadcast_to(plan.scenario.altitudes[:, None, None], (*level.shape[:2], 1))
+    return np.concatenate([level, heights], axis=-1)
+
+
+def mean_rate(plan, times, places):
+    """Return the mean guaranteed rate over the slots, from places (U, K, 3), in bit/s/Hz."""
+    slots, step = plan.scenario.slots, plan.scenario.slot_duration
+    slot = np.floor(times / step + 1e-9).astype(int)
+    sending = (slot >= 1) & (slot <= slots)
+    places, powers = places[:, sending], plan.powers[:, slot[sending] - 1]
+    level = np.pad(places[..., :2], ((0, 0), (1, 1), (0, 0)))
+    return float(channel.guaranteed_rates(
+        plan.scenario, level, powers, altitudes=places[..., 2]).mean())
+
+
+def smallest_distance(places):
+    """Return the smallest distance between two UAVs at a time, in m; infinite for one."""
+    return min((float(np.linalg.norm(one - other, axis=-1).min())
+                for one, other in itertools.combinations(places, 2)), default=math.inf)
+
+
+def table(reports):
+    """Return a Markdown table."""
+    lines = ['| mission | error RMS, max (m) | goal missed by (m) | rate planned, flown '
+             '(bit/s/Hz) | lost | UAVs apart, planned, flown (m) |',
+             '| --- | --- | --- | --- | --- | --- |']
+    lines += [
+        f'| {one.mission} | {one.error_rms:.2f}, {one.error_max:.2f} | {one.arrival:.2f} | '
+        f'{one.planned_rate:.4f}, {one.flown_rate:.4f} | '
+        f'{100 * (1 - one.flown_rate / one.planned_rate):.2f}% | '
+        f'{one.planned_apart:.1f}, {one.flown_apart:.1f} |' for one in reports]
+    return '\n'.join(lines)

@@ -1,0 +1,90 @@
+"""Plans flown in physics over DDS: a short form of `make fly`, and what its numbers mean."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
+from secure_uav_planner.channel import guaranteed_rates
+from secure_uav_planner.fly import missions, report
+from secure_uav_planner.fly.flight import fly
+from secure_uav_planner.fly.gusts import Gusts
+from secure_uav_planner.fly.picture import save_flight
+from secure_uav_planner.playback import Playback
+
+
+@pytest.fixture(scope='module')
+def plan():
+    uavs = (Uav('uav1', (-120.0, 0.0), (120.0, 0.0), 60.0, 12.0, max_acceleration=3.0),
+            Uav('uav2', (-120.0, 40.0), (120.0, 40.0), 70.0, 12.0, max_acceleration=3.0))
+    return solve(Scenario((0.0, 0.0), (Eavesdropper((60.0, 80.0), 10.0),), uavs, 40.0, 40))
+
+
+@pytest.fixture(scope='module')
+def flight(plan):
+    return fly(plan, seed=1)
+
+
+def test_quadrotors_in_gusts_fly_the_plan_from_the_setpoints_of_the_replay_node(plan, flight):
+    found = report.report('short', flight)
+    print(f'\n{report.table([found])}')
+    assert found.error_rms < 2.0 and found.error_max < 6.0
+    assert found.arrival < 4.0
+    assert found.flown_rate == pytest.approx(found.planned_rate, rel=0.01)
+    assert found.flown_apart > 5.0
+    # They fly, all of it, and they are blown about.
+    playback = Playback(plan)
+    assert flight.times[0] == playback.begin
+    assert flight.times[-1] >= playback.duration - 1e-9
+    assert found.error_rms > 0.05
+
+
+def test_the_setpoints_are_the_curve_at_the_times_of_the_flight(flight):
+    assert flight.setpoints == pytest.approx(report.planned_places(flight), abs=1e-6)
+
+
+def test_the_flight_is_drawn(flight, tmp_path):
+    save_flight('short', flight, tmp_path / 'flight.png')
+    assert (tmp_path / 'flight.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_the_rate_of_a_flight_that_is_exact_is_that_of_the_playback(plan, flight):
+    times = np.arange(flight.times[0], flight.times[-1], 0.01)
+    exact = replace(flight, times=times)
+    rate = report.mean_rate(plan, times, report.planned_places(exact))
+    assert rate == pytest.approx(Playback(plan).guaranteed_rates.mean(), rel=1e-3)
+
+
+def test_heights_count_in_the_rate(plan):
+    scenario, shape = plan.scenario, plan.powers.shape
+    own = np.broadcast_to(scenario.altitudes[:, None], shape)
+    assert guaranteed_rates(scenario, plan.positions, plan.powers, own) == pytest.approx(
+        plan.guaranteed_rates)
+    higher = replace(scenario, uavs=tuple(
+        replace(uav, altitude=uav.altitude + 7) for uav in scenario.uavs))
+    assert guaranteed_rates(scenario, plan.positions, plan.powers, own + 7) == pytest.approx(
+        guaranteed_rates(higher, plan.positions, plan.powers))
+
+
+def test_gusts_have_the_mean_the_deviation_and_the_memory_that_they_are_given():
+    step, count = 0.1, 200_000
+    gusts = Gusts((3.0, 4.0), 5 / 3, 100.0, step, seed=3)
+    wind = np.array([gusts.step() for _ in range(count)])
+    assert wind.mean(axis=0) == pytest.approx([3.0, 4.0, 0.0], abs=0.2)
+    assert wind.std(axis=0) == pytest.approx([5 / 3, 5 / 3, 5 / 6], rel=0.1)
+    # At 100 m the length scale of MIL-F-8785C is 278 m; the wind of 5 m/s carries it past.
+    feet = 100 / 0.3048
+    scale = 0.3048 * feet / (0.177 + 0.000823 * feet)**1.2
+    lag = round(scale / 5 / step)
+    off = wind[:, 0] - wind[:, 0].mean()
+    assert (off[lag:] * off[:-lag]).mean() / off.var() == pytest.approx(math.exp(-1), abs=0.12)
+    again = Gusts((3.0, 4.0), 5 / 3, 100.0, step, seed=3)
+    assert (again.step() == wind[0]).all()
+
+
+def test_the_missions_are_those_that_can_be_flown():
+    named = [*missions.paper_missions(), *missions.random_missions(5)]
+    assert len({name for name, _ in named}) == len(named) == 9
+    for _, scenario in named:
+        assert all(uav.max_acceleration in (2.0, 3.0) for uav in scenario.uavs)
