@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
+from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav
 from secure_uav_planner.channel import guaranteed_rates
 from secure_uav_planner.fly import missions, report
 from secure_uav_planner.fly.flight import fly
@@ -65,6 +65,19 @@ def test_heights_count_in_the_rate(plan):
         replace(uav, altitude=uav.altitude + 7) for uav in scenario.uavs))
     assert guaranteed_rates(scenario, plan.positions, plan.powers, own + 7) == pytest.approx(
         guaranteed_rates(higher, plan.positions, plan.powers))
+
+
+def test_the_distance_from_zones_and_fence_is_the_smallest_at_the_height(plan):
+    square = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
+    zones = (NoFlyZone(square, floor=0.0, ceiling=50.0),)
+    scenario = replace(plan.scenario, no_fly_zones=zones)
+    for place, expected in (((13.0, 14.0, 40.0), 5.0), ((4.0, 5.0, 40.0), -4.0),
+                            ((4.0, 5.0, 51.0), math.inf)):
+        assert report.clearance(scenario, np.array([[place]])) == pytest.approx(expected)
+    fenced = replace(plan.scenario, geofence=(
+        (-200.0, -200.0), (200.0, -200.0), (200.0, 200.0), (-200.0, 200.0)))
+    for place, expected in (((190.0, 0.0, 40.0), 10.0), ((230.0, 240.0, 40.0), -50.0)):
+        assert report.clearance(fenced, np.array([[place]])) == pytest.approx(expected)
 
 
 def test_gusts_have_the_mean_the_deviation_and_the_memory_that_they_are_given():

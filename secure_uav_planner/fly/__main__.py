@@ -10,6 +10,7 @@ from .missions import paper_missions, random_missions
 from ..demo import isolated
 from ..errors import PlanningError
 from ..optimize import solve
+from ..plan import Plan
 
 
 def main(arguments=None):
@@ -18,6 +19,7 @@ def main(arguments=None):
                                      description=sys.modules[__name__].__doc__)
     parser.add_argument('--out', type=Path, default=Path('out/fly'), help='output folder')
     parser.add_argument('--random', type=int, default=5, help='number of random missions')
+    parser.add_argument('--plans', type=Path, nargs='*', help='saved plans to fly instead')
     options = parser.parse_args(arguments)
     if find_spec('rotorpy') is None:
         print("fly: rotorpy is missing: pip install '.[ros,fly]'", file=sys.stderr)
@@ -34,15 +36,23 @@ def main(arguments=None):
     return 0
 
 
+def _plans(options):
+    """Yield names and Plans."""
+    for path in options.plans or ():
+        yield path.stem, Plan.load(path)
+    if options.plans is None:
+        for name, scenario in (*paper_missions(), *random_missions(options.random)):
+            yield name, solve(scenario)
+
+
 def _fly_all(options):
     from .flight import fly
     from .picture import save_flight
     from .report import report, table
     reports = []
-    for number, (name, scenario) in enumerate([*paper_missions(),
-                                               *random_missions(options.random)]):
+    for number, (name, plan) in enumerate(_plans(options)):
         began = time.monotonic()
-        flight = fly(solve(scenario), seed=number)
+        flight = fly(plan, seed=number)
         reports.append(report(name, flight))
         save_flight(name, flight, options.out / f'flight_{number + 1}.png')
         print(f'{table(reports[-1:]).splitlines()[-1]} {time.monotonic() - began:.0f} s',

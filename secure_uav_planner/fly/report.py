@@ -5,6 +5,7 @@ import itertools
 import math
 
 import numpy as np
+import shapely
 
 from .. import channel
 from ..playback import Playback
@@ -23,6 +24,9 @@ class Report:
     :param flown_rate: the same along the flown path, with its heights, in bit/s/Hz.
     :param planned_apart: the smallest distance between two UAVs on the curve, in m.
     :param flown_apart: as flown, in m.
+    :param planned_clear: the smallest distance on the map from a zone at a UAV's height, or from
+        outside the geofence, on the curve in m; negative inside, infinite without any.
+    :param flown_clear: as flown, in m.
     """
 
     mission: str
@@ -33,6 +37,8 @@ class Report:
     flown_rate: float
     planned_apart: float
     flown_apart: float
+    planned_clear: float
+    flown_clear: float
 
 
 def report(mission, flight):
@@ -47,7 +53,8 @@ def report(mission, flight):
         mission, float(np.sqrt((errors**2).mean())), float(errors.max()),
         float(np.linalg.norm(flight.places[:, last] - arrival, axis=-1).max()),
         mean_rate(plan, flight.times, planned), mean_rate(plan, flight.times, flight.places),
-        smallest_distance(planned), smallest_distance(flight.places))
+        smallest_distance(planned), smallest_distance(flight.places),
+        clearance(plan.scenario, planned), clearance(plan.scenario, flight.places))
 
 
 def planned_places(flight):
@@ -75,14 +82,39 @@ def smallest_distance(places):
                 for one, other in itertools.combinations(places, 2)), default=math.inf)
 
 
+def clearance(scenario, places):
+    """Return the smallest distance from what is forbidden, in m; negative inside of it."""
+    points, heights = shapely.points(places[..., :2]), places[..., 2]
+    found = [math.inf]
+    for zone in scenario.no_fly_zones:
+        at = (zone.floor <= heights) & (heights <= zone.ceiling)
+        found.append(-_depth(zone.vertices, points[at]).max(initial=-math.inf))
+    if scenario.geofence is not None:
+        found.append(_depth(scenario.geofence, points).min())
+    return float(min(found))
+
+
+def _depth(vertices, points):
+    """Return how far points are inside a polygon in m, negative outside."""
+    polygon = shapely.Polygon(vertices)
+    distance = shapely.distance(polygon.exterior, points)
+    return np.where(shapely.contains(polygon, points), distance, -distance)
+
+
 def table(reports):
     """Return a Markdown table."""
     lines = ['| mission | error RMS, max (m) | goal missed by (m) | rate planned, flown '
-             '(bit/s/Hz) | lost | UAVs apart, planned, flown (m) |',
-             '| --- | --- | --- | --- | --- | --- |']
+             '(bit/s/Hz) | lost | UAVs apart, planned, flown (m) | '
+             'clear of zones, planned, flown (m) |',
+             '| --- | --- | --- | --- | --- | --- | --- |']
     lines += [
         f'| {one.mission} | {one.error_rms:.2f}, {one.error_max:.2f} | {one.arrival:.2f} | '
         f'{one.planned_rate:.4f}, {one.flown_rate:.4f} | '
         f'{100 * (1 - one.flown_rate / one.planned_rate):.2f}% | '
-        f'{one.planned_apart:.1f}, {one.flown_apart:.1f} |' for one in reports]
+        f'{_pair(one.planned_apart, one.flown_apart)} | '
+        f'{_pair(one.planned_clear, one.flown_clear)} |' for one in reports]
     return '\n'.join(lines)
+
+
+def _pair(planned, flown):
+    return f'{planned:.1f}, {flown:.1f}' if math.isfinite(planned) else '-'
