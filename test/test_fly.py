@@ -6,11 +6,14 @@ import math
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav
+from secure_uav_planner.autopilots import Setpoint
 from secure_uav_planner.channel import guaranteed_rates
 from secure_uav_planner.fly import missions, report
+from secure_uav_planner.fly.__main__ import main
 from secure_uav_planner.fly.flight import fly
 from secure_uav_planner.fly.gusts import Gusts
 from secure_uav_planner.fly.picture import save_flight
+from secure_uav_planner.fly.quadrotor import Quadrotor, STEP
 from secure_uav_planner.playback import Playback
 
 
@@ -41,7 +44,7 @@ def test_quadrotors_in_gusts_fly_the_plan_from_the_setpoints_of_the_replay_node(
 
 
 def test_the_setpoints_are_the_curve_at_the_times_of_the_flight(flight):
-    assert flight.setpoints == pytest.approx(report.planned_places(flight), abs=1e-6)
+    assert flight.setpoints == pytest.approx(flight.planned, abs=1e-6)
 
 
 def test_the_flight_is_drawn(flight, tmp_path):
@@ -52,7 +55,7 @@ def test_the_flight_is_drawn(flight, tmp_path):
 def test_the_rate_of_a_flight_that_is_exact_is_that_of_the_playback(plan, flight):
     times = np.arange(flight.times[0], flight.times[-1], 0.01)
     exact = replace(flight, times=times)
-    rate = report.mean_rate(plan, times, report.planned_places(exact))
+    rate = report.mean_rate(plan, times, exact.planned)
     assert rate == pytest.approx(Playback(plan).guaranteed_rates.mean(), rel=1e-3)
 
 
@@ -78,6 +81,26 @@ def test_the_distance_from_zones_and_fence_is_the_smallest_at_the_height(plan):
         (-200.0, -200.0), (200.0, -200.0), (200.0, 200.0), (-200.0, 200.0)))
     for place, expected in (((190.0, 0.0, 40.0), 10.0), ((230.0, 240.0, 40.0), -50.0)):
         assert report.clearance(fenced, np.array([[place]])) == pytest.approx(expected)
+
+
+def test_a_vehicle_turns_round_in_the_wind_without_leaving_its_place():
+    place = (1.0, 2.0, 50.0)
+    vehicle = Quadrotor(place, 0.0, Gusts((5.0, 0.0), 1.0, 50.0, STEP, seed=2))
+    rest = Setpoint('map', 0, place, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    vehicle.follow(rest, 10.0)
+    for yaw in (math.pi, 0.0, -math.pi / 2):
+        vehicle.follow(replace(rest, yaw=yaw), 4.0)
+        assert np.linalg.norm(vehicle.place - place) < 1.0
+
+
+def test_the_program_flies_a_saved_plan_and_writes_its_table(tmp_path):
+    uav = Uav('lone', (0.0, 0.0), (20.0, 0.0), 40.0, 8.0, max_acceleration=3.0)
+    plan = solve(Scenario((10.0, 0.0), (Eavesdropper((60.0, 0.0), 5.0),), (uav,), 6.0, 12))
+    plan.save(tmp_path / 'hop.json')
+    assert main(['--out', str(tmp_path), '--plans', str(tmp_path / 'hop.json')]) == 0
+    row = (tmp_path / 'fly.md').read_text().splitlines()[-1]
+    assert row.startswith('| hop | ') and row.endswith('| - | - |')
+    assert (tmp_path / 'flight_1.png').exists()
 
 
 def test_gusts_have_the_mean_the_deviation_and_the_memory_that_they_are_given():

@@ -38,6 +38,7 @@ _BEGIN_NS = 10**9
 _SETTLING = 10.0  # s of hovering in the wind before the flight
 _ASK_AGAIN = 0.2  # s after which the clock is published again; its QoS is best effort
 _PATIENCE = 120.0
+_SAME_PLACE = 1e-3  # m
 
 
 class FlightError(PlanningError, RuntimeError):
@@ -61,6 +62,14 @@ class Flight:
     times: np.ndarray
     places: np.ndarray
     setpoints: np.ndarray
+
+    @property
+    def planned(self):
+        """Return where the planned curve is at the times, (U, K, 3) in m."""
+        level = Playback(self.plan).curve.at(self.times).positions
+        heights = self.plan.scenario.altitudes[:, None, None]
+        return np.concatenate(
+            [level, np.broadcast_to(heights, (*level.shape[:2], 1))], axis=-1)
 
 
 def fly(plan, steady=(5.0, 0.0), deviation=5 / 3, seed=0):
@@ -116,8 +125,13 @@ def _fly(plan, link, vehicles):
             for vehicle, setpoint in zip(vehicles, setpoints, strict=True):
                 vehicle.follow(setpoint, 1 / RATE)
             setpoints = coming.result()
-    return Flight(plan, np.array(times), np.moveaxis(np.array(places), 0, 1),
-                  np.moveaxis(np.array(wanted), 0, 1))
+    flight = Flight(plan, np.array(times), np.moveaxis(np.array(places), 0, 1),
+                    np.moveaxis(np.array(wanted), 0, 1))
+    off = np.linalg.norm(flight.setpoints - flight.planned, axis=-1).max()
+    if not off <= _SAME_PLACE:
+        raise FlightError(f'setpoints were up to {off:.3g} m beside the plan; is there another '
+                          'node that publishes them?')
+    return flight
 
 
 class _Link:
@@ -139,15 +153,21 @@ class _Link:
                 MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
                 lambda message, name=name: self._received.update({name: setpoint_of(message)}),
                 STREAM)
-        self._wait(lambda: self._clock.get_subscription_count() and all(
-            self._node.count_publishers(f'{name}/setpoint/trajectory') for name in self._names),
-            'the replay node')
+        self._wait(self._is_connected, 'the replay node')
         return self
 
     def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
+
+    def _is_connected(self) -> bool:
+        counts = [self._node.count_publishers(f'{name}/setpoint/trajectory')
+                  for name in self._names]
+        if max(counts) > 1:
+            raise FlightError(f'{max(counts)} nodes of this ROS domain publish setpoints; set '
+                              'ROS_DOMAIN_ID to another one')
+        return all(counts) and self._clock.get_subscription_count() > 0
 
     def setpoints(self, now_ns: int) -> list[Setpoint]:
         """Return the setpoint of every UAV at a time, which this process makes the present."""

@@ -3,7 +3,6 @@
 from matplotlib.figure import Figure
 import numpy as np
 
-from .report import planned_places
 from ..view.colors import EAVESDROPPER, GROUND_NODE, uav_color
 
 
@@ -11,7 +10,7 @@ def save_flight(name, flight, path):
     """Draw a Flight into a PNG file."""
     figure = Figure(figsize=(11, 5), layout='constrained')
     above, over = figure.subplots(1, 2)
-    planned, scenario = planned_places(flight), flight.plan.scenario
+    planned, scenario = flight.planned, flight.plan.scenario
     for index, uav in enumerate(scenario.uavs):
         color = uav_color(index)
         above.plot(*planned[index, :, :2].T, color=color, lw=4, alpha=0.3)

@@ -1,5 +1,7 @@
 """A quadrotor of rotorpy with an autopilot that follows setpoints."""
 
+import math
+
 import numpy as np
 from rotorpy.controllers.quadrotor_control import SE3Control
 from rotorpy.vehicles.hummingbird_params import quad_params
@@ -17,6 +19,8 @@ _INTEGRATOR = {'method': 'RK23', 'first_step': STEP, 'rtol': 1e-2, 'atol': 1e-2}
 # what they may ask of the vehicle, in m/s^2.
 _INTEGRAL_GAIN = 4.0
 _MOST = 15.0
+# Autopilots turn the nose no faster than so, in rad/s, whatever the setpoint says.
+_TURN_RATE = 1.0
 
 
 class Quadrotor:
@@ -38,6 +42,7 @@ class Quadrotor:
             'q': np.array([0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)]),
             'wind': np.zeros(3), 'rotor_speeds': np.full(4, speed)}
         self._correction = np.zeros(3)
+        self._yaw = yaw
 
     @property
     def place(self):
@@ -54,10 +59,12 @@ class Quadrotor:
             error = np.array(setpoint.position) - self._state['x']
             self._correction = np.clip(
                 self._correction + _INTEGRAL_GAIN * STEP * error, -_MOST, _MOST)
+            turn = math.remainder(setpoint.yaw - self._yaw, 2 * math.pi)
+            self._yaw += float(np.clip(turn, -_TURN_RATE * STEP, _TURN_RATE * STEP))
             wanted = {
                 'x': np.array(setpoint.position), 'x_dot': np.array(setpoint.velocity),
                 'x_ddot': np.array(setpoint.acceleration) + self._correction,
-                'yaw': setpoint.yaw, 'yaw_dot': 0.0}
+                'yaw': self._yaw, 'yaw_dot': 0.0}
             self._state['wind'] = self._gusts.step()
             self._state = self._body.step(
                 self._state, self._control.update(0.0, self._state, wanted), STEP)

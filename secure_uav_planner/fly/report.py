@@ -45,7 +45,7 @@ def report(mission, flight):
     """Return the Report of a Flight."""
     plan = flight.plan
     playback = Playback(plan)
-    planned = planned_places(flight)
+    planned = flight.planned
     errors = np.linalg.norm(flight.places - planned, axis=-1)
     arrival = np.array([[*uav.goal, uav.altitude] for uav in plan.scenario.uavs])
     last = np.argmin(np.abs(flight.times - playback.duration))
@@ -55,14 +55,6 @@ def report(mission, flight):
         mean_rate(plan, flight.times, planned), mean_rate(plan, flight.times, flight.places),
         smallest_distance(planned), smallest_distance(flight.places),
         clearance(plan.scenario, planned), clearance(plan.scenario, flight.places))
-
-
-def planned_places(flight):
-    """Return where the curve is at the times of a flight, (U, K, 3) in m."""
-    plan = flight.plan
-    level = Playback(plan).curve.at(flight.times).positions
-    heights = np.broadcast_to(plan.scenario.altitudes[:, None, None], (*level.shape[:2], 1))
-    return np.concatenate([level, heights], axis=-1)
 
 
 def mean_rate(plan, times, places):
