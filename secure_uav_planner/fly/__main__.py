@@ -6,7 +6,7 @@ from pathlib import Path
 import sys
 import time
 
-from .missions import paper_missions, random_missions
+from .missions import city_missions, paper_missions, random_missions
 from ..demo import isolated
 from ..errors import PlanningError
 from ..optimize import solve
@@ -41,7 +41,8 @@ def _plans(options):
     for path in options.plans or ():
         yield path.stem, Plan.load(path)
     if options.plans is None:
-        for name, scenario in (*paper_missions(), *random_missions(options.random)):
+        for name, scenario in (*paper_missions(), *city_missions(),
+                               *random_missions(options.random)):
             yield name, solve(scenario)
 
 
