@@ -11,6 +11,7 @@ ros = [
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'plotly>=5.15']
 study = [*view, 'joblib>=1.4', 'tqdm>=4.64']
 bench = [*view, 'casadi>=3.6']
+docs = ['myst-parser>=2.0', 'sphinx>=7.0']
 fly = ['matplotlib>=3.6', 'rotorpy>=3.0']
 # What the tests of the library and of the nodes need; other tests need more.
 check = [
@@ -24,6 +25,7 @@ check = [
 test = [
     *bench,
     *check,
+    *docs,
     *fly,
     *study,
     'colcon-common-extensions',
@@ -62,11 +64,14 @@ setup(
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
     extras_require={
         'ros': ros, 'view': view, 'study': study, 'bench': bench, 'fly': fly, 'check': check,
-        'test': test},
+        'docs': docs, 'test': test},
     zip_safe=True,
+    author='secure_uav_planner maintainers',
+    author_email='secure-uav-planner@users.noreply.github.com',
     maintainer='secure_uav_planner maintainers',
     maintainer_email='secure-uav-planner@users.noreply.github.com',
     description='Plans trajectories and powers of UAVs so that a transmission stays secret',
+    url='https://github.com/secure-uav-planner/secure_uav_planner',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 from conftest import OPTIONAL
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
@@ -52,7 +53,8 @@ def imported(folder):
 
 
 @pytest.mark.parametrize('folder, kinds', [
-    ('secure_uav_planner', ['exec_depend']), ('test', ['exec_depend', 'test_depend'])])
+    ('secure_uav_planner', ['exec_depend']), ('launch', ['exec_depend']),
+    ('test', ['exec_depend', 'test_depend'])])
 def test_package_xml_names_whatever_is_imported(folder, kinds):
     named = depends(*kinds)
     missing = {name: file for name, file in imported(folder).items()
@@ -62,7 +64,8 @@ def test_package_xml_names_whatever_is_imported(folder, kinds):
 
 
 def test_package_xml_names_nothing_else():
-    used = {**imported('secure_uav_planner'), **imported('test')}
+    used = {name: file for folder in ('secure_uav_planner', 'launch', 'test')
+            for name, file in imported(folder).items()}
     keys = {KEYS.get(name, name) for name in used}
     # setup.py may ask for what no module imports yet.
     assert depends('exec_depend', 'test_depend') - keys <= {'python3-shapely'}
@@ -70,7 +73,12 @@ def test_package_xml_names_nothing_else():
 
 def test_setup_py_and_package_xml_agree(packaging):
     assert PACKAGE.find('version').text == packaging['version']
-    assert PACKAGE.find('maintainer').get('email') == packaging['maintainer_email']
+    for role in ('maintainer', 'author'):
+        assert PACKAGE.find(role).text == packaging[role]
+        assert PACKAGE.find(role).get('email') == packaging[f'{role}_email']
+    assert PACKAGE.find('url').text == packaging['url']
+    assert PACKAGE.find('license').text == packaging['license']
+    assert (ROOT / PACKAGE.find('license').get('file')).exists()
     for requirement in packaging['install_requires']:
         name = re.split('[<>=]', requirement)[0]
         key = KEYS[WITH_ANOTHER.get(name, name)]
@@ -84,6 +92,60 @@ def test_the_oldest_versions_that_are_tested_are_the_oldest_that_are_allowed(pac
     assert set(tested) == set(allowed)
     for name, version in allowed.items():
         assert f'{tested[name]}.'.startswith(f'{version}.'), name
+
+
+# What others read of the package
+
+
+def test_the_changelog_is_what_bloom_reads_and_has_this_version(packaging):
+    changelog = pytest.importorskip('catkin_pkg.changelog').get_changelog_from_path(str(ROOT))
+    versions = [version for version, _, _ in changelog.foreach_version()]
+    assert versions[0] == packaging['version']
+    assert (ROOT / 'CHANGELOG.rst').read_text().count('\nForthcoming\n-----------\n') == 1
+    for _, _, (entries,) in changelog.foreach_version():
+        assert str(entries.bullets[-1]).removeprefix('* ').startswith('Contributors: ')
+
+
+def test_the_citation_names_this_version():
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+    assert citation['cff-version'] == '1.2.0' and citation['title'] == 'secure_uav_planner'
+    assert citation['version'] == PACKAGE.find('version').text
+    assert citation['license'] == PACKAGE.find('license').text
+    assert citation['repository-code'] == PACKAGE.find('url').text
+    assert f'{citation["version"]} ({citation["date-released"]})' in (
+        ROOT / 'CHANGELOG.rst').read_text()
+
+
+def commands_of_workflow(name):
+    """Return what a workflow runs, as one text, and its job."""
+    workflow = yaml.safe_load((ROOT / '.github' / 'workflows' / f'{name}.yml').read_text())
+    (job,) = workflow['jobs'].values()
+    return '\n'.join(step.get('run', '') for step in job['steps']), job
+
+
+def test_the_workflows_run_what_the_readme_says(packaging):
+    readme = (ROOT / 'README.md').read_text()
+    commands, job = commands_of_workflow('test')
+    assert 'make PYTHON=python test' in commands
+    pythons = job['strategy']['matrix']['python']
+    assert packaging['python_requires'] == f'>={pythons[0]}'
+    assert f'Python {pythons[0]} to {pythons[-1]}' in readme
+    commands, _ = commands_of_workflow('ros')
+    for line in re.findall('^pip install .*cvxpy.*?(?=  #|$)', readme, re.MULTILINE):
+        assert line.strip() in commands
+    assert commands.index('pip install') < commands.index('rosdep install')
+    assert 'colcon test --packages-select secure_uav_planner' in commands
+
+
+def test_commits_are_checked_by_the_linters_of_the_tests(packaging):
+    configuration = yaml.safe_load((ROOT / '.pre-commit-config.yaml').read_text())
+    hooks = {hook['id']: hook for repo in configuration['repos'] for hook in repo['hooks']}
+    assert set(hooks) == {'ament_flake8', 'ament_pep257', 'mypy'}
+    allowed = {*packaging['extras_require']['test'], *packaging['install_requires']}
+    for hook in hooks.values():
+        assert set(hook['additional_dependencies']) <= allowed, hook['id']
+    assert {one for one in allowed if 'flake8' in one} == set(
+        hooks['ament_flake8']['additional_dependencies'])
 
 
 # The README's way on Ubuntu 24.04
