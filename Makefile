@@ -15,7 +15,7 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, alternating channel der
 	fly_hover_fly fuzz_solve joint load plan playback planner_node replay_node restrictions \
 	scenario))
 
-.PHONY: demo test bench fly soak study compat clean
+.PHONY: demo test bench fly soak study docs compat clean
 
 demo: $(VENV)/.view
 	$(BIN)/python -m secure_uav_planner.demo
@@ -42,6 +42,9 @@ fly: $(VENV)/.fly
 
 study: $(VENV)/.study
 	$(BIN)/python -m secure_uav_planner.study
+
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -q -W -b html docs out/docs
 
 clean:
 	rm -rf $(VENV) .venv-* build install log out

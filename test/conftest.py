@@ -39,6 +39,7 @@ OPTIONAL = {
     'test_page.py': ['plotly', 'selenium'],
     'test_relay_node.py': message_package.NEEDED,
     'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],
+    'test_site.py': ['myst_parser', 'sphinx'],
     'test_types.py': ['mypy'],
 }
 

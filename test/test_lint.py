@@ -7,7 +7,8 @@ from ament_pep257.main import main
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = [str(ROOT / name) for name in ('secure_uav_planner', 'launch', 'test', 'setup.py')]
+SOURCES = [str(ROOT / name) for name in (
+    'secure_uav_planner', 'docs', 'launch', 'test', 'setup.py')]
 
 
 @pytest.mark.linter
