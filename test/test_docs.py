@@ -226,6 +226,14 @@ class Walkthrough:
         assert rest[1] in self._executables(), told
         self._check_arguments(rest[1], rest[2:])
 
+    def _check_ros2_launch(self, rest, told):
+        assert rest[0] == self.packaging['name'], told
+        file = ROOT / 'launch' / rest[1]
+        known = re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", file.read_text())
+        for word in rest[2:]:
+            name, _, value = word.partition(':=')
+            assert name in known and value or word == '--show-args', told
+
     def _check_ros2_topic(self, rest, told):
         words = [word for word in rest if not word.startswith('-')]
         types = {self._general(one.name, one.node): one.kind for one in self.interfaces}
@@ -350,7 +358,9 @@ def test_every_block_of_a_page_does_what_it_says(
 def test_an_unknown_command_and_a_wrong_name_are_noticed(packaging, interfaces, tmp_path):
     for text in ('rm -rf x', 'make nonsense', 'ros2 topic echo /uav1/way',
                  'ros2 topic pub /ground_node/pose geometry_msgs/msg/PoseStamped "{hat: {}}"',
-                 'ros2 run secure_uav_planner flyer', 'pip install secure_uav',
+                 'ros2 run secure_uav_planner flyer',
+                 'ros2 launch secure_uav_planner secure_uav_planner.launch.py rvis:=true',
+                 'pip install secure_uav',
                  'ros2 service call /planner/fly std_srvs/srv/Trigger', 'ros2 bag play x',
                  'ros2 param set /planner duration true', 'ros2 param get /replay duration',
                  'planner --ros-args -p duration:=-1.0', 'planner --ros-args -r uav9/pose:=x',
