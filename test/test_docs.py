@@ -404,8 +404,9 @@ def test_the_generated_reference_is_current():
 
 # Names of others, and of messages, that the pages mention.
 FOREIGN = {
-    'child_frame_id', 'frame_id', 'mrs_msgs', 'poses', 'px4_msgs', 'qos_overrides',
-    'secure_uav_planner', 'setpoint_trajectory', 'time_from_start',
+    'catkin_generate_changelog', 'catkin_prepare_release', 'child_frame_id', 'frame_id',
+    'mrs_msgs', 'poses', 'px4_msgs', 'qos_overrides', 'secure_uav_planner',
+    'setpoint_trajectory', 'time_from_start',
 }
 
 
