@@ -29,19 +29,22 @@ myst_heading_anchors = 3
 html_title = project
 html_theme_options = {
     'font_family': 'sans-serif', 'page_width': '1200px', 'sidebar_width': '250px'}
-html_static_path = ['_static']
+html_static_path = [str(_root / 'docs' / '_static')]
 html_css_files = ['site.css']
 
 
-def insert_pages(_app, page, source):
-    """Insert the pages that are kept at the root; links to the README lead to the first page."""
-    if page == 'index':
-        source[0] = (_root / 'README.md').read_text().replace('](docs/', '](') + source[0]
-    elif page == 'changelog':
-        source[0] = (_root / 'CHANGELOG.rst').read_text()
-    source[0] = source[0].replace('](../README.md', '](index.md')
+_PARTS = {
+    '% README.md': (_root / 'README.md').read_text().replace('](docs/', ']('),
+    '.. CHANGELOG.rst': (_root / 'CHANGELOG.rst').read_text(),
+    '](../README.md': '](index.md'}
+
+
+def insert_parts(_app, _page, source):
+    """Put the files at the root into pages, and let links to the README lead to its page."""
+    for mark, text in _PARTS.items():
+        source[0] = source[0].replace(mark, text)
 
 
 def setup(app):
     """Connect with Sphinx."""
-    app.connect('source-read', insert_pages)
+    app.connect('source-read', insert_parts)

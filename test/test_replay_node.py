@@ -260,10 +260,10 @@ def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
             wait_for(picture.exists)
             stamps = [at.header.stamp.sec + at.header.stamp.nanosec * 1e-9 for at in setpoints]
             gap, drawing = max(np.diff(stamps), default=np.inf), time.monotonic() - began
-            print(f'\nlongest gap between setpoints at 50 Hz: {gap:.3f} s, drawing {drawing:.1f} s')
+            print(f'\nlongest gap between setpoints at 50 Hz: {gap:.3f} s, of {drawing:.1f} s')
             shares.append((gap - 0.02) / drawing)
-    # A loaded machine has longer gaps, but also draws longer. A thread of the node that draws holds
-    # setpoints up for 4% of its time, or more.
+    # A loaded machine has longer gaps, but also draws longer. A thread of the node that draws
+    # holds setpoints up for 4% of its time, or more.
     assert min(shares) < 0.03
 
 
