@@ -144,7 +144,7 @@ PLANNER = {
                       'the true worst case over the discs (worst_case), which only the method '
                       'joint can and maximises by default.', choices=(_OWN, *OBJECTIVES)),
     'bound': Spec('off', 'Whether to prove, after a plan has been published, how far below the '
-                  'best possible it is at most; the result is part of the status and of plan_file.',
+                  'best possible it is at most; the result is in the status and in plan_file.',
                   choices=('off', 'after')),
     'time_limit': Spec(60.0, 'Deadline of a solve in s, after which the best feasible plan so '
                        'far is published; 0 for none.', (0.0, 86400.0)),
