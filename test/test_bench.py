@@ -49,11 +49,12 @@ def test_the_quick_benchmark_writes_tables_and_a_picture(monkeypatch, capsys, tm
     printed = capsys.readouterr().out
     assert 'times as fast as IPOPT' in printed and 'a warm start takes' in printed
     document = (tmp_path / 'bench.md').read_text()
-    for name in ('paper', 'slots', 'random', 'warm'):
+    for name in ('paper', 'slots', 'random', 'warm', 'objectives'):
         assert f'\n## {name}\n' in document
     with open(tmp_path / 'bench.csv', newline='') as file:
         rows = list(csv.DictReader(file))
-    assert [row['table'] for row in rows] == ['paper', 'slots', 'slots', 'random'] + ['warm'] * 4
+    assert [row['table'] for row in rows] == ['paper', 'slots', 'slots', 'random'] + [
+        'warm'] * 4 + ['objectives'] * 3
     assert float(rows[0]['joint_rate']) >= float(rows[0]['reference'])
     assert all(0 < float(row['peak_memory']) < 1000 for row in rows[1:3])
     picture = (tmp_path / 'time_against_slots.png').read_bytes()

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 import numpy as np
 import pytest
 from secure_uav_planner import channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
+from secure_uav_planner.bench.missions import random_mission
 from secure_uav_planner.channel.derivatives import SlotRates
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.grid import Grid
@@ -139,3 +140,13 @@ def test_the_largest_leak_bends_as_the_places_that_follow_the_uavs_say(radius):
         found = np.einsum('i,nij,j->n', move.ravel(), bend, move.ravel())
         assert np.allclose(found, second, rtol=0.05, atol=0.02)
     assert not np.allclose(of_fixed, seen, rtol=0.2, atol=0.1)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('first', range(0, 100, 20))
+def test_in_random_missions_it_is_never_below_the_plan_by_the_formula(first):
+    for seed in range(first, first + 20):
+        scenario = random_mission(seed, slots=60 + 7 * seed % 41)
+        rates = [solve(scenario, objective=objective).worst_case_rate
+                 for objective in ('worst_case', 'guaranteed')]
+        assert rates[0] >= rates[1], seed

@@ -61,6 +61,12 @@ def main(arguments=None):
     table('warm', (measuring.measure_warm(name, scenario, seed, min(repeats, 3))
                    for name, scenario, seed in warm))
 
+    radii = [(duration, radius) for duration in (102.0, 120.0, 200.0) for radius in (10.0, 60.0)]
+    objectives = [(f'T = {duration:g} s, radius {radius:g} m', Scenario.paper(duration, radius))
+                  for duration, radius in radii[:2 if options.quick else None]]
+    objectives += [(f'seed {seed}', random_mission(seed)) for seed in seeds]
+    table('objectives', (measuring.measure_objectives(*mission) for mission in objectives))
+
     summary = report.summary(tables)
     print('\n' + summary)
     document = (

@@ -4,6 +4,7 @@ from dataclasses import replace
 import statistics
 import subprocess
 import sys
+import time
 
 import numpy as np
 
@@ -87,3 +88,20 @@ def measure_warm(name, scenario, seed, repeats):
         'name': name, 'slots': scenario.slots, 'cold_rate': cold[0].guaranteed_rate,
         'warm_rate': warm[0].guaranteed_rate, 'cold_time': times[0], 'warm_time': times[1],
         'warm_ratio': times[1] / times[0]}
+
+
+def measure_objectives(name, scenario):
+    """
+    Return a row that compares the objectives of `joint` in rates and processor time.
+
+    Both rates are worst-case rates in bit/s/Hz: of the plan for the guaranteed rate, problem (P2),
+    and of that for the worst case, problem (P1).
+    """
+    plans, times = [], []
+    for objective in ('guaranteed', 'worst_case'):
+        started = time.process_time()
+        plans.append(solve(scenario, objective=objective))
+        times.append(time.process_time() - started)
+    return {'name': name, 'slots': scenario.slots, 'p2_rate': plans[0].worst_case_rate,
+            'p1_rate': plans[1].worst_case_rate, 'p2_time': times[0], 'p1_time': times[1],
+            'objective_ratio': times[1] / times[0]}

@@ -61,6 +61,14 @@ def summary(tables):
             gain = statistics.median(row['warm_rate'] - row['cold_rate'] for row in warm)
             lines.append(f'- {name}: a warm start takes {ratio:.0%} of the time of a cold one in '
                          f'the median; the rate differs by {gain:+.5f} bit/s/Hz in the median')
+        both = [row for row in rows if 'objective_ratio' in row]
+        if both:
+            ratio = statistics.median(row['objective_ratio'] for row in both)
+            gains = [row['p1_rate'] - row['p2_rate'] for row in both]
+            lines.append(f'- {name}: the worst-case objective takes {ratio:.2f} times as long as '
+                         f'the guaranteed one in the median; the worst-case rate gains '
+                         f'{statistics.median(gains):.4f} bit/s/Hz in the median, '
+                         f'{min(gains):.4f} at least')
     return '\n'.join(lines) + '\n'
 
 
