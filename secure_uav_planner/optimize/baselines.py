@@ -7,7 +7,6 @@ import numpy as np
 
 from .detours import direct_flights, fitted, free_places, is_open, route
 from .refusal import refuse
-from ..grid import Grid
 from ..limits import repaired
 from ..scenario import Array, read_only, Scenario, Uav
 
@@ -32,16 +31,15 @@ def fly_hover_fly_positions(scenario: Scenario) -> Array:
     hover = np.concatenate([[scenario.ground_node], eves[jammers % len(eves)]])
     if is_open(scenario):
         return flights_to(scenario, hover)
-    return _flights_around(scenario, tuple(map(tuple, hover.tolist())))
+    return _flights_around(scenario, tuple(map(tuple, hover.tolist()))).copy()
 
 
 @lru_cache(maxsize=16)
 def _flights_around(scenario: Scenario, hover: tuple[tuple[float, float], ...]) -> Array:
-    grid = Grid.of(scenario)
-    found = fitted(grid, flights_to(scenario, free_places(scenario, np.array(hover))), _SHARE)
+    found = fitted(scenario, flights_to(scenario, free_places(scenario, np.array(hover))), _SHARE)
     if found is None:
         for flights in direct_flights(scenario):
-            found = fitted(grid, flights, _SHARE)
+            found = fitted(scenario, flights, _SHARE)
             if found is not None:
                 break
         else:

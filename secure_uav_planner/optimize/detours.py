@@ -8,6 +8,9 @@ import numpy as np
 from .fitting import Fitting
 from .routes import Roadmap, roadmap_of
 from ..airspace import airspace_of
+from ..clearance import Clearance
+from ..curve import Curve
+from ..errors import PlanError
 from ..grid import Grid
 from ..kinematics import Vehicle
 from ..limits import limits_of
@@ -108,20 +111,28 @@ def direct_flights(scenario: Scenario) -> Iterator[Array]:
             yield np.stack(chosen)
 
 
-def fitted(grid: Grid, positions: Array, share: float = 0.05) -> Array | None:
+def fitted(scenario: Scenario, positions: Array, share: float = 0.05) -> Array | None:
     """
     Return flights near others that are strictly inside all limits, or None if none are found.
 
-    :param grid: of the answer.
-    :param positions: (U, N+2, 2) in m, on that grid.
+    :param positions: (U, N+2, 2) in m.
     :param share: of the slack that is left where it can be.
     """
-    fitting = Fitting(grid, share)
+    fitting = Fitting(Grid.of(scenario), share)
     for other_way in (False, True):
         found = fitting.near(positions, other_way)
-        if found.excess < 0:
+        if found.excess < 0 and _is_clear(scenario, found.positions):
             return found.positions
     return None
+
+
+def _is_clear(scenario: Scenario, positions: Array) -> bool:
+    """Return whether the curves are clear, also those of UAVs that have only one flight."""
+    try:
+        Clearance(scenario, Curve(scenario, positions)).check()
+    except PlanError:
+        return False
+    return True
 
 
 def _least_effort(uav: Uav, length: float, scenario: Scenario) -> Array:

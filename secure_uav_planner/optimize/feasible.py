@@ -8,7 +8,7 @@ from .baselines import fly_hover_fly_positions
 from .detours import fitted
 from ..channel import guaranteed_rates, worst_case_rates
 from ..errors import OptionError
-from ..grid import Grid, resampled
+from ..grid import resampled
 from ..limits import is_clear, repaired
 from ..plan import Objective, Plan
 from ..scenario import Array, Point, Scenario
@@ -72,6 +72,6 @@ def adapted(scenario: Scenario, plan: Plan) -> tuple[Array, Array]:
     powers = resampled(plan.powers.T, scenario.slots, inner=True).T
     positions, powers = repaired(scenario, positions, powers)
     if not is_clear(scenario, positions):
-        found = fitted(Grid.of(scenario), positions, _SHARE)
+        found = fitted(scenario, positions, _SHARE)
         positions = fly_hover_fly_positions(scenario) if found is None else found
     return positions, powers

@@ -9,7 +9,6 @@ import shapely
 from .detours import direct, direct_flights, fitted
 from ..airspace import airspace_of
 from ..errors import InfeasibleMissionError
-from ..grid import Grid
 from ..scenario import Scenario
 
 _DOUBLINGS, _HALVINGS = 8, 12
@@ -58,8 +57,7 @@ def _in_the_way(scenario: Scenario) -> str:
 
 def _is_flown(scenario: Scenario) -> bool:
     """Return whether flights from start to goal are found."""
-    grid = Grid.of(scenario)
-    return any(fitted(grid, flights) is not None for flights in direct_flights(scenario))
+    return any(fitted(scenario, flights) is not None for flights in direct_flights(scenario))
 
 
 def _shortest(scenario: Scenario) -> float | None:
