@@ -18,7 +18,7 @@ _INTEGRATOR = {'method': 'RK23', 'first_step': STEP, 'rtol': 1e-2, 'atol': 1e-2}
 # Autopilots remove what wind and drag leave of the error by an integral of it, in 1/s^3, within
 # what they may ask of the vehicle, in m/s^2.
 _INTEGRAL_GAIN = 4.0
-_MOST = 15.0
+_MOST = 40.0
 # Autopilots turn the nose no faster than so, in rad/s, whatever the setpoint says.
 _TURN_RATE = 1.0
 
