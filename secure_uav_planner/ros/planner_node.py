@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 from . import messages
 from .bounding import Bounding
 from .departure import Departure
+from .frames import Frames
 from .intake import Intake
 from .latest import Latest
 from .parameters import (
@@ -56,7 +57,7 @@ class Planner(Node):
         self._uavs = self._settings['uavs']
         self._eavesdroppers = self._settings['eavesdroppers']
         self._declare_members()
-        self._poses = PoseBook()
+        self._poses = PoseBook(Frames(self).moved)
         self._whereabouts = Whereabouts(self._poses)
         self._state = State()
         self._closed = False

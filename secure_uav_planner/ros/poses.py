@@ -1,10 +1,10 @@
 """The last valid pose of every topic, on which the planner bases its scenarios."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 import threading
-from typing import Any
+from typing import Any, TypeVar
 
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, Quaternion
 from nav_msgs.msg import Odometry
@@ -50,10 +50,18 @@ class KnownPose:
         return max(0.0, now - self.time)
 
 
-class PoseBook:
-    """The last valid pose of every topic, and the wrong frame of any later pose."""
+Message = TypeVar('Message', PoseStamped, PoseWithCovarianceStamped, Odometry)
 
-    def __init__(self) -> None:
+
+class PoseBook:
+    """
+    The last valid pose of every topic, and the wrong frame of any later pose.
+
+    :param moved: returns a pose in another frame, or raises WrongFrameError, by default always.
+    """
+
+    def __init__(self, moved: Callable[[Message, str], Message] | None = None) -> None:
+        self._moved = moved or _refuse
         self._poses: dict[str, KnownPose] = {}
         self._foreign: dict[str, str] = {}
         self._recent: dict[str, list[tuple[float, Point]]] = {}
@@ -65,18 +73,18 @@ class PoseBook:
         Check a pose and keep it.
 
         :param message: a PoseStamped, PoseWithCovarianceStamped or Odometry.
-        :param frame_id: the frame in which it must be.
+        :param frame_id: the frame in which it must be, or into which it can be moved.
         :param now: the node's time in s.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
         header = message.header
         if header.frame_id != frame_id:
-            foreign = shown(header.frame_id)
-            with self._lock:
-                self._foreign[topic] = foreign
-            raise WrongFrameError(
-                f'the pose is in frame {foreign}; it must be in frame {shown(frame_id)}, '
-                f'as the parameter frame_id says')
+            try:
+                message = self._moved(message, frame_id)
+            except WrongFrameError:
+                with self._lock:
+                    self._foreign[topic] = shown(header.frame_id)
+                raise
         pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
         _check_values(pose)
         covariance = velocity = None
@@ -150,6 +158,16 @@ class PoseBook:
             if known is not None and self.problem(topic, frame_id, now, timeout) is None:
                 return known
         return None
+
+
+def refusal(message: Message, frame_id: str) -> str:
+    """Return why a pose of another frame is refused."""
+    return (f'the pose is in frame {shown(message.header.frame_id)}; it must be in frame '
+            f'{shown(frame_id)}, as the parameter frame_id says')
+
+
+def _refuse(message: Message, frame_id: str) -> Message:
+    raise WrongFrameError(refusal(message, frame_id))
 
 
 def error_radius(covariance: Array, confidence: float) -> float:

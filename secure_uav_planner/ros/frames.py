@@ -1,0 +1,138 @@
+"""Poses of other frames, moved into the planner's own frame by tf2 where that is installed."""
+
+from copy import deepcopy
+from importlib import import_module
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, Quaternion, Transform
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.node import Node
+from rclpy.time import Time
+
+from .poses import Message, refusal
+from .text import brief
+from ..errors import PoseError, WrongFrameError
+from ..scenario import Array
+
+_LONGEST_LAG = 1.0  # s, by which the last transform may be older than a pose.
+
+
+class Frames:
+    """
+    Moves poses from frame to frame with the transforms that a node hears.
+
+    It listens from the first pose of another frame on, so a planner whose poses are all in its own
+    frame does not spend time on /tf.
+
+    :param node: the Node that listens.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._tf2: Any = None
+        self._buffer: Any = None
+        self._listener: Any = None
+
+    def moved(self, message: Message, frame_id: str) -> Message:
+        """
+        Return a pose in another frame, with its covariance and velocity.
+
+        :raises WrongFrameError: where tf2_ros is not installed, or does not know the transform.
+        :raises PoseError: if the transform cannot be used.
+        """
+        reason = refusal(message, frame_id)
+        if self._buffer is None and not self._listen():
+            raise WrongFrameError(f'{reason}, or tf2_ros must be installed to transform it')
+        try:
+            transform = self._transform(message, frame_id)
+        except self._tf2.TransformException as error:
+            raise WrongFrameError(f'{reason}, or tf2 must know how to transform it: '
+                                  f'{brief(error, 200)}') from None
+        return moved(message, transform, frame_id)
+
+    def _listen(self) -> bool:
+        """Begin to listen; return whether tf2_ros is installed."""
+        try:
+            self._tf2 = import_module('tf2_ros')
+        except ImportError:
+            return False
+        self._buffer = self._tf2.Buffer(node=self._node)  # With its clock, which may jump back.
+        self._listener = self._tf2.TransformListener(self._buffer, self._node)
+        return True
+
+    def _transform(self, message: Message, frame_id: str) -> Transform:
+        header, latest = message.header, Time()
+        try:
+            return self._buffer.lookup_transform(
+                frame_id, header.frame_id, Time.from_msg(header.stamp)).transform
+        except (self._tf2.ExtrapolationException, ValueError):
+            # Poses come as soon as they are measured and transforms a little later; ValueErrors
+            # are about stamps before 1970.
+            found = self._buffer.lookup_transform(frame_id, header.frame_id, latest)
+            lag = seconds(header.stamp) - seconds(found.header.stamp)
+            if abs(lag) > _LONGEST_LAG:
+                raise
+            return found.transform
+
+
+def seconds(stamp: Any) -> float:
+    """Return a stamp in s."""
+    return float(stamp.sec + stamp.nanosec * 1e-9)
+
+
+def moved(message: Message, transform: Transform, frame_id: str) -> Message:
+    """
+    Return a pose after a transform: R p + t, with the covariance R C R^T of both its parts.
+
+    :param transform: from the frame of the message into the other one.
+    :param frame_id: the other frame.
+    :raises PoseError: if the rotation is not a quaternion of length 1.
+    """
+    turn = rotation(transform.rotation)
+    new = deepcopy(message)
+    new.header.frame_id = frame_id
+    pose = new.pose if isinstance(new, PoseStamped) else new.pose.pose
+    shift = [transform.translation.x, transform.translation.y, transform.translation.z]
+    # What overflows or is not a number is refused by those who check poses.
+    with np.errstate(all='ignore'):
+        _set(pose.position, turn @ _vector(pose.position) + shift)
+        pose.orientation = product(transform.rotation, pose.orientation)
+        if not isinstance(new, PoseStamped):
+            both = np.kron(np.eye(2), turn)
+            new.pose.covariance = (
+                both @ np.reshape(new.pose.covariance, (6, 6)) @ both.T).ravel()
+        # A velocity is in the frame of the child, which moves along with the pose, but for this.
+        if isinstance(new, Odometry) and message.child_frame_id == message.header.frame_id:
+            new.child_frame_id = frame_id
+            _set(new.twist.twist.linear, turn @ _vector(new.twist.twist.linear))
+            _set(new.twist.twist.angular, turn @ _vector(new.twist.twist.angular))
+    return new
+
+
+def rotation(quaternion: Quaternion) -> Array:
+    """Return the rotation matrix of a quaternion of length 1, (3, 3)."""
+    x, y, z, w = (quaternion.x, quaternion.y, quaternion.z, quaternion.w)
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    if not abs(length - 1.0) < 1e-3:
+        raise PoseError(f'the rotation of the transform has length {length:g}; it must be 1')
+    x, y, z, w = (part / length for part in (x, y, z, w))
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+
+
+def product(first: Quaternion, second: Quaternion) -> Quaternion:
+    """Return the quaternion that turns as the second one and then as the first one."""
+    a, b = _vector(first), _vector(second)
+    x, y, z = first.w * b + second.w * a + np.cross(a, b)
+    return Quaternion(x=float(x), y=float(y), z=float(z), w=float(first.w * second.w - a @ b))
+
+
+def _vector(of: Any) -> Array:
+    return np.array([of.x, of.y, of.z])
+
+
+def _set(target: Any, values: Array) -> None:
+    target.x, target.y, target.z = (float(value) for value in values)
