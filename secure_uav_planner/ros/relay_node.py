@@ -21,7 +21,7 @@ _WARN_AGAIN = 5.0  # s
 
 class Relay(Node):
     """
-    Publishes setpoints as the messages of a stack; the README describes its interface.
+    Publishes setpoints as the messages of a stack; docs/reference.md describes its interface.
 
     :raises PlanningError: for a wrong parameter, or when the stack's message package is missing.
     """

@@ -31,7 +31,7 @@ _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
 
 class Replay(Node):
     """
-    Replays the plan of the topics, or a saved plan; the README describes its interface.
+    Replays the plan of the topics, or a saved plan; docs/reference.md describes its interface.
 
     :raises PlanningError: for a wrong parameter or plan file; the text names it.
     """
