@@ -13,6 +13,9 @@ from .power import AveragePower, PeakPower
 from .separation import SeparationLimit
 from .speed import SpeedLimit
 from .zones import ZoneLimit
+from ..clearance import Clearance
+from ..curve import Curve
+from ..errors import PlanError
 from ..grid import Grid
 from ..scenario import Array, Scenario
 
@@ -43,12 +46,17 @@ def is_clear(scenario: Scenario, positions: Array) -> bool:
     """
     Return whether flights clear zones, fence and each other at any time.
 
-    This is sufficient: pieces of curves may be clear while their control points are not.
-
     :param positions: (U, N+2, 2) in m.
     """
     limits = [limit for limit in limits_of(scenario) if isinstance(limit, LineLimit)]
-    return all(limit.is_clear(positions) for limit in limits)
+    if all(limit.is_clear(positions, everything=True) for limit in limits):
+        return True
+    # Curves may be clear while their control points are not.
+    try:
+        Clearance(scenario, Curve(scenario, positions)).check()
+    except PlanError:
+        return False
+    return True
 
 
 __all__ = ['AccelerationLimit', 'AveragePower', 'FenceLimit', 'LIMITS', 'Limit', 'PeakPower',

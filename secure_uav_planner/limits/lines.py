@@ -130,15 +130,24 @@ class LineLimit(Limit):
             margin[:, self.ignored] = 1.0
         return margin
 
-    def is_clear(self, positions: Array, clearance: float = 0.0) -> bool:
+    def is_clear(self, positions: Array, clearance: float = 0.0,
+                 everything: bool = False) -> bool:
         """
-        Return whether the pieces of flights that vary are on their side of lines.
+        Return whether the control points of flights are on their side of lines.
 
         :param positions: (U, N+2, 2) in m.
         :param clearance: which they must have, in units.
+        :param everything: whether those count as well that do not vary.
         """
         path = (np.swapaxes(positions, 0, 1) - self.grid.origin) / self.grid.length
-        margin = self.margin(Iterate.of_path(self.grid, path[None]))
+        if everything:
+            places = self.places(path[None])
+            lines = self.lines(places)
+            margin = _along(lines, places) - lines.offsets[..., None]
+            # What is given may be at the very limit.
+            margin[:, self.ignored] += _INSIDE
+        else:
+            margin = self.margin(Iterate.of_path(self.grid, path[None]))
         return bool((margin > clearance).all())
 
     def add_gradient(self, iterate: Iterate, force: Array, gradient: Array) -> None:

@@ -8,12 +8,9 @@ import numpy as np
 from .fitting import Fitting
 from .routes import Roadmap, roadmap_of
 from ..airspace import airspace_of
-from ..clearance import Clearance
-from ..curve import Curve
-from ..errors import PlanError
 from ..grid import Grid
 from ..kinematics import Vehicle
-from ..limits import limits_of
+from ..limits import is_clear, limits_of
 from ..limits.lines import LineLimit
 from ..scenario import Array, Scenario, Uav
 
@@ -121,19 +118,9 @@ def fitted(scenario: Scenario, positions: Array, share: float = 0.05) -> Array |
     fitting = Fitting(Grid.of(scenario), share)
     for other_way in (False, True):
         found = fitting.near(positions, other_way)
-        if found.excess < 0 and _is_clear(scenario, found.positions):
+        if found.excess < 0 and is_clear(scenario, found.positions):
             return found.positions
     return None
-
-
-def _is_clear(scenario: Scenario, positions: Array) -> bool:
-    """Return whether the curves are clear, also those of UAVs that have only one flight."""
-    try:
-        Clearance(scenario, Curve(scenario, positions)).check()
-    except PlanError:
-        return False
-    return True
-
 
 def _least_effort(uav: Uav, length: float, scenario: Scenario) -> Array:
     """Return distances flown along a way, (N+2,) in m."""
