@@ -19,7 +19,6 @@ check = [
     'matplotlib>=3.6',
     'pytest',
     'pytest-xdist',
-    'pyyaml',
     'ros-jazzy-domain-coordinator==0.12.0',
 ]
 test = [
@@ -60,7 +59,8 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=[
-        'setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'scipy>=1.11', 'shapely>=2.0'],
+        'setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'pyyaml>=6.0', 'scipy>=1.11',
+        'shapely>=2.0'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
     extras_require={
         'ros': ros, 'view': view, 'study': study, 'bench': bench, 'fly': fly, 'check': check,

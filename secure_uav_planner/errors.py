@@ -31,6 +31,20 @@ class InfeasibleMissionError(ScenarioError):
     code = 'infeasible'
 
 
+class MissionFileError(ScenarioError):
+    """
+    A file does not hold a mission; the text has the file, the line and what is wrong first.
+
+    :ivar problems: all that is wrong, each with its line (or None) and a text.
+    """
+
+    code = 'invalid_mission_file'
+
+    def __init__(self, text: str, problems: tuple[tuple[int | None, str], ...] = ()) -> None:
+        super().__init__(text)
+        self.problems = problems
+
+
 class OptionError(PlanningError, ValueError):
     """An argument of a function, such as a method or a time limit, has a wrong value."""
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 import math
+import os
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from .fields import (
     Array, checked_fields, checked_members, checked_number, checked_point, LIMITS, Point,
     read_only)
 from .members import Eavesdropper, NoFlyZone, Uav
+from .mission.schema import Schema
 from .polygons import checked_polygon, depth, Vertices
 
 _EFFORT_TOLERANCE = 1e-9
@@ -266,6 +268,44 @@ class Scenario:
                 raise ScenarioError(f'{field} is {shown(members)}; it must be a list')
             values[field] = tuple(kind(**checked_fields(kind, member)) for member in members)
         return cls(**values)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write the mission to a file, as JSON if its name ends with .json, otherwise as YAML.
+
+        :raises OSError: when the file cannot be written; an old one is left as it was.
+        """
+        from . import mission  # Here and not above: its reader of YAML takes time to import.
+        mission.save(path, self.to_dict())
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> 'Scenario':
+        """
+        Return the mission that a file describes: YAML, JSON if the name ends with .json.
+
+        It has the fields of Scenario with their units; those with a default may be missing. A
+        parameter file of the planner node is read as well, if it also has `ground_node` and, for
+        each eavesdropper, `<eavesdropper>.position`.
+
+        :raises OSError: when the file cannot be read, is no regular file, or is too large.
+        :raises MissionFileError: naming the line and what is wrong; its `problems` are all that
+            is wrong.
+        """
+        from . import mission
+        scenario: Scenario = mission.load(path, _schema())
+        return scenario
+
+
+def _schema() -> Schema:
+    """Return what a mission file may have: each class with limits that any right value fits."""
+    uav = Uav('uav', (0.0, 0.0), (0.0, 0.0), LIMITS['altitude'][0], LIMITS['max_speed'][1],
+              LIMITS['average_power'][0], LIMITS['peak_power'][1])
+    eavesdropper = Eavesdropper((0.0, 0.0))
+    zone = NoFlyZone(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
+    return Schema(
+        Scenario((0.0, 0.0), (eavesdropper,), (uav,), LIMITS['duration'][1], slots=1),
+        {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone},
+        Scenario.paper().to_dict())
 
 
 def _told_apart(names: list[str]) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 KEYS = {name: f'python3-{name}' for name in (
     'hypothesis', 'joblib', 'matplotlib', 'numpy', 'pytest', 'scipy', 'setuptools', 'shapely',
     'tqdm')}
-KEYS.update({'cvxpy': 'python3-cvxpy-pip', 'yaml': 'python3-yaml'})
+KEYS.update({'cvxpy': 'python3-cvxpy-pip', 'pyyaml': 'python3-yaml', 'yaml': 'python3-yaml'})
 # CVXPY brings it, and rosdep has no key.
 WITH_ANOTHER = {'clarabel': 'cvxpy'}
 # rosdep has no key, or only one that installs by pip and would bring NumPy 2; the nodes, their

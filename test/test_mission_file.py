@@ -1,0 +1,293 @@
+"""Missions as files: what is right survives, and all that is wrong is told at once."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+import pickle
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from secure_uav_planner import NoFlyZone, Scenario
+from secure_uav_planner.errors import MissionFileError
+from secure_uav_planner.mission import parameters
+from secure_uav_planner.mission.documents import MOST_BYTES
+from secure_uav_planner.mission.schema import UNITS
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, uav_parameters)
+from strategies import scenarios
+import yaml
+
+PAPER = Path(__file__).resolve().parents[1] / 'config' / 'paper.yaml'
+ZONE = NoFlyZone(((150.0, 0.0), (160.0, 0.0), (150.0, 10.0)), 5.0, 120.0, 'tower')
+RICH = replace(Scenario.paper(), separation=5.0, no_fly_zones=(
+    ZONE, NoFlyZone(((170.0, 0.0), (180.0, 0.0), (170.0, 10.0)))),
+    geofence=((-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0)))
+
+
+def written(folder, text, name='mission.yaml'):
+    file = folder / name
+    file.write_text(text)
+    return file
+
+
+def problems(file):
+    """Return what is wrong with a file, as (line, text)."""
+    with pytest.raises(MissionFileError) as error:
+        Scenario.load(file)
+    assert '\n' not in str(error.value) and len(str(error.value)) < 600
+    assert str(error.value).startswith(str(file))
+    assert all('\n' not in text and len(text) < 400 for _, text in error.value.problems)
+    return [tuple(problem) for problem in error.value.problems]
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('missions')
+
+
+@given(scenarios(), st.sampled_from(['a.yaml', 'a.json', 'a.yml', 'a']))
+def test_a_mission_survives_its_file(folder, scenario, name):
+    scenario.save(folder / name)
+    assert Scenario.load(folder / name) == scenario
+
+
+@pytest.mark.parametrize('name', ['a.yaml', 'a.json'])
+def test_all_fields_survive_a_file(tmp_path, name):
+    RICH.save(tmp_path / name)
+    assert Scenario.load(tmp_path / name) == RICH
+    for word in ('yes', '1e3', 'null', '01', '1:30', '<<', '~', "o'neill", 'ü: "x" #', ' a '):
+        odd = replace(RICH, uavs=(replace(RICH.uavs[0], name=word), RICH.uavs[1]))
+        odd.save(tmp_path / name)
+        assert Scenario.load(tmp_path / name) == odd
+
+
+def test_a_saved_mission_is_plain_yaml(tmp_path):
+    RICH.save(tmp_path / 'a.yaml')
+    data = yaml.safe_load((tmp_path / 'a.yaml').read_text())
+    assert Scenario.from_dict(data) == RICH
+    assert 'start: [100.0, 500.0]' in (tmp_path / 'a.yaml').read_text()
+
+
+def test_numbers_and_words_are_those_of_yaml_1_2(tmp_path):
+    text = yaml.safe_dump(Scenario.paper().to_dict()).replace('duration: 200.0', 'duration: 2e2')
+    assert Scenario.load(written(tmp_path, text)).duration == 200.0
+    text = text.replace('duration: 2e2', 'duration: 3:20')
+    assert "duration is '3:20'" in problems(written(tmp_path, text))[0][1]
+
+
+def test_one_uav_may_be_written_by_what_differs_from_another(tmp_path):
+    scenario = Scenario.load(written(tmp_path, """
+ground_node: [0, 0]
+duration: 200
+slots: 100
+eavesdroppers: [{position: [200, 0]}]
+uavs:
+  - &first {name: one, start: [0, 0], goal: [100, 0], altitude: 100, max_speed: 10}
+  - {<<: *first, name: two, altitude: 110}
+"""))
+    assert scenario.uavs[1] == replace(scenario.uavs[0], name='two', altitude=110.0)
+
+
+def test_everything_that_is_wrong_is_told_with_its_line(tmp_path):
+    found = problems(written(tmp_path, """\
+ground_node: [0, 0]
+eavesdropper: []
+eavesdroppers:
+  - {position: [200, 0], error_radius: 10 m}
+uavs:
+  - name: a
+    start: [0, 100]
+    goal: [1e3]
+    average_power: 5
+    peak_power: 4
+    max_speed: 10
+  - name: b
+    start: [0, 0]
+    goal: [0, 90000]
+    altitude: 100
+    max_speed: 10
+  - name: c
+    start: [0, 0]
+    goal: [0, 0]
+    altitude: 36 km
+    altitude: 36
+    max_speed: [10]
+    hover: true
+no_fly_zones:
+  - {vertices: [[0, 0], [1, 1]], floor: 5, ceiling: 1}
+duration: 100
+separation: -3
+"""))
+    expected = [
+        (1, 'Scenario lacks slots'),
+        (2, "Scenario has no field 'eavesdropper'; did you mean eavesdroppers?"),
+        (4, "error_radius is '10 m'; it must be a number from 0 to 1e+07, in m, without"),
+        (6, 'uavs[0]: Uav lacks altitude'),
+        (8, 'a.goal is [1000.0]; it must be two coordinates'),
+        (10, 'a.peak_power is 4.0; it must be at least average_power, which is 5.0'),
+        (21, "'altitude' comes twice"),
+        (22, 'c.max_speed is [10]; it must be a number'),
+        (23, "uavs[2]: Uav has no field 'hover'"),
+        (25, 'zone vertices'), (25, 'zone floor is 5 m; it must be at most ceiling'),
+        (26, 'duration is 100 s; b needs at least'),
+        (27, 'separation is -3; it must be a number from 0 to 1e+06 m')]
+    assert len(found) == len(expected), found
+    for (line, text), (known_line, part) in zip(found, expected):
+        assert line == known_line and part in text, (line, text, part)
+
+
+def test_a_uav_that_starts_in_a_zone_is_told_with_the_line_of_its_start(tmp_path):
+    data = RICH.to_dict()
+    data['uavs'][1]['start'] = (152.0, 2.0)
+    data['uavs'][0]['goal'] = (5000.0, 0.0)
+    data['uavs'][0]['max_speed'] = 100.0
+    file = written(tmp_path, json.dumps(data, indent=1), 'a.json')
+    lines = file.read_text().splitlines()
+    found = problems(file)
+    assert len(found) == 2
+    for line, text in found:
+        assert f'"{text.partition(" is ")[0].partition(".")[2]}":' in lines[line - 1]
+
+
+@pytest.mark.parametrize('field', [
+    'ground_node', 'duration', 'slots', 'reference_snr_db', 'separation', 'geofence',
+    'eavesdroppers', 'uavs', 'no_fly_zones', 'uavs/start', 'uavs/goal', 'uavs/name',
+    'uavs/altitude', 'uavs/max_speed', 'uavs/average_power', 'uavs/peak_power',
+    'uavs/max_acceleration', 'uavs/start_velocity', 'uavs/goal_velocity',
+    'eavesdroppers/position', 'eavesdroppers/error_radius', 'eavesdroppers/name',
+    'no_fly_zones/vertices', 'no_fly_zones/floor', 'no_fly_zones/ceiling', 'no_fly_zones/name'])
+@pytest.mark.parametrize('value', ['wide', True, {}, {'x': 1}, [[]], -1e300, 10**400, ''])
+def test_one_wrong_value_is_one_problem_that_names_its_field(tmp_path, field, value):
+    data = json.loads(json.dumps(RICH.to_dict()))
+    *owner, name = field.split('/')
+    target = data[owner[0]][0] if owner else data
+    if name == 'name' and isinstance(value, str):
+        value = 3
+    target[name] = value
+    found = problems(written(tmp_path, json.dumps(data), 'a.json'))
+    assert found and name.rstrip('s') in found[0][1], found
+
+
+SYNTAX = [
+    ('', 'empty'), ('# only a comment\n', 'empty'), ('null', 'empty'), ('[]', 'mapping'),
+    ('7', 'mapping'), ('a mission', 'mapping'), ('uavs: [1, 2', 'expected'),
+    ('uavs:\n\t- a', 'cannot start any token'), ('a: b: c', 'mapping values are not allowed'),
+    ('a: *b', 'undefined alias'), ('a: !!python/object:os.system x', 'could not determine'),
+    ('a: 1\n---\nb: 2\n', 'single document'), ('a: \x01', 'special characters'),
+    ('[' * 30 + ']' * 30, 'levels'), ('{' * 1500 + '}' * 1500, 'levels'),
+    ('a: &a [*a]', 'levels'), ('uavs: ' + '9' * 5000, ''), ('[1]: 2', 'must be a string'),
+    ('a: &a [' + '1, ' * 20 + ']\n' + ''.join(
+        f'{chr(98 + n)}: &{chr(98 + n)} [{", ".join(["*" + chr(97 + n)] * 20)}]\n'
+        for n in range(8)), 'values')]
+
+
+@pytest.mark.parametrize('text, reason', SYNTAX, ids=range(len(SYNTAX)))
+def test_a_file_that_is_no_mission_is_refused_in_one_line(tmp_path, text, reason):
+    for name in ('a.yaml', 'a.json'):
+        found = problems(written(tmp_path, text, name))
+        assert found
+        if name == 'a.yaml':
+            assert any(reason in text for _, text in found), found
+
+
+def test_a_syntax_error_has_its_line(tmp_path):
+    [(line, _)] = problems(written(tmp_path, 'duration: 1\nuavs: [\nslots: }\n'))
+    assert line == 3
+    [(line, _)] = problems(written(tmp_path, '{"duration": 1,\n"uavs" [}', 'a.json'))
+    assert line == 2
+
+
+def test_other_bytes_and_files_that_are_too_large_or_no_files_are_refused(tmp_path):
+    file = tmp_path / 'a.yaml'
+    file.write_bytes(b'duration: \xff\xfe')
+    assert 'not UTF-8' in problems(file)[0][1]
+    with open(file, 'wb') as opened:
+        opened.truncate(10**8)
+    for path, reason in ((file, f'at most {MOST_BYTES}'), (tmp_path, 'not a regular file'),
+                         (tmp_path / 'none.yaml', 'No such file')):
+        with pytest.raises(OSError, match=reason):
+            Scenario.load(path)
+
+
+def test_the_error_of_a_file_survives_a_pickle(tmp_path):
+    with pytest.raises(MissionFileError) as error:
+        Scenario.load(written(tmp_path, 'a: 1'))
+    copy = pickle.loads(pickle.dumps(error.value))
+    assert str(copy) == str(error.value) and copy.problems == error.value.problems
+
+
+# Parameter files
+
+
+def test_the_papers_parameter_file_with_the_places_of_topics_is_the_papers_mission(tmp_path):
+    found = problems(PAPER)
+    assert [text.partition(' is ')[0] for _, text in found] == [
+        'ground_node', 'eavesdropper.position']
+    added = PAPER.read_text() + """
+/**/mission:
+  ros__parameters:
+    ground_node: [0.0, 0.0]
+    eavesdropper.position: [200, 0]
+"""
+    assert Scenario.load(written(tmp_path, added)) == Scenario.paper()
+
+
+def test_what_a_parameter_file_leaves_out_is_as_in_the_node(tmp_path):
+    file = written(tmp_path, """
+fleet:
+  planner:
+    ros__parameters:
+      ground_node: [1, 2]
+      uavs: [a, b, c]
+      eavesdroppers: [e]
+      e: {position: [3, 4]}
+      c.max_acceleration: 2.0
+      c: {goal_velocity: [], max_speed: 20}
+      time_limit: 5.0
+      qos_overrides./x.publisher.depth: 3
+""")
+    scenario, paper = Scenario.load(file), Scenario.paper()
+    assert scenario == replace(
+        paper, ground_node=(1, 2), eavesdroppers=(
+            replace(paper.eavesdroppers[0], name='e', position=(3, 4)),),
+        uavs=(replace(paper.uavs[0], name='a'), replace(paper.uavs[1], name='b'),
+              replace(paper.uavs[1], name='c', max_acceleration=2.0, goal_velocity=None,
+                      max_speed=20)))
+
+
+def test_wrong_parameters_are_told_with_their_lines(tmp_path):
+    found = problems(written(tmp_path, """\
+planner:
+  ros__parameters:
+    ground_node: [1, 2]
+    eavesdropper: {position: [3, 4]}
+    durration: 200.0
+    uav1:
+      altitude: high
+      max_sped: 3.0
+    uav2.start: [1.0]
+"""))
+    assert [line for line, _ in found] == [5, 7, 8, 9]
+    for (_, text), part in zip(found, ['did you mean duration?', "uav1.altitude is 'high'",
+                                       'did you mean uav1.max_speed?', 'uav2.start is [1.0]']):
+        assert part in text
+    found = problems(written(
+        tmp_path, 'planner: {ros__parameters: {uavs: 3, ground_node: [0, 0]}}'))
+    assert 'uavs is 3; it must be a list of names' in [text for _, text in found]
+
+
+def test_parameter_files_know_all_parameters_of_the_node():
+    known = parameters.OF_THE_NODE | parameters.OF_THE_MISSION | {'uavs', 'eavesdroppers'}
+    assert set(PLANNER) <= known and known - set(PLANNER) == {'ground_node'}
+    assert {name[2:] for name in uav_parameters('a', 0)} == parameters.OF_A_UAV
+    assert {name[2:] for name in eavesdropper_parameters('e')} | {
+        'position'} == parameters.OF_AN_EAVESDROPPER
+
+
+def test_every_field_that_has_a_unit_is_known_with_it():
+    data = RICH.to_dict()
+    names = set(data) | {name for field in ('uavs', 'eavesdroppers', 'no_fly_zones')
+                         for name in data[field][0]}
+    assert set(UNITS) < names
+    assert names - set(UNITS) == {'uavs', 'eavesdroppers', 'no_fly_zones', 'slots', 'name'}
