@@ -56,11 +56,13 @@ setup(
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', glob('config/*')),
         (f'share/{package_name}/launch', glob('launch/*.launch.py')),
+        # What `ros2 run` finds. As console scripts, they would be on PATH with these plain names.
+        (f'lib/{package_name}', glob('scripts/*')),
     ],
     python_requires='>=3.10',
     install_requires=[
-        'setuptools', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26', 'pyyaml>=6.0', 'scipy>=1.11',
-        'shapely>=2.0'],
+        'setuptools', 'argcomplete>=2.0', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26',
+        'pyyaml>=6.0', 'scipy>=1.11', 'shapely>=2.0'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
     extras_require={
         'ros': ros, 'view': view, 'study': study, 'bench': bench, 'fly': fly, 'check': check,
@@ -75,10 +77,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'planner = secure_uav_planner.ros.planner:main',
-            'relay = secure_uav_planner.ros.relay:main',
-            'replay = secure_uav_planner.ros.replay:main',
-            'study = secure_uav_planner.study:main',
+            'secure_uav_planner = secure_uav_planner.cli.main:main',
         ],
     },
 )

@@ -35,6 +35,7 @@ from .ros.qos import LATCHED
 from .ros.recording import record
 from .view.page import save_page
 from .view.picture import save_picture
+from .view.table import table
 
 _PATIENCE = 120.0
 _REPLAY_SPEED = 50.0
@@ -80,25 +81,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     record(plan, files[3])
     print(f'\nsaved: {", ".join(map(str, files))}')
     return 0
-
-
-def table(plans: Sequence[Plan]) -> str:
-    """
-    Return a text table with a line for each plan.
-
-    The last column is the largest share of the best possible rate that a plan may miss, which its
-    bound proves.
-    """
-    lines = [f'{"scheme":<26}{"guaranteed rate":>17}{"worst-case rate":>17}{"time":>9}'
-             f'{"below the best":>17}',
-             f'{"":<26}{"bit/s/Hz":>17}{"bit/s/Hz":>17}{"s":>9}{"at most":>17}']
-    lines += [f'{plan.method:<26}{plan.guaranteed_rate:>17.4f}{plan.worst_case_rate:>17.4f}'
-              f'{plan.solve_time:>9.2f}{_missing(plan):>17}' for plan in plans]
-    return '\n'.join(lines)
-
-
-def _missing(plan: Plan) -> str:
-    return 'unknown' if plan.bound is None else f'{plan.bound.share_missing(plan):.1%}'
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from typing import Any, get_args, Literal, TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from . import channel
+from .choices import Objective, OBJECTIVES
 from .clearance import Clearance
 from .curve import Curve, mean_guaranteed_rates
 from .errors import OptionError, PlanError, PlanFileError, shown
@@ -22,11 +23,6 @@ from .scenario import Array, checked_fields, LIMITS, Point, read_only, Scenario,
 
 if TYPE_CHECKING:
     from .bound import Bound
-
-Objective: TypeAlias = Literal['guaranteed', 'worst_case']
-"""What is maximised: 'guaranteed' is the paper's problem (P2), 'worst_case' its (P1)."""
-
-OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
                             'numerical_trouble']
@@ -49,8 +45,8 @@ _VERSION = 2  # Of the file; version 1 is that of 0.1.0.
 _MOST_BYTES = 2**29
 _LAST_SECOND = 2**31 - 1  # The last that a builtin_interfaces/Time can hold.
 
-__all__ = ['Iteration', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE', 'Plan', 'STATUSES',
-           'STATUS_TEXTS', 'Status']
+__all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE',
+           'Plan', 'STATUSES', 'STATUS_TEXTS', 'Status']
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ def test_everything_is_installed_where_ros_looks_for_it(workspace):
     assert (share / 'package.xml').exists()
     assert {path.name for path in (ROOT / 'config').iterdir()} == {
         path.name for path in (share / 'config').iterdir()}
-    for name in ('planner', 'relay', 'replay'):
+    for name in ('planner', 'relay', 'replay', 'study', 'demo', 'secure_uav_planner'):
         assert os.access(prefix / 'lib' / 'secure_uav_planner' / name, os.X_OK)
 
 
@@ -81,8 +81,10 @@ def test_the_installed_executables_run_with_the_installed_parameters(workspace, 
     parameters = prefix / 'share' / 'secure_uav_planner' / 'config' / 'paper.yaml'
     script = f'. {workspace}/install/setup.sh && exec {prefix}/lib/secure_uav_planner/{name} ' \
              f'--ros-args --params-file {parameters} -r __ns:=/fleet'
+    # They take python3 from PATH, as it is in an environment that is active.
+    path = os.pathsep.join([os.path.dirname(sys.executable), os.environ['PATH']])
     process = subprocess.Popen(['sh', '-c', script], stdout=subprocess.PIPE, text=True,
-                               stderr=subprocess.STDOUT)
+                               stderr=subprocess.STDOUT, env={**os.environ, 'PATH': path})
     try:
         line = process.stdout.readline()
         assert 'ready' in line

@@ -16,6 +16,7 @@ import pytest
 from ros_client import flat
 import secure_uav_planner
 from secure_uav_planner import clearance, errors, Iteration, Plan, playback, Scenario
+from secure_uav_planner.export import spreadsheet
 from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters)
@@ -130,8 +131,10 @@ class Walkthrough:
 
     def _do_command(self, words, where):
         told = f'{where}: {shlex.join(words)}'
-        if words[0] in ('planner', 'replay'):
-            self._start(words[0], words[1:], told)
+        if words[:2] == ['secure_uav_planner', 'node']:
+            self._start(words[2], words[3:], told)
+        elif words[0] == 'secure_uav_planner':
+            self._run(['-m', *words], told)
         elif words[0] in ('python', 'python3'):
             self._run(words[1:], told)
         elif not self._known(words, told):
@@ -143,7 +146,7 @@ class Walkthrough:
         self._check_arguments(name, arguments)
         self.stop(name)
         process = subprocess.Popen(
-            [sys.executable, '-m', f'secure_uav_planner.ros.{name}', *arguments],
+            [sys.executable, '-m', 'secure_uav_planner', 'node', name, *arguments],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=self.folder,
             env=environment())
         self.nodes[name] = process
@@ -175,7 +178,7 @@ class Walkthrough:
         assert status == 0, ''.join(process.output)
 
     def _run(self, arguments, told):
-        self.unused.discard(arguments[0])
+        self.unused -= set(arguments)
         result = subprocess.run(
             [sys.executable, *arguments], cwd=self.folder, capture_output=True, text=True,
             timeout=PATIENCE, env=environment())
@@ -261,8 +264,7 @@ class Walkthrough:
     # Names
 
     def _executables(self):
-        return [script.split(' = ')[0]
-                for script in self.packaging['entry_points']['console_scripts']]
+        return [file.name for file in (ROOT / 'scripts').iterdir()]
 
     def _general(self, name, node=None):
         """Return a topic's name with <uav> and <eavesdropper> for theirs, ~ resolved."""
@@ -363,7 +365,9 @@ def test_an_unknown_command_and_a_wrong_name_are_noticed(packaging, interfaces, 
                  'pip install secure_uav',
                  'ros2 service call /planner/fly std_srvs/srv/Trigger', 'ros2 bag play x',
                  'ros2 param set /planner duration true', 'ros2 param get /replay duration',
-                 'planner --ros-args -p duration:=-1.0', 'planner --ros-args -r uav9/pose:=x',
+                 'secure_uav_planner node planner --ros-args -p duration:=-1.0',
+                 'secure_uav_planner node planner --ros-args -r uav9/pose:=x',
+                 'secure_uav_planner plam mission.yaml', 'secure_uav_planner check missing.yaml',
                  'python missing.py'):
         page = tmp_path / 'page.md'
         page.write_text(f'```sh\n{text}\n```\n')
@@ -421,7 +425,7 @@ def known_names():
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
                      secure_uav_planner.upper_bound):
         names |= set(inspect.signature(function).parameters)
-    names |= set(secure_uav_planner.METHODS)
+    names |= set(secure_uav_planner.METHODS) | set(spreadsheet.COLUMNS)
     names |= {kind.code for kind in vars(errors).values() if hasattr(kind, 'code')}
     return names | set(secure_uav_planner.plan.STATUSES)
 

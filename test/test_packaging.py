@@ -19,8 +19,8 @@ PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 
 # The keys of rosdep for modules that are not called by it.
 KEYS = {name: f'python3-{name}' for name in (
-    'hypothesis', 'joblib', 'matplotlib', 'numpy', 'pytest', 'scipy', 'setuptools', 'shapely',
-    'tqdm')}
+    'argcomplete', 'hypothesis', 'joblib', 'matplotlib', 'numpy', 'pytest', 'scipy', 'setuptools',
+    'shapely', 'tqdm')}
 KEYS.update({'cvxpy': 'python3-cvxpy-pip', 'pyyaml': 'python3-yaml', 'yaml': 'python3-yaml'})
 # CVXPY brings it, and rosdep has no key.
 WITH_ANOTHER = {'clarabel': 'cvxpy'}
@@ -147,6 +147,16 @@ def test_commits_are_checked_by_the_linters_of_the_tests(packaging):
         assert set(hook['additional_dependencies']) <= allowed, hook['id']
     assert {one for one in allowed if 'flake8' in one} == set(
         hooks['ament_flake8']['additional_dependencies'])
+
+
+def test_on_path_is_one_command_and_the_executables_are_where_ros2_run_looks(packaging):
+    [script] = packaging['entry_points']['console_scripts']
+    assert script.startswith('secure_uav_planner = ')
+    files = dict(packaging['data_files'])['lib/secure_uav_planner']
+    assert {Path(file).name for file in files} >= {'planner', 'relay', 'replay', 'study', 'demo'}
+    for file in files:
+        assert os.access(ROOT / file, os.X_OK), file
+        assert (ROOT / file).read_text().startswith('#!/usr/bin/env python3\n'), file
 
 
 # The README's way on Ubuntu 24.04

@@ -2,23 +2,18 @@
 
 from collections.abc import Callable
 import time
-from typing import get_args, Literal, TypeAlias
+from typing import get_args
 
 from . import joint
 from .baselines import constant_powers, fly_hover_fly_positions
 from .feasible import adapted
 from .search import OnIteration, Search
+from ..choices import Method, METHODS, Objective, OBJECTIVES, Power
 from ..errors import OptionError, shown
-from ..plan import Objective, OBJECTIVES, Plan, Status
+from ..plan import Plan, Status
 from ..scenario import Scenario
 
-Method: TypeAlias = Literal['joint', 'alternating']
-"""A method of solve."""
-
-Power: TypeAlias = Literal['constant', 'optimised']
-"""The powers of fly_hover_fly."""
-
-METHODS: tuple[Method, ...] = get_args(Method)
+__all__ = ['METHODS', 'Method', 'Power', 'check_method', 'fly_hover_fly', 'solve']
 
 MAX_GAINS = 500_000
 """

@@ -1,0 +1,3 @@
+"""The nodes that the command can run."""
+
+NODES = ('planner', 'relay', 'replay')

@@ -1,0 +1,122 @@
+"""What the command accepts, and its help."""
+
+import argparse
+from importlib.metadata import PackageNotFoundError, version
+
+from .nodes import NODES
+from .status import STATUSES
+from ..choices import METHODS, OBJECTIVES
+
+NAME = 'secure_uav_planner'
+
+_ABOUT = """\
+Plan how UAVs fly and radiate so that a transmission stays secret. ROS is not needed.
+
+A first plan:
+  secure_uav_planner new mission.yaml      write an example, to edit
+  secure_uav_planner check mission.yaml    say all that is wrong with it
+  secure_uav_planner plan mission.yaml     plan it; results in out/
+"""
+_STATUS = 'exit status:\n' + '\n'.join(
+    f'  {number:<5}{text}' for number, text in STATUSES.items())
+_COMPLETION = """
+
+completion, in bash and zsh:
+  eval "$(register-python-argcomplete secure_uav_planner)"
+"""
+_MISSION = ('mission file: YAML or JSON, or a parameter file of the planner node with ground_node '
+            'and <eavesdropper>.position added')
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command."""
+    parser = argparse.ArgumentParser(
+        prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--version', action='version', version=f'%(prog)s {_version()}')
+    commands = parser.add_subparsers(title='commands', metavar='command', required=True)
+    _add_plan(commands)
+    _add_check(commands)
+    _add_new(commands)
+    _add_show(commands)
+    _add_node(commands)
+    return parser
+
+
+def _add(commands, name: str, about: str, more: str = '') -> argparse.ArgumentParser:
+    """Return the parser of a new command, which the module of its name runs."""
+    parser = commands.add_parser(
+        name, help=about, description=f'{about[0].upper()}{about[1:]}.{more}', epilog=_STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.set_defaults(module=name)
+    return parser
+
+
+def _add_plan(commands) -> None:
+    parser = _add(commands, 'plan', 'plan a mission and write what it needs', """
+
+It prints the plan's rates beside those of the baselines and a proven bound of what any plan can
+reach, and writes plan.json, plan.csv, plan.png and plan.html. Ctrl-C ends the search and keeps
+the best plan so far.""")
+    parser.add_argument('mission', help=_MISSION)
+    parser.add_argument('-o', '--out', default='out', metavar='FOLDER',
+                        help='folder for the results, made if needed (default: %(default)s)')
+    parser.add_argument('--method', choices=METHODS, default=METHODS[0],
+                        help='optimisation method (default: %(default)s)')
+    parser.add_argument('--objective', choices=OBJECTIVES, default=OBJECTIVES[0],
+                        help='rate to maximise: the lower bound by formula, or the true worst '
+                        'case over the discs, only with the method joint (default: %(default)s)')
+    parser.add_argument('--time-limit', type=_seconds, metavar='S',
+                        help='end the search for a plan after so many seconds and keep the best '
+                        'plan so far (default: none)')
+    parser.add_argument('--bound-time-limit', type=_seconds_or_none, default=10.0, metavar='S',
+                        help='the same for the bound; 0 for no bound (default: %(default)g)')
+    parser.add_argument('--origin', nargs='+', type=float, metavar=('LAT LON', 'ALT'),
+                        help='place of the origin in degrees (WGS 84), its height above sea level '
+                        'in m: write plan_<uav>.plan for QGroundControl as well')
+
+
+def _add_check(commands) -> None:
+    parser = _add(commands, 'check', 'say all that is wrong with a mission, line by line')
+    parser.add_argument('mission', help=_MISSION)
+
+
+def _add_new(commands) -> None:
+    parser = _add(commands, 'new', 'write an example of a mission with every field explained')
+    parser.add_argument('mission', help='file to write')
+    parser.add_argument('--force', action='store_true', help='replace a file that is there')
+
+
+def _add_show(commands) -> None:
+    parser = _add(commands, 'show', 'draw a saved plan and print its rates')
+    parser.add_argument('plan', help='a plan file, such as out/plan.json')
+    parser.add_argument('-o', '--out', metavar='FILE',
+                        help='picture (.png, .svg, .pdf) or web page (.html) to write (default: '
+                        'a .png beside the plan)')
+
+
+def _add_node(commands) -> None:
+    parser = commands.add_parser(
+        'node', help='run a node, where there is no `ros2 run`', usage=f'{NAME} node '
+        f'{{{",".join(NODES)}}} [--ros-args ...]', description='Run a node of this package. What '
+        'follows its name is for ROS, as with `ros2 run secure_uav_planner <node>`.')
+    parser.add_argument('node', choices=NODES)
+    parser.set_defaults(module='nodes')
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not seconds > 0:
+        raise argparse.ArgumentTypeError(f'{text} is not above 0 s')
+    return seconds
+
+
+def _seconds_or_none(text: str) -> float | None:
+    return None if float(text) == 0 else _seconds(text)
+
+
+def _version() -> str:
+    try:
+        return version(NAME)
+    except PackageNotFoundError:
+        return '(not installed)'

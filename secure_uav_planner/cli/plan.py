@@ -1,0 +1,156 @@
+"""The part `plan`: plan a mission, and write what a user needs of the plan."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import re
+import signal
+import sys
+import tempfile
+from typing import Any
+
+from .missions import loaded
+from .progress import ProgressLine
+from .status import DONE, STOPPED
+from ..bound import Bound, Progress, upper_bound
+from ..errors import OptionError, PlanningError
+from ..export.geodesy import Origin
+from ..export.qgroundcontrol import save_mission
+from ..export.spreadsheet import save_csv
+from ..optimize import fly_hover_fly, solve
+from ..plan import Iteration, Plan
+from ..scenario import Scenario
+from ..view.table import table
+
+
+def run(options: argparse.Namespace) -> int:
+    """Plan a mission and write the results; return the exit status."""
+    scenario = loaded(options.mission)
+    origin = _origin(options.origin)
+    out = _writable(Path(options.out))
+    with _interruptible() as stop, ProgressLine() as line:
+        plan = _planned(scenario, options, stop, line)
+        bound = _bound(plan, options, stop, line)
+        # Written first: whatever fails from here on, the plan is there.
+        plan.save(out / 'plan.json')
+        baselines = _baselines(scenario, options, stop, line)
+    print(table([*baselines, plan], bound))
+    print(f'\n{plan.message}{_gap(plan, bound)}')
+    written = [out / 'plan.json', *_write(plan, baselines, out, origin)]
+    print(f'written: {", ".join(map(str, written))}')
+    return STOPPED if stop else DONE
+
+
+@contextmanager
+def _interruptible() -> Iterator[list[int]]:
+    """Give a list that is no longer empty once Ctrl-C was pressed; the second one ends it all."""
+    pressed: list[int] = []
+
+    def on_signal(number: int, frame: Any) -> None:
+        pressed.append(number)
+        signal.signal(number, signal.default_int_handler)
+
+    before = {number: signal.signal(number, on_signal)
+              for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield pressed
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _origin(values: list[float] | None) -> Origin | None:
+    if values is None:
+        return None
+    if not 2 <= len(values) <= 3:
+        raise OptionError(f'--origin has {len(values)} numbers; it must be LAT LON [ALT]')
+    return Origin(*values)
+
+
+def _writable(folder: Path) -> Path:
+    """Return a folder after it has been made and tried; the work before would be in vain."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        raise OptionError(
+            f'{folder} cannot be written to: {error.strerror or error}; choose another folder '
+            'with --out') from None
+
+
+def _planned(scenario: Scenario, options: argparse.Namespace, stop: list[int],
+             line: ProgressLine) -> Plan:
+    def on_iteration(iteration: Iteration) -> bool:
+        line.say(f'planning: iteration {iteration.number} ({iteration.step}), {iteration.rate:.4f}'
+                 f' bit/s/Hz, {iteration.elapsed:.1f} s')
+        return bool(stop)
+
+    line.say('planning ...', force=True)
+    return solve(scenario, options.method, on_iteration, options.time_limit,
+                 objective=options.objective)
+
+
+def _bound(plan: Plan, options: argparse.Namespace, stop: list[int],
+           line: ProgressLine) -> Bound | None:
+    if stop or options.bound_time_limit is None:
+        return None
+
+    def on_progress(progress: Progress) -> bool:
+        line.say(f'bound: no plan has more than {progress.rate:.4f} bit/s/Hz, '
+                 f'{progress.elapsed:.1f} s')
+        return bool(stop)
+
+    line.say('bound ...', force=True)
+    return upper_bound(plan.scenario, objective=plan.objective, plan=plan,
+                       time_limit=options.bound_time_limit, on_progress=on_progress)
+
+
+def _baselines(scenario: Scenario, options: argparse.Namespace, stop: list[int],
+               line: ProgressLine) -> list[Plan]:
+    """Return fly-hover-fly with both powers, as far as the limits allow."""
+    found: list[Plan] = []
+    for power in ('constant', 'optimised'):
+        if stop:
+            break
+        line.say(f'fly-hover-fly with {power} power ...', force=True)
+        try:
+            found.append(fly_hover_fly(scenario, power, lambda _: bool(stop), options.time_limit))
+        except PlanningError as error:
+            print(f'no fly-hover-fly with {power} power: {error}', file=sys.stderr)
+    return found
+
+
+def _gap(plan: Plan, bound: Bound | None) -> str:
+    """Return how near the plan is to the best that can be, in words."""
+    if bound is None:
+        return ''
+    return f'; no plan is more than {bound.gap(plan):.1%} better, which is proven'
+
+
+def _write(plan: Plan, baselines: list[Plan], out: Path,
+           origin: Origin | None) -> Iterator[Path]:
+    """Write all but the plan itself, and yield each file that is there."""
+    save_csv(plan, out / 'plan.csv')
+    yield out / 'plan.csv'
+    if origin is not None:
+        for number, uav in enumerate(plan.scenario.uavs):
+            file = out / f'plan_{_file_name(uav.name)}.plan'
+            save_mission(plan, number, origin, file)
+            yield file
+    try:
+        from ..view.picture import save_picture
+        save_picture(plan, out / 'plan.png', baselines)
+        yield out / 'plan.png'
+        from ..view.page import save_page
+        save_page(plan, out / 'plan.html')
+        yield out / 'plan.html'
+    except ModuleNotFoundError as error:
+        print(f'{error.name} is not installed, so not everything is drawn; pip install '
+              '"secure_uav_planner[view]"', file=sys.stderr)
+
+
+def _file_name(name: str) -> str:
+    """Return the name of a UAV as a part of a file's name."""
+    return re.sub(r'[^\w.-]', '_', name)

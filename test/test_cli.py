@@ -1,0 +1,361 @@
+"""The command, as a person or a script runs it."""
+
+import argparse
+import csv
+from dataclasses import replace
+import math
+import os
+from pathlib import Path
+import pty
+import re
+import resource
+import signal
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from secure_uav_planner import fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
+from secure_uav_planner.cli.main import main
+from secure_uav_planner.cli.parser import make_parser
+from secure_uav_planner.cli.status import STATUSES
+from secure_uav_planner.export.geodesy import Origin
+from secure_uav_planner.export.qgroundcontrol import mission, TOLERANCE
+from secure_uav_planner.plan import OBJECTIVES
+from secure_uav_planner.playback import Playback
+from test_mission_file import RICH
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULE = [sys.executable, '-m', 'secure_uav_planner']
+PATIENCE = 300.0
+
+
+@pytest.fixture(scope='module')
+def planned(tmp_path_factory):
+    """Return a folder with a mission and with what `plan` makes of it, and what it printed."""
+    folder = tmp_path_factory.mktemp('planned')
+    Scenario.paper(120.0, slots=30).save(folder / 'mission.yaml')
+    done = subprocess.run(
+        [*MODULE, 'plan', 'mission.yaml', '-o', 'a/b', '--origin', '-33.5', '151.25', '20',
+         '--bound-time-limit', '3'],
+        cwd=folder, capture_output=True, text=True, timeout=PATIENCE, env=environment())
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder, done.stdout
+
+
+def environment(**variables):
+    """Return the variables of a process elsewhere, which finds the package here all the same."""
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
+    return {**os.environ, 'PYTHONPATH': path, **variables}
+
+
+def test_a_plan_is_written_with_all_that_belongs_to_it(planned):
+    folder, printed = planned
+    out = folder / 'a' / 'b'
+    plan = Plan.load(out / 'plan.json')
+    assert plan.scenario == Scenario.paper(120.0, slots=30)
+    assert (out / 'plan.png').read_bytes().startswith(b'\x89PNG')
+    assert '<html' in (out / 'plan.html').read_text()[:100]
+    assert {path.name for path in out.iterdir()} == {
+        'plan.json', 'plan.csv', 'plan.png', 'plan.html', 'plan_uav1.plan', 'plan_uav2.plan'}
+    for name in out.iterdir():
+        assert f'{Path("a/b") / name.name}' in printed
+
+
+def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
+    folder, printed = planned
+    plan = Plan.load(folder / 'a' / 'b' / 'plan.json')
+    rows = {line.split('  ')[0]: line.split()[-3:] for line in printed.splitlines() if line}
+    assert rows['joint'][:2] == [f'{plan.guaranteed_rate:.4f}', f'{plan.worst_case_rate:.4f}']
+    constant, optimised = (float(rows[f'fly_hover_fly_{power}'][0])
+                           for power in ('constant', 'optimised'))
+    bound = float(rows['bound of any plan'][1])
+    assert constant < optimised < plan.guaranteed_rate <= bound
+    [percent] = re.findall(r'no plan is more than (.*)% better', printed)
+    assert float(percent) == pytest.approx(
+        100 * (bound / plan.guaranteed_rate - 1), abs=0.1)
+
+
+def test_the_csv_has_every_point_with_place_time_velocity_and_power(planned):
+    folder, _ = planned
+    plan = Plan.load(folder / 'a' / 'b' / 'plan.json')
+    with open(folder / 'a' / 'b' / 'plan.csv', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ['uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y',
+                             'power']
+    assert len(rows) == 2 * 32
+    for row in rows:
+        uav, point = ('uav1', 'uav2').index(row['uav']), int(row['point'])
+        moment = Playback(plan).at(float(row['time']))
+        assert float(row['time']) == pytest.approx(plan.times[point])
+        assert (float(row['x']), float(row['y'])) == pytest.approx(
+            tuple(plan.positions[uav, point]), abs=1e-9)
+        assert float(row['z']) == plan.scenario.uavs[uav].altitude
+        assert (float(row['velocity_x']), float(row['velocity_y'])) == pytest.approx(
+            tuple(moment.velocities[uav]), abs=1e-9)
+        power = 0.0 if point in (0, 31) else plan.powers[uav, point - 1]
+        assert float(row['power']) == power
+
+
+def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):
+    folder, _ = planned
+    file = folder / 'a' / 'b' / 'plan.json'
+    for name, start in (('x.svg', b'<?xml'), ('x.PNG', b'\x89PNG'), ('x.html', b'<')):
+        assert main(['show', str(file), '-o', str(folder / name)]) == 0
+        assert (folder / name).read_bytes().startswith(start)
+    assert f'{Plan.load(file).guaranteed_rate:.4f}' in capsys.readouterr().out
+    assert main(['show', str(file), '-o', str(folder / 'x.doc')]) == 2
+    assert '.png, .svg, .pdf, .html' in capsys.readouterr().err
+
+
+def test_the_new_mission_is_right_and_explains_every_field(tmp_path, capsys):
+    file = tmp_path / 'mission.yaml'
+    assert main(['new', str(file)]) == 0
+    assert main(['check', str(file)]) == 0
+    assert 'can be flown' in capsys.readouterr().out
+    data = RICH.to_dict()
+    for name in [*data, *data['uavs'][0], *data['eavesdroppers'][0], *data['no_fly_zones'][0]]:
+        assert re.search(rf'\b{name}:', file.read_text()), name
+    # The example of a zone is right as well.
+    text = re.sub(r'^#  ', '  ', file.read_text().replace('zones: []', 'zones:   '),
+                  flags=re.MULTILINE)
+    file.write_text(text)
+    assert Scenario.load(file).no_fly_zones[0].name == 'tower'
+    assert main(['new', str(file)]) == 2 and file.read_text() == text
+    assert 'is there already' in capsys.readouterr().err
+    assert main(['new', str(file), '--force']) == 0 and file.read_text() != text
+
+
+def test_check_says_all_that_is_wrong_a_line_each(tmp_path, capsys):
+    file = tmp_path / 'mission.yaml'
+    file.write_text('duration: long\nslots: 2.5\nuavs: []\ncolour: red\n')
+    assert main(['check', str(file)]) == 2
+    out, err = capsys.readouterr()
+    assert out == '' and len(err.splitlines()) == 4
+    for line, number in zip(err.splitlines(), (1, 1, 2, 4)):
+        assert line.startswith(f'secure_uav_planner: {file}:{number}: ')
+
+
+@pytest.mark.parametrize('arguments, reason', [
+    (['check', 'none.yaml'], 'none.yaml cannot be read: No such file'),
+    (['check', '.'], 'not a regular file'),
+    (['show', 'none.json'], 'none.json cannot be read: No such file'),
+    (['show', 'mission.json'], 'mission.json is not a plan'),
+    (['plan', 'none.yaml'], 'none.yaml cannot be read'),
+    (['plan', 'mission.json', '-o', 'mission.json'], 'mission.json cannot be written to'),
+    (['plan', 'mission.json', '-o', '/proc/nothing'], '/proc/nothing cannot be written to'),
+    (['plan', 'mission.json', '--origin', '1'], 'it must be LAT LON [ALT]'),
+    (['plan', 'mission.json', '--origin', '91', '0'], 'the latitude is 91'),
+    (['plan', 'mission.json', '--origin', 'nan', '0'], 'the latitude is nan'),
+    (['plan', 'mission.json', '--method', 'alternating', '--objective', 'worst_case'],
+     "'alternating' has only 'guaranteed'"),
+    (['new', 'no/folder/mission.yaml'], 'cannot be written: No such file'),
+    (['new', 'new.json'], 'cannot have comments'),
+    (['node', 'flyer'], 'there is no node flyer; there are planner, relay, replay')])
+def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, arguments, reason):
+    monkeypatch.chdir(tmp_path)
+    Scenario.paper(120.0, slots=10).save('mission.json')
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == '' and len(err.splitlines()) == 1 and reason in err
+    assert {path.name for path in tmp_path.iterdir()} <= {'mission.json', 'out'}
+
+
+@pytest.mark.parametrize('arguments', [
+    [], ['fly'], ['plan'], ['plan', 'a', '--method', 'magic'], ['plan', 'a', '--time-limit', '0'],
+    ['plan', 'a', '--time-limit', 'soon'], ['check', 'a', 'b'], ['node', '--x']])
+def test_a_wrong_command_line_is_status_2_and_shows_the_usage(arguments, capsys):
+    with pytest.raises(SystemExit) as error:
+        main(arguments)
+    assert error.value.code == 2 and 'usage: secure_uav_planner' in capsys.readouterr().err
+
+
+def limited():
+    """Let no file grow beyond 4 kB, as on a disk that is full."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+
+def test_a_full_disk_is_one_line_and_status_1(tmp_path):
+    Scenario.paper(120.0, slots=60).save(tmp_path / 'mission.yaml')
+    done = subprocess.run(
+        [*MODULE, 'plan', 'mission.yaml', '--bound-time-limit', '0', '--time-limit', '1'],
+        cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, preexec_fn=limited,
+        env=environment())
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert len(done.stderr.splitlines()) == 1 and 'File too large' in done.stderr
+    assert not list((tmp_path / 'out').glob('*.json*'))
+
+
+def test_ctrl_c_keeps_the_best_plan_so_far(tmp_path):
+    Scenario.paper(200.0, slots=1500).save(tmp_path / 'mission.yaml')
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [*MODULE, 'plan', 'mission.yaml', '--method', 'alternating'], cwd=tmp_path,
+        stdout=subprocess.PIPE, stderr=theirs, env=environment())
+    os.close(theirs)
+    guard = threading.Timer(PATIENCE, process.kill)
+    guard.start()
+    try:
+        seen = b''
+        while b'iteration 1' not in seen:
+            seen += os.read(ours, 1000)
+        process.send_signal(signal.SIGINT)
+        # The other end of a terminal that nobody reads would block.
+        threading.Thread(target=drain, args=[ours], daemon=True).start()
+        printed, _ = process.communicate()
+    finally:
+        guard.cancel()
+        process.kill()
+    assert process.returncode == 130, seen
+    plan = Plan.load(tmp_path / 'out' / 'plan.json')
+    assert plan.status == 'cancelled' and plan.message.encode() in printed
+
+
+def drain(terminal):
+    """Read all that comes."""
+    try:
+        while os.read(terminal, 1000):
+            pass
+    except OSError:
+        pass
+
+
+def test_the_command_needs_neither_ros_nor_what_draws(planned, tmp_path):
+    (tmp_path / 'sitecustomize.py').write_text("""
+import sys
+
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in ('rclpy', 'rcl_interfaces', 'std_msgs', 'matplotlib',
+                                      'plotly', 'mcap'):
+            raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+
+
+sys.meta_path.insert(0, Absent())
+""")
+    variables = environment()
+    variables['PYTHONPATH'] = f'{tmp_path}{os.pathsep}{variables["PYTHONPATH"]}'
+    mission_file = planned[0] / 'mission.yaml'
+    status = {}
+    for arguments in (['plan', mission_file, '--bound-time-limit', '0'], ['node', 'planner'],
+                      ['show', 'out/plan.json']):
+        done = subprocess.run([*MODULE, *map(str, arguments)], cwd=tmp_path, env=variables,
+                              capture_output=True, text=True, timeout=PATIENCE)
+        status[arguments[0]] = done.returncode
+        assert 'is not installed' in done.stderr and 'Traceback' not in done.stderr
+    assert status == {'plan': 0, 'node': 2, 'show': 2}
+    assert Plan.load(tmp_path / 'out' / 'plan.json')
+
+
+@pytest.mark.parametrize('line, expected', [
+    ('secure_uav_planner ', {'plan', 'check', 'new', 'show', 'node'}),
+    ('secure_uav_planner pl', {'plan'}),
+    ('secure_uav_planner plan m.yaml --me', {'--method'}),
+    ('secure_uav_planner plan m.yaml --method ', {'joint', 'alternating'})])
+def test_a_shell_completes_commands_and_options(tmp_path, line, expected):
+    words = ' '.join(f"'{word}'" for word in MODULE)
+    subprocess.run(
+        ['bash', '-c', f'exec {words} 8>{tmp_path / "found"} 9>/dev/null'], timeout=PATIENCE,
+        env=environment(_ARGCOMPLETE='1', COMP_LINE=line, COMP_POINT=str(len(line)),
+                        _ARGCOMPLETE_IFS='\n', _ARGCOMPLETE_SUPPRESS_SPACE='1'))
+    found = {word.strip() for word in (tmp_path / 'found').read_text().split('\n')}
+    assert expected <= found
+
+
+def parsers():
+    """Return the parser of each part of the command by its name."""
+    [action] = [action for action in make_parser()._actions
+                if isinstance(action, argparse._SubParsersAction)]
+    return action.choices
+
+
+def test_the_reference_has_every_part_option_and_status_of_the_command():
+    text = (ROOT / 'docs' / 'reference.md').read_text()
+    section = text.split('\n## Command\n')[1].split('\n## ')[0]
+    for name, parser in parsers().items():
+        assert f'| `{name}' in section, name
+        for action in parser._actions:
+            for option in action.option_strings:
+                assert option in ('-h', '--help', '-o') or f'`{option}' in section, option
+    for status, meaning in STATUSES.items():
+        assert f'| {status} | {meaning} |' in section
+    assert not set(re.findall(r'`(--[\w-]+)', section)) - {
+        option for parser in [make_parser(), *parsers().values()]
+        for option in parser._option_string_actions}
+
+
+def test_the_choices_of_the_command_are_those_of_the_library():
+    options = parsers()['plan']._option_string_actions
+    assert tuple(options['--method'].choices) == tuple(METHODS)
+    assert tuple(options['--objective'].choices) == OBJECTIVES
+
+
+# QGroundControl
+
+
+def test_degrees_are_those_of_the_ellipsoid():
+    # Lengths of a degree of WGS 84 in m, as tables have them.
+    for latitude, of_latitude, of_longitude in (
+            (0.0, 110574.28, 111319.49), (45.0, 111131.78, 78846.81), (-60.0, 111412.27, 55800.0)):
+        found = Origin(latitude, 179.9999).coordinates([[100.0, 0.0], [0.0, 100.0], [0.0, 0.0]])
+        east = (found[0, 1] - 179.9999 + 180) % 360 - 180
+        assert 100.0 / east == pytest.approx(of_longitude, rel=1e-5)
+        assert 100.0 / (found[1, 0] - latitude) == pytest.approx(of_latitude, rel=1e-5)
+        assert found[2] == pytest.approx([latitude, 179.9999], abs=1e-10)
+        assert (abs(found[:, 1]) <= 180).all()
+
+
+def local(origin, latitude, longitude):
+    """Return east and north in m of a place near an origin."""
+    step = 1e-6
+    corner = np.array([origin.latitude, origin.longitude])
+    scale = (origin.coordinates([[step, 0.0], [0.0, step]]) - corner) / step
+    return (longitude - corner[1]) / scale[0, 1], (latitude - corner[0]) / scale[1, 0]
+
+
+@pytest.mark.parametrize('acceleration', [None, 2.0])
+def test_a_flown_mission_is_near_the_plan_at_all_times(acceleration):
+    scenario = Scenario.paper(150.0, slots=75)
+    data = scenario.to_dict()
+    for uav in data['uavs']:
+        uav['max_acceleration'] = acceleration
+    plan = solve(Scenario.from_dict(data))
+    playback, origin = Playback(plan), Origin(47.0, 8.0, 400.0)
+    for number, uav in enumerate(plan.scenario.uavs):
+        items = mission(plan, number, origin)['mission']['items']
+        assert items[0]['command'] == 22 and items[-1]['command'] == 21
+        assert [item['doJumpId'] for item in items] == list(range(1, len(items) + 1))
+        assert len(items) < 100
+        here, now, speed = np.array(uav.start), playback.begin, None
+        for item in items[1:-1]:
+            if item['command'] == 178:
+                speed = item['params'][1]
+                continue
+            hold, _, _, _, latitude, longitude, altitude = item['params']
+            assert altitude == uav.altitude
+            there = np.array(local(origin, latitude, longitude))
+            length = math.dist(here, there)
+            end = now + (hold or length / speed)
+            for time in np.linspace(now, end, 20):
+                place = here + (there - here) * (time - now) / (end - now)
+                assert math.dist(place, playback.at(time).positions[number]) < TOLERANCE + 0.3
+            here, now = there, end
+        assert now == pytest.approx(playback.duration, abs=0.1)
+        assert math.dist(here, uav.goal) < 0.1
+
+
+def test_zones_at_the_altitude_and_the_fence_are_the_missions_fence():
+    fence = ((-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0))
+    low, high = (NoFlyZone(((700.0, 0.0), (710.0, 0.0), (700.0, 10.0)), *heights)
+                 for heights in ((0.0, 105.0), (0.0, 500.0)))
+    plan = fly_hover_fly(replace(
+        Scenario.paper(120.0, slots=30), geofence=fence, no_fly_zones=(low, high)))
+    origin = Origin(10.0, 20.0)
+    for number, zones in enumerate(((low, high), (high,))):
+        found = mission(plan, number, origin)['geoFence']['polygons']
+        assert [polygon['inclusion'] for polygon in found] == [True] + [False] * len(zones)
+        for polygon, vertices in zip(found, (fence, *(zone.vertices for zone in zones))):
+            back = [local(origin, *place) for place in polygon['polygon']]
+            assert np.array(back) == pytest.approx(np.array(vertices), abs=0.5)
