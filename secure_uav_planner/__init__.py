@@ -7,14 +7,16 @@ if TYPE_CHECKING:
     from .bound.bound import Bound
     from .bound.upper_bound import upper_bound
     from .errors import PlanningError
+    from .link_budget import reference_snr_db
     from .optimize.solve import fly_hover_fly, METHODS, solve
     from .plan import Iteration, Plan
     from .scenario import Eavesdropper, NoFlyZone, Scenario, Uav
 
 __all__ = ['Bound', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone', 'Plan', 'PlanningError',
-           'Scenario', 'Uav', 'fly_hover_fly', 'solve', 'upper_bound']
+           'Scenario', 'Uav', 'fly_hover_fly', 'reference_snr_db', 'solve', 'upper_bound']
 
 _HOMES = {'bound': ('Bound', 'upper_bound'), 'errors': ('PlanningError',),
+          'link_budget': ('reference_snr_db',),
           'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
           'plan': ('Iteration', 'Plan'),
           'scenario': ('Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav')}

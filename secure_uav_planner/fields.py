@@ -17,6 +17,7 @@ Point: TypeAlias = tuple[float, float]
 LIMITS = {
     'coordinate': (-1e7, 1e7),
     'error_radius': (0.0, 1e7),
+    'receiver_advantage_db': (-100.0, 100.0),
     'altitude': (1e-3, 1e6),
     'max_speed': (1e-6, 1e6),
     'max_acceleration': (1e-6, 1e6),

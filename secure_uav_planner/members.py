@@ -19,19 +19,23 @@ class Eavesdropper:
     :param position: centre of the disc, (x, y) in m.
     :param error_radius: epsilon, the radius in m within which it surely is.
     :param name: used in messages, topics and pictures.
+    :param receiver_advantage_db: by how much in dB the SNR at its receiver is larger than the
+        ground node's would be at its place: a better antenna or less noise. What is guaranteed
+        holds for every receiver up to that.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
     position: Point
     error_radius: float = 0.0
     name: str = 'eavesdropper'
+    receiver_advantage_db: float = 0.0
 
     def __post_init__(self) -> None:
         checked_name('eavesdropper', self.name)
         owner = f'{shown(self.name)[1:-1]} '
         object.__setattr__(self, 'position', checked_point(owner, 'position', self.position))
-        object.__setattr__(self, 'error_radius', checked_number(
-            owner, 'error_radius', self.error_radius))
+        for field in ('error_radius', 'receiver_advantage_db'):
+            object.__setattr__(self, field, checked_number(owner, field, getattr(self, field)))
 
 
 @dataclass(frozen=True)

@@ -177,6 +177,12 @@ class Scenario:
         return float(10.0 ** (self.reference_snr_db / 10.0))
 
     @cached_property
+    def receiver_advantages(self) -> Array:
+        """By what factor the SNR at the eavesdroppers' receivers is larger, linear, (E,)."""
+        return read_only([10.0 ** (eve.receiver_advantage_db / 10.0)
+                          for eve in self.eavesdroppers])
+
+    @cached_property
     def starts(self) -> Array:
         """Where the UAVs start, (U, 2) in m, read-only as all arrays here."""
         return read_only([uav.start for uav in self.uavs])

@@ -48,7 +48,8 @@ def slot_rates(team, places, powers):
                     else distance + lens.radii)
         square = lens.altitude**2
         ground.append(power * gain / (((place - lens.ground)**2).sum(-1) + square))
-        heard.append(power[:, None] * gain / (distance**2 + square))
+        heard.append(power[:, None] * gain * np.exp(lens.log_advantages) / (
+            distance**2 + square))
     leak = np.log1p(heard[0] / (1 + sum(heard[1:], 0 * heard[0]))).max(-1)
     return np.log1p(ground[0] / (1 + sum(ground[1:], 0 * ground[0]))) - leak
 

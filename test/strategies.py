@@ -27,7 +27,8 @@ def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
             max(1.0, shortest * slack), average, average * draw(st.sampled_from([1.0, 4.0])))
         uavs.append(draw(limited(uav, slots, duration / slots)))
     eavesdroppers = [
-        Eavesdropper(draw(PLACE), draw(st.sampled_from([0.0, 10.0, 60.0, 400.0])))
+        Eavesdropper(draw(PLACE), draw(st.sampled_from([0.0, 10.0, 60.0, 400.0])),
+                     receiver_advantage_db=draw(st.sampled_from([0.0, 0.0, 10.0, -20.0])))
         for _ in range(draw(st.integers(1, max_eavesdroppers)))]
     return Scenario(draw(PLACE), tuple(eavesdroppers), tuple(uavs), duration, slots,
                     draw(st.sampled_from([60.0, 80.0, 100.0])))

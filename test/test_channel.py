@@ -18,16 +18,18 @@ def random_positions(scenario, rng):
 
 def by_the_paper(scenario, place_of, powers, eavesdropper):
     """Write equations (R_UG) and (R_UE) out for one slot and one place of the eavesdropper."""
-    def snr(index, point):
+    def snr(index, point, advantage):
         uav = scenario.uavs[index]
         distance = np.hypot(*(np.array(place_of[index]) - point))
-        return scenario.reference_snr * powers[index] / (distance**2 + uav.altitude**2)
+        return advantage * scenario.reference_snr * powers[index] / (
+            distance**2 + uav.altitude**2)
 
-    def rate(point):
-        return np.log2(1 + snr(0, point) / (
-            1 + sum(snr(index, point) for index in range(1, len(scenario.uavs)))))
+    def rate(point, advantage):
+        return np.log2(1 + snr(0, point, advantage) / (1 + sum(
+            snr(index, point, advantage) for index in range(1, len(scenario.uavs)))))
 
-    return rate(np.array(scenario.ground_node)) - rate(np.array(eavesdropper))
+    most = max(10**(eve.receiver_advantage_db / 10) for eve in scenario.eavesdroppers)
+    return rate(np.array(scenario.ground_node), 1.0) - rate(np.array(eavesdropper), most)
 
 
 @pytest.mark.parametrize('duration, radius, constant, optimised', REFERENCE)
@@ -60,7 +62,9 @@ def test_no_eavesdropper_in_a_disc_beats_the_worst_case_nor_that_the_guarantee(s
         for _ in range(30):
             angle, radius = rng.uniform(0, 2 * np.pi), eve.error_radius * np.sqrt(rng.random())
             place = np.array(eve.position) + radius * np.array([np.cos(angle), np.sin(angle)])
-            sampled = channel.secrecy_rates(scenario, positions, powers, place)
+            sampled = channel.secrecy_rates(
+                scenario, positions, powers, place,
+                eve.receiver_advantage_db - rng.choice([0.0, 3.0]))
             assert (sampled >= worst - 1e-6).all()
 
 
@@ -77,7 +81,8 @@ def test_the_worst_case_is_that_of_a_fine_search(scenario, seed):
     for slot in range(scenario.slots):
         copies = np.repeat(positions[:, slot + 1:slot + 2], len(grid) + 2, axis=1)
         offset = copies[:, 1:-1] - grid
-        gains = scenario.reference_snr / (np.sum(offset**2, axis=-1) + np.array(
+        snr = 10**(eve.receiver_advantage_db / 10) * scenario.reference_snr
+        gains = snr / (np.sum(offset**2, axis=-1) + np.array(
             [[uav.altitude**2] for uav in scenario.uavs]))
         received = gains * powers[:, slot:slot + 1]
         leak = np.log2(1 + received[0] / (1 + received[1:].sum(axis=0)))
@@ -136,8 +141,11 @@ def test_the_worst_places_are_in_a_disc_and_have_the_worst_rate(scenario, seed):
     places = channel.worst_case_places(scenario, positions, powers)
     assert np.min([np.linalg.norm(places - eve.position, axis=-1) - eve.error_radius
                    for eve in scenario.eavesdroppers], axis=0).max() <= 1e-6
-    above = channel.secrecy_rates(scenario, positions, powers, places) - (
-        channel.worst_case_rates(scenario, positions, powers))
+    rates = np.min([np.where(
+        np.linalg.norm(places - eve.position, axis=-1) <= eve.error_radius + 1e-6,
+        channel.secrecy_rates(scenario, positions, powers, places, eve.receiver_advantage_db),
+        np.inf) for eve in scenario.eavesdroppers], axis=0)
+    above = rates - channel.worst_case_rates(scenario, positions, powers)
     assert above.min() >= -1e-12 and above.max() <= 1e-6
 
 

@@ -91,8 +91,9 @@ def guaranteed_rates(scenario, positions, powers):
     for n in range(scenario.slots):
         places = positions[:, n + 1]
 
-        def rate(distances):
-            got = [snr * power / (distance**2 + uav.altitude**2) for power, distance, uav in zip(
+        def rate(distances, advantage_db=0.0):
+            scale = snr * 10**(advantage_db / 10)
+            got = [scale * power / (distance**2 + uav.altitude**2) for power, distance, uav in zip(
                 powers[:, n], distances, scenario.uavs)]
             return math.log1p(got[0] / (1 + sum(got[1:]))) / math.log(2)
 
@@ -100,7 +101,8 @@ def guaranteed_rates(scenario, positions, powers):
         for eve in scenario.eavesdroppers:
             away = [math.dist(place, eve.position) for place in places]
             leaks.append(rate([max(away[0] - eve.error_radius, 0.0),
-                               *(distance + eve.error_radius for distance in away[1:])]))
+                               *(distance + eve.error_radius for distance in away[1:])],
+                              eve.receiver_advantage_db))
         found.append(rate([math.dist(place, scenario.ground_node) for place in places])
                      - max(leaks))
     return np.array(found)

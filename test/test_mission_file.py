@@ -15,6 +15,7 @@ from secure_uav_planner.mission.documents import MOST_BYTES
 from secure_uav_planner.mission.schema import UNITS
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, uav_parameters)
+from secure_uav_planner.ros.zone_parameters import zone_parameters
 from strategies import scenarios
 import yaml
 
@@ -278,11 +279,32 @@ planner:
 
 
 def test_parameter_files_know_all_parameters_of_the_node():
-    known = parameters.OF_THE_NODE | parameters.OF_THE_MISSION | {'uavs', 'eavesdroppers'}
+    known = parameters.OF_THE_NODE | parameters.OF_THE_MISSION | {
+        'uavs', 'eavesdroppers', 'no_fly_zones'}
     assert set(PLANNER) <= known and known - set(PLANNER) == {'ground_node'}
     assert {name[2:] for name in uav_parameters('a', 0)} == parameters.OF_A_UAV
     assert {name[2:] for name in eavesdropper_parameters('e')} | {
         'position'} == parameters.OF_AN_EAVESDROPPER
+    assert {name[2:] for name in zone_parameters('z')} == parameters.OF_A_ZONE
+
+
+def test_zones_and_fence_of_a_parameter_file_are_read(tmp_path):
+    added = PAPER.read_text() + """
+/**/mission:
+  ros__parameters:
+    ground_node: [0.0, 0.0]
+    eavesdropper.position: [200, 0]
+    separation: 5.0
+    geofence: [-900, -900, 900, -900, 900, 900, -900, 900]
+    no_fly_zones: [tower, zone2]
+    tower: {vertices: [150.0, 0, 160, 0, 150, 10], floor: 5, ceiling: 120}
+    zone2: {vertices: [170.0, 0, 180, 0, 170, 10]}
+"""
+    found = Scenario.load(written(tmp_path, added))
+    assert found == replace(RICH, no_fly_zones=(
+        RICH.no_fly_zones[0], replace(RICH.no_fly_zones[1], name='zone2')))
+    assert 'even number' in problems(written(
+        tmp_path, added.replace('900, -900, 900]', '900, -900, 900, 3]')))[0][1]
 
 
 def test_every_field_that_has_a_unit_is_known_with_it():

@@ -34,7 +34,8 @@ def sampled_leaks(scenario, positions, powers, rng, count=300):
     """Return the largest leak at random places in the discs, on edges and by the worst, (N,)."""
     worst = channel.worst_case_places(scenario, positions, powers)
     largest = np.full(scenario.slots, -np.inf)
-    for centre, radius in zip(scenario.eavesdropper_positions, scenario.error_radii):
+    for centre, radius, advantage in zip(
+            scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages):
         angles = rng.uniform(0, 2 * np.pi, count)
         rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         inside = centre + radius * np.sqrt(rng.random((count, 1))) * rays
@@ -43,7 +44,7 @@ def sampled_leaks(scenario, positions, powers, rng, count=300):
         near = centre + near * np.minimum(1.0, radius / np.maximum(distance, 1e-300))
         for places in (inside, centre + radius * rays, near):
             leaks = rates.leakage_rates(scenario, positions[:, 1:-1], powers, np.broadcast_to(
-                places, (scenario.slots, count, 2)))
+                places, (scenario.slots, count, 2)), advantage)
             largest = np.maximum(largest, leaks.max(axis=1))
     return largest
 
@@ -54,11 +55,21 @@ def proven_leaks(scenario, positions, powers):
             - channel.worst_case_rates(scenario, positions, powers))
 
 
+def leaks_at(scenario, positions, powers, places):
+    """Return the leaks at places (N, 2) to whoever of the eavesdroppers can be there, (N,)."""
+    leaks = rates.leakage_rates(
+        scenario, positions[:, 1:-1], powers,
+        np.repeat(places[:, None], len(scenario.eavesdroppers), axis=1),
+        scenario.receiver_advantages)
+    away = np.linalg.norm(places[:, None] - scenario.eavesdropper_positions, axis=-1)
+    return np.where(away <= scenario.error_radii * (1 + 1e-12) + 1e-9, leaks, 0.0).max(axis=1)
+
+
 def check(scenario, positions, powers, rng, margin=1e-11):
     """Check all that the worst case promises."""
     proven = proven_leaks(scenario, positions, powers)
     places = channel.worst_case_places(scenario, positions, powers)
-    there = rates.leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None])[:, 0]
+    there = leaks_at(scenario, positions, powers, places)
     assert (sampled_leaks(scenario, positions, powers, rng) <= proven + margin).all()
     assert (there <= proven + margin).all() and (there >= proven - 1e-6).all()
     assert (channel.guaranteed_rates(scenario, positions, powers)
@@ -241,7 +252,8 @@ def test_maximisers_are_in_their_discs_and_leak_what_is_said(scenario, seed):
     assert places.shape == (eves, scenario.slots, 2) and leaks.shape == (eves, scenario.slots)
     offsets = places - scenario.eavesdropper_positions[:, None]
     assert (np.linalg.norm(offsets, axis=-1) <= scenario.error_radii[:, None] + 1e-9).all()
-    there = rates.leakage_rates(scenario, positions[:, 1:-1], powers, places.swapaxes(0, 1))
+    there = rates.leakage_rates(scenario, positions[:, 1:-1], powers, places.swapaxes(0, 1),
+                                scenario.receiver_advantages)
     assert leaks.T == pytest.approx(there, abs=1e-9)
     assert (leaks <= proven_leaks(scenario, positions, powers) + 1e-11).all()
 

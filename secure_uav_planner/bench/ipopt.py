@@ -53,7 +53,7 @@ def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
     x, y = (ca.SX.sym(name, slots, uavs) for name in 'xy')
     p = ca.SX.sym('p', slots, uavs)
 
-    def rate(place, radius):
+    def rate(place, radius, advantage=1.0):
         received = []
         for i, uav in enumerate(scenario.uavs):
             squared = (x[:, i] - place[0] / _UNIT)**2 + (y[:, i] - place[1] / _UNIT)**2
@@ -61,11 +61,12 @@ def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
                 distance = ca.sqrt(squared + 1e-8)
                 edge = radius / _UNIT
                 squared = (distance + edge)**2 if i else ca.fmax(distance - edge, 0)**2
-            received.append(snr * p[:, i] / (squared + (uav.altitude / _UNIT)**2))
+            received.append(advantage * snr * p[:, i] / (squared + (uav.altitude / _UNIT)**2))
         jammed = 1 + sum(received[1:], ca.SX.zeros(slots))
         return ca.log(jammed + received[0]) - ca.log(jammed)
 
-    leaks = [rate(eve.position, eve.error_radius) for eve in eves]
+    leaks = [rate(eve.position, eve.error_radius, advantage)
+             for eve, advantage in zip(eves, scenario.receiver_advantages)]
     steps, limits = [], []
     for i, (uav, step) in enumerate(zip(scenario.uavs, scenario.max_step)):
         start, goal = np.array(uav.start) / _UNIT, np.array(uav.goal) / _UNIT

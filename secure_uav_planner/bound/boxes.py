@@ -261,6 +261,7 @@ class Terms:
         ga, gb = factor * da, factor * db
         for e, (place, radius) in enumerate(zip(lens.eavesdroppers, lens.radii)):
             share = self.shares[function, e]
+            log_gain = self.log_gain + lens.log_advantages[e]
             ea, eb = a - place[0], b - place[1]
             d = np.sqrt(ea * ea + eb * eb)
             safe = np.maximum(d, 1e-300)
@@ -268,14 +269,14 @@ class Terms:
                 x = np.maximum(d - radius, 0.0)
                 near = np.maximum(d - radius - rho, 0.0)**2 + square
                 q = x * x + square
-                value += share * (np.log(q) - self.log_gain)
+                value += share * (np.log(q) - log_gain)
                 factor = share * 2 * x / (q * safe)
                 rest += share * 2 / near
             else:
                 x = d + radius
                 least = np.maximum(d - rho, 0.0) + radius
                 q = x * x + square
-                z = power + self.log_gain - np.log(q)
+                z = power + log_gain - np.log(q)
                 value += share * softplus(z)
                 use = share * sigmoid(z)
                 factor = -use * 2 * x / (q * safe)

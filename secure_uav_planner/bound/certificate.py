@@ -154,9 +154,10 @@ def _entropies(weights: Array, total: Array, price: float, team: Team) -> Array:
 
 def _help(lens: Lens, total: Array, price: float) -> Array:
     """Return max over p of s log(1 + b p) - lam p, b the gain from the nearest place, (K, G)."""
-    gain = np.max([lens.log_gain - np.log(
+    gain = np.max([lens.log_gain + advantage - np.log(
         (lens.nearest(place) + radius)**2 + lens.altitude**2)
-        for place, radius in zip(lens.eavesdroppers, lens.radii)], axis=0)
+        for place, radius, advantage in zip(
+            lens.eavesdroppers, lens.radii, lens.log_advantages)], axis=0)
     power = np.clip(total / max(price, 1e-300) - np.exp(-gain), 0.0, lens.peak)
     return np.asarray(total * softplus(gain + np.log(np.maximum(power, 1e-300)))
                       - price * power + price * POWER_TOLERANCE)
@@ -196,7 +197,8 @@ def terms_of(team: Team, potential: Potential, uav: int, weights: Array, shares:
     if uav:
         gain += math.log(team.copies)
         top = math.log(lens.peak)
-        powers = (min(math.log(FLOOR) + 2 * math.log(lens.altitude) - gain, top), top)
+        largest = gain + max(0.0, float(lens.log_advantages.max()))
+        powers = (min(math.log(FLOOR) + 2 * math.log(lens.altitude) - largest, top), top)
     terms = Terms(lens, stage, weights.ravel(), shares.reshape(len(stage), -1), slope[stage],
                   bend[stage], tilts, spare[stage], price, gain, powers)
     return terms, potential.constant()[stage]

@@ -40,6 +40,7 @@ class Lens:
     :param ground: the ground node, (2,) in units.
     :param eavesdroppers: centres of the discs, (E, 2) in units.
     :param radii: error radii, (E,) in units.
+    :param log_advantages: logarithms of the eavesdroppers' advantages, (E,).
     :param transmits: whether this is UAV 0; the others jam.
     :param peak: largest power, tolerance included, in W.
     :param average: largest mean power, tolerance included, in W.
@@ -57,6 +58,7 @@ class Lens:
     ground: Array
     eavesdroppers: Array
     radii: Array
+    log_advantages: Array
     transmits: bool
     peak: float
     average: float
@@ -86,6 +88,7 @@ class Lens:
             log_gain=float(np.log(scenario.reference_snr) - 2 * np.log(unit)),
             ground=frame[0], eavesdroppers=frame[1:],
             radii=witnesses.radii / unit,
+            log_advantages=np.log(witnesses.advantages),
             transmits=index == 0,
             peak=uav.peak_power + POWER_TOLERANCE,
             average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE)
@@ -159,8 +162,9 @@ class Lens:
 
     def log_squares(self, place: Array) -> tuple[Array, Array]:
         """
-        Return log(d0^2 + H^2) and log(de^2 + H^2) at places (..., 2): (...) and (..., E).
+        Return log(d0^2 + H^2) and log((de^2 + H^2) / a_e) at places (..., 2): (...), (..., E).
 
+        a_e is the eavesdropper's advantage, so that log_gain less either is a gain's logarithm.
         The distances to eavesdroppers are the guarantee's: [d - radius]^+ for the transmitter,
         d + radius for a jammer.
         """
@@ -170,7 +174,7 @@ class Lens:
                             place[..., None, 1] - self.eavesdroppers[:, 1])
         distance = (np.maximum(distance - self.radii, 0.0) if self.transmits
                     else distance + self.radii)
-        return ground, np.log(distance**2 + square)
+        return ground, np.log(distance**2 + square) - self.log_advantages
 
     def support(self, direction: Array, stage: NDArray[np.integer[Any]]) -> Array:
         """

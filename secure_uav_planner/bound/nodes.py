@@ -98,8 +98,9 @@ def _helpers(search: Search) -> Array:
     prices = []
     for lens in team.helpers:
         gain = np.exp(lens.log_gain) / np.min([
-            (lens.nearest(place) + radius)**2 + lens.altitude**2
-            for place, radius in zip(lens.eavesdroppers, lens.radii)], axis=0)
+            ((lens.nearest(place) + radius)**2 + lens.altitude**2) / np.exp(advantage)
+            for place, radius, advantage in zip(
+                lens.eavesdroppers, lens.radii, lens.log_advantages)], axis=0)
         low, high = 1e-12, 1e12
         for _ in range(80):
             price = (low * high)**0.5

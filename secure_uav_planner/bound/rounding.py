@@ -67,7 +67,8 @@ def negative_power(scenario: Scenario) -> tuple[float, np.ndarray]:
     """
     Return what powers of -POWER_TOLERANCE can add to a slot that sends nothing, in nats.
 
-    Lemma 7. Let delta_i = POWER_TOLERANCE g / H_i^2, the largest size of a negative received SNR.
+    Lemma 7. Let delta_i = POWER_TOLERANCE g a / H_i^2, the largest size of a negative received
+    SNR, a being the largest advantage of an eavesdropper's receiver, or 1 if that is larger.
     A transmitter below zero makes the SINR at the ground node negative, so r_0 <= 0, and that at
     an eavesdropper at least -delta_0 / (1 - delta), delta being the sum of the jammers'. Hence the
     rate is at most -log(1 - delta_0 / (1 - delta)); no more than with a jammer that is
@@ -79,6 +80,7 @@ def negative_power(scenario: Scenario) -> tuple[float, np.ndarray]:
     """
     altitudes = np.array([uav.altitude for uav in scenario.uavs])
     delta = np.exp(np.log(POWER_TOLERANCE) + np.log(scenario.reference_snr)
+                   + np.log(max(1.0, scenario.receiver_advantages.max()))
                    - 2 * np.log(altitudes)) * (1 + 1e-9)
     jammers = delta[1:].sum()
     if not jammers < 1 or not delta[0] < 1 - jammers:

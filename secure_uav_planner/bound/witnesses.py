@@ -28,10 +28,12 @@ class Witnesses:
 
     :param places: (E, 2) in m.
     :param radii: (E,) in m.
+    :param advantages: by what factor the SNR is larger than at the ground node's receiver, (E,).
     """
 
     places: Array
     radii: Array
+    advantages: Array
 
     @classmethod
     def of(cls, scenario: Scenario, objective: str) -> Witnesses:
@@ -39,7 +41,7 @@ class Witnesses:
         places = np.array([eve.position for eve in scenario.eavesdroppers])
         radii = np.array([eve.error_radius for eve in scenario.eavesdroppers])
         if objective == 'guaranteed':
-            return cls(places, radii)
+            return cls(places, radii, scenario.receiver_advantages)
         angle = np.arange(RAYS) * 2 * np.pi / RAYS
         circle = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], -1)])
         # A little inside, so that rounding puts no point outside.
@@ -47,7 +49,8 @@ class Witnesses:
         points = [place + reach * circle if reach > 0 else place[None]
                   for place, reach in zip(places, within)]
         every = np.concatenate(points)
-        return cls(every, np.zeros(len(every)))
+        copies = [len(some) for some in points]
+        return cls(every, np.zeros(len(every)), np.repeat(scenario.receiver_advantages, copies))
 
     def leaks(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
         """
@@ -61,7 +64,8 @@ class Witnesses:
         distance[:, 0] = np.maximum(distance[:, 0] - self.radii[:, None], 0.0)
         distance[:, 1:] += self.radii[:, None, None]
         altitude = np.array([[uav.altitude] for uav in scenario.uavs])
-        received = scenario.reference_snr * np.maximum(powers, 0.0) / (distance**2 + altitude**2)
+        snr = scenario.reference_snr * self.advantages[:, None, None]
+        received = snr * np.maximum(powers, 0.0) / (distance**2 + altitude**2)
         return np.asarray(np.log1p(received[:, 0] / (1.0 + received[:, 1:].sum(1))))
 
     def best(self, leaks: Array, most: int) -> Witnesses:
@@ -83,4 +87,4 @@ class Witnesses:
             chosen.append(int(gain.argmax()))
             heard = np.maximum(heard, leaks[chosen[-1]])
         keep = sorted(chosen)
-        return Witnesses(self.places[keep], self.radii[keep])
+        return Witnesses(self.places[keep], self.radii[keep], self.advantages[keep])

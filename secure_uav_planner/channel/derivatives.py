@@ -1,6 +1,6 @@
 """The rates of a slot with their exact gradients and Hessians, for all slots at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,17 +37,21 @@ class Receivers:
         edge[:, 0] *= -1
         link = FreeSpace(scenario.reference_snr * grid.power / grid.length**2,
                          (scenario.altitudes / grid.length)**2)
-        return cls(positions / grid.length, edge, link)
+        advantages = np.append(1.0, scenario.receiver_advantages)[:, None]
+        return cls(positions / grid.length, edge, link.for_receivers(advantages))
 
     def at_places(self, places: Array) -> 'Receivers':
         """
         Return the ground node with eavesdroppers at known places instead of in discs.
 
-        :param places: in units of the grid, (..., N, E, 2).
+        :param places: in units of the grid, (..., N, E P, 2), P for each eavesdropper.
         """
         ground = np.broadcast_to(self.positions[..., :1, :], (*places.shape[:-2], 1, 2))
+        each = places.shape[-2] // (len(self.edge) - 1)
+        copies = np.repeat(np.arange(len(self.edge)), [1] + [each] * (len(self.edge) - 1))
+        link = replace(self.link, reference_snr=np.asarray(self.link.reference_snr)[copies])
         return Receivers(np.concatenate([ground, places], axis=-2),
-                         np.zeros((1 + places.shape[-2], self.edge.shape[-1])), self.link)
+                         np.zeros((1 + places.shape[-2], self.edge.shape[-1])), link)
 
 
 class SlotRates:

@@ -106,7 +106,7 @@ class Pairs:
     @classmethod
     def of(cls, link: FreeSpace, offsets: Array, powers: Array, radius: Array) -> 'Pairs':
         """
-        Return pairs, for a link of arrays (U, P).
+        Return pairs, for a link of arrays (U, P), with which all UAVs have one reference_snr.
 
         :param offsets: of the UAVs from the centres, (U, P, 2) in m.
         :param powers: in W, (U, P).

@@ -8,7 +8,7 @@ free space only, where 1 / gain is the squared distance and a constant, times a 
 UAVs share.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,14 @@ class FreeSpace:
         """
         heights = scenario.altitudes.reshape(-1, *[1] * axes)
         return cls(scenario.reference_snr, heights**2)
+
+    def for_receivers(self, advantages: Array | float) -> 'FreeSpace':
+        """
+        Return the link to other receivers than the ground node's.
+
+        :param advantages: by what factor the SNR is larger there, as for reference_snr.
+        """
+        return replace(self, reference_snr=self.reference_snr * advantages)
 
     def gain(self, squared: Array) -> Array:
         """Return the gain over the noise power at squared horizontal distances."""

@@ -30,7 +30,8 @@ def ground_gains(scenario: Scenario, positions: Array) -> Array:
 
 def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
     """Return the gains at guaranteed_squared_distances, h-tilde / sigma^2, (E, U, N) in 1/W."""
-    return FreeSpace.of(scenario).gain(guaranteed_squared_distances(scenario, positions))
+    link = FreeSpace.of(scenario).for_receivers(scenario.receiver_advantages[:, None, None])
+    return link.gain(guaranteed_squared_distances(scenario, positions))
 
 
 def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
@@ -51,8 +52,10 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     leak = np.full(powers.shape[1], -np.inf)
     link = (FreeSpace.of(scenario) if altitudes is None else
             FreeSpace(scenario.reference_snr, altitudes**2))
-    for eve in scenario.eavesdroppers:
-        gains = link.gain(_guaranteed_squared_distances_to(eve, positions))
+    for eve, advantage in zip(
+            scenario.eavesdroppers, scenario.receiver_advantages.tolist(), strict=True):
+        gains = link.for_receivers(advantage).gain(
+            _guaranteed_squared_distances_to(eve, positions))
         np.maximum(leak, rate_of(gains * powers), out=leak)
     gains = link.gain(ground_squared_distances(scenario, positions))
     rates: Array = rate_of(gains * powers) - leak
@@ -60,27 +63,32 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
-                  eavesdropper: ArrayLike) -> Array:
+                  eavesdropper: ArrayLike, receiver_advantage_db: float | None = None) -> Array:
     """
     Return r_0[n] - r_e[n] for an eavesdropper whose place is known, (N,) in bit/s/Hz.
 
     :param eavesdropper: its true place, (2,) or one for each slot, (N, 2), in m.
+    :param receiver_advantage_db: of its receiver; by default the largest that an eavesdropper of
+        the scenario has.
     """
     places = np.broadcast_to(np.asarray(eavesdropper, float), (powers.shape[1], 2))
-    leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None])[:, 0]
+    advantage = (float(scenario.receiver_advantages.max()) if receiver_advantage_db is None
+                 else 10.0 ** (receiver_advantage_db / 10.0))
+    leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
     return ground_rates(scenario, positions, powers) - leak
 
 
 def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
-                  places: Array) -> Array:
+                  places: Array, advantage: float) -> Array:
     """
     Return r_e at places on the ground, (N, K) in bit/s/Hz.
 
     :param uav_positions: (U, N, 2) in m.
     :param places: (N, K, 2) in m.
+    :param advantage: of the receivers, by what factor their SNR is larger than the ground node's.
     """
     offset = uav_positions[:, :, None] - places
-    gains = FreeSpace.of(scenario, axes=2).gain(_squared_norm(offset))
+    gains = FreeSpace.of(scenario, axes=2).for_receivers(advantage).gain(_squared_norm(offset))
     return rate_of(gains * powers[..., None])
 
 

@@ -114,14 +114,16 @@ def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
 def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> Pairs:
     """Return the pairs of all slots and eavesdroppers, slot by slot."""
     uavs, slots, eves = offsets.shape[:3]
-    return Pairs.of(FreeSpace.of(scenario), offsets.reshape(uavs, -1, 2),
-                    np.repeat(powers, eves, axis=1), np.tile(scenario.error_radii, slots))
+    link = FreeSpace.of(scenario).for_receivers(np.tile(scenario.receiver_advantages, slots))
+    return Pairs.of(link, offsets.reshape(uavs, -1, 2), np.repeat(powers, eves, axis=1),
+                    np.tile(scenario.error_radii, slots))
 
 
 def _guaranteed_leaks(scenario: Scenario, offsets: Array, powers: Array) -> Array:
     """Return what no leak exceeds by the formula of the guarantee, (N, E) in bit/s/Hz."""
     edge = np.repeat(scenario.error_radii[None], len(offsets), axis=0)
     edge[0] *= -1
-    gains = FreeSpace.of(scenario, axes=2).gain(guaranteed_squared_distance(
+    link = FreeSpace.of(scenario, axes=2).for_receivers(scenario.receiver_advantages)
+    gains = link.gain(guaranteed_squared_distance(
         offsets[..., 0]**2 + offsets[..., 1]**2, edge[:, None]))
     return rate_of(gains * powers[..., None])

@@ -39,6 +39,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_check(commands)
     _add_new(commands)
     _add_show(commands)
+    _add_link_budget(commands)
     _add_node(commands)
     return parser
 
@@ -93,6 +94,24 @@ def _add_show(commands) -> None:
     parser.add_argument('-o', '--out', metavar='FILE',
                         help='picture (.png, .svg, .pdf) or web page (.html) to write (default: '
                         'a .png beside the plan)')
+
+
+def _add_link_budget(commands) -> None:
+    parser = _add(commands, 'link-budget', 'compute reference_snr_db from data sheets', """
+
+The SNR at 1 m and 1 W in free space: G_t + G_r + 20 log10(c / (4 pi f)) - 10 log10(k T_0 B) - F,
+all in dB, with T_0 = 290 K. The receiver_advantage_db of an eavesdropper is by how much G_r - F
+of its receiver is larger than that of the ground node's.""")
+    parser.set_defaults(module='link_budget')
+    parser.add_argument('--carrier-hz', type=float, required=True, metavar='HZ',
+                        help='f, frequency of the carrier')
+    parser.add_argument('--bandwidth-hz', type=float, required=True, metavar='HZ',
+                        help='B, bandwidth of the receiver')
+    for name, text in (('noise-figure-db', 'F, noise figure of the receiver with its cable'),
+                       ('transmit-gain-dbi', "G_t, gain of the UAV's antenna downwards"),
+                       ('receive-gain-dbi', "G_r, gain of the ground node's antenna upwards")):
+        parser.add_argument(f'--{name}', type=float, default=0.0, help=f'{text} (default: 0)',
+                            metavar=name.rpartition('-')[2].upper())
 
 
 def _add_node(commands) -> None:

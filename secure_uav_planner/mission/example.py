@@ -12,6 +12,8 @@ eavesdroppers:
   - name: eavesdropper            # default: eavesdropper
     position: [200.0, 0.0]        # m, centre of the disc
     error_radius: 10.0            # m, radius of the disc; default: 0
+    receiver_advantage_db: 0.0    # dB, by which its receiver is better than the ground node's;
+                                  # default: 0
 
 # The first UAV transmits, the others jam. At least one.
 uavs:
@@ -32,7 +34,8 @@ uavs:
 
 duration: 90.0                    # s, T
 slots: 90                         # N: power is chosen anew every T/N
-reference_snr_db: 80.0            # dB, beta_0 / sigma^2: SNR at 1 m and 1 W; default: 80
+reference_snr_db: 80.0            # dB, beta_0 / sigma^2: SNR at 1 m and 1 W; default: 80;
+                                  # secure_uav_planner link-budget --help computes it
 
 separation: 0.0                   # m, between any two UAVs at any time; default: 0, no limit
 

@@ -21,8 +21,10 @@ OF_THE_NODE = frozenset({
 OF_A_UAV = frozenset({
     'altitude', 'average_power', 'goal', 'goal_velocity', 'max_acceleration', 'max_speed',
     'peak_power', 'start', 'start_velocity', 'use_pose'})
-OF_AN_EAVESDROPPER = frozenset({'error_radius', 'position'})
-OF_THE_MISSION = frozenset({'duration', 'ground_node', 'reference_snr_db', 'slots'})
+OF_AN_EAVESDROPPER = frozenset({'error_radius', 'position', 'receiver_advantage_db'})
+OF_A_ZONE = frozenset({'ceiling', 'floor', 'vertices'})
+OF_THE_MISSION = frozenset({
+    'duration', 'geofence', 'ground_node', 'reference_snr_db', 'separation', 'slots'})
 
 _OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 
@@ -91,9 +93,10 @@ class _Mapping:
         for name in sorted(OF_THE_MISSION):
             self._take(data, name, name, (name,), self._paper[name])
         self._need('ground_node', ())
-        for field in ('uavs', 'eavesdroppers'):
-            data[field] = [getattr(self, f'_{field[:-1]}')(name, number)
-                           for number, name in enumerate(self._names(field))]
+        data['geofence'] = self._points(data['geofence'], ('geofence',)) or None
+        for field, make in (('uavs', self._uav), ('eavesdroppers', self._eavesdropper),
+                            ('no_fly_zones', self._zone)):
+            data[field] = [make(name, number) for number, name in enumerate(self._names(field))]
         self._note_unknown()
         return data
 
@@ -140,6 +143,24 @@ class _Mapping:
                        self._paper['eavesdroppers'][0][field])
         self._need(f'{name}.position', ('eavesdroppers', number))
         return data
+
+    def _zone(self, name: str, number: int) -> dict[str, Any]:
+        data: dict[str, Any] = {'name': name}
+        for field in sorted(OF_A_ZONE):
+            self._take(data, field, f'{name}.{field}', ('no_fly_zones', number, field), 0.0)
+        data['vertices'] = self._points(data['vertices'], ('no_fly_zones', number, 'vertices'))
+        data['ceiling'] = data['ceiling'] or None
+        return data
+
+    def _points(self, numbers: Any, place: Place) -> Any:
+        """Return x1, y1, x2, y2, ... as a list of points; what is no list as it is."""
+        if not isinstance(numbers, list):
+            return numbers
+        if len(numbers) % 2:
+            self.problems.append(Problem(
+                self.lines.get(place), f'{place[-1]} is {shown(numbers)}; it must have an even '
+                'number of coordinates x1, y1, x2, y2, ...'))
+        return [list(point) for point in zip(numbers[::2], numbers[1::2])]
 
     def _need(self, name: str, place: Place) -> None:
         """Note that a parameter is missing which a mission must have, unless it is there."""

@@ -27,6 +27,6 @@ UNITS = {
     'geofence': 'm', 'error_radius': 'm', 'altitude': 'm', 'separation': 'm', 'floor': 'm',
     'ceiling': 'm', 'max_speed': 'm/s', 'start_velocity': 'm/s', 'goal_velocity': 'm/s',
     'max_acceleration': 'm/s^2', 'average_power': 'W', 'peak_power': 'W', 'duration': 's',
-    'reference_snr_db': 'dB',
+    'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
 }
 """The unit of every field that has one."""

@@ -217,10 +217,15 @@ def objective_from(values: Mapping[str, Any]) -> Objective:
 
 def eavesdropper_parameters(name: str) -> dict[str, Spec]:
     """Return the parameters of one eavesdropper by name."""
-    return {f'{name}.error_radius': Spec(
-        _PAPER.eavesdroppers[0].error_radius,
-        'Error radius epsilon in m, used where the covariance of the pose is zero.',
-        LIMITS['error_radius'])}
+    return {
+        f'{name}.error_radius': Spec(
+            _PAPER.eavesdroppers[0].error_radius,
+            'Error radius epsilon in m, used where the covariance of the pose is zero.',
+            LIMITS['error_radius']),
+        f'{name}.receiver_advantage_db': Spec(
+            0.0, "By how much in dB the SNR at its receiver is larger than the ground node's "
+            'would be at its place: a better antenna or less noise.',
+            LIMITS['receiver_advantage_db'])}
 
 
 REPLAY = {

@@ -159,5 +159,6 @@ def _eavesdroppers(parameters: Mapping[str, Any], poses: PoseBook) -> tuple[Eave
         known = poses.get(pose_topic(name))
         radius = (error_radius(known.covariance, parameters['confidence'])
                   if known.covariance.any() else parameters[f'{name}.error_radius'])
-        found.append(Eavesdropper(known.position, radius, name))
+        found.append(Eavesdropper(known.position, radius, name,
+                                  parameters[f'{name}.receiver_advantage_db']))
     return tuple(found)

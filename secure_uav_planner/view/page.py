@@ -8,6 +8,7 @@ from plotly.subplots import make_subplots
 
 from .airspace import altitudes_of, corners_of_map, is_in_the_way, middle_of
 from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, RATE, uav_color
+from .labels import receiver_label
 from .. import channel
 from ..files import atomic_file
 
@@ -107,6 +108,11 @@ class _View:
                 fill='toself', mode='lines', line={'color': EAVESDROPPER, 'width': 1},
                 legendgroup='disc', showlegend=index == 0, name="eavesdropper's disc",
                 hoverinfo='skip'), 1, 1))
+            if receiver_label(eve):
+                traces.append((go.Scatter(
+                    x=[eve.position[0]], y=[eve.position[1]], text=[receiver_label(eve)],
+                    mode='text', textfont={'color': EAVESDROPPER}, legendgroup='disc',
+                    showlegend=False, hoverinfo='skip'), 1, 1))
         x, y = plan.scenario.ground_node
         traces.append((go.Scatter(
             x=[x], y=[y], mode='markers', name='ground node',

@@ -11,6 +11,7 @@ import numpy as np
 
 from .airspace import altitudes_of, corners_of_map, is_in_the_way, middle_of
 from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, RATE, uav_color
+from .labels import receiver_label
 
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2
@@ -91,6 +92,9 @@ def draw_map(axes, plan, baselines=(), legend=True):
         axes.add_patch(Circle(place, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
         axes.add_patch(Circle(place, eve.error_radius, fill=False, edgecolor=EAVESDROPPER))
         axes.plot(*place, 'X', **_sign(EAVESDROPPER, 8), zorder=6)
+        axes.annotate(receiver_label(eve), place, (7, 7), textcoords='offset points', fontsize=8,
+                      color=EAVESDROPPER, zorder=8, path_effects=[
+                          withStroke(linewidth=2.5, foreground='white')])
     axes.plot(*place_of(scenario.ground_node), '^', **_sign(GROUND_NODE, 10), zorder=6)
     peak = max(uav.peak_power for uav in scenario.uavs)
     heights = [axes.transData.transform(place_of(path))[:, 1].mean() for path in plan.positions]

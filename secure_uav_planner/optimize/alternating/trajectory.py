@@ -122,7 +122,8 @@ class TrajectoryProblem:
             where there is none.
         """
         squared = guaranteed_squared_distances(self.scenario, positions)
-        gains, inverse = self._gains(squared)
+        gains, inverse = self._gains(
+            squared, self.scenario.receiver_advantages[:, None, None])
         received, inverse = gains * powers, inverse * self.unit**2
         distances = np.sqrt(squared) / self.unit
         # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and the one
@@ -139,16 +140,18 @@ class TrajectoryProblem:
             self._jamming.set_local_point(
                 received[:, 1:] / jamming[:, None] * inverse[:, 1:], distances[:, 1:])
 
-    def _gains(self, squared: Array) -> tuple[Array, Array]:
+    def _gains(self, squared: Array,
+               advantages: Array | float = 1.0) -> tuple[Array, Array]:
         """
         Return the gains at squared distances, and 1 / (d^2 + H^2).
 
         The latter is -g' / g, in free space and only there.
 
-        :param squared: (U, N) in m^2.
-        :return: (U, N) in 1/W and (U, N) in 1/m^2.
+        :param squared: (..., U, N) in m^2.
+        :param advantages: of the receivers, likewise.
+        :return: (..., U, N) in 1/W and (..., U, N) in 1/m^2.
         """
-        gains, slopes, _ = self._link.derivatives(squared)
+        gains, slopes, _ = self._link.for_receivers(advantages).derivatives(squared)
         return gains, -slopes / gains
 
 

@@ -1,0 +1,177 @@
+"""Eavesdroppers whose receivers are better or worse than the ground node's, and link budgets."""
+
+from dataclasses import replace
+import json
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import channel, Plan, reference_snr_db, Scenario, solve, upper_bound
+from secure_uav_planner.cli.main import main
+from secure_uav_planner.errors import OptionError, ScenarioError
+from strategies import random_powers, scenarios
+
+PAPER = Scenario.paper(120.0, 30.0, slots=40)
+
+
+def heard(scenario, *advantages):
+    """Return a scenario whose eavesdroppers have receivers with such advantages in dB."""
+    eves = [replace(scenario.eavesdroppers[0], receiver_advantage_db=advantage, name=f'e{number}')
+            for number, advantage in enumerate(advantages)]
+    return replace(scenario, eavesdroppers=tuple(eves))
+
+
+@given(scenarios(), st.floats(0.0, 30.0), st.integers(0, 2**32 - 1))
+def test_a_better_receiver_never_raises_a_rate(scenario, more, seed):
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
+    powers = random_powers(scenario, rng)
+    better = replace(scenario, eavesdroppers=tuple(
+        replace(eve, receiver_advantage_db=eve.receiver_advantage_db + more)
+        for eve in scenario.eavesdroppers))
+    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
+        assert (rates(better, positions, powers)
+                <= rates(scenario, positions, powers) + 1e-6).all()
+
+
+@given(scenarios(max_eavesdroppers=1), st.floats(-30.0, 30.0), st.integers(0, 2**32 - 1))
+def test_an_advantage_is_that_much_more_snr_at_the_eavesdropper_alone(scenario, advantage, seed):
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
+    powers = random_powers(scenario, rng)
+    with_it, without = heard(scenario, advantage), heard(scenario, 0.0)
+    stronger = replace(without, reference_snr_db=scenario.reference_snr_db + advantage)
+    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
+        leak = channel.ground_rates(with_it, positions, powers) - rates(
+            with_it, positions, powers)
+        known = channel.ground_rates(stronger, positions, powers) - rates(
+            stronger, positions, powers)
+        assert leak == pytest.approx(known, abs=2e-6)
+    assert (channel.ground_rates(with_it, positions, powers)
+            == channel.ground_rates(without, positions, powers)).all()
+
+
+@pytest.mark.parametrize('method, objective', [
+    ('joint', 'guaranteed'), ('joint', 'worst_case'), ('alternating', 'guaranteed')])
+def test_methods_plan_against_the_receiver_there_is(method, objective):
+    plans = {advantage: solve(heard(PAPER, advantage), method, objective=objective)
+             for advantage in (-10.0, 0.0, 10.0)}
+    rate = {advantage: getattr(plan, f'{objective}_rate') for advantage, plan in plans.items()}
+    assert rate[10.0] < rate[0.0] < rate[-10.0]
+    # A plan made for the better receiver is better against it than one made for another.
+    for advantage in (-10.0, 10.0):
+        plan = plans[0.0]
+        other = Plan(heard(PAPER, advantage), plan.positions, plan.powers)
+        assert rate[advantage] > getattr(other, f'{objective}_rate') + 1e-3
+
+
+def test_the_best_of_several_receivers_in_one_disc_counts():
+    for objective in ('guaranteed', 'worst_case'):
+        one = solve(heard(PAPER, 6.0), objective=objective)
+        several = solve(heard(PAPER, 0.0, 6.0, -6.0), objective=objective)
+        for rate in ('guaranteed_rate', 'worst_case_rate'):
+            assert getattr(several, rate) == pytest.approx(getattr(one, rate), rel=5e-3)
+        again = Plan(several.scenario, one.positions, one.powers)
+        assert again.worst_case_rates == pytest.approx(one.worst_case_rates, abs=2e-6)
+
+
+def test_what_is_promised_holds_for_receivers_up_to_the_advantage_and_for_no_better_one():
+    scenario = heard(PAPER, 6.0)
+    plan = solve(scenario)
+    rng = np.random.default_rng(0)
+    eve = scenario.eavesdroppers[0]
+    for angle, share in rng.uniform([0, 0], [2 * math.pi, 1], (100, 2)):
+        place = np.array(eve.position) + eve.error_radius * share * np.array(
+            [math.cos(angle), math.sin(angle)])
+        for advantage in (-6.0, 0.0, 6.0):
+            rates = channel.secrecy_rates(
+                scenario, plan.positions, plan.powers, place, advantage)
+            assert (rates >= plan.guaranteed_rates - 1e-9).all()
+    places = channel.worst_case_places(scenario, plan.positions, plan.powers)
+    rates = channel.secrecy_rates(scenario, plan.positions, plan.powers, places, 9.0)
+    assert (rates <= plan.worst_case_rates + 1e-6).all()
+    assert rates.mean() < plan.worst_case_rate - 1e-3
+
+
+@pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
+def test_the_bound_counts_with_the_receiver_and_is_near_the_plan(objective):
+    rates = []
+    for advantage in (-10.0, 0.0, 10.0):
+        scenario = heard(Scenario.paper(104.0, slots=8), advantage)
+        plan = solve(scenario, objective=objective)
+        bound = upper_bound(scenario, objective=objective, plan=plan)
+        assert bound.rate >= getattr(plan, f'{objective}_rate') and bound.gap(plan) < 0.1
+        rates.append(bound.rate)
+    assert rates[0] > rates[1] + 0.01 and rates[1] > rates[2] + 0.01
+
+
+@settings(max_examples=4, deadline=None)
+@given(scenarios(max_uavs=4, max_slots=5), st.sampled_from([-40.0, 25.0]))
+def test_bounds_hold_far_from_equal_receivers(scenario, advantage):
+    scenario = replace(scenario, eavesdroppers=tuple(
+        replace(eve, receiver_advantage_db=advantage) for eve in scenario.eavesdroppers))
+    plan = solve(scenario)
+    for objective in ('guaranteed', 'worst_case'):
+        bound = upper_bound(scenario, objective=objective, plan=plan)
+        assert getattr(plan, f'{objective}_rate') <= bound.rate
+
+
+@pytest.mark.parametrize('value', [101.0, -101.0, math.nan, 'loud', None, True])
+def test_a_wrong_advantage_is_refused(value):
+    with pytest.raises(ScenarioError, match='receiver_advantage_db is .* it must be a number'):
+        heard(PAPER, value)
+
+
+def test_the_advantage_is_part_of_a_saved_plan_and_zero_in_older_ones(tmp_path):
+    plan = solve(heard(Scenario.paper(120.0, slots=10), 6.0))
+    plan.save(tmp_path / 'plan.json')
+    assert Plan.load(tmp_path / 'plan.json').scenario == plan.scenario
+    data = json.loads((tmp_path / 'plan.json').read_text())
+    del data['scenario']['eavesdroppers'][0]['receiver_advantage_db']
+    (tmp_path / 'plan.json').write_text(json.dumps(data))
+    [eve] = Plan.load(tmp_path / 'plan.json').scenario.eavesdroppers
+    assert eve.receiver_advantage_db == 0.0
+
+
+def test_pictures_name_the_advantage(tmp_path):
+    from secure_uav_planner.view.page import save_page
+    from secure_uav_planner.view.picture import draw_plan
+    for advantage, shown in ((6.0, True), (0.0, False)):
+        plan = solve(heard(Scenario.paper(120.0, slots=10), advantage))
+        texts = [text.get_text() for text in draw_plan(plan).axes[0].texts]
+        assert ('+6 dB' in texts) == shown
+        save_page(plan, tmp_path / 'plan.html')
+        assert ('+6 dB' in (tmp_path / 'plan.html').read_text()) == shown
+
+
+# Link budget
+
+
+def test_the_reference_snr_is_friis_equation_over_thermal_noise():
+    # Free-space path loss at 1 m and 2.4 GHz is 40.05 dB; k T B of 1 MHz is -113.98 dBm.
+    assert reference_snr_db(2.4e9, 1e6) == pytest.approx(-40.05 + 113.98 + 30, abs=0.01)
+    assert reference_snr_db(2.4e9, 1e6, 5.0, 2.0, 3.0) == pytest.approx(
+        reference_snr_db(2.4e9, 1e6))
+    assert reference_snr_db(4.8e9, 1e6) == pytest.approx(
+        reference_snr_db(2.4e9, 1e6) - 20 * math.log10(2))
+    assert reference_snr_db(2.4e9, 2e6) == pytest.approx(
+        reference_snr_db(2.4e9, 1e6) - 10 * math.log10(2))
+
+
+@pytest.mark.parametrize('name, value', [
+    ('carrier_hz', 0.0), ('carrier_hz', 2.4), ('bandwidth_hz', -1.0), ('bandwidth_hz', '1 MHz'),
+    ('noise_figure_db', -1.0), ('transmit_gain_dbi', math.nan), ('receive_gain_dbi', 1e3)])
+def test_a_wrong_argument_of_the_link_budget_is_refused(name, value):
+    with pytest.raises(OptionError, match=f'{name} is .*; it must be a number from'):
+        reference_snr_db(**{'carrier_hz': 2.4e9, 'bandwidth_hz': 1e6, name: value})
+
+
+def test_the_command_computes_a_link_budget(capsys):
+    assert main(['link-budget', '--carrier-hz', '2.4e9', '--bandwidth-hz', '20e6',
+                 '--noise-figure-db', '6', '--receive-gain-dbi', '5']) == 0
+    expected = reference_snr_db(2.4e9, 20e6, 6.0, 0.0, 5.0)
+    assert capsys.readouterr().out == f'reference_snr_db: {expected:.2f}\n'
+    assert main(['link-budget', '--carrier-hz', '2.4', '--bandwidth-hz', '20e6']) == 2
+    assert 'carrier_hz is 2.4' in capsys.readouterr().err
