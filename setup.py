@@ -10,6 +10,7 @@ ros = [
 ]
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'plotly>=5.15']
 study = [*view, 'joblib>=1.4', 'tqdm>=4.64']
+campaign = [*study, 'distributed>=2024.1', 'pyarrow>=14']
 bench = [*view, 'casadi>=3.6']
 docs = ['myst-parser>=2.0', 'sphinx>=7.3']
 fly = ['matplotlib>=3.6', 'rotorpy>=3.0']
@@ -23,10 +24,10 @@ check = [
 ]
 test = [
     *bench,
+    *campaign,
     *check,
     *docs,
     *fly,
-    *study,
     'colcon-common-extensions',
     'flake8',
     'flake8-blind-except',
@@ -65,8 +66,8 @@ setup(
         'pyyaml>=6.0', 'scipy>=1.11', 'shapely>=2.0'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
     extras_require={
-        'ros': ros, 'view': view, 'study': study, 'bench': bench, 'fly': fly, 'check': check,
-        'docs': docs, 'test': test},
+        'ros': ros, 'view': view, 'study': study, 'campaign': campaign, 'bench': bench, 'fly': fly,
+        'check': check, 'docs': docs, 'test': test},
     zip_safe=True,
     author='secure_uav_planner maintainers',
     author_email='secure-uav-planner@users.noreply.github.com',

@@ -38,6 +38,7 @@ OPTIONAL = {
     'test_fly.py': ['rotorpy'],
     'test_page.py': ['plotly', 'selenium'],
     'test_relay_node.py': message_package.NEEDED,
+    'test_cli.py': ['plotly'],
     'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],
     'test_site.py': ['myst_parser', 'sphinx'],
     'test_types.py': ['mypy'],

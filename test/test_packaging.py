@@ -26,7 +26,8 @@ KEYS.update({'cvxpy': 'python3-cvxpy-pip', 'pyyaml': 'python3-yaml', 'yaml': 'py
 WITH_ANOTHER = {'clarabel': 'cvxpy'}
 # rosdep has no key, or only one that installs by pip and would bring NumPy 2; the nodes, their
 # tests and the library do without.
-FROM_PYPI = {'casadi', 'mcap', 'plotly', *(name for names in OPTIONAL.values() for name in names)}
+FROM_PYPI = {'casadi', 'distributed', 'mcap', 'plotly', 'pyarrow',
+             *(name for names in OPTIONAL.values() for name in names)}
 
 
 def depends(*kinds):

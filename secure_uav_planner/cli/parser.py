@@ -39,6 +39,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_check(commands)
     _add_new(commands)
     _add_show(commands)
+    _add_sweep(commands)
     _add_link_budget(commands)
     _add_node(commands)
     return parser
@@ -94,6 +95,22 @@ def _add_show(commands) -> None:
     parser.add_argument('-o', '--out', metavar='FILE',
                         help='picture (.png, .svg, .pdf) or web page (.html) to write (default: '
                         'a .png beside the plan)')
+
+
+def _add_sweep(commands) -> None:
+    parser = _add(commands, 'sweep', 'plan all missions of a campaign', """
+
+A campaign is a mission, fields to vary over lists, ranges or random laws, and methods and
+objectives to compare. Every finished mission is written at once; a campaign that was stopped
+goes on with the same command. A mission that fails is a row with its reason.""")
+    parser.add_argument('mission', metavar='campaign', help='campaign file: YAML or JSON')
+    parser.add_argument('-o', '--out', default='out/sweep', metavar='FOLDER',
+                        help='folder for the results (default: %(default)s)')
+    parser.add_argument('--jobs', type=int, default=-1, metavar='N',
+                        help='processes on this computer (default: as many as there are cores)')
+    parser.add_argument('--scheduler', metavar='ADDRESS',
+                        help='a Dask scheduler, such as tcp://host:8786, whose workers are used '
+                        'instead; they need this package')
 
 
 def _add_link_budget(commands) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import re
 import signal
 import sys
-import tempfile
 from typing import Any
 
+from .folders import writable
 from .missions import loaded
 from .progress import ProgressLine
 from .status import DONE, STOPPED
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = loaded(options.mission)
     origin = _origin(options.origin)
-    out = _writable(Path(options.out))
+    out = writable(Path(options.out))
     with _interruptible() as stop, ProgressLine() as line:
         plan = _planned(scenario, options, stop, line)
         bound = _bound(plan, options, stop, line)
@@ -66,18 +66,6 @@ def _origin(values: list[float] | None) -> Origin | None:
     if not 2 <= len(values) <= 3:
         raise OptionError(f'--origin has {len(values)} numbers; it must be LAT LON [ALT]')
     return Origin(*values)
-
-
-def _writable(folder: Path) -> Path:
-    """Return a folder after it has been made and tried; the work before would be in vain."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError as error:
-        raise OptionError(
-            f'{folder} cannot be written to: {error.strerror or error}; choose another folder '
-            'with --out') from None
 
 
 def _planned(scenario: Scenario, options: argparse.Namespace, stop: list[int],

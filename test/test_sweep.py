@@ -1,0 +1,260 @@
+"""Campaigns: every mission once, none lost, whatever dies on the way."""
+
+import csv
+from dataclasses import replace
+import fcntl
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from secure_uav_planner import Scenario, solve
+from secure_uav_planner.campaign.journal import Journal
+from secure_uav_planner.campaign.specification import load
+from secure_uav_planner.cli.main import main
+from secure_uav_planner.errors import MissionFileError
+from test_cli import environment, limited, MODULE, PATIENCE
+
+CAMPAIGN = """
+mission: mission.yaml
+vary:
+  duration: [60.0, 120.0]
+  eavesdroppers.*.error_radius: {from: 0.0, to: 20.0, count: 2}
+  eavesdroppers.0.position: {uniform: [[150, -50], [250, 50]]}
+samples: 2
+seed: 3
+methods: [joint, fly_hover_fly_constant]
+objectives: [guaranteed, worst_case]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return a folder with a mission and a campaign, in which the test runs."""
+    monkeypatch.chdir(tmp_path)
+    Scenario.paper(120.0, slots=8).save('mission.yaml')
+    Path('campaign.yaml').write_text(CAMPAIGN)
+    return tmp_path
+
+
+def journal():
+    """Return the rows that are written."""
+    with open('out/results.jsonl') as file:
+        return [json.loads(line) for line in file]
+
+
+def start(*arguments, **options):
+    """Start the command in the present folder."""
+    return subprocess.Popen([*MODULE, *arguments], env=environment(), text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+
+
+def wait_for(condition, process=None):
+    """Wait until a condition holds."""
+    until = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < until
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.02)
+
+
+def written(least):
+    """Return whether so many rows are written."""
+    path = Path('out/results.jsonl')
+    return path.exists() and path.read_bytes().count(b'\n') >= least
+
+
+def test_every_mission_is_planned_once_and_is_a_row(folder, capsys):
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '2']) == 0
+    rows = journal()
+    # Two durations, two radii, two draws, three pairs of a method and an objective.
+    assert len(rows) == len(load('campaign.yaml')) == len({row['key'] for row in rows}) == 24
+    # 60 s are too short: a failure is a row with its reason.
+    failed = [row for row in rows if row['outcome'] != 'ok']
+    assert {row['fields']['duration'] for row in failed} == {60.0} and len(failed) == 12
+    assert all(row['outcome'] == 'infeasible' and 'needs at least' in row['reason']
+               for row in failed)
+    for row in rows:
+        if row['method'] == 'joint' and row['outcome'] == 'ok':
+            scenario = Scenario.paper(120.0, row['fields']['eavesdroppers.*.error_radius'], 8)
+            place = tuple(row['fields']['eavesdroppers.0.position'])
+            scenario = replace(scenario, eavesdroppers=(
+                replace(scenario.eavesdroppers[0], position=place),))
+            plan = solve(scenario, objective=row['objective'])
+            assert row['worst_case_rate'] == pytest.approx(plan.worst_case_rate, abs=1e-6)
+            assert row['guaranteed_rate'] == pytest.approx(plan.guaranteed_rate, abs=1e-6)
+            break
+    with open('out/results.csv', newline='') as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == 24 and {row['duration'] for row in table} == {'60.0', '120.0'}
+    assert Path('out/summary.png').read_bytes().startswith(b'\x89PNG')
+    assert '12 ok, 12 infeasible' in capsys.readouterr().out
+    # Again, nothing is left to plan.
+    before = Path('out/results.jsonl').read_bytes()
+    assert main(['sweep', 'campaign.yaml', '-o', 'out']) == 0
+    assert Path('out/results.jsonl').read_bytes() == before
+
+
+def test_draws_are_those_of_the_seed_and_the_same_for_every_scheme_and_place(folder):
+    def places(seed):
+        Path('campaign.yaml').write_text(CAMPAIGN.replace('seed: 3', f'seed: {seed}'))
+        return [(task['sample'], *task['fields']['eavesdroppers.0.position'])
+                for task in load('campaign.yaml').tasks()]
+    assert places(3) == places(3) != places(4)
+    assert len(set(places(3))) == 2
+    assert all(150 <= x <= 250 and -50 <= y <= 50 for _, x, y in places(3))
+
+
+def test_a_parquet_table_has_the_same_rows(folder):
+    parquet = pytest.importorskip('pyarrow.parquet')
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    table = parquet.read_table('out/results.parquet').to_pylist()
+    assert sorted(row['key'] for row in table) == sorted(row['key'] for row in journal())
+    assert all(isinstance(row['duration'], float) for row in table)
+
+
+def test_a_driver_that_was_killed_goes_on_where_it_was(folder):
+    Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 3'))
+    process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1', start_new_session=True)
+    wait_for(lambda: written(3), process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    kept = len(journal()) if Path('out/results.jsonl').read_bytes().endswith(b'\n') else 0
+    # As if it had been killed in the middle of a line.
+    with open('out/results.jsonl', 'a') as file:
+        file.write('{"key": "half')
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    keys = [row['key'] for row in journal()]
+    assert len(keys) == len(set(keys)) == 36 and kept >= 3
+
+
+def test_ctrl_c_keeps_what_is_finished(folder):
+    Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 50'))
+    process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1')
+    wait_for(lambda: written(2), process)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130 and 'stopped' in errors and 'Traceback' not in errors
+    assert len(journal()) >= 2
+
+
+def test_a_full_disk_keeps_what_is_finished_and_is_status_1(folder):
+    process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1', preexec_fn=limited)
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1 and 'File too large' in errors and 'Traceback' not in errors
+    with Journal(Path('out/results.jsonl')) as kept:
+        assert 0 < len(list(kept.rows())) < 24
+
+
+def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
+    Path('out').mkdir()
+    with open('out/results.jsonl', 'ab') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert main(['sweep', 'campaign.yaml', '-o', 'out']) == 2
+    assert 'another sweep' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('text, reason', [
+    ('mision: mission.yaml', 'did you mean mission?'),
+    ('vary: {}', 'mission is None'), ('[]', 'it must be a mapping'), ('', 'it must be a mapping'),
+    ('mission: none.yaml', 'No such file'), ('mission: {slots: 3}', 'lacks ground_node'),
+    ('mission: mission.yaml\nvary: 7', 'vary is 7'),
+    ('mission: mission.yaml\nvary: {durations: [1]}', 'no field'),
+    ('mission: mission.yaml\nvary: {uavs.7.altitude: [1]}', 'no field'),
+    ('mission: mission.yaml\nvary: {uavs.x.altitude: [1]}', 'no field'),
+    ('mission: mission.yaml\nvary: {duration: []}', 'must be a list of values'),
+    ('mission: mission.yaml\nvary: {duration: {from: 1, to: 2, count: 0}}', 'above 0'),
+    ('mission: mission.yaml\nvary: {duration: {from: 1, to: x, count: 3}}', 'above 0'),
+    ('mission: mission.yaml\nvary: {duration: {uniform: 3}}', 'two numbers'),
+    ('mission: mission.yaml\nvary: {duration: {normal: [1, -1]}}', 'two numbers'),
+    ('mission: mission.yaml\nvary: {duration: {gamma: [1, 1]}}', 'must be a list of values'),
+    ('mission: mission.yaml\nsamples: 0', 'samples is 0'),
+    ('mission: mission.yaml\nseed: -1', 'seed is -1'),
+    ('mission: mission.yaml\nsamples: 1000000000', 'it must have 1 to'),
+    ('mission: mission.yaml\nmethods: [magic]', "methods is ['magic']"),
+    ('mission: mission.yaml\nmethods: [alternating]\nobjectives: [worst_case]', 'only the method'),
+    ('mission: mission.yaml\ntime_limit: 0', 'time_limit is 0')])
+def test_a_wrong_campaign_is_refused_in_a_line(folder, capsys, text, reason):
+    Path('campaign.yaml').write_text(text)
+    with pytest.raises(MissionFileError) as error:
+        load('campaign.yaml')
+    assert any(reason in problem for _, problem in error.value.problems)
+    assert main(['sweep', 'campaign.yaml']) == 2
+    assert reason in capsys.readouterr().err and not Path('out').exists()
+
+
+def test_a_field_of_all_members_and_of_one_coordinate_can_be_varied(folder):
+    Path('campaign.yaml').write_text("""
+mission: mission.yaml
+vary: {uavs.*.max_speed: [12.0], uavs.0.start.1: [450.0]}
+""")
+    [task] = load('campaign.yaml').tasks()
+    assert [uav['max_speed'] for uav in task['mission']['uavs']] == [12.0, 12.0]
+    assert task['mission']['uavs'][0]['start'] == [100.0, 450.0]
+
+
+# Dask
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Return the address of a scheduler, and its two workers, all processes of their own."""
+    pytest.importorskip('distributed')
+    file = tmp_path / 'scheduler.json'
+    common = {'env': environment(), 'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL}
+    processes = [subprocess.Popen(
+        [sys.executable, '-m', 'distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port',
+         '0', '--no-dashboard', '--scheduler-file', str(file)], **common)]
+    try:
+        wait_for(lambda: file.exists() and file.read_text().strip().endswith('}'), processes[0])
+        address = json.loads(file.read_text())['address']
+        processes += [subprocess.Popen(
+            [sys.executable, '-m', 'distributed.cli.dask_worker', address, '--nthreads', '1',
+             '--no-nanny', '--no-dashboard', '--local-directory', str(tmp_path / str(number))],
+            **common) for number in range(2)]
+        yield address, processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_a_cluster_loses_no_mission_when_a_worker_and_the_driver_are_killed(folder, cluster):
+    address, (_, victim, _) = cluster
+    Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 4'))
+    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', address]
+    driver = start(*arguments)
+    wait_for(lambda: written(3), driver)
+    victim.kill()
+    kept = len(journal())
+    wait_for(lambda: written(kept + 5), driver)
+    driver.kill()
+    driver.communicate()
+    driver = start(*arguments)
+    printed, errors = driver.communicate(timeout=PATIENCE)
+    assert driver.returncode == 0, errors
+    keys = [row['key'] for row in journal()]
+    assert len(keys) == len(set(keys)) == 48
+    assert '24 ok, 24 infeasible' in printed
+
+
+def test_a_scheduler_that_is_lost_is_status_1_and_what_is_finished_is_kept(folder, cluster):
+    address, (scheduler, *_) = cluster
+    Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 200'))
+    driver = start('sweep', 'campaign.yaml', '-o', 'out', '--scheduler', address)
+    wait_for(lambda: written(3), driver)
+    scheduler.kill()
+    _, errors = driver.communicate(timeout=PATIENCE)
+    assert driver.returncode == 1 and 'goes on from here' in errors
+    assert len(journal()) >= 3
+
+
+def test_a_scheduler_that_cannot_be_reached_is_status_2(folder, capsys, monkeypatch):
+    pytest.importorskip('distributed')
+    monkeypatch.setattr('secure_uav_planner.campaign.workers._PATIENCE', 1.0)
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', 'tcp://127.0.0.1:1']) == 2
+    assert 'cannot be reached' in capsys.readouterr().err
