@@ -1,4 +1,5 @@
-# `make demo` and `make test` set up all they need in .venv, and run.
+# `make demo` and `make test` set up all they need in .venv, and run; so does
+# `make demo MISSION=city`.
 # `make compat` tests with the oldest, Ubuntu's and the newest versions of what it builds on.
 
 PYTHON ?= python3
@@ -17,8 +18,10 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, alternating channel der
 
 .PHONY: demo test bench fly soak study docs compat clean
 
+MISSION ?= paper
+
 demo: $(VENV)/.view
-	$(BIN)/python -m secure_uav_planner.demo
+	$(BIN)/python -m secure_uav_planner.demo --mission $(MISSION)
 
 # Tests of nodes mostly wait for each other: two at a time.
 test: $(VENV)/.test

@@ -1,5 +1,5 @@
 """
-The demo: plan the paper's mission with both nodes, replay it, save it and draw it.
+The demo: plan a mission with both nodes, replay it, save it and draw it.
 
 The planner and the replay node run in separate processes. This third process uses their topics
 and services over DDS, like any other program.
@@ -17,6 +17,7 @@ import sys
 import time
 from typing import Any
 
+from ament_index_python import get_package_share_path
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
@@ -54,19 +55,24 @@ class DemoError(PlanningError, RuntimeError):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the demo; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--out', type=pathlib.Path, default=pathlib.Path('out'),
-                        help='folder for the results')
+    parser.add_argument('--mission', default='paper',
+                        help="'paper', 'city', or a parameter file of the planner with positions")
+    parser.add_argument('--out', type=pathlib.Path,
+                        help='folder for the results, by default out, or out/MISSION')
     parser.add_argument('--method', help="optimisation method, by default the planner's")
     options = parser.parse_args(argv)
-    options.out.mkdir(parents=True, exist_ok=True)
     try:
-        with isolated(options.out):
-            plan = _plan_and_replay(Scenario.paper(), options.method)
+        file = _mission_file(options.mission)
+        scenario = Scenario.load(file)
+        out = options.out or pathlib.Path('out', *[file.stem] * (options.mission != 'paper'))
+        out.mkdir(parents=True, exist_ok=True)
+        with isolated(out):
+            plan = _plan_and_replay(scenario, file, options.method)
         baselines = [fly_hover_fly(plan.scenario, power) for power in ('constant', 'optimised')]
         print(f'proving how good they are, for at most {_PROOF:g} s ...', flush=True)
         bound = upper_bound(plan.scenario, objective=plan.objective, plan=plan,
                             time_limit=_PROOF)
-    except PlanningError as error:
+    except (PlanningError, OSError) as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -74,13 +80,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     print()
     *baselines, plan = (one.with_bound(bound) for one in (*baselines, plan))
     print(table([*baselines, plan]))
-    files = [options.out / f'plan.{ending}' for ending in ('json', 'png', 'html', 'mcap')]
+    files = [out / f'plan.{ending}' for ending in ('json', 'png', 'html', 'mcap')]
     plan.save(files[0])
     save_picture(plan, files[1], baselines)
     save_page(plan, files[2])
     record(plan, files[3])
     print(f'\nsaved: {", ".join(map(str, files))}')
     return 0
+
+
+def _mission_file(mission: str) -> pathlib.Path:
+    """Return the parameter file of a mission: one of the package's by name, or one by path."""
+    file = pathlib.Path(mission)
+    if file.suffix:
+        return file
+    folder: pathlib.Path = get_package_share_path('secure_uav_planner') / 'config'
+    return folder / f'{mission}.yaml'
 
 
 @contextmanager
@@ -122,12 +137,14 @@ def free_domain() -> Iterator[int]:
                     f'set ROS_DOMAIN_ID to another one')
 
 
-def _plan_and_replay(scenario: Scenario, method: str | None) -> Plan:
-    """Let the nodes plan and replay the scenario; return the plan that was received."""
-    planner = ['-p', f'method:={method}'] if method else []
+def _plan_and_replay(scenario: Scenario, file: pathlib.Path, method: str | None) -> Plan:
+    """Let the nodes plan and replay the scenario of a file; return the plan that was received."""
+    parameters = ['--params-file', str(file)]
+    planner = [*parameters, '-p', f'method:={method}'] if method else parameters
     place = np.array(scenario.eavesdroppers[0].position) - [
         scenario.eavesdroppers[0].error_radius, 0.0]
-    replay = ['-p', f'speed:={_REPLAY_SPEED}', '-p', f'true_eavesdropper:={place.tolist()}']
+    replay = [*parameters, '-p', f'speed:={_REPLAY_SPEED}',
+              '-p', f'true_eavesdropper:={place.tolist()}']
     with process('planner', planner), process('replay', replay):
         with _client(scenario) as client:
             return client.run()
@@ -172,8 +189,9 @@ class _Client(Node):
         self._names = [uav.name for uav in scenario.uavs]
         self._paths, self._powers, self._places, self._status = {}, {}, {}, {}
         self._ground_node = self.create_publisher(PoseStamped, 'ground_node/pose', 10)
-        self._eavesdropper = self.create_publisher(
-            PoseWithCovarianceStamped, 'eavesdropper/pose', 10)
+        self._estimates = {
+            eve.name: self.create_publisher(PoseWithCovarianceStamped, f'{eve.name}/pose', 10)
+            for eve in scenario.eavesdroppers}
         for name in self._names:
             self._receive(Path, f'{name}/path', self._paths, LATCHED)
             self._receive(Float64MultiArray, f'{name}/power', self._powers, LATCHED)
@@ -187,7 +205,7 @@ class _Client(Node):
                     for name in ('planner/plan', 'replay/start')}
         for name, service in services.items():
             self._wait(service.service_is_ready, f'the service {name}')
-        self._wait(self._poses_known, 'a status of the planner with both poses')
+        self._wait(self._poses_known, 'a status of the planner with all poses')
         started = time.monotonic()
         print('planning ...', flush=True)
         answer = self._call(services['planner/plan'])
@@ -217,10 +235,11 @@ class _Client(Node):
         place.header.stamp = self.get_clock().now().to_msg()
         place.pose = pose(*self._scenario.ground_node, 0.0, 0.0)
         self._ground_node.publish(place)
-        estimate = PoseWithCovarianceStamped(header=place.header)
-        # Without a covariance, the planner uses its parameter eavesdropper.error_radius.
-        estimate.pose.pose = pose(*self._scenario.eavesdroppers[0].position, 0.0, 0.0)
-        self._eavesdropper.publish(estimate)
+        for eve in self._scenario.eavesdroppers:
+            estimate = PoseWithCovarianceStamped(header=place.header)
+            # Without a covariance, the planner uses its parameter <eavesdropper>.error_radius.
+            estimate.pose.pose = pose(*eve.position, 0.0, 0.0)
+            self._estimates[eve.name].publish(estimate)
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         self._status = {entry.key: entry.value for entry in message.values}
@@ -230,7 +249,7 @@ class _Client(Node):
 
     def _poses_known(self) -> bool:
         return all(self._status.get(f'pose_age.{name}/pose', 'none') != 'none'
-                   for name in ('ground_node', 'eavesdropper'))
+                   for name in ('ground_node', *self._estimates))
 
     def _call(self, service: Client) -> Trigger.Response:
         future = service.call_async(Trigger.Request())

@@ -4,14 +4,13 @@ from pathlib import Path
 
 import numpy as np
 from ros_client import flat
-from secure_uav_planner import Eavesdropper, Plan, Scenario
+from secure_uav_planner import Plan
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, uav_from, uav_parameters)
-from secure_uav_planner.ros.zone_parameters import airspace_from, zone_parameters
+    eavesdropper_parameters, PLANNER, uav_parameters)
+from secure_uav_planner.ros.zone_parameters import zone_parameters
 import yaml
 
 FILE = Path(__file__).resolve().parents[1] / 'config' / 'city.yaml'
-PLACES = {'market': (190.0, 130.0), 'station': (-170.0, -120.0)}
 WAY = {'courier': [(-190, 250), (-110, 120), (0, 0), (150, -60), (220, -100), (300, -160)],
        'escort1': [(-150, 250), (190, 130), (300, -80)],
        'escort2': [(-300, 80), (-170, -120), (100, -220)]}
@@ -31,17 +30,6 @@ def values():
         specs.update(zone_parameters(name))
     return {**{name: spec.default for name, spec in specs.items()},
             **{name: specs[name].checked(name, value) for name, value in given.items()}}
-
-
-def scenario():
-    """Return the mission as the planner makes it of its parameters and these places."""
-    of = values()
-    return Scenario(
-        (0.0, 0.0),
-        tuple(Eavesdropper(PLACES[name], of[f'{name}.error_radius'], name)
-              for name in of['eavesdroppers']),
-        tuple(uav_from(of, name) for name in of['uavs']), of['duration'], of['slots'],
-        of['reference_snr_db'], **airspace_from(of))
 
 
 def plan_by_hand(scenario):

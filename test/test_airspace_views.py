@@ -4,7 +4,7 @@ import city
 from matplotlib.patches import Polygon
 import numpy as np
 import pytest
-from secure_uav_planner import NoFlyZone
+from secure_uav_planner import NoFlyZone, Scenario
 from secure_uav_planner.ros import messages
 from secure_uav_planner.view.airspace import altitudes_of, corners_of_map
 from secure_uav_planner.view.picture import draw_plan
@@ -16,7 +16,7 @@ SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 @pytest.fixture(scope='module')
 def plan():
-    return city.plan_by_hand(city.scenario())
+    return city.plan_by_hand(Scenario.load(city.FILE))
 
 
 def test_the_city_can_be_flown_with_room_to_spare(plan):

@@ -5,8 +5,9 @@ from pathlib import Path
 import subprocess
 import sys
 
+import city
 import pytest
-from secure_uav_planner import Plan, Scenario
+from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.demo import free_domain
 
 
@@ -60,3 +61,25 @@ def test_the_demo_leaves_no_process_behind(demo):
         if parent == '1' and 'secure_uav_planner.ros.' in command:
             environment = (entry / 'environ').read_bytes().decode(errors='replace')
             assert f'ROS_DOMAIN_ID={os.environ["ROS_DOMAIN_ID"]}\0' not in environment, command
+
+
+def test_the_demo_flies_the_city_as_well(tmp_path):
+    result = subprocess.run(
+        [sys.executable, '-m', 'secure_uav_planner.demo', '--mission', 'city', '--out', tmp_path],
+        capture_output=True, text=True, timeout=900)
+    assert result.returncode == 0, result.stdout + result.stderr
+    plan = Plan.load(tmp_path / 'plan.json')  # which checks every limit along the curve
+    assert plan.scenario == Scenario.load(city.FILE)
+    assert plan.worst_case_rate > fly_hover_fly(plan.scenario, 'optimised').worst_case_rate
+    for ending in ('png', 'html', 'mcap'):
+        assert (tmp_path / f'plan.{ending}').stat().st_size > 10000
+
+
+@pytest.mark.parametrize('mission, reason', [('village', 'village.yaml'), ('x.yaml', 'x.yaml')])
+def test_a_mission_that_there_is_not_is_refused(tmp_path, mission, reason):
+    result = subprocess.run(
+        [sys.executable, '-m', 'secure_uav_planner.demo', '--mission', mission],
+        capture_output=True, text=True, timeout=600, cwd=tmp_path)
+    assert result.returncode == 1
+    assert result.stderr.startswith('demo: ') and reason in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -73,7 +73,7 @@ def test_every_eavesdropper_has_a_topic_of_its_own_name(plan, tmp_path):
 
 def test_zones_fence_and_distances_are_recorded(tmp_path):
     path = tmp_path / 'city.mcap'
-    record(city.plan_by_hand(city.scenario()), path, rate=0.1)
+    record(city.plan_by_hand(Scenario.load(city.FILE)), path, rate=0.1)
     with path.open('rb') as stream:
         found = {channel.topic: decoded for _, channel, _, decoded in make_reader(
             stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(

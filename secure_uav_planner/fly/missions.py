@@ -6,7 +6,6 @@ from ament_index_python import get_package_share_path
 
 from ..bench.missions import random_mission
 from ..errors import InfeasibleMissionError
-from ..ros.mission_files import scenario_of_file
 from ..scenario import Scenario
 
 _RANDOM_LIMIT = 3.0
@@ -29,10 +28,9 @@ def paper_missions():
 
 
 def city_missions():
-    """Yield the name and the Scenario of `config/city.yaml`, with the places it names."""
-    file = get_package_share_path('secure_uav_planner') / 'config' / 'city.yaml'
-    yield 'city', scenario_of_file(
-        file, (0.0, 0.0), {'market': (190.0, 130.0), 'station': (-170.0, -120.0)})
+    """Yield the name and the Scenario of `config/city.yaml`."""
+    yield 'city', Scenario.load(
+        get_package_share_path('secure_uav_planner') / 'config' / 'city.yaml')
 
 
 def random_missions(count):

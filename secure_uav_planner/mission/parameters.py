@@ -14,8 +14,9 @@ OTHER_NODES = ('replay', 'relay')
 """Nodes whose parameters in the same file say nothing of the mission."""
 
 OF_THE_NODE = frozenset({
-    'confidence', 'frame_id', 'height_tolerance', 'method', 'objective', 'plan_file',
-    'pose_timeout', 'replan_distance', 'replan_lead', 'replan_period', 'time_limit'})
+    'bound', 'confidence', 'frame_id', 'height_tolerance', 'method', 'objective', 'plan_file',
+    'pose_timeout', 'replan_deviation', 'replan_distance', 'replan_lead', 'replan_period',
+    'start_delay', 'time_limit', 'track_tolerance'})
 """Parameters of the planner that are no part of a mission."""
 
 OF_A_UAV = frozenset({
