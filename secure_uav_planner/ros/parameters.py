@@ -20,7 +20,7 @@ from ..optimize import METHODS
 from ..optimize.solve import checked_objective
 from ..plan import Objective, OBJECTIVES
 from ..polygons import MAX_VERTICES
-from ..scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Point, Scenario, Uav
+from ..scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario, Uav
 
 _PAPER = Scenario.paper()
 _OWN = 'default'  # The method's own objective.
@@ -145,8 +145,7 @@ PLANNER = {
                       'joint can and maximises by default.', choices=(_OWN, *OBJECTIVES)),
     'bound': Spec('off', 'Whether to prove, after a plan has been published, how far below the '
                   'best possible it is at most; the result is part of the status and of '
-                  'plan_file.',
-                  choices=('off', 'after')),
+                  'plan_file.', choices=('off', 'after')),
     'time_limit': Spec(60.0, 'Deadline of a solve in s, after which the best feasible plan so '
                        'far is published; 0 for none.', (0.0, 86400.0)),
     'confidence': Spec(0.95, 'Probability that an eavesdropper is within the error radius taken '
@@ -156,6 +155,11 @@ PLANNER = {
     'height_tolerance': Spec(2.0, 'Largest distance in m of the ground node and of the '
                              'eavesdroppers from z = 0 of the frame.',
                              (0.0, LIMITS['altitude'][1])),
+    'start_delay': Spec(0.0, 'How far ahead of a request on ~/plan in s the new plan starts, from '
+                        'where the UAVs will be then; also the deadline of its solve; 0 to start '
+                        'from where they are, when it has been solved.', (0.0, 3600.0)),
+    'track_tolerance': Spec(5.0, 'Distance in m from its plan beyond which a UAV is reported; '
+                            'nearer, it counts as on its plan.', (0.01, 1e7)),
     'plan_file': Spec('', 'File (JSON) that keeps the last plan over a restart; empty for none.',
                       read_only=True),
     'replan_period': Spec(0.0, 'Period in s after which the rest of the mission is planned '
@@ -164,6 +168,9 @@ PLANNER = {
                             'estimate has moved by more than this distance in m, or an error '
                             'radius has changed by more than a tenth of it; 0 for never.',
                             LIMITS['error_radius']),
+    'replan_deviation': Spec(0.0, 'Plan the rest of the mission again, from where the UAVs will '
+                             'be, when one is farther from its plan than this distance in m; 0 '
+                             'for never.', (0.0, 1e7)),
     'replan_lead': Spec(2.0, 'How far ahead in s a new plan of the rest takes effect; also '
                         'the deadline of its solve.', (0.01, 3600.0)),
 }
@@ -192,8 +199,8 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     return {**{f'{name}.{field}': _uav_spec(getattr(uav, field), text, field)
                for field, text in _FIELDS.items()},
             f'{name}.use_pose': Spec(
-                True, 'Whether to plan from the last pose of the UAV, if one has arrived, instead '
-                'of from its start.')}
+                True, 'Whether to plan from the last odometry or pose of the UAV, if one has '
+                'arrived, instead of from its start.')}
 
 
 def _uav_spec(default: Any, text: str, field: str) -> Spec:
@@ -345,12 +352,10 @@ def _given(node: Node) -> list[str]:
     return list(getattr(node, '_parameter_overrides', {}))
 
 
-def uav_from(values: Mapping[str, Any], name: str, start: Point | None = None) -> Uav:
-    """Return the Uav that the parameter values describe, with another start if one is given."""
+def uav_from(values: Mapping[str, Any], name: str) -> Uav:
+    """Return the Uav that the parameter values describe."""
     fields = {field: values[f'{name}.{field}'] for field in _FIELDS}
     fields['max_acceleration'] = fields['max_acceleration'] or None
     for field in ('start_velocity', 'goal_velocity'):
         fields[field] = fields[field] or None
-    if start is not None:
-        fields['start'] = start
     return Uav(name, **fields)

@@ -46,7 +46,9 @@ _LONGEST_REASON = 4000
 
 class Planner(Node):
     """
-    Plans on request and, if enabled, again during the flight; docs/reference.md describes its interface.
+    Plans on request and, if enabled, again during the flight.
+
+    docs/reference.md describes its interface.
 
     :raises PlanningError: for a wrong parameter; the text names it.
     """
