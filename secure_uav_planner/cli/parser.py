@@ -65,9 +65,10 @@ the best plan so far.""")
                         help='folder for the results, made if needed (default: %(default)s)')
     parser.add_argument('--method', choices=METHODS, default=METHODS[0],
                         help='optimisation method (default: %(default)s)')
-    parser.add_argument('--objective', choices=OBJECTIVES, default=OBJECTIVES[0],
+    parser.add_argument('--objective', choices=OBJECTIVES,
                         help='rate to maximise: the lower bound by formula, or the true worst '
-                        'case over the discs, only with the method joint (default: %(default)s)')
+                        'case over the discs, only with the method joint, of which it is the '
+                        'default')
     parser.add_argument('--time-limit', type=_seconds, metavar='S',
                         help='end the search for a plan after so many seconds and keep the best '
                         'plan so far (default: none)')

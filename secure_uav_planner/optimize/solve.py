@@ -13,7 +13,7 @@ from ..errors import OptionError, shown
 from ..plan import Plan, Status
 from ..scenario import Scenario
 
-__all__ = ['METHODS', 'Method', 'Power', 'check_method', 'fly_hover_fly', 'solve']
+__all__ = ['METHODS', 'Method', 'Power', 'checked_objective', 'fly_hover_fly', 'solve']
 
 MAX_GAINS = 500_000
 """
