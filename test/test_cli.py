@@ -323,6 +323,8 @@ def test_a_flown_mission_is_near_the_plan_at_all_times(acceleration):
         uav['max_acceleration'] = acceleration
     plan = solve(Scenario.from_dict(data))
     playback, origin = Playback(plan), Origin(47.0, 8.0, 400.0)
+    # Legs are near at the times of points; between two, the curve bends by a t^2 / 8.
+    most = TOLERANCE + 0.3 + (acceleration or 0.0) * plan.scenario.slot_duration**2 / 8
     for number, uav in enumerate(plan.scenario.uavs):
         items = mission(plan, number, origin)['mission']['items']
         assert items[0]['command'] == 22 and items[-1]['command'] == 21
@@ -340,7 +342,7 @@ def test_a_flown_mission_is_near_the_plan_at_all_times(acceleration):
             end = now + (hold or length / speed)
             for time in np.linspace(now, end, 20):
                 place = here + (there - here) * (time - now) / (end - now)
-                assert math.dist(place, playback.at(time).positions[number]) < TOLERANCE + 0.3
+                assert math.dist(place, playback.at(time).positions[number]) < most
             here, now = there, end
         assert now == pytest.approx(playback.duration, abs=0.1)
         assert math.dist(here, uav.goal) < 0.1
