@@ -122,6 +122,7 @@ def fitted(scenario: Scenario, positions: Array, share: float = 0.05) -> Array |
             return found.positions
     return None
 
+
 def _least_effort(uav: Uav, length: float, scenario: Scenario) -> Array:
     """Return distances flown along a way, (N+2,) in m."""
     limited = uav.max_acceleration is not None

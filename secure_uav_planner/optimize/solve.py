@@ -56,6 +56,8 @@ def solve(scenario: Scenario, method: Method = 'joint',
     :raises OptionError: for an unknown method or objective, a scenario too large for
         'alternating', a time limit that is not positive, or an initial plan with another number
         of UAVs.
+    :raises InfeasibleMissionError: when zones, fence or separation leave no flights in the
+        duration, naming the UAV, what is in its way, and the shortest duration that was found.
     """
     if objective is None and initial is not None and initial.method == method:
         objective = initial.objective
@@ -85,6 +87,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     :param time_limit: as for solve.
     :return: a Plan.
     :raises OptionError: for another power, or a time limit that is not positive.
+    :raises InfeasibleMissionError: as for solve.
     """
     if power not in get_args(Power):
         raise OptionError(f"power is {shown(power)}; it must be 'constant' or 'optimised'")
