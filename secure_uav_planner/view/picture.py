@@ -1,5 +1,7 @@
 """The picture of a plan: a map, and below it the powers and the rates over time."""
 
+from textwrap import wrap
+
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
@@ -15,6 +17,7 @@ from .labels import receiver_label
 
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2
+_TITLE_WIDTH = 90  # In characters.
 _DOTS_PER_INCH = 200
 _FAINT = 1e-3
 _TIME_MARKS = 12
@@ -49,7 +52,7 @@ def draw_plan(plan, baselines=()):
     title = (f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
              f'{plan.worst_case_rate:.3f} in the worst case')
     if plan.bound is not None:
-        title += f'\n{plan.claim}'
+        title = '\n'.join([title, *wrap(plan.claim, _TITLE_WIDTH)])
     total = tall + 4.7 + 0.2 * title.count('\n')
     figure = Figure(figsize=(_WIDTH, total))
     # Axes are placed in inches, because constrained layout cuts off legends beside axes of equal
