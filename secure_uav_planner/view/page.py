@@ -14,6 +14,7 @@ from ..files import atomic_file
 
 _MOST_FRAMES = 400
 _PLAYING_TIME = 20.0
+_LEAST_POWER = 2e-5  # That is shown at first, as a share of the largest peak power.
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
 _DASHES = ('solid', 'dash', 'dot', 'dashdot')
 _TITLE = 'Secure UAV plan'
@@ -55,7 +56,7 @@ def draw_page(plan):
     figure.frames = [
         go.Frame(name=str(point), traces=moving, data=[
             trace for trace, _, _ in view.moving_traces(point)]) for point in points]
-    _label_axes(figure, view.map_ranges())
+    _label_axes(figure, view.map_ranges(), view.peak)
     _add_controls(figure, view, points)
     return figure
 
@@ -217,12 +218,12 @@ def _watts(power):
     return f'{power:.2f} W' if power >= 0.1 or power == 0 else f'{1000 * power:.1f} mW'
 
 
-def _label_axes(figure, ranges):
+def _label_axes(figure, ranges, peak):
     figure.update_xaxes(title_text='x (m)', range=ranges[0], constrain='domain', row=1, col=1)
     figure.update_yaxes(title_text='y (m)', range=ranges[1], constrain='domain', scaleanchor='x',
                         row=1, col=1)
     figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
-                        row=1, col=2)
+                        range=np.log10([_LEAST_POWER * peak, 2 * peak]), row=1, col=2)
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero', row=2, col=2)
     figure.update_yaxes(title_text='delivered<br>(bit/Hz)', rangemode='tozero', row=3, col=2)
     figure.update_xaxes(title_text='time (s)', row=3, col=2)
