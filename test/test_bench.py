@@ -6,8 +6,10 @@ import pytest
 from secure_uav_planner import Scenario, solve
 from secure_uav_planner.bench import __main__ as bench
 from secure_uav_planner.bench import report
+from secure_uav_planner.bench.fatrop import solve_by_fatrop
 from secure_uav_planner.bench.ipopt import solve_by_ipopt
 from secure_uav_planner.bench.missions import random_mission
+from secure_uav_planner.bench.opponent import has_fatrop
 from secure_uav_planner.optimize.baselines import constant_powers, fly_hover_fly_positions
 
 
@@ -32,6 +34,18 @@ def test_ipopt_solves_the_same_problem(scenario):
     assert answer.build_time > 0 and answer.solve_time > 0 and answer.iterations > 0
 
 
+@pytest.mark.parametrize('scenario', [
+    Scenario.paper(104, slots=30), random_mission(1, slots=20), random_mission(4, 20, jammers=1)])
+def test_fatrop_reaches_the_rate_of_ipopt(scenario):
+    if not has_fatrop():
+        pytest.skip('needs a CasADi that brings FATROP')
+    start = fly_hover_fly_positions(scenario), constant_powers(scenario)
+    answer, other = (solve(scenario, *start) for solve in (solve_by_fatrop, solve_by_ipopt))
+    assert answer.rate == pytest.approx(other.rate, rel=1e-3)
+    assert answer.build_time > 0 and answer.solve_time > 0 and answer.iterations > 0
+    assert answer.status in ('Solve_Succeeded', 'Not_Converged')
+
+
 def test_without_casadi_the_benchmark_says_what_to_install(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, 'casadi', None)
     assert bench.main(['--out', str(tmp_path)]) == 1
@@ -44,17 +58,18 @@ def test_without_casadi_the_benchmark_says_what_to_install(monkeypatch, capsys, 
 def test_the_quick_benchmark_writes_tables_and_a_picture(monkeypatch, capsys, tmp_path):
     pytest.importorskip('casadi')
     monkeypatch.setattr(bench, 'PAPER', bench.PAPER[:1])
-    monkeypatch.setattr(bench, 'random_mission', lambda seed: random_mission(seed, slots=20))
+    monkeypatch.setattr(bench, 'random_mission', lambda seed, slots=20, jammers=None:
+                        random_mission(seed, 20, jammers))
     assert bench.main(['--quick', '--missions', '1', '--seed', '1', '--out', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert 'times as fast as IPOPT' in printed and 'a warm start takes' in printed
     document = (tmp_path / 'bench.md').read_text()
-    for name in ('paper', 'slots', 'random', 'warm', 'objectives'):
+    for name in ('paper', 'slots', 'random', 'two UAVs', 'warm', 'objectives'):
         assert f'\n## {name}\n' in document
     with open(tmp_path / 'bench.csv', newline='') as file:
         rows = list(csv.DictReader(file))
-    assert [row['table'] for row in rows] == ['paper', 'slots', 'slots', 'random'] + [
-        'warm'] * 4 + ['objectives'] * 3
+    assert [row['table'] for row in rows] == [
+        'paper', 'slots', 'slots', 'random', 'two UAVs', *['warm'] * 4, *['objectives'] * 3]
     assert float(rows[0]['joint_rate']) >= float(rows[0]['reference'])
     assert all(0 < float(row['peak_memory']) < 1000 for row in rows[1:3])
     picture = (tmp_path / 'time_against_slots.png').read_bytes()

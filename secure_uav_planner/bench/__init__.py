@@ -1,1 +1,1 @@
-"""Rates and times of the methods, compared with CasADi and IPOPT."""
+"""Rates and times of the methods, compared with CasADi's IPOPT and FATROP."""

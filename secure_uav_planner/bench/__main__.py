@@ -8,11 +8,13 @@ import sys
 
 from . import measure as measuring
 from . import report
+from .fatrop import TOLERANCE
 from .missions import random_mission
 from ..scenario import Scenario
 
 PAPER = ((102.0, 10.0, 1.3694), (104.0, 10.0, 1.5601), (120.0, 10.0, 1.9875),
          (150.0, 10.0, 2.5035), (200.0, 10.0, 3.0187), (200.0, 0.0, 3.1917))
+TWO_SLOTS = 100  # Of the missions of two UAVs.
 
 
 def main(arguments=None):
@@ -52,10 +54,13 @@ def main(arguments=None):
     sizes = (200, 400) if options.quick else (200, 400, 1000, 2000, 5000)
     table('slots', (
         {**measuring.measure(f'N = {slots}', Scenario.paper(200.0, 10.0, slots), repeats,
-                             ipopt=slots <= 2000),
+                             ipopt=slots <= 2000, fatrop=slots <= 2000),
          'peak_memory': measuring.peak_memory(slots)} for slots in sizes))
     table('random', (measuring.measure(f'seed {seed}', random_mission(seed), min(repeats, 3))
                      for seed in seeds))
+    table('two UAVs', (measuring.measure(
+        f'seed {seed}', random_mission(seed, slots=TWO_SLOTS, jammers=1), min(repeats, 3))
+        for seed in seeds))
     warm = [('paper', Scenario.paper(duration), 0) for duration in (102.0, 120.0, 200.0)]
     warm += [(f'seed {seed}', random_mission(seed), seed) for seed in seeds]
     table('warm', (measuring.measure_warm(name, scenario, seed, min(repeats, 3))
@@ -74,10 +79,12 @@ def main(arguments=None):
         f'`python -m secure_uav_planner.bench {" ".join(arguments or sys.argv[1:])}`, '
         f'Python {platform.python_version()}, CasADi {casadi.__version__}, '
         f'{platform.machine()}. Times are medians in s, rates in bit/s/Hz, memory in MB. IPOPT '
-        'starts from fly-hover-fly, '
-        'with exact derivatives and its default options; with several eavesdroppers the largest '
-        'leak is an epigraph variable, and the kinks at d = 0 and d = eps are left to it (the '
-        'first rounded by 1 cm): it has no smoother fair form.\n\n' + summary)
+        'and FATROP start from fly-hover-fly with constant power, with exact derivatives. IPOPT '
+        f'has its default options, and FATROP a tolerance of {TOLERANCE:g} and otherwise its '
+        'own; it finds the stages by itself, with the powers used before as a state. With '
+        'several eavesdroppers the largest leak is an epigraph variable, and the kinks at d = 0 '
+        'and d = eps are left to them (the first rounded by 1 cm): they have no smoother fair '
+        'form.\n\n' + summary)
     for name, rows in tables.items():
         document += f'\n## {name}\n\n{report.markdown(rows)}'
     (options.out / 'bench.md').write_text(document, encoding='utf-8')

@@ -1,4 +1,4 @@
-"""Measurements of a scenario: rates and times beside IPOPT's, memory, and warm starts."""
+"""Measurements of a scenario: rates and times beside those of others, memory, warm starts."""
 
 from dataclasses import replace
 import statistics
@@ -8,7 +8,9 @@ import time
 
 import numpy as np
 
+from .fatrop import solve_by_fatrop
 from .ipopt import solve_by_ipopt
+from .opponent import has_fatrop
 from ..optimize import solve
 from ..optimize.baselines import constant_powers, fly_hover_fly_positions
 
@@ -18,42 +20,51 @@ _MEMORY = (
     'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)')
 
 
-def measure(name, scenario, repeats, *, ipopt=True, alternating=False, reference=None):
+_OPPONENTS = {'ipopt': solve_by_ipopt, 'fatrop': solve_by_fatrop}
+
+
+def measure(name, scenario, repeats, *, ipopt=True, fatrop=True, alternating=False,
+            reference=None):
     """
     Return the measurements of a scenario as a row, a dictionary.
 
-    The solvers take turns, so that a change of the machine's load affects both. Times are medians
-    in s. The time of `joint` includes everything, also its several starts. `ratio` is IPOPT's
-    time, including the time to build the problem, divided by that of `joint`. `ratio_solve`
-    counts IPOPT's call alone.
+    The solvers take turns, so that a change of the machine's load affects all. Times are medians
+    in s. The time of `joint` includes everything, also its several starts. A ratio is the other
+    solver's time, including the time to build the problem, divided by that of `joint`;
+    `..._ratio_solve` counts the other solver's call alone.
 
     :param name: the name of the row.
     :param scenario: a Scenario.
     :param repeats: how often each solver runs.
     :param ipopt: whether to run IPOPT.
+    :param fatrop: whether to run FATROP, where CasADi brings it.
     :param alternating: whether to run the paper's algorithm as well, once.
     :param reference: the rate to reach in bit/s/Hz, if it is known.
     """
-    plans, answers = [], []
+    start = fly_hover_fly_positions(scenario), constant_powers(scenario)
+    others = {other: [] for other, wanted in (
+        ('ipopt', ipopt), ('fatrop', fatrop and has_fatrop())) if wanted}
+    plans = []
     for _ in range(repeats):
         plans.append(solve(scenario, method='joint', objective='guaranteed'))
-        # One run is enough to know the time of a slow answer.
-        if ipopt and (not answers or answers[0].solve_time < 2.0):
-            answers.append(solve_by_ipopt(
-                scenario, fly_hover_fly_positions(scenario), constant_powers(scenario)))
+        for other, answers in others.items():
+            # One run is enough to know the time of a slow answer.
+            if not answers or answers[0].solve_time < 2.0:
+                answers.append(_OPPONENTS[other](scenario, *start))
     plan = plans[0]
     row = {
         'name': name, 'uavs': len(scenario.uavs), 'eavesdroppers': len(scenario.eavesdroppers),
         'slots': scenario.slots, 'reference': reference, 'joint_rate': plan.guaranteed_rate,
         'joint_time': statistics.median(plan.solve_time for plan in plans),
         'joint_iterations': len(plan.history) - 1, 'joint_status': plan.status}
-    if answers:
+    for other, answers in others.items():
         build = statistics.median(answer.build_time for answer in answers)
         call = statistics.median(answer.solve_time for answer in answers)
-        row.update(
-            ipopt_rate=answers[0].rate, ipopt_build=build, ipopt_solve=call,
-            ipopt_iterations=answers[0].iterations, ipopt_status=answers[0].status,
-            ratio=(build + call) / row['joint_time'], ratio_solve=call / row['joint_time'])
+        row.update({
+            f'{other}_rate': answers[0].rate, f'{other}_build': build, f'{other}_solve': call,
+            f'{other}_iterations': answers[0].iterations, f'{other}_status': answers[0].status,
+            f'{other}_ratio': (build + call) / row['joint_time'],
+            f'{other}_ratio_solve': call / row['joint_time']})
     if alternating:
         paper = solve(scenario, method='alternating')
         row.update(alternating_rate=paper.guaranteed_rate, alternating_time=paper.solve_time)

@@ -6,7 +6,7 @@ import shapely
 from ..scenario import Eavesdropper, NoFlyZone, Scenario, Uav
 
 
-def random_mission(seed, slots=None):
+def random_mission(seed, slots=None, jammers=None):
     """
     Return a random Scenario: 1 to 3 jammers, 1 to 3 eavesdroppers, error radius 0 to 60 m.
 
@@ -16,9 +16,11 @@ def random_mission(seed, slots=None):
 
     :param seed: the seed of the mission.
     :param slots: N, by default 100 to 300.
+    :param jammers: how many, by default 1 to 3.
     """
     rng = np.random.default_rng([20, seed])
-    jammers = int(rng.integers(1, 4))
+    drawn = int(rng.integers(1, 4))
+    jammers = drawn if jammers is None else jammers
     eavesdroppers = tuple(
         Eavesdropper(tuple(rng.uniform(-400, 400, 2)), float(rng.uniform(0, 60)))
         for _ in range(int(rng.integers(1, 4))))

@@ -6,6 +6,9 @@ import statistics
 _FORMATS = {'time': '{:.3f}', 'build': '{:.3f}', 'solve': '{:.3f}', 'rate': '{:.4f}',
             'reference': '{:.4f}', 'ratio': '{:.2f}', 'memory': '{:.0f}'}
 
+OPPONENTS = {'ipopt': '#D55E00', 'fatrop': '#009E73'}
+"""The other solvers, each with its color in a picture."""
+
 
 def text(column, value):
     """Return the text of a value in a table."""
@@ -42,19 +45,10 @@ def summary(tables):
     """Return the main results of the tables as sentences in a Markdown list."""
     lines = []
     for name, rows in tables.items():
-        compared = [row for row in rows if 'ratio' in row]
-        if compared:
-            ratios = [row['ratio'] for row in compared]
-            calls = [row['ratio_solve'] for row in compared]
-            lines.append(
-                f'- {name}: joint is {statistics.median(ratios):.1f} times as fast as IPOPT in '
-                f'the median (at least {min(ratios):.1f}), '
-                f'{statistics.median(calls):.1f} times (at least {min(calls):.1f}) when building '
-                f'the problem is not counted')
-            gains = [row['joint_rate'] - row['ipopt_rate'] for row in compared]
-            lines.append(
-                f'- {name}: its rate exceeds that of IPOPT by {statistics.median(gains):.4f} '
-                f'bit/s/Hz in the median, by {min(gains):.4f} at least')
+        for other in OPPONENTS:
+            compared = [row for row in rows if f'{other}_ratio' in row]
+            if compared:
+                lines += _comparison(name, other, compared)
         warm = [row for row in rows if 'warm_ratio' in row]
         if warm:
             ratio = statistics.median(row['warm_ratio'] for row in warm)
@@ -72,6 +66,20 @@ def summary(tables):
     return '\n'.join(lines) + '\n'
 
 
+def _comparison(table, other, rows):
+    """Return the sentences on another solver in a table."""
+    ratios = [row[f'{other}_ratio'] for row in rows]
+    calls = [row[f'{other}_ratio_solve'] for row in rows]
+    gains = [row['joint_rate'] - row[f'{other}_rate'] for row in rows]
+    return [
+        f'- {table}: joint is {statistics.median(ratios):.1f} times as fast as '
+        f'{other.upper()} in the median (at least {min(ratios):.1f}), '
+        f'{statistics.median(calls):.1f} times (at least {min(calls):.1f}) when building '
+        'the problem is not counted',
+        f'- {table}: its rate exceeds that of {other.upper()} by '
+        f'{statistics.median(gains):.4f} bit/s/Hz in the median, by {min(gains):.4f} at least']
+
+
 def plot_scaling(path, rows):
     """Draw the solve time against the number of slots."""
     import matplotlib
@@ -81,13 +89,15 @@ def plot_scaling(path, rows):
     figure, axes = pyplot.subplots(figsize=(6, 4), layout='constrained')
     axes.loglog([row['slots'] for row in rows], [row['joint_time'] for row in rows], 'o-',
                 color='#0072B2', label='joint, all starts')
-    with_ipopt = [row for row in rows if 'ipopt_solve' in row]
-    if with_ipopt:
-        slots = [row['slots'] for row in with_ipopt]
-        axes.loglog(slots, [row['ipopt_build'] + row['ipopt_solve'] for row in with_ipopt], 's-',
-                    color='#D55E00', label='CasADi and IPOPT, one start')
-        axes.loglog(slots, [row['ipopt_solve'] for row in with_ipopt], 's--',
-                    color='#E69F00', label='IPOPT without building')
+    for other, color in OPPONENTS.items():
+        with_other = [row for row in rows if f'{other}_solve' in row]
+        if with_other:
+            slots = [row['slots'] for row in with_other]
+            axes.loglog(
+                slots, [row[f'{other}_build'] + row[f'{other}_solve'] for row in with_other],
+                's-', color=color, label=f'CasADi and {other.upper()}, one start')
+            axes.loglog(slots, [row[f'{other}_solve'] for row in with_other], 's--',
+                        color=color, label=f'{other.upper()} without building')
     axes.set_xticks([row['slots'] for row in rows], [str(row['slots']) for row in rows])
     axes.set_xticks([], minor=True)
     axes.set_xlabel('slots N')
