@@ -7,13 +7,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 
-SOURCES := setup.py setup.cfg package.xml \
+SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find secure_uav_planner config launch resource -type f -not -name '*.pyc')
 
 # The oldest versions have no wheels for Python 3.13, and Ubuntu 24.04 has 3.12.
 COMPAT_PYTHON ?= $(shell python3.12 -c 'print("python3.12")' 2>/dev/null || echo $(PYTHON))
 COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, alternating channel derivatives \
-	fly_hover_fly fuzz_solve joint load plan playback planner_node replay_node restrictions \
+	fly_hover_fly fuzz_solve joint kernel load plan playback planner_node replay_node restrictions \
 	scenario))
 
 .PHONY: demo test bench fly soak study docs compat clean
@@ -60,7 +60,7 @@ $(VENV)/.%: $(SOURCES) | $(BIN)/pip
 	$(BIN)/python -m pip install --quiet '.[ros,$*]'
 	touch $@
 
-.venv-%/.check: test/compat/%.txt setup.py
+.venv-%/.check: test/compat/%.txt setup.py $(wildcard secure_uav_planner/optimize/joint/kernel/*)
 	$(COMPAT_PYTHON) -m venv --clear .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --upgrade pip
 	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< '.[ros,check]'

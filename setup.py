@@ -1,8 +1,36 @@
 from glob import glob
+import os
+import runpy
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 package_name = 'secure_uav_planner'
+kernel_folder = f'{package_name}/optimize/joint/kernel'
+
+
+def kernel():
+    """
+    Return the compiled kernel of the method `joint`, where pybind11 is there to build it.
+
+    Without it or without a compiler the package is built all the same, and runs on NumPy.
+    """
+    try:
+        import pybind11
+        include = [pybind11.get_include()]
+    except ImportError:
+        if not os.path.exists('/usr/include/pybind11/pybind11.h'):  # of the package pybind11-dev
+            return []
+        include = []
+    sources = runpy.run_path(f'{kernel_folder}/sources.py')
+    return [Extension(
+        f'_{package_name}_kernel',  # at the top, where no source tree hides it
+        [f'{kernel_folder}/{unit}' for unit in sources['UNITS']], include_dirs=include,
+        depends=glob(f'{kernel_folder}/*.hpp'), language='c++', optional=True,
+        define_macros=[('KERNEL_SOURCES', f'"{sources["digest"]()}"')],
+        extra_compile_args=['-std=c++17', '-O2', '-ftree-vectorize', '-fno-math-errno',
+                            '-fno-trapping-math', '-g0', '-fvisibility=hidden', '-pthread'],
+        extra_link_args=['-pthread'])]
+
 
 ros = [
     'ros-jazzy-rclpy[fastrtps]==7.1.6',
@@ -51,7 +79,10 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={package_name: ['py.typed']},
+    package_data={
+        package_name: ['py.typed'],
+        f'{package_name}.optimize.joint.kernel': ['*.cpp', '*.hpp']},
+    ext_modules=kernel(),
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -68,7 +99,7 @@ setup(
     extras_require={
         'ros': ros, 'view': view, 'study': study, 'campaign': campaign, 'bench': bench, 'fly': fly,
         'check': check, 'docs': docs, 'test': test},
-    zip_safe=True,
+    zip_safe=False,
     author='secure_uav_planner maintainers',
     author_email='secure-uav-planner@users.noreply.github.com',
     maintainer='secure_uav_planner maintainers',

@@ -1,7 +1,7 @@
 """The variables of the optimisation: units that keep numbers moderate, on a grid of slots."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,10 +178,21 @@ def resampled(values: Array, count: int, inner: bool = False) -> Array:
     :param values: (M, ...).
     :param inner: whether the values are those of slots, which lie between start and goal.
     """
-    more = 2 if inner else 0
-    old, new = (np.linspace(0, 1, number + more) for number in (len(values), count))
-    if inner:
-        old, new = old[1:-1], new[1:-1]
-    columns = values.reshape(len(values), -1).T
-    found = np.stack([np.interp(new, old, column) for column in columns], axis=-1)
-    return found.reshape(count, *values.shape[1:])
+    if count == len(values):
+        return values.copy()
+    before, share = _places(len(values), count, inner)
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    here = values[before]
+    found: Array = here + share * (values[np.minimum(before + 1, len(values) - 1)] - here)
+    return found
+
+
+@lru_cache(maxsize=64)
+def _places(number: int, count: int, inner: bool) -> tuple[NDArray[np.intp], Array]:
+    """Return behind which of some points, and by what share, the others are, both (count,)."""
+    more = int(inner)
+    place = np.arange(more, count + more) * (
+        (number - 1 + 2 * more) / max(1, count - 1 + 2 * more)) - more
+    place = np.clip(place, 0, number - 1)
+    before = place.astype(np.intp)
+    return before, place - before

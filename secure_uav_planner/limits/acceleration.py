@@ -36,6 +36,11 @@ class AccelerationLimit(NormLimit):
             [velocity or (0.0, 0.0) for velocity in (uav.start_velocity, uav.goal_velocity)]
             for uav in scenario.uavs])
 
+    @property
+    def end_moves(self) -> Array:
+        """Return the moves before the start and after the goal in the grid's unit, (2, U, 2)."""
+        return np.moveaxis(self._end_moves, 0, 1) / self.grid.length
+
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
         """Return whether any UAV has the limit."""
@@ -62,9 +67,8 @@ class AccelerationLimit(NormLimit):
             [self._end_moves[:, :1], moves, self._end_moves[:, 1:]], axis=1), axis=1)
 
     def _of_iterate(self, iterate: Iterate) -> Array:
-        ends = np.moveaxis(self._end_moves, 0, 1) / self.grid.length
         moves = iterate.moves
-        first, last = (np.broadcast_to(end, (len(moves), 1, *end.shape)) for end in ends)
+        first, last = (np.broadcast_to(end, (len(moves), 1, *end.shape)) for end in self.end_moves)
         return np.diff(np.concatenate([first, moves, last], axis=1), axis=1)
 
     def _of_step(self, step: Step) -> Array:

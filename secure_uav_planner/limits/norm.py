@@ -45,6 +45,16 @@ class NormLimit(Limit):
         # The gradient of c by a difference is this times the difference.
         self._slope = -2.0 / self._square[:, None]
 
+    @property
+    def square(self) -> Array:
+        """r^2 in the grid's unit of area, 1 for UAVs without this limit, (U,)."""
+        return self._square
+
+    @property
+    def ignored(self) -> NDArray[np.bool_]:
+        """Which differences have no c of their own, (M, U)."""
+        return self._ignored
+
     @abstractmethod
     def _longest(self) -> Array:
         """Return r, (U,) in m, infinite for UAVs without this limit."""

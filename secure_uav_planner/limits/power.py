@@ -23,6 +23,11 @@ class PeakPower(Limit):
         super().__init__(scenario, grid)
         self._peaks = scenario.peak_powers / self.grid.power
 
+    @property
+    def peaks(self) -> Array:
+        """Peak powers in the grid's units, (U,)."""
+        return self._peaks
+
     def check(self, positions: Array, powers: Array) -> None:
         """Check the power of every slot of a plan; see Limit."""
         for uav, power in zip(self.scenario.uavs, powers, strict=True):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .barrier import Barrier
+from .kernel import make_barrier
 from .schedule import SCHEDULE, Schedule
 from .starts import refined, several_starts, strictly_feasible
 from .worst_places import WorstPlaces
@@ -236,7 +237,7 @@ class _Joint:
 
     def _barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
         """Return a Barrier that stops when the search must end."""
-        return Barrier(grid, x, mu, self._schedule, self._check)
+        return make_barrier(grid, x, mu, self._schedule, self._check)
 
     def _check(self) -> None:
         """Raise _Stop where the search must end."""

@@ -9,7 +9,7 @@ from scipy.linalg.lapack import dpbtrf, dpbtrs
 from ...errors import NumericalError
 from ...scenario import Array
 
-_FIRST_SHIFT = 1e-12  # Of every factorisation, for matrices that are singular by rounding.
+_FIRST_SHIFT = 1e-12  # Before the first factorisation, for matrices that are singular by rounding.
 _ONE_BY_ONE = 3  # Failures after which more and more slots are made convex at once,
 _ALL_AT_ONCE = 12  # and after which all are.
 _SHIFTS = 10.0 ** np.arange(-8, 9, 2)  # Of all variables when no projection is left to do.
@@ -135,10 +135,10 @@ class BandMatrix:
         band, hessians = self._band[start], self._hessians[start]
         if not np.isfinite(band).all():
             raise NumericalError('the Hessian is not finite')
+        band[..., 0] += _FIRST_SHIFT
         convex = np.zeros(len(band), bool)
         failures = 0
         while not convex.all():
-            band[..., 0] += _FIRST_SHIFT
             factor, failed = _cholesky(band)
             if not failed:
                 return factor

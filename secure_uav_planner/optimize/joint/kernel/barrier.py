@@ -1,0 +1,160 @@
+"""The barrier method by the compiled kernel, behind the interface of barrier.Barrier."""
+
+from collections.abc import Callable, Iterable
+from functools import cache
+from importlib import import_module
+import logging
+import os
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .sources import digest
+from ..barrier import Barrier
+from ..schedule import Schedule
+from ....channel.derivatives import Receivers
+from ....channel.links import FreeSpace
+from ....errors import NumericalError
+from ....grid import Grid
+from ....limits import AccelerationLimit, AveragePower, limits_of, PeakPower, SpeedLimit
+from ....limits.base import Limit
+from ....limits.norm import NormLimit
+from ....scenario import Array
+
+SUPPORTED = frozenset({SpeedLimit, AccelerationLimit, PeakPower, AveragePower})
+"""The limits that the kernel knows. With another one, the mission is left to NumPy."""
+
+SWITCH = 'SECURE_UAV_PLANNER_KERNEL'
+"""Environment variable; with the value 0 the kernel is not used."""
+
+_LOG = logging.getLogger(__name__)
+
+
+class UnknownProblemError(ValueError):
+    """The kernel is not there, or does not know a limit or the channel of a mission."""
+
+
+class KernelBarrier(Barrier):
+    """
+    The same as Barrier for the guarantee, with the same arguments and attributes.
+
+    Only `x`, `mu` and `finished` differ: they are changed in place. Problem (P1) is left to
+    Barrier, with its places that move along.
+
+    :raises UnknownProblemError: for a problem that the kernel does not know.
+    """
+
+    def __init__(self, grid: Grid, x: Array, mu: float | Array, schedule: Schedule,
+                 check: Callable[[], None] = lambda: None) -> None:
+        core = compiled()
+        self.grid = grid
+        self.check = check
+        self.receivers = Receivers.of(grid)
+        limits = limits_of(grid.scenario, grid)
+        if core is None or not is_known(limits, self.receivers):
+            raise UnknownProblemError(
+                'the kernel is not there, or does not know a limit or a channel')
+        self.solver_time = 0.0
+        self.x: Array = np.array(x, float, order='C')
+        self.mu: Array = np.full(len(x), 1.0) * mu
+        self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
+        self._core = core.Barrier(
+            _problem(grid, limits, self.receivers, schedule), self.x, self.mu, self.finished)
+
+    def keep(self, chosen: NDArray[np.intp]) -> None:
+        """Go on with some of the starts only, given as an index array."""
+        self.x, self.mu = self.x[chosen], self.mu[chosen]
+        self.finished = self.finished[chosen]
+        self._core.keep(np.ascontiguousarray(chosen, np.int64), self.x, self.mu, self.finished)
+
+    def rates(self) -> Array:
+        """Return the mean guaranteed rates, losing slots silenced, in nats, (S,)."""
+        found = np.empty(len(self.x))
+        self._core.rates(found)
+        return found
+
+    def iterate(self, final: float) -> None:
+        """
+        Take one step from every start; see Barrier.iterate.
+
+        :raises NumericalError: when no step can be computed from any start.
+        """
+        self.check()
+        started = time.perf_counter()
+        failed = self._core.iterate(final, self.check)
+        self.solver_time += time.perf_counter() - started
+        if failed == len(self.x):
+            raise NumericalError('no Newton step could be computed')
+
+
+def make_barrier(grid: Grid, x: Array, mu: float | Array, schedule: Schedule,
+                 check: Callable[[], None] = lambda: None) -> Barrier:
+    """Return a KernelBarrier where that is possible, else a Barrier; see Barrier."""
+    if compiled() is not None:
+        try:
+            return KernelBarrier(grid, x, mu, schedule, check)
+        except UnknownProblemError:
+            pass
+    return Barrier(grid, x, mu, schedule, check)
+
+
+def is_known(limits: Iterable[Limit], receivers: Receivers) -> bool:
+    """Return whether the kernel knows all limits and the channel."""
+    return (type(receivers.link) is FreeSpace
+            and all(type(limit) in SUPPORTED for limit in limits))
+
+
+@cache
+def compiled() -> Any:
+    """Return the compiled module, or None, with a line in the log, where it cannot be used."""
+    if os.environ.get(SWITCH) == '0':
+        return None
+    try:
+        module = import_module('_secure_uav_planner_kernel')
+        sources = module.sources
+    # Whatever a kernel of another Python or of another machine raises.
+    except Exception as error:
+        _LOG.warning('the planner runs without its compiled kernel: %s', error)
+        return None
+    if sources != digest():
+        _LOG.warning('the planner runs without its compiled kernel, which belongs to another '
+                     'version of the package; install the package again')
+        return None
+    return module
+
+
+def _problem(grid: Grid, limits: Iterable[Limit], receivers: Receivers,
+             schedule: Schedule) -> dict[str, Any]:
+    """Return what the kernel asks for, by the names of problem.hpp."""
+    link, uavs = receivers.link, len(grid.fixed)
+    [peaks] = [limit.peaks for limit in limits if isinstance(limit, PeakPower)]
+    return {
+        'slots': grid.slots, 'uavs': uavs, 'starts': _plain(grid.starts),
+        'goals': _plain(grid.goals), 'fixed': _plain(grid.fixed),
+        'snr': _plain(np.broadcast_to(link.reference_snr, receivers.edge.shape)),
+        'squared_altitudes': _plain(link.squared_altitudes), 'peaks': _plain(peaks),
+        'norms': [_norm(limit) for limit in limits if isinstance(limit, NormLimit)],
+        'positions': _plain(receivers.positions), 'edge': _plain(receivers.edge),
+        'numbers': _numbers(schedule)}
+
+
+@cache
+def _numbers(schedule: Schedule) -> dict[str, float]:
+    """Return the numbers of a schedule by their names."""
+    return {name: value for name, value in vars(schedule).items()
+            if isinstance(value, (int, float))}
+
+
+def _norm(limit: NormLimit) -> dict[str, Any]:
+    """Return a limit on differences as the kernel asks for it."""
+    end_moves = (limit.end_moves if isinstance(limit, AccelerationLimit)
+                 else np.zeros((2, len(limit.grid.fixed), 2)))
+    return {'order': limit.reach, 'square': _plain(limit.square),
+            'ignored': _plain(limit.ignored), 'end_moves': _plain(end_moves)}
+
+
+def _plain(values: NDArray[Any]) -> Array:
+    """Return an array as the kernel takes it."""
+    return np.ascontiguousarray(values, float)

@@ -1,0 +1,196 @@
+// What Python sees of the kernel; see barrier.py beside this file.
+//
+// Arrays come by the buffer protocol, so that any NumPy will do.
+#include <pybind11/pybind11.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+
+#include "starts.hpp"
+
+namespace py = pybind11;
+using kernel::Reals;
+
+namespace {
+
+// Whatever Python hands over is checked, so that nothing here reads beyond an array.
+void expect(bool right, const char* name) {
+    if (!right) throw std::invalid_argument(std::string("wrong array: ") + name);
+}
+
+// A contiguous array of Python's, kept as long as this is.
+template <typename T>
+class View {
+public:
+    View(const py::buffer& given, const char* name, bool writable = false)
+        : info_(given.request(writable)) {
+        py::ssize_t stride = sizeof(T);
+        bool right = info_.itemsize == stride && py::detail::compare_buffer_info<T>::compare(info_);
+        for (py::ssize_t axis = info_.ndim - 1; axis >= 0; --axis) {
+            right = right && (info_.strides[axis] == stride || info_.shape[axis] < 2);
+            stride *= info_.shape[axis];
+        }
+        expect(right, name);
+    }
+    T* data() const { return static_cast<T*>(info_.ptr); }
+    std::size_t size() const { return std::size_t(info_.size); }
+    std::size_t axes() const { return std::size_t(info_.ndim); }
+    std::size_t shape(std::size_t axis) const { return std::size_t(info_.shape[axis]); }
+
+private:
+    py::buffer_info info_;
+};
+
+Reals reals(const py::handle& given, std::size_t size, const char* name) {
+    const View<double> view(given.cast<py::buffer>(), name);
+    expect(view.size() == size, name);
+    return Reals(view.data(), view.data() + size);
+}
+
+std::vector<char> flags(const py::handle& given, std::size_t size, const char* name) {
+    const Reals found = reals(given, size, name);
+    return std::vector<char>(found.begin(), found.end());
+}
+
+kernel::Receivers receivers_of(const kernel::Problem& problem, const py::handle& positions,
+                               const py::handle& edge) {
+    const std::size_t uavs = problem.uavs;
+    kernel::Receivers found;
+    const std::size_t entries = View<double>(edge.cast<py::buffer>(), "edge").size();
+    expect(entries >= 2 * uavs && entries % uavs == 0, "edge");
+    found.edge = reals(edge, entries, "edge");
+    found.count = int(entries / uavs);
+    const std::size_t all = 2 * std::size_t(found.count);
+    const bool per_slot = View<double>(positions.cast<py::buffer>(), "positions").axes() == 3;
+    found.stride = per_slot ? int(all) : 0;
+    found.positions = reals(positions, per_slot ? all * problem.slots : all, "positions");
+    return found;
+}
+
+kernel::Numbers numbers_of(const py::dict& given) {
+    const auto real = [&given](const char* name) { return given[name].cast<double>(); };
+    kernel::Numbers found;
+    found.boundary = real("boundary");
+    found.power_factor = real("power_factor");
+    found.sufficient_decrease = real("sufficient_decrease");
+    found.softening = real("softening");
+    found.patience = real("patience");
+    found.dual_range = real("dual_range");
+    found.mu_factor = real("mu_factor");
+    found.mu_power = real("mu_power");
+    found.centred = real("centred");
+    found.still = real("still");
+    found.negligible = real("negligible");
+    found.clipped_trials = given["clipped_trials"].cast<int>();
+    found.uniform_trials = given["uniform_trials"].cast<int>();
+    return found;
+}
+
+kernel::NormLimit norm_of(const kernel::Problem& problem, const py::dict& given) {
+    kernel::NormLimit found;
+    const std::size_t uavs = problem.uavs;
+    found.order = given["order"].cast<int>();
+    expect(found.order == 1 || found.order == 2, "order");
+    found.square = reals(given["square"], uavs, "square");
+    found.ignored = flags(given["ignored"],
+                          (std::size_t(problem.slots) + found.order) * uavs, "ignored");
+    found.end_moves = reals(given["end_moves"], 4 * uavs, "end_moves");
+    return found;
+}
+
+kernel::Problem problem_of(const py::dict& given) {
+    kernel::Problem found;
+    found.slots = given["slots"].cast<int>();
+    found.uavs = given["uavs"].cast<int>();
+    expect(found.slots >= 1 && found.uavs >= 1, "slots, uavs");
+    const std::size_t uavs = found.uavs;
+    const auto array = [&given](const char* name, std::size_t size) {
+        return reals(given[name], size, name);
+    };
+    found.starts = array("starts", 2 * uavs);
+    found.goals = array("goals", 2 * uavs);
+    found.fixed = flags(given["fixed"], uavs, "fixed");
+    found.squared_altitudes = array("squared_altitudes", uavs);
+    found.peaks = array("peaks", uavs);
+    found.reach = 0;
+    for (const py::handle limit : given["norms"].cast<py::list>()) {
+        found.norms.push_back(norm_of(found, limit.cast<py::dict>()));
+        found.reach = std::max(found.reach, found.norms.back().order);
+    }
+    found.numbers = numbers_of(given["numbers"].cast<py::dict>());
+    found.receivers = receivers_of(found, given["positions"], given["edge"]);
+    found.receivers.snr = array("snr", found.receivers.edge.size());
+    return found;
+}
+
+// Starts with the arrays of Python in which they are.
+class Barrier {
+public:
+    Barrier(const py::dict& problem, const py::buffer& x, const py::buffer& mu,
+            const py::buffer& finished)
+        : starts_(problem_of(problem)) {
+        hold(x, mu, finished);
+        const std::size_t size = x_->size() / mu_->size();
+        for (std::size_t s = 0; s < mu_->size(); ++s)
+            starts_.add(x_->data() + s * size, mu_->data() + s, finished_->data() + s);
+    }
+
+    std::size_t iterate(double final, const py::function& check) {
+        const py::gil_scoped_release release;
+        return starts_.iterate(final, [&check] {
+            const py::gil_scoped_acquire acquire;
+            if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+            check();
+        });
+    }
+
+    void rates(const py::buffer& found) {
+        const View<double> view(found, "rates", true);
+        expect(view.size() == starts_.count(), "rates");
+        const py::gil_scoped_release release;
+        starts_.rates(view.data());
+    }
+
+    void keep(const py::buffer& chosen, const py::buffer& x, const py::buffer& mu,
+              const py::buffer& finished) {
+        const View<std::int64_t> view(chosen, "chosen");
+        std::vector<std::size_t> indices(view.data(), view.data() + view.size());
+        for (const std::size_t index : indices) expect(index < starts_.count(), "chosen");
+        hold(x, mu, finished);
+        expect(mu_->size() == indices.size(), "chosen");
+        starts_.keep(indices, x_->data(), mu_->data(), finished_->data());
+    }
+
+private:
+    void hold(const py::buffer& x, const py::buffer& mu, const py::buffer& finished) {
+        const kernel::Problem& problem = starts_.problem();
+        auto new_x = std::make_unique<View<double>>(x, "x", true);
+        auto new_mu = std::make_unique<View<double>>(mu, "mu", true);
+        auto new_finished = std::make_unique<View<bool>>(finished, "finished", true);
+        expect(new_mu->size() > 0 && new_finished->size() == new_mu->size(), "mu, finished");
+        expect(new_x->axes() == 4 && new_x->shape(0) == new_mu->size()
+                   && new_x->shape(1) == std::size_t(problem.slots)
+                   && new_x->shape(2) == std::size_t(problem.uavs) && new_x->shape(3) == 3, "x");
+        x_ = std::move(new_x);
+        mu_ = std::move(new_mu);
+        finished_ = std::move(new_finished);
+    }
+
+    kernel::Starts starts_;
+    std::unique_ptr<View<double>> x_, mu_;
+    std::unique_ptr<View<bool>> finished_;
+};
+
+}  // namespace
+
+PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
+    module.doc() = "The compiled form of the joint method's barrier method.";
+    module.attr("sources") = KERNEL_SOURCES;
+    py::class_<Barrier>(module, "Barrier")
+        .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&>())
+        .def("iterate", &Barrier::iterate)
+        .def("rates", &Barrier::rates)
+        .def("keep", &Barrier::keep);
+}

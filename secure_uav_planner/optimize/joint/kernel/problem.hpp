@@ -1,0 +1,44 @@
+// What is to be solved, in the units of a Grid; see barrier.py for the method itself.
+#pragma once
+
+#include <vector>
+
+namespace kernel {
+
+using Reals = std::vector<double>;
+
+// The numbers of the Schedule that a Newton step needs.
+struct Numbers {
+    double boundary, power_factor, sufficient_decrease, softening, patience, dual_range;
+    double mu_factor, mu_power, centred, still, negligible;
+    int clipped_trials, uniform_trials;
+};
+
+// A NormLimit: c = 1 - |d|^2 / r^2 on differences d of a UAV's points.
+struct NormLimit {
+    int order;                   // 1: from one point to the next; 2: of these differences.
+    Reals square;                // r^2, (U).
+    std::vector<char> ignored;   // Differences that have no c, (M, U), M = N + order.
+    Reals end_moves;             // Before the start and after the goal, (2, U, 2).
+};
+
+// Who receives: the ground node first, K in all.
+struct Receivers {
+    int count;
+    int stride;       // From the positions of a slot to those of the next; 0 if all are the same.
+    Reals positions;  // ([N,] K, 2).
+    Reals edge, snr;  // (K, U).
+};
+
+// A problem (P2) on a grid.
+struct Problem {
+    int slots, uavs, reach;
+    Reals starts, goals;          // (U, 2).
+    std::vector<char> fixed;      // UAVs whose positions are no variables, (U).
+    Reals squared_altitudes, peaks;  // (U).
+    std::vector<NormLimit> norms;
+    Receivers receivers;
+    Numbers numbers;
+};
+
+}  // namespace kernel

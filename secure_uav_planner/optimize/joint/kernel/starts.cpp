@@ -1,0 +1,114 @@
+#include "starts.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <exception>
+#include <thread>
+
+namespace kernel {
+
+namespace {
+
+// Products of a step in all starts below which threads cost more than they gain, and of a step in
+// a single start, which a thread makes no faster, below which others need not be let in.
+constexpr double WORTH_THREADS = 3e5, LONG = 5e6;
+// How often the caller looks whether to stop.
+constexpr std::chrono::milliseconds LOOK{10};
+
+}  // namespace
+
+void Starts::add(double* x, double* mu, bool* finished) {
+    states_.emplace_back();
+    State& state = states_.back();
+    state.x = x;
+    state.mu = mu;
+    state.finished = finished;
+    worker(0).begin(state);
+}
+
+void Starts::keep(const std::vector<std::size_t>& chosen, double* x, double* mu,
+                  bool* finished) {
+    std::vector<State> kept;
+    for (const std::size_t index : chosen) {
+        kept.push_back(states_.at(index));
+        State& state = kept.back();
+        state.x = x + (kept.size() - 1) * variables();
+        state.mu = mu + kept.size() - 1;
+        state.finished = finished + kept.size() - 1;
+    }
+    states_ = std::move(kept);
+}
+
+void Starts::rates(double* found) {
+    for (const State& state : states_) *found++ = worker(0).rate(state);
+}
+
+Newton& Starts::worker(std::size_t number) {
+    while (workers_.size() <= number) workers_.push_back(make_newton(problem_));
+    return *workers_[number];
+}
+
+void Starts::work(std::size_t number, double final) {
+    Newton& newton = *workers_[number];
+    while (!stop_) {
+        const std::size_t index = next_++;
+        if (index >= states_.size()) return;
+        if (newton.iterate(states_[index], final, stop_) == Outcome::failed) ++failed_;
+    }
+}
+
+double Starts::cost() const {
+    const double row = 3.0 * problem_.uavs;
+    return double(states_.size()) * problem_.slots * row
+        * (row * (problem_.reach + 1) * (problem_.reach + 1) + 4.0 * row * problem_.receivers.count);
+}
+
+std::size_t Starts::iterate(double final, const std::function<void()>& wait) {
+    stop_ = false;
+    next_ = failed_ = 0;
+    worker(0);
+    if (cost() < (states_.size() > 1 ? WORTH_THREADS : LONG)) {
+        work(0, final);
+        return failed_;
+    }
+    const std::size_t count = std::min<std::size_t>(
+        states_.size(), std::max(1u, std::thread::hardware_concurrency()));
+    worker(count - 1);
+    std::mutex mutex;
+    std::condition_variable done;
+    std::size_t running = count;
+    std::exception_ptr error;
+    std::vector<std::thread> threads;
+    const auto run = [&](std::size_t number) {
+        std::exception_ptr problem;
+        try {
+            work(number, final);
+        } catch (...) {  // Such as a lack of memory.
+            problem = std::current_exception();
+            stop_ = true;
+        }
+        const std::lock_guard<std::mutex> lock(mutex);
+        if (problem) error = problem;
+        --running;
+        done.notify_one();
+    };
+    try {
+        for (std::size_t number = 0; number < count; ++number) threads.emplace_back(run, number);
+        std::unique_lock<std::mutex> lock(mutex);
+        while (!done.wait_for(lock, LOOK, [&] { return running == 0; })) {
+            lock.unlock();
+            wait();
+            lock.lock();
+        }
+    } catch (...) {
+        stop_ = true;
+        for (std::thread& thread : threads) thread.join();
+        throw;
+    }
+    for (std::thread& thread : threads) thread.join();
+    if (error) std::rethrow_exception(error);
+    return failed_;
+}
+
+}  // namespace kernel

@@ -1,0 +1,44 @@
+// Several starts of a problem, advanced side by side on all cores.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "start.hpp"
+
+namespace kernel {
+
+class Starts {
+public:
+    explicit Starts(Problem problem) : problem_(std::move(problem)) {}
+    Starts(const Starts&) = delete;
+
+    // Add a start whose arrays stay where they are; see State.
+    void add(double* x, double* mu, bool* finished);
+    // Go on with some of them only, whose arrays are elsewhere now.
+    void keep(const std::vector<std::size_t>& chosen, double* x, double* mu, bool* finished);
+    // Take a step from every start. `wait` is called now and then meanwhile, if it takes long; what
+    // it throws ends the step of the starts that have not gone it. Return how many failed.
+    std::size_t iterate(double final, const std::function<void()>& wait);
+    void rates(double* found);
+
+    const Problem& problem() const { return problem_; }
+    std::size_t count() const { return states_.size(); }
+
+private:
+    Newton& worker(std::size_t number);
+    void work(std::size_t number, double final);
+    std::size_t variables() const { return std::size_t(problem_.slots) * problem_.uavs * 3; }
+    double cost() const;
+
+    Problem problem_;
+    std::vector<State> states_;
+    std::vector<std::unique_ptr<Newton>> workers_;
+    std::atomic<bool> stop_{false};
+    std::atomic<std::size_t> next_{0}, failed_{0};
+};
+
+}  // namespace kernel

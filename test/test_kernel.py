@@ -1,0 +1,280 @@
+"""The compiled kernel does what the NumPy form of the barrier method does, or is not used."""
+
+from dataclasses import replace
+import logging
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import threading
+
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import Scenario, solve
+from secure_uav_planner.bench.missions import random_mission
+from secure_uav_planner.channel.derivatives import Receivers
+from secure_uav_planner.errors import NumericalError
+from secure_uav_planner.grid import Grid
+from secure_uav_planner.limits import limits_of, SpeedLimit
+from secure_uav_planner.limits.base import Iterate
+from secure_uav_planner.optimize.joint.barrier import Barrier
+from secure_uav_planner.optimize.joint.kernel import barrier as kernel
+from secure_uav_planner.optimize.joint.kernel import KernelBarrier, make_barrier
+from secure_uav_planner.optimize.joint.schedule import SCHEDULE
+from secure_uav_planner.optimize.joint.starts import several_starts
+from strategies import scenarios
+
+ROOT = Path(__file__).resolve().parents[1]
+
+needs_kernel = pytest.mark.skipif(
+    kernel.compiled() is None, reason='the package was installed without its compiled kernel')
+
+
+def relative(found, expected):
+    """Return the largest difference of every start, (S,)."""
+    axes = tuple(range(1, expected.ndim))
+    return np.abs(found - expected).max(axis=axes) if axes else np.abs(found - expected)
+
+
+class Noisy(Barrier):
+    """The NumPy form with Hessians that are wrong in their last bits, and other starts."""
+
+    def __init__(self, grid, x, mu, schedule):
+        self._random = np.random.default_rng(len(x) * grid.slots)
+        beside = x * (1 + 1e-13 * self._random.choice([-1.0, 1.0], x.shape))
+        super().__init__(grid, beside, mu, schedule)
+
+    def _model_of_slots(self, here):
+        gradient, hessian, leaks = super()._model_of_slots(here)
+        noise = self._random.uniform(-1e-15, 1e-15, hessian.shape) * np.abs(hessian).max(
+            axis=(-1, -2), keepdims=True)
+        return gradient, hessian + noise + np.swapaxes(noise, -1, -2), leaks
+
+
+class Both:
+    """
+    The two forms from the same starts, and noisy ones.
+
+    Near a kink or a boundary the last bits of a Hessian decide about a step. How far noisy
+    barriers have gone from the first shows how much that matters.
+    """
+
+    def __init__(self, grid, x, mu):
+        self.numpy, self.kernel, *self.noisy = self.all = [
+            form(grid, x, mu, SCHEDULE) for form in (Barrier, KernelBarrier, Noisy, Noisy)]
+        self.spread = np.zeros(len(x))
+
+    def iterate(self, final):
+        """Take a step with each; all can, or none."""
+        errors = []
+        for barrier in self.all:
+            try:
+                barrier.iterate(final)
+            except NumericalError as error:
+                errors.append(error)
+        assert len(errors) in (0, len(self.all))
+        for other in self.noisy:
+            self.spread = np.maximum(self.spread, relative(other.x, self.numpy.x))
+        return not errors
+
+    def steady(self):
+        """Check that the forms agree where noise does not matter; return where, (S,)."""
+        apart, steady = relative(self.kernel.x, self.numpy.x), self.spread <= 1e-8
+        assert (apart <= 1e-9 + 100 * self.spread)[steady].all(), (apart, self.spread)
+        assert self.kernel.mu[steady] == pytest.approx(self.numpy.mu[steady], rel=1e-12, abs=0)
+        assert np.array_equal(self.kernel.finished[steady], self.numpy.finished[steady])
+        assert self.kernel.rates()[steady] == pytest.approx(
+            self.numpy.rates()[steady], rel=1e-7, abs=1e-9)
+        return steady
+
+    def same(self):
+        """Return the starts where the forms agree by 1e-9, (S,)."""
+        return relative(self.kernel.x, self.numpy.x) <= 1e-9
+
+
+@needs_kernel
+@pytest.mark.parametrize('scenario', [
+    Scenario.paper(102.0), Scenario.paper(), random_mission(1), random_mission(2),
+    replace(Scenario.paper(), uavs=Scenario.paper().uavs[:1])],
+    ids=['T = 102', 'T = 200', 'seed 1', 'seed 2', 'alone'])
+def test_starts_take_the_same_ten_steps(scenario):
+    grid = Grid.of(scenario, 30)
+    both = Both(grid, *several_starts(grid, SCHEDULE)[:2])
+    for _ in range(10):
+        assert both.iterate(SCHEDULE.coarse_mu)
+        steady = both.steady()
+    assert steady.mean() > 0.2 and both.same().mean() > 0.2
+    chosen = np.flatnonzero(steady)[::-2]
+    both.spread = both.spread[chosen]
+    for barrier in both.all:
+        barrier.keep(chosen)
+    assert both.iterate(SCHEDULE.coarse_mu)
+    assert both.steady().any()
+
+
+@needs_kernel
+@settings(max_examples=15)
+@given(scenarios(max_uavs=6, max_eavesdroppers=3), st.integers(1, 14), st.booleans())
+def test_the_forms_agree_on_missions_of_every_kind(scenario, slots, fixed):
+    grid = Grid.of(scenario, slots)
+    assume(kernel.is_known(limits_of(scenario, grid), Receivers.of(grid)))
+    if fixed:
+        grid = grid.with_fixed_positions()
+    x, mu = several_starts(grid, SCHEDULE)[:2]
+    # On another grid than the scenario's a limit of acceleration may be too hard.
+    inside = np.all([limit.margin(Iterate(grid, x)).reshape(len(x), -1).min(axis=1) > 0
+                     for limit in limits_of(scenario, grid)], axis=0)
+    assume(inside.any())
+    both = Both(grid, x[inside], mu[inside])
+    same = []
+    for _ in range(5):
+        with np.errstate(all='ignore'):
+            if not both.iterate(SCHEDULE.final_mu):
+                break
+        both.steady()
+        same.append(both.same().any())
+    assert not same or same[0]
+
+
+@needs_kernel
+def test_plans_are_the_same(monkeypatch):
+    missions = [Scenario.paper(102.0), Scenario.paper(120.0, 30.0), Scenario.paper(slots=60)]
+    compiled = [solve(mission, objective='guaranteed') for mission in missions]
+    monkeypatch.setattr(kernel, 'compiled', lambda: None)
+    for plan, mission in zip(compiled, missions, strict=True):
+        other = solve(mission, objective='guaranteed')
+        assert plan.guaranteed_rate == pytest.approx(other.guaranteed_rate, rel=1e-4)
+
+
+@needs_kernel
+def test_others_run_while_a_long_step_is_taken_and_can_stop_it():
+    grid = Grid.of(Scenario.paper(slots=20000))
+    x = several_starts(grid, replace(SCHEDULE, kinds=SCHEDULE.kinds[:1]))[0][:2]
+    x = np.concatenate([x] * 8)
+    seen, counted, done = [], [0], threading.Event()
+
+    class Stop(Exception):
+        pass
+
+    def count():
+        while not done.is_set():
+            counted[0] += 1
+
+    def check():
+        seen.append(counted[0])
+        if len(seen) > 3 and not done.is_set():
+            raise Stop
+
+    barrier = KernelBarrier(grid, x, 0.02, SCHEDULE, check)
+    other = threading.Thread(target=count)
+    other.start()
+    try:
+        with pytest.raises(Stop):
+            for _ in range(50):
+                barrier.iterate(1e-3)
+    finally:
+        done.set()
+        other.join()
+    assert len(seen) == 4 and sorted(set(seen)) == seen  # The other counted between two looks.
+    assert np.isfinite(barrier.rates()).all()
+    barrier.iterate(1e-3)  # It can go on.
+
+
+@needs_kernel
+def test_what_is_no_array_of_the_problem_is_refused():
+    grid = Grid.of(Scenario.paper(slots=5))
+    x, mu = several_starts(grid, SCHEDULE)[:2]
+    for wrong in (x[:, :4], x[:, :, :1], x[..., :2], x[0], x[:0]):
+        with pytest.raises((ValueError, IndexError)):
+            KernelBarrier(grid, wrong, 0.1, SCHEDULE)
+    barrier = KernelBarrier(grid, x, mu, SCHEDULE)
+    with pytest.raises(IndexError):
+        barrier.keep(np.array([len(x)]))
+
+
+@needs_kernel
+def test_numbers_that_are_none_fail_and_cost_nothing_but_their_own_start():
+    grid = Grid.of(Scenario.paper(slots=5))
+    x, mu = several_starts(grid, SCHEDULE)[:2]
+    x = x[:3].copy()
+    x[1, 2] = np.nan
+    barrier = KernelBarrier(grid, x, mu[:3], SCHEDULE)
+    barrier.iterate(1e-3)
+    assert (barrier.x[[0, 2]] != x[[0, 2]]).any(axis=(1, 2, 3)).all()
+    assert np.array_equal(barrier.x[1], x[1], equal_nan=True)
+    barrier.keep(np.array([1]))
+    with pytest.raises(NumericalError):
+        barrier.iterate(1e-3)
+
+
+# Without the kernel, or with one that does not fit
+
+
+class NewLimit(SpeedLimit):
+    """A limit that the kernel has never heard of."""
+
+
+def test_a_limit_that_the_kernel_does_not_know_is_left_to_numpy(monkeypatch):
+    grid = Grid.of(Scenario.paper(slots=5))
+    start = several_starts(grid, SCHEDULE)[:2]
+    if kernel.compiled() is not None:
+        assert type(make_barrier(grid, *start, SCHEDULE)) is KernelBarrier
+    limits = kernel.limits_of
+    monkeypatch.setattr(kernel, 'limits_of', lambda *of: (NewLimit(*of), *limits(*of)[1:]))
+    assert type(make_barrier(grid, *start, SCHEDULE)) is Barrier
+    with pytest.raises(ValueError, match='does not know a limit'):
+        KernelBarrier(grid, *start, SCHEDULE)
+
+
+@pytest.fixture
+def anew():
+    """Let the kernel be looked for again, before and after a test."""
+    kernel.compiled.cache_clear()
+    yield
+    kernel.compiled.cache_clear()
+
+
+@pytest.mark.parametrize('module, line', [
+    (type(sys)('_secure_uav_planner_kernel'), "has no attribute 'sources'"),
+    (None, '_secure_uav_planner_kernel')])
+def test_without_a_kernel_that_fits_one_line_says_so(module, line, anew, monkeypatch, caplog):
+    monkeypatch.setitem(sys.modules, '_secure_uav_planner_kernel', module)
+    with caplog.at_level(logging.WARNING):
+        for _ in range(2):
+            assert solve(Scenario.paper(102.0, slots=8)).guaranteed_rate > 0
+    [record] = caplog.records
+    assert 'without its compiled kernel' in record.message and line in record.message
+
+
+@needs_kernel
+def test_a_kernel_of_other_sources_is_not_used(anew, monkeypatch, caplog):
+    monkeypatch.setattr(kernel, 'digest', lambda: 'another')
+    assert kernel.compiled() is None
+    assert 'another version' in caplog.text
+
+
+def test_the_switch_turns_the_kernel_off(anew, monkeypatch, caplog):
+    monkeypatch.setenv(kernel.SWITCH, '0')
+    assert kernel.compiled() is None and not caplog.records
+
+
+@pytest.mark.parametrize('lacking', ['compiler', 'pybind11'])
+def test_the_package_is_built_without(lacking, tmp_path):
+    source = tmp_path / 'source'
+    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(
+        '.*', 'build', 'install', 'log', 'out', 'test', '__pycache__', '*.so', '*.egg-info'))
+    hidden = tmp_path / 'hidden'
+    hidden.mkdir()
+    headers = '' if lacking == 'pybind11' else "def get_include():\n    return '.'\n"
+    (hidden / 'pybind11.py').write_text(headers or 'raise ImportError\n')
+    done = subprocess.run(
+        [sys.executable, 'setup.py', 'build'], cwd=source, capture_output=True, text=True,
+        env={**os.environ, 'CC': '/no/compiler', 'CXX': '/no/compiler',
+             'PYTHONPATH': str(hidden)})
+    assert done.returncode == 0, done.stdout + done.stderr
+    built = list((source / 'build').rglob('*'))
+    assert any(path.name == 'newton.hpp' for path in built)
+    assert not any(path.suffix == '.so' for path in built)
