@@ -8,11 +8,7 @@ and services over DDS, like any other program.
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-import os
 import pathlib
-import signal
-import socket
-import subprocess
 import sys
 import time
 from typing import Any
@@ -31,6 +27,7 @@ from std_srvs.srv import Trigger
 
 from . import fly_hover_fly, Plan, Scenario, upper_bound
 from .errors import PlanningError
+from .ros.graph import isolated, process
 from .ros.messages import pose
 from .ros.qos import LATCHED
 from .ros.recording import record
@@ -41,9 +38,6 @@ from .view.table import table
 _PATIENCE = 120.0
 _REPLAY_SPEED = 50.0
 _PROOF = 10.0
-
-# Linux assigns the ports of these domains to no other program. Tests and users have lower domains.
-_DOMAINS = range(215, 233)
 
 
 class DemoError(PlanningError, RuntimeError):
@@ -98,45 +92,6 @@ def _mission_file(mission: str) -> pathlib.Path:
     return folder / f'{mission}.yaml'
 
 
-@contextmanager
-def isolated(out: pathlib.Path) -> Iterator[None]:
-    """Keep the ROS graph on this host and logs in the folder, unless variables say otherwise."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
-    if 'ROS_DOMAIN_ID' in os.environ:
-        yield
-        return
-    with free_domain() as domain:
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        yield
-
-
-@contextmanager
-def free_domain() -> Iterator[int]:
-    """
-    Reserve a domain that has no participant.
-
-    :raises DemoError: if all domains are in use.
-    """
-    first = os.getpid() % len(_DOMAINS)
-    for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
-        port = 7400 + 250 * domain
-        with socket.socket(type=socket.SOCK_STREAM) as reserved, \
-                socket.socket(type=socket.SOCK_DGRAM) as probe:
-            try:
-                # DDS uses UDP only. Demos reserve a domain by binding the TCP port of this number.
-                reserved.bind(('127.0.0.1', port))
-                # The first participant of a domain binds this UDP port.
-                probe.bind(('', port + 10))
-            except OSError:
-                continue
-            probe.close()
-            yield domain
-            return
-    raise DemoError(f'the domains {_DOMAINS[0]} to {_DOMAINS[-1]} are taken; '
-                    f'set ROS_DOMAIN_ID to another one')
-
-
 def _plan_and_replay(scenario: Scenario, file: pathlib.Path, method: str | None) -> Plan:
     """Let the nodes plan and replay the scenario of a file; return the plan that was received."""
     parameters = ['--params-file', str(file)]
@@ -148,23 +103,6 @@ def _plan_and_replay(scenario: Scenario, file: pathlib.Path, method: str | None)
     with process('planner', planner), process('replay', replay):
         with _client(scenario) as client:
             return client.run()
-
-
-@contextmanager
-def process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
-    """Run a node in its own process, and stop it with SIGINT, like Ctrl-C."""
-    started = subprocess.Popen(
-        [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],
-        start_new_session=True)
-    try:
-        yield started
-    finally:
-        started.send_signal(signal.SIGINT)
-        try:
-            started.wait(timeout=5)
-        except subprocess.TimeoutExpired:
-            started.kill()
-            started.wait()
 
 
 @contextmanager

@@ -48,7 +48,8 @@ def journal():
 
 
 def start(*arguments, **options):
-    """Start the command in the present folder."""
+    """Start the command in the present folder; it hears Ctrl-C even where this process does not."""
+    options.setdefault('preexec_fn', lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     return subprocess.Popen([*MODULE, *arguments], env=environment(), text=True,
                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
 

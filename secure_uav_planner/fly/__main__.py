@@ -7,10 +7,10 @@ import sys
 import time
 
 from .missions import city_missions, paper_missions, random_missions
-from ..demo import isolated
 from ..errors import PlanningError
 from ..optimize import solve
 from ..plan import Plan
+from ..ros.graph import isolated
 
 
 def main(arguments=None):
@@ -28,7 +28,7 @@ def main(arguments=None):
     try:
         with isolated(options.out):
             _fly_all(options)
-    except PlanningError as error:
+    except (PlanningError, OSError) as error:
         print(f'fly: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:

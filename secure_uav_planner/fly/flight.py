@@ -25,9 +25,9 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from .gusts import Gusts
 from .quadrotor import Quadrotor, STEP
 from ..autopilots import Setpoint
-from ..demo import process
 from ..errors import PlanningError
 from ..playback import Playback
+from ..ros.graph import process
 from ..ros.messages import setpoint_of
 from ..ros.qos import STREAM
 
