@@ -48,7 +48,7 @@ def journal():
 
 
 def start(*arguments, **options):
-    """Start the command in the present folder; it hears Ctrl-C even where this process does not."""
+    """Start the command in the present folder; Ctrl-C ends it even if this process ignores it."""
     options.setdefault('preexec_fn', lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     return subprocess.Popen([*MODULE, *arguments], env=environment(), text=True,
                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
