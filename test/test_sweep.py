@@ -240,7 +240,8 @@ def test_a_cluster_loses_no_mission_when_a_worker_and_the_driver_are_killed(fold
     assert driver.returncode == 0, errors
     keys = [row['key'] for row in journal()]
     assert len(keys) == len(set(keys)) == 48
-    assert '24 ok, 24 infeasible' in printed
+    assert '24 ok, 24 infeasible' in printed, [
+        row['reason'] for row in journal() if row['outcome'] == 'worker_lost']
 
 
 def test_a_scheduler_that_is_lost_is_status_1_and_what_is_finished_is_kept(folder, cluster):

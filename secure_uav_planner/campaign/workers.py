@@ -73,7 +73,9 @@ def on_cluster(tasks: Iterable[dict[str, Any]], address: str) -> Iterator[dict[s
         def hand_out(count: int) -> list[Any]:
             futures = []
             for task in islice(waiting, count):
-                future = client.submit(row_of, task, key=f'mission-{task["key"]}', pure=False)
+                # A scheduler may still be forgetting the tasks of a driver that was killed.
+                future = client.submit(
+                    row_of, task, key=f'mission-{task["key"]}-{client.id}', pure=False)
                 known[future.key] = task
                 futures.append(future)
             return futures
