@@ -25,10 +25,11 @@ os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 # Installed from wheels, ROS finds its index in the environment itself.
 os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
 
-# A failing example is worth more than a small one that took minutes to shrink.
-settings.register_profile('quick', deadline=None, phases=[
-    Phase.explicit, Phase.reuse, Phase.generate], suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile('quick')
+# A failing example is worth more than a small one that took minutes to shrink. The short tests
+# draw the same examples every time, as they are a gate; the long ones draw new ones.
+for _name, _same in (('quick', True), ('soak', False)):
+    settings.register_profile(_name, deadline=None, derandomize=_same, phases=[
+        Phase.explicit, Phase.reuse, Phase.generate], suppress_health_check=[HealthCheck.too_slow])
 
 # What `rosdep install` does not bring, and which tests need it; without it they are skipped.
 # In package.xml is what all others import.
@@ -51,6 +52,11 @@ def is_there(module):
         return find_spec(module) is not None
     except ImportError:
         return False
+
+
+def pytest_configure(config):
+    """Choose how examples are drawn, before the tests are read."""
+    settings.load_profile('soak' if config.option.markexpr == 'soak' else 'quick')
 
 
 def pytest_report_header():
