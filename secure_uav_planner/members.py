@@ -117,6 +117,8 @@ class NoFlyZone:
     """
     A prism that no UAV may enter: a polygon on the map between two altitudes.
 
+    A plan may touch its edge, so draw it larger by the largest error of a vehicle on its plan.
+
     :param vertices: of the polygon in either order, each (x, y) in m. It need not be convex, but
         its outline may not cross or touch itself.
     :param floor: lowest altitude that is forbidden, in m.

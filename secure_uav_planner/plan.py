@@ -203,7 +203,7 @@ class Plan:
 
     @property
     def curve_rate(self) -> float:
-        """Mean of curve_rates in bit/s/Hz: what is delivered in every second of the duration."""
+        """Mean of curve_rates in bit/s/Hz: what is delivered per second on average."""
         return float(self.curve_rates.mean())
 
     @property

@@ -42,7 +42,8 @@ class Scenario:
     A mission: problems (P1) and (P2) of the paper for any number of jammers and eavesdroppers.
 
     UAV 0 transmits to the ground node, every other UAV jams. Point n of a trajectory is passed
-    at time n * duration / slots, n = 0..slots+1; power n holds at point n, n = 1..slots.
+    at time n * duration / slots, n = 0..slots+1; power n holds from point n to
+    point n + 1, n = 1..slots.
 
     :param ground_node: w_0, (x, y) in m, at altitude zero.
     :param eavesdroppers: at least one Eavesdropper.

@@ -41,10 +41,10 @@ class Bound:
     :param scenario: what it is a bound for.
     :param rate: in bit/s/Hz, perhaps infinite: no feasible plan has a larger one.
     :param objective: 'guaranteed', the rate of problem (P2), or 'worst_case', that of (P1).
-    :param ignored: limits of the scenario that the bound does not count with. They can only
-        lower what plans reach: the bound is valid, but farther away.
+    :param ignored: limits of the scenario that the bound does not use. They can only lower what
+        plans reach: the bound is valid, but looser.
     :param solve_time: in s.
-    :param status: one of STATUSES, why the search for a lower bound ended.
+    :param status: one of STATUSES, why the search for a smaller bound ended.
     :raises OptionError: naming the field, its value and what is allowed.
     """
 
@@ -93,7 +93,7 @@ class Bound:
         """
         Return in words what it proves of a plan, such as 'at most 0.9% below the best possible'.
 
-        Where a limit is not counted with, the best is that of a mission without it.
+        Where the bound does not use a limit, the best is that of a mission without it.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.

@@ -55,8 +55,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     """
     Return a proven upper bound on the mean rate of every feasible plan of a scenario.
 
-    It holds for everything that a Plan accepts, with its tolerances. Limits of acceleration,
-    zones, a geofence and separation are not counted with: they only lower what plans can reach.
+    It holds for everything that a Plan accepts, with its tolerances. It does not use limits of
+    acceleration, zones, a geofence or separation: they only lower what plans can reach.
     The bound is close for one jammer or none and one or two eavesdroppers, looser for two
     jammers, and only valid for more.
 
@@ -110,7 +110,7 @@ def plain_bound(scenario: Scenario) -> float:
 
 
 def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of a scenario's limits that the bound does not count with."""
+    """Return the names of a scenario's limits that the bound does not use."""
     uavs = scenario.uavs
     has = {
         'max_acceleration': any(getattr(uav, 'max_acceleration', None) is not None
