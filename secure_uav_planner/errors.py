@@ -26,7 +26,7 @@ class ScenarioError(PlanningError, ValueError):
 
 
 class InfeasibleMissionError(ScenarioError):
-    """No flight keeps the limits of the mission; the text names the shortest that does."""
+    """No flight keeps the limits; the text names the shortest duration that allows one."""
 
     code = 'infeasible'
 
