@@ -177,7 +177,7 @@ PLANNER = {
 """Parameters of the planner that do not belong to one UAV or eavesdropper."""
 
 _FIELDS = {
-    'start': 'Start (x, y) in m, used until a pose of the UAV has arrived.',
+    'start': 'Start (x, y) in m, used until a pose or odometry of the UAV has arrived.',
     'goal': 'Goal (x, y) in m.',
     'altitude': 'Flying height H above the ground node in m; also the z of published '
                 'positions.',
