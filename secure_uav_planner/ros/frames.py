@@ -46,7 +46,7 @@ class Frames:
             raise WrongFrameError(f'{reason}, or tf2_ros must be installed to transform it')
         try:
             transform = self._transform(message, frame_id)
-        except self._tf2.TransformException as error:
+        except (self._tf2.TransformException, ValueError) as error:
             raise WrongFrameError(f'{reason}, or tf2 must know how to transform it: '
                                   f'{brief(error, 200)}') from None
         return moved(message, transform, frame_id)
