@@ -17,9 +17,9 @@ from .curve import Curve, mean_guaranteed_rates
 from .errors import OptionError, PlanError, PlanFileError, shown
 from .files import atomic_file, read_text
 from .limits import limits_of
-from .limits.norm import TOLERANCE as POSITION_TOLERANCE
 from .limits.power import TOLERANCE as POWER_TOLERANCE
-from .scenario import Array, checked_fields, LIMITS, Point, read_only, Scenario, Uav
+from .scenario import (
+    Array, checked_fields, LIMITS, Point, POSITION_TOLERANCE, read_only, Scenario, Uav)
 
 if TYPE_CHECKING:
     from .bound import Bound

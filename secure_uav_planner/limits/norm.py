@@ -11,10 +11,7 @@ from .base import ConvexVariables, Iterate, Limit, Step
 from .reference import reference_flight
 from ..errors import PlanError
 from ..grid import Grid
-from ..scenario import Array, Scenario
-
-TOLERANCE = 1e-6
-"""How far in m a difference of a plan's points may exceed its limit."""
+from ..scenario import Array, POSITION_TOLERANCE, Scenario
 
 
 class NormLimit(Limit):
@@ -83,7 +80,7 @@ class NormLimit(Limit):
         """Check every difference of a plan; see Limit."""
         lengths = self._lengths(positions)
         for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
-            if length.max() > most + TOLERANCE:
+            if length.max() > most + POSITION_TOLERANCE:
                 raise PlanError(self._excess(uav, int(length.argmax()), float(length.max())))
 
     def repair(self, positions: Array, powers: Array,
