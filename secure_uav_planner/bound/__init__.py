@@ -9,7 +9,8 @@ pays for speed (lemma 2), `certificate` puts the bound together (lemmas 4 and 8)
 they find, the bound is valid.
 """
 
-from .bound import Bound, OBJECTIVES, Progress, STATUSES
+from .bound import Bound, Progress, STATUSES
 from .upper_bound import upper_bound
+from ..choices import OBJECTIVES
 
 __all__ = ['Bound', 'OBJECTIVES', 'Progress', 'STATUSES', 'upper_bound']

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ..choices import OBJECTIVES
 from ..errors import OptionError, shown
 from ..plan import Plan
 from ..scenario import Scenario
-
-
-OBJECTIVES = ('guaranteed', 'worst_case')
-"""The paper's (P2), the rate by formula, and its (P1), the rate against the worst place."""
 
 STATUSES = ('converged', 'time_limit', 'cancelled')
 """Why the search ended; the bound is valid whatever the reason."""

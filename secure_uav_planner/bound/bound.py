@@ -10,7 +10,6 @@ from . import arguments
 from ..plan import Plan
 from ..scenario import Scenario
 
-OBJECTIVES = arguments.OBJECTIVES
 STATUSES = arguments.STATUSES
 
 _FIELDS = ('rate', 'objective', 'ignored', 'solve_time', 'status')
