@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from secure_uav_planner import NoFlyZone, Scenario
+from secure_uav_planner.cli.nodes import NODES
 from secure_uav_planner.errors import MissionFileError
 from secure_uav_planner.mission import parameters
 from secure_uav_planner.mission.documents import MOST_BYTES
@@ -285,6 +286,7 @@ def test_parameter_files_know_all_parameters_of_the_node():
     assert {name[2:] for name in eavesdropper_parameters('e')} | {
         'position'} == parameters.OF_AN_EAVESDROPPER
     assert {name[2:] for name in zone_parameters('z')} == parameters.OF_A_ZONE
+    assert {'planner', *parameters.OTHER_NODES} == set(NODES)
 
 
 def test_zones_and_fence_of_a_parameter_file_are_read(tmp_path):

@@ -27,7 +27,8 @@ OF_A_ZONE = frozenset({'ceiling', 'floor', 'vertices'})
 OF_THE_MISSION = frozenset({
     'duration', 'geofence', 'ground_node', 'reference_snr_db', 'separation', 'slots'})
 
-_OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
+OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
+"""What parameters that every node of ROS has begin with."""
 
 
 def is_parameter_file(data: Any) -> bool:
@@ -172,7 +173,7 @@ class _Mapping:
 
     def _note_unknown(self) -> None:
         for name, place in self._places.items():
-            if name in self._known or name in OF_THE_NODE or name.startswith(_OF_ROS):
+            if name in self._known or name in OF_THE_NODE or name.startswith(OF_ROS):
                 continue
             near = difflib.get_close_matches(name[:200], self._known | OF_THE_NODE, 1)
             hint = f'; did you mean {near[0]}?' if near else ''

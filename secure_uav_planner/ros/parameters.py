@@ -16,6 +16,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from .text import brief
 from ..autopilots import STACKS
 from ..errors import ParameterError, PlanningError, shown
+from ..mission.parameters import OF_ROS
 from ..optimize import METHODS
 from ..optimize.solve import checked_objective
 from ..plan import Objective, OBJECTIVES
@@ -322,7 +323,7 @@ class Parameters:
     def warn_of_unknown(self) -> None:
         """Log every given parameter that does not exist, with the nearest name that does."""
         for name in sorted(_given(self._node)):
-            if self._node.has_parameter(name) or name.startswith(_OF_ROS):
+            if self._node.has_parameter(name) or name.startswith(OF_ROS):
                 continue
             near = difflib.get_close_matches(name[:200], self._specs, 1)
             hint = f'; did you mean {near[0]}?' if near else ''
@@ -341,9 +342,6 @@ class Parameters:
             return SetParametersResult(successful=False, reason=brief(error))
         self._values = values
         return SetParametersResult(successful=True)
-
-
-_OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 
 
 def _given(node: Node) -> list[str]:
