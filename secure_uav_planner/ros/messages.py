@@ -31,6 +31,7 @@ from ..members import NoFlyZone
 from ..plan import Plan
 from ..polygons import convex_parts, Vertices
 from ..scenario import Scenario
+from ..view.airspace import middle_of
 from ..view.colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, uav_color
 
 
@@ -230,8 +231,8 @@ def _airspace(scenario: Scenario) -> list[Marker]:
         prism.points = _faces(zone, floor, top)
         edges = _marker('no_fly_zone_edges', index, Marker.LINE_LIST, NO_FLY_ZONE, (1.5, 0.0, 0.0))
         edges.points = _edges(zone.vertices, floor, top)
-        place = np.mean(convex_parts(zone.vertices)[0], axis=0)
-        found += [prism, edges, _label(300 + index, name, (*place, top), NO_FLY_ZONE)]
+        found += [prism, edges,
+                  _label(300 + index, name, (*middle_of(zone), top), NO_FLY_ZONE)]
     if scenario.geofence is not None:
         fence = _marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0))
         fence.points = _edges(scenario.geofence, 0.0, high)
