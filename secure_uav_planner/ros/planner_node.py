@@ -137,11 +137,11 @@ class Planner(Node):
         settings = self._settings.snapshot()
         departure = Departure.of(settings, self._now_ns())
         limit = departure.time_limit(settings['time_limit'] or None)
-        self._bounding.cancel()
         try:
             scenario = scenario_from(settings, self._poses, departure, self._state.plan)
             # This stops a replan, and no other one starts before this request is answered.
             with self._worker.reserved(limit):
+                self._bounding.cancel()  # Only now: a request that is refused leaves it alone.
                 left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
                 plan = self._worker.start(
                     scenario, method=settings['method'], objective=objective_from(settings),
