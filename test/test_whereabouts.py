@@ -52,20 +52,29 @@ def test_the_velocity_of_odometry_is_rotated_from_the_frame_of_the_uav():
     assert known(same_frame).velocity == (2.0, 0.0)
 
 
-def test_the_velocity_of_poses_is_that_of_the_last_second():
-    def pose(stamp, x):
-        message = PoseStamped()
-        message.header.frame_id = 'map'
-        message.header.stamp = Time(sec=int(stamp), nanosec=round(stamp % 1 * 1e9))
-        message.pose.position.x, message.pose.orientation.w = x, 1.0
-        return message
+def pose(stamp, x, frame_id='map'):
+    message = PoseStamped()
+    message.header.frame_id = frame_id
+    message.header.stamp = Time(sec=int(stamp), nanosec=round(stamp % 1 * 1e9))
+    message.pose.position.x, message.pose.orientation.w = x, 1.0
+    return message
 
+
+def test_the_velocity_of_poses_is_that_of_the_last_second():
     assert known(pose(40.0, 0.0)).velocity is None
     assert known(pose(40.0, 0.0), pose(40.1, 0.5)).velocity is None  # too short to tell
     steady = [pose(40 + 0.1 * step, 0.4 * step) for step in range(30)]
     assert known(*steady).velocity == pytest.approx((4.0, 0.0))
     assert known(pose(10.0, 0.0), pose(40.0, 9.0)).velocity is None
     assert known(*steady, pose(20.0, 0.0)).velocity is None  # the clock has jumped back
+
+
+def test_places_in_two_frames_give_no_velocity():
+    book = PoseBook()
+    for stamp, frame_id, velocity in (
+            (10.0, 'map', None), (10.25, 'map', (4.0, 0.0)), (10.5, 'odom', None)):
+        book.take('uav1/pose', pose(stamp, 4.0 * stamp, frame_id), frame_id, stamp)
+        assert book.get('uav1/pose').velocity == velocity
 
 
 @pytest.mark.parametrize('change, text', [

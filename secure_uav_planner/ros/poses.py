@@ -96,6 +96,9 @@ class PoseBook:
         stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
         place = (pose.position.x, pose.position.y)
         with self._lock:
+            last = self._poses.get(topic)
+            if last is not None and last.frame_id != frame_id:
+                self._recent.pop(topic, None)  # Places in another frame.
             if isinstance(message, PoseStamped):
                 velocity = self._difference(topic, stamp, place)
             self._poses[topic] = KnownPose(
