@@ -128,6 +128,15 @@ def _keys(owner: Any, part: str) -> list[Any]:
     return [part] if isinstance(owner, dict) and part in owner else []
 
 
+def _is_json(values: list[Any]) -> bool:
+    """Return whether values can be part of a row of results, as all finite numbers can."""
+    try:
+        json.dumps(values, allow_nan=False)
+    except ValueError:
+        return False
+    return True
+
+
 class _Reader:
     """Makes a Campaign of a document, and notes what is wrong."""
 
@@ -198,22 +207,28 @@ class _Reader:
                     continue
             if isinstance(value, list) and value:
                 grid[name] = value
+                if not _is_json(value):
+                    self._add(place, f'{name} is {shown(value)}; its numbers must be finite, and '
+                              'null stands for no limit')
             elif isinstance(value, dict) and set(value) == {'from', 'to', 'count'}:
                 try:
-                    grid[name] = np.linspace(
-                        value['from'], value['to'], value['count']).tolist()
+                    with np.errstate(all='ignore'):
+                        grid[name] = np.linspace(
+                            value['from'], value['to'], value['count']).tolist()
                 except (TypeError, ValueError):
                     grid[name] = []
-                if not grid[name]:
+                if not grid[name] or not _is_json(grid[name]):
                     self._add(place, f'{name} is {shown(value)}; from and to must be numbers, '
                               'count a whole number above 0')
             elif isinstance(value, dict) and len(value) == 1 and set(value) <= set(LAWS):
                 [(law, numbers)] = value.items()
                 try:
                     first, second = numbers
-                    getattr(np.random.default_rng(0), law)(first, second)
+                    drawn = getattr(np.random.default_rng(0), law)(first, second)
+                    if not np.isfinite(drawn).all():
+                        raise ValueError('they must be finite')
                     laws[name] = law, first, second
-                except (TypeError, ValueError) as error:
+                except (TypeError, ValueError, OverflowError) as error:
                     self._add(place, f'{name} is {shown(value)}; {law} must have two numbers, or '
                               f'two places: {error}')
             else:
