@@ -32,12 +32,13 @@ def run(options: argparse.Namespace) -> int:
     with _interruptible() as stop, ProgressLine() as line:
         plan = _planned(scenario, options, stop, line)
         bound = _bound(plan, options, stop, line)
+        proven = plan.with_bound(bound)
         # Written first: whatever fails from here on, the plan is there.
-        plan.save(out / 'plan.json')
+        proven.save(out / 'plan.json')
         baselines = _baselines(scenario, options, stop, line)
     print(table([*baselines, plan], bound))
-    print(f'\n{plan.message}{_gap(plan, bound)}')
-    written = [out / 'plan.json', *_write(plan, baselines, out, origin)]
+    print(f'\n{plan.message}' + (f'; {proven.claim}, which is proven' if bound else ''))
+    written = [out / 'plan.json', *_write(proven, baselines, out, origin)]
     print(f'written: {", ".join(map(str, written))}')
     return STOPPED if stop else DONE
 
@@ -108,13 +109,6 @@ def _baselines(scenario: Scenario, options: argparse.Namespace, stop: list[int],
         except PlanningError as error:
             print(f'no fly-hover-fly with {power} power: {error}', file=sys.stderr)
     return found
-
-
-def _gap(plan: Plan, bound: Bound | None) -> str:
-    """Return how near the plan is to the best that can be, in words."""
-    if bound is None:
-        return ''
-    return f'; no plan is more than {bound.gap(plan):.1%} better, which is proven'
 
 
 def _write(plan: Plan, baselines: list[Plan], out: Path,
