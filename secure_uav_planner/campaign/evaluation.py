@@ -37,7 +37,8 @@ def _results(task: dict[str, Any]) -> dict[str, Any]:
     scenario = Scenario.from_dict(task['mission'])
     plan = _plan(scenario, task)
     found = {'guaranteed_rate': plan.guaranteed_rate, 'worst_case_rate': plan.worst_case_rate,
-             'status': plan.status, 'iterations': len(plan.history),
+             'status': plan.status,
+             'iterations': max(0, len(plan.history) - 1),  # The first entry is the start.
              'solve_time': plan.solve_time}
     if task['bound_time_limit'] is not None:
         bound = upper_bound(scenario, objective=task['objective'], plan=plan,
