@@ -10,6 +10,7 @@ import sys
 
 import pytest
 from ros_client import Client, PATIENCE
+from secure_uav_planner.autopilots import STACKS
 from secure_uav_planner.ros.parameters import PLANNER
 from std_srvs.srv import Trigger
 
@@ -68,6 +69,7 @@ def test_every_argument_has_a_default_and_a_description_and_is_used():
     for name, options in arguments.items():
         assert options['description'].endswith(".'") and 'default_value' in options, name
     assert {name for name, _ in calls('LaunchConfiguration')} == set(arguments)
+    assert ast.literal_eval(arguments['stack']['choices']) == ['', *STACKS]
 
 
 def test_it_starts_the_nodes_in_a_namespace_and_ends_with_them(tmp_path):
