@@ -171,6 +171,16 @@ def test_one_wrong_value_is_one_problem_that_names_its_field(tmp_path, field, va
     assert found and name.rstrip('s') in found[0][1], found
 
 
+@pytest.mark.parametrize('member', [7, None, [], 'uav1'])
+def test_a_member_that_is_none_does_not_hide_what_is_wrong_with_another(tmp_path, member):
+    data = json.loads(json.dumps(RICH.to_dict()))
+    data['uavs'][0] = member
+    data['uavs'][1]['start'] = [2000.0, 0.0]
+    found = [text for _, text in problems(written(tmp_path, json.dumps(data), 'a.json'))]
+    assert any(text.startswith('uavs[0]: Uav is ') for text in found), found
+    assert any('uav2.start is ' in text and 'outside the geofence' in text for text in found)
+
+
 SYNTAX = [
     ('', 'empty'), ('# only a comment\n', 'empty'), ('null', 'empty'), ('[]', 'mapping'),
     ('7', 'mapping'), ('a mission', 'mapping'), ('uavs: [1, 2', 'expected'),

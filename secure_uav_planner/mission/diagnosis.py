@@ -122,8 +122,8 @@ class _Diagnosis:
             return ('duration',)
         members = self._document.data.get('uavs', ())
         for number, member in enumerate(members):
-            if uav is not None and member.get('name') == uav.name and (
-                    field := _field_of(error, member)):
+            if uav is not None and isinstance(member, dict) and (
+                    member.get('name') == uav.name) and (field := _field_of(error, member)):
                 return ('uavs', number, *field)
         return _field_of(error, self._document.data)
 
