@@ -180,6 +180,7 @@ def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
     ('mission: mission.yaml\nsamples: 0', 'samples is 0'),
     ('mission: mission.yaml\nseed: -1', 'seed is -1'),
     ('mission: mission.yaml\nsamples: 1000000000', 'it must have 1 to'),
+    (f'mission: mission.yaml\nsamples: {10**400}', 'it must have 1 to'),
     ('mission: mission.yaml\nmethods: [magic]', "methods is ['magic']"),
     ('mission: mission.yaml\nmethods: [alternating]\nobjectives: [worst_case]', 'only the method'),
     ('mission: mission.yaml\ntime_limit: 0', 'time_limit is 0')])

@@ -7,6 +7,7 @@ import difflib
 import hashlib
 from itertools import product
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -54,9 +55,12 @@ class Campaign:
     limits: dict[str, float | None]
 
     def __len__(self) -> int:
-        places = 1
-        for values in self.grid.values():
-            places *= len(values)
+        return self.size
+
+    @property
+    def size(self) -> int:
+        """How many missions it has; unlike `len`, however many they are."""
+        places = math.prod(len(values) for values in self.grid.values())
         return places * self.samples * len(self.schemes)
 
     def tasks(self) -> Iterator[dict[str, Any]]:
@@ -166,8 +170,9 @@ class _Reader:
         campaign = Campaign(
             mission, grid, laws, values['samples'], values['seed'], schemes,
             {name: values[name] for name in ('time_limit', 'bound_time_limit')})
-        if not 1 <= len(campaign) <= MOST_TASKS:
-            self._add((), f'it has {len(campaign)} missions; it must have 1 to {MOST_TASKS}')
+        if not 1 <= campaign.size <= MOST_TASKS:
+            self._add((), f'it has {shown(campaign.size)} missions; it must have 1 to '
+                      f'{MOST_TASKS}')
         return campaign
 
     def _add(self, place: tuple[Any, ...], text: str) -> None:
