@@ -9,8 +9,10 @@ from typing import Any
 from .evaluation import row_of
 from ..errors import OptionError, PlanningError
 
-_THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
-                  'RAYON_NUM_THREADS')
+THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
+                 'RAYON_NUM_THREADS')
+"""Variables that say how many threads the libraries of a process may have."""
+
 _AHEAD = 4  # Tasks that are handed out for each worker of a cluster.
 _PATIENCE = 15.0  # For the scheduler to answer, in s.
 
@@ -30,7 +32,7 @@ def on_cores(tasks: Iterable[dict[str, Any]], jobs: int) -> Iterator[dict[str, A
     """
     import joblib
     # The workers inherit both settings: each has one thread, and Ctrl-C is for this process.
-    os.environ.update(dict.fromkeys(_THREAD_COUNTS, '1'))
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, '1'))
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         rows = joblib.Parallel(jobs, return_as='generator_unordered', batch_size=1)(

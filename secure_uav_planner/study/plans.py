@@ -9,9 +9,7 @@ import joblib
 from tqdm import tqdm
 
 from .. import fly_hover_fly, METHODS, Plan, solve, upper_bound
-
-_THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
-                  'RAYON_NUM_THREADS')
+from ..campaign.workers import THREAD_COUNTS
 
 
 def compute(point):
@@ -78,8 +76,8 @@ def _numbered(number, point):
 @contextmanager
 def _computed(wanted, backend, options):
     """Yield (number, Plan) for Points in the order of completion; stop the workers on an error."""
-    threads = {name: os.environ.get(name) for name in _THREAD_COUNTS}
-    os.environ.update(dict.fromkeys(_THREAD_COUNTS, '1'))
+    threads = {name: os.environ.get(name) for name in THREAD_COUNTS}
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, '1'))
     chosen = (nullcontext() if backend is None or options['n_jobs'] == 1
               else joblib.parallel_config(backend))
     # Workers inherit this setting. Ctrl-C reaches all processes of a terminal, and only this one
