@@ -9,6 +9,7 @@ import pytest
 from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
 from secure_uav_planner.bench.missions import random_city_mission
 from secure_uav_planner.errors import InfeasibleMissionError
+from secure_uav_planner.optimize.fitting import Fitting
 import shapely
 
 SAMPLES = 40  # In a slot.
@@ -161,6 +162,19 @@ def test_what_is_in_the_way_is_named_with_the_shortest_duration_that_is_flown():
     way = math.hypot(300, 240) + 20 + math.hypot(300, 740)  # around the corners of the wall
     assert way / 10 * 102 / 103 <= shortest <= 1.003 * way / 10 * 102 / 103
     check_flown(solve(replace(walled(200, 450.0), duration=shortest, slots=102)))
+
+
+def test_the_search_for_a_duration_ends_at_the_deadline(monkeypatch):
+    tried = []
+    near = Fitting.near
+    monkeypatch.setattr(Fitting, 'near', lambda *arguments: tried.append(1) or near(*arguments))
+    with pytest.raises(InfeasibleMissionError):
+        solve(walled(102, 450.0))
+    whole = len(tried)
+    tried.clear()
+    with pytest.raises(InfeasibleMissionError, match='in the time for the search'):
+        solve(walled(102, 450.0), time_limit=1e-6)
+    assert len(tried) < whole / 4
 
 
 def test_no_way_at_all_is_named():

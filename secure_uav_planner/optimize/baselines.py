@@ -1,5 +1,6 @@
 """Fly-hover-fly with constant powers, Section IV: the baseline, and where the methods start."""
 
+from collections.abc import Callable
 from functools import lru_cache
 import math
 
@@ -14,7 +15,8 @@ from ..scenario import Array, read_only, Scenario, Uav
 _SHARE = 1e-3  # Of its slack that a flight around others leaves, where it can.
 
 
-def fly_hover_fly_positions(scenario: Scenario) -> Array:
+def fly_hover_fly_positions(scenario: Scenario,
+                            is_over: Callable[[], bool] = lambda: False) -> Array:
     """
     Return straight flights at full speed to a hovering place and on to the goal, as late.
 
@@ -23,6 +25,7 @@ def fly_hover_fly_positions(scenario: Scenario) -> Array:
     moment that still reaches the goal. Flights go around what may not be entered, and keep their
     separation.
 
+    :param is_over: returns whether the time for a search around what is in the way is over.
     :return: positions, (U, N+2, 2) in m.
     :raises InfeasibleMissionError: when no flights are found that keep the limits.
     """
@@ -31,20 +34,29 @@ def fly_hover_fly_positions(scenario: Scenario) -> Array:
     hover = np.concatenate([[scenario.ground_node], eves[jammers % len(eves)]])
     if is_open(scenario):
         return flights_to(scenario, hover)
-    return _flights_around(scenario, tuple(map(tuple, hover.tolist()))).copy()
+    known = _known_flights(scenario)
+    if not known:
+        known.append(read_only(_flights_around(scenario, hover, is_over)))
+    return known[0].copy()
 
 
 @lru_cache(maxsize=16)
-def _flights_around(scenario: Scenario, hover: tuple[tuple[float, float], ...]) -> Array:
-    found = fitted(scenario, flights_to(scenario, free_places(scenario, np.array(hover))), _SHARE)
-    if found is None:
-        for flights in direct_flights(scenario):
-            found = fitted(scenario, flights, _SHARE)
-            if found is not None:
-                break
-        else:
-            refuse(scenario)
-    return read_only(found)
+def _known_flights(_scenario: Scenario) -> list[Array]:
+    """Return the list that remembers the flights of a scenario."""
+    return []
+
+
+def _flights_around(scenario: Scenario, hover: Array, is_over: Callable[[], bool]) -> Array:
+    found = fitted(scenario, flights_to(scenario, free_places(scenario, hover)), _SHARE)
+    if found is not None:
+        return found
+    for flights in direct_flights(scenario):
+        if is_over():
+            break
+        found = fitted(scenario, flights, _SHARE)
+        if found is not None:
+            return found
+    refuse(scenario, is_over)
 
 
 def flights_to(scenario: Scenario, hover: Array,

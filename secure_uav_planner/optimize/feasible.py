@@ -1,5 +1,6 @@
 """Make numbers that are nearly feasible, or were feasible for another scenario, feasible."""
 
+from collections.abc import Callable
 import math
 
 import numpy as np
@@ -52,13 +53,15 @@ def _landmarks(scenario: Scenario) -> list[Point]:
             *(end for uav in scenario.uavs for end in (uav.start, uav.goal))]
 
 
-def adapted(scenario: Scenario, plan: Plan) -> tuple[Array, Array]:
+def adapted(scenario: Scenario, plan: Plan,
+            is_over: Callable[[], bool] = lambda: False) -> tuple[Array, Array]:
     """
     Return the positions and powers of a plan for another scenario, bent to be feasible in it.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole way.
     Where zones, fence or separation allow no flights near those, fly-hover-fly takes their place.
 
+    :param is_over: as for fly_hover_fly_positions.
     :raises OptionError: when the number of UAVs differs.
     """
     if len(plan.scenario.uavs) != len(scenario.uavs):
@@ -73,5 +76,5 @@ def adapted(scenario: Scenario, plan: Plan) -> tuple[Array, Array]:
     positions, powers = repaired(scenario, positions, powers)
     if not is_clear(scenario, positions):
         found = fitted(scenario, positions, _SHARE)
-        positions = fly_hover_fly_positions(scenario) if found is None else found
+        positions = fly_hover_fly_positions(scenario, is_over) if found is None else found
     return positions, powers

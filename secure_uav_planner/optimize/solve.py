@@ -65,8 +65,9 @@ def solve(scenario: Scenario, method: Method = 'joint',
     _check_size(scenario, method)
     _check_time_limit(time_limit)
     started = time.monotonic()
-    positions, powers = (fly_hover_fly_positions(scenario), constant_powers(scenario)
-                         ) if initial is None else adapted(scenario, initial)
+    is_over = _deadline(started, time_limit)
+    positions, powers = (fly_hover_fly_positions(scenario, is_over), constant_powers(scenario)
+                         ) if initial is None else adapted(scenario, initial, is_over)
     search = Search(scenario, positions, powers, on_iteration, time_limit, started,
                     warm=initial is not None, objective=objective)
     return search.plan(method, _improve_by(method)(search))
@@ -93,11 +94,13 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
         raise OptionError(f"power is {shown(power)}; it must be 'constant' or 'optimised'")
     _check_time_limit(time_limit)
     method = f'fly_hover_fly_{power}'
-    positions, powers = fly_hover_fly_positions(scenario), constant_powers(scenario)
+    started = time.monotonic()
+    positions = fly_hover_fly_positions(scenario, _deadline(started, time_limit))
+    powers = constant_powers(scenario)
     if power == 'constant':
         return Plan(scenario, positions, powers, method, 'converged')
     from .alternating import optimise_powers  # CVXPY, as above
-    search = Search(scenario, positions, powers, on_iteration, time_limit)
+    search = Search(scenario, positions, powers, on_iteration, time_limit, started)
     return search.plan(method, optimise_powers(search))
 
 
@@ -130,6 +133,11 @@ def _check_size(scenario: Scenario, method: Method) -> None:
         raise OptionError(
             f"method is 'alternating'; it takes at most {MAX_GAINS} slots * uavs * eavesdroppers, "
             f"and this scenario has {gains}: use 'joint'")
+
+
+def _deadline(started: float, time_limit: float | None) -> Callable[[], bool]:
+    """Return a function that says whether the time limit in s is over."""
+    return lambda: time_limit is not None and time.monotonic() - started > time_limit
 
 
 def _check_time_limit(time_limit: float | None) -> None:
