@@ -158,8 +158,9 @@ public:
         const View<std::int64_t> view(chosen, "chosen");
         std::vector<std::size_t> indices(view.data(), view.data() + view.size());
         for (const std::size_t index : indices) expect(index < starts_.count(), "chosen");
+        // Before anything is released: the starts are still in the arrays of before.
+        expect(View<double>(mu, "mu").size() == indices.size(), "chosen");
         hold(x, mu, finished);
-        expect(mu_->size() == indices.size(), "chosen");
         starts_.keep(indices, x_->data(), mu_->data(), finished_->data());
     }
 

@@ -606,7 +606,7 @@ private:
         return false;
     }
 
-    // Bands of the reaches 0 to 2 have a height that is known when compiling.
+    // Bands of the reaches 1 and 2 have a height that is known when compiling.
     template <typename Function>
     auto with_height(Function function) {
         constexpr int V = 3 * UAVS;
