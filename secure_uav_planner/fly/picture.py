@@ -4,6 +4,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from ..view.colors import EAVESDROPPER, GROUND_NODE, uav_color
+from ..view.picture import draw_airspace
 
 
 def save_flight(name, flight, path):
@@ -17,6 +18,7 @@ def save_flight(name, flight, path):
         above.plot(*flight.places[index, :, :2].T, color=color, lw=1, label=uav.name)
         error = np.linalg.norm(flight.places[index] - planned[index], axis=-1)
         over.plot(flight.times, error, color=color, lw=1, label=uav.name)
+    draw_airspace(above, scenario)
     above.plot(*scenario.ground_node, '^', color=GROUND_NODE, ms=9)
     for eve in scenario.eavesdroppers:
         angle = np.linspace(0, 2 * np.pi, 100)

@@ -89,7 +89,7 @@ def draw_map(axes, plan, baselines=(), legend=True):
     for other in baselines:
         for path in other.positions:
             axes.plot(*place_of(path).T, color=_GREY, linewidth=0.9, zorder=1)
-    _draw_airspace(axes, scenario, place_of)
+    draw_airspace(axes, scenario, place_of)
     for eve in scenario.eavesdroppers:
         place = place_of(eve.position)
         axes.add_patch(Circle(place, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
@@ -120,8 +120,12 @@ def draw_map(axes, plan, baselines=(), legend=True):
         _explain_map(axes, plan, baselines, peak)
 
 
-def _draw_airspace(axes, scenario, place_of):
-    """Draw the fence, and the zones: filled where a UAV flies at their altitudes."""
+def draw_airspace(axes, scenario, place_of=np.asarray):
+    """
+    Draw the fence, and the zones: filled where a UAV flies at their altitudes.
+
+    :param place_of: from positions in m to places on the axes.
+    """
     if scenario.geofence is not None:
         axes.add_patch(Polygon(place_of(scenario.geofence), **_FENCE, zorder=1))
     for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
