@@ -158,3 +158,9 @@ class Vehicle:
         points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
         points[-1] = self.displacement
         return float(effort), points
+
+
+def shortened(x: float, y: float, most: float) -> tuple[float, float]:
+    """Return a vector that is not longer than a limit, in its direction."""
+    factor = min(1.0, most / max(math.hypot(x, y), 1e-300))
+    return x * factor, y * factor

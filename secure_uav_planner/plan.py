@@ -16,6 +16,7 @@ from .clearance import Clearance
 from .curve import Curve, mean_guaranteed_rates
 from .errors import OptionError, PlanError, PlanFileError, shown
 from .files import atomic_file, read_text
+from .kinematics import shortened
 from .limits import limits_of
 from .limits.power import TOLERANCE as POWER_TOLERANCE
 from .scenario import (
@@ -384,8 +385,7 @@ def _velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:
         return uav.start_velocity
     x, y = ((path[point] - path[point - 1]) / step).tolist()
     # A plan may exceed the speed by its tolerance.
-    factor = min(1.0, uav.max_speed / max(math.hypot(x, y), 1e-300))
-    return (factor * x, factor * y)
+    return shortened(x, y, uav.max_speed)
 
 
 def _finite(name: str, value: object) -> float:

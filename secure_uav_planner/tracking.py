@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from . import channel
 from .errors import OptionError, shown
+from .kinematics import shortened
 from .playback import Playback
 from .scenario import Array, Point, Uav
 
@@ -82,7 +83,7 @@ def predicted(playback: Playback, uav: int, sighting: Sighting, times: ArrayLike
         if member.max_acceleration is None:
             before = (u, v)
         else:
-            du, dv = _shortened(u - before[0], v - before[1], member.max_acceleration * step)
+            du, dv = shortened(u - before[0], v - before[1], member.max_acceleration * step)
             u, v = before[0] + du, before[1] + dv
         x, y = x + (before[0] + u) / 2 * step, y + (before[1] + v) / 2 * step
         found.append((x, y, u, v))
@@ -126,7 +127,7 @@ def departing(uav: Uav, position: Point, velocity: Point | None, slot_duration: 
     """
     if uav.max_acceleration is None or velocity is None:
         return replace(uav, start=position)
-    u, v = _shortened(*velocity, uav.max_speed)
+    u, v = shortened(*velocity, uav.max_speed)
     return replace(uav, start_velocity=(u, v), start=(
         position[0] + u * slot_duration / 2, position[1] + v * slot_duration / 2))
 
@@ -140,13 +141,7 @@ def _wanted(dx: float, dy: float, speed: tuple[float, float], max_speed: float,
         # Braking with the largest acceleration ends in the linear law, with the same slope.
         closing = math.sqrt(2 * max_acceleration * distance - (max_acceleration / GAIN)**2)
     factor = closing / max(distance, 1e-300)
-    return _shortened(speed[0] + factor * dx, speed[1] + factor * dy, max_speed)
-
-
-def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
-    """Return a vector that is not longer than a limit."""
-    factor = min(1.0, most / max(math.hypot(x, y), 1e-300))
-    return x * factor, y * factor
+    return shortened(speed[0] + factor * dx, speed[1] + factor * dy, max_speed)
 
 
 def _point(vector: Array) -> Point:

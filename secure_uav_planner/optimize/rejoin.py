@@ -16,7 +16,7 @@ import numpy as np
 
 from .feasible import without_losing_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
-from ..kinematics import Vehicle
+from ..kinematics import shortened, Vehicle
 from ..plan import Plan
 from ..playback import Playback
 from ..scenario import Array, Eavesdropper, Point, Scenario, Uav
@@ -116,8 +116,8 @@ def _begun(plan: Plan, first: int, point: int, paths: dict[int, Array], now: Sce
     for index, path in paths.items():
         positions[index] = path
         uavs[index] = replace(
-            uavs[index], start=_point(path[-1]), start_velocity=_within(
-                uavs[index], _point((path[-1] - path[-2]) / step)))
+            uavs[index], start=_point(path[-1]), start_velocity=shortened(
+                *_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
     scenario = replace(tail.scenario, uavs=tuple(uavs), ground_node=now.ground_node,
                        eavesdroppers=now.eavesdroppers)
     powers = plan.powers[:, :point].copy()
@@ -169,7 +169,8 @@ class _Way:
         end = position[None]
         if self._smooth:
             # A state is two control points, half a slot before and after it.
-            move = np.array(_within(self._begin, _point(velocity))) * self._step / 2
+            move = np.array(shortened(*_point(velocity), self._begin.max_speed))
+            move *= self._step / 2
             end = np.stack([position - move, position + move])
         slots = point - self._first - len(end)
         if slots < 0:
@@ -213,12 +214,6 @@ def _lead_in(scenario: Scenario) -> float:
     """Return how many slots before a point the curve begins to depend on it."""
     # The point after the last one that stays moves the curve from half a slot before that.
     return 0.5 if np.isfinite(scenario.max_accelerations).any() else 0.0
-
-
-def _within(uav: Uav, velocity: Point) -> Point:
-    """Return a velocity that is not above the speed limit."""
-    factor = min(1.0, uav.max_speed / max(math.hypot(*velocity), 1e-300))
-    return (velocity[0] * factor, velocity[1] * factor)
 
 
 def _point(vector: Array) -> Point:
