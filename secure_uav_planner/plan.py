@@ -279,19 +279,22 @@ class Plan:
             start_ns=(None if self.start_ns is None else
                       self.start_ns + round(point * step * 1e9)))
 
-    def continued(self, point: int, tail: 'Plan') -> 'Plan':
+    def continued(self, point: int, tail: 'Plan',
+                  beginning: tuple[Array, Array] | None = None) -> 'Plan':
         """
         Return this plan up to a point and another one of what was left from there.
 
         :param point: where the other begins, as given to tail.
         :param tail: a Plan for what tail(point) leaves, perhaps against other eavesdroppers.
+        :param beginning: positions and powers up to the point, where they are not this plan's.
         :return: a Plan of the whole mission against those.
         """
+        positions, powers = beginning or (self.positions, self.powers)
         return replace(
             tail, scenario=replace(self.scenario, ground_node=tail.scenario.ground_node,
                                    eavesdroppers=tail.scenario.eavesdroppers),
-            positions=np.concatenate([self.positions[:, :point], tail.positions], axis=1),
-            powers=np.concatenate([self.powers[:, :point], tail.powers], axis=1),
+            positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
+            powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
             start_ns=self.start_ns, bound=None)
 
     def save(self, path: str | os.PathLike[str], evaluate: bool = True) -> None:

@@ -58,12 +58,7 @@ class Rejoin:
 
         :param found: a Plan for the scenario.
         """
-        whole = replace(self.plan.scenario, ground_node=self.scenario.ground_node,
-                        eavesdroppers=self.scenario.eavesdroppers)
-        return replace(
-            found, scenario=whole, start_ns=self.plan.start_ns,
-            positions=np.concatenate([self.positions[:, :self.point], found.positions], axis=1),
-            powers=np.concatenate([self.powers, found.powers], axis=1))
+        return self.plan.continued(self.point, found, (self.positions, self.powers))
 
 
 def first_point(scenario: Scenario, time: float) -> int:
