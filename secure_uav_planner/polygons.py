@@ -4,6 +4,7 @@ from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 import shapely
 
 from .errors import ScenarioError, shown
@@ -97,11 +98,16 @@ def half_planes(vertices: Vertices) -> tuple[Array, Array]:
     return read_only(normals), read_only((normals * corners).sum(axis=1))
 
 
-def depth(vertices: Vertices, point: Point) -> float:
-    """Return how far in m a point is inside a polygon; negative is its distance outside."""
-    polygon, place = shapely.Polygon(vertices), shapely.Point(point)
-    distance = float(polygon.exterior.distance(place))
-    return distance if polygon.contains(place) else -distance
+def depth(vertices: Vertices, points: ArrayLike) -> Array:
+    """
+    Return how far in m points are inside a polygon; negative is their distance outside.
+
+    :param points: (..., 2) in m.
+    :return: (...).
+    """
+    polygon, places = shapely.Polygon(vertices), shapely.points(points)
+    distance = shapely.distance(polygon.exterior, places)
+    return np.where(shapely.contains(polygon, places), distance, -distance)
 
 
 def _corners(vertices: Vertices) -> Array:

@@ -5,10 +5,10 @@ import itertools
 import math
 
 import numpy as np
-import shapely
 
 from .. import channel
 from ..playback import Playback
+from ..polygons import depth
 
 
 @dataclass(frozen=True)
@@ -76,21 +76,14 @@ def smallest_distance(places):
 
 def clearance(scenario, places):
     """Return the smallest distance from what is forbidden, in m; negative inside of it."""
-    points, heights = shapely.points(places[..., :2]), places[..., 2]
+    points, heights = places[..., :2], places[..., 2]
     found = [math.inf]
     for zone in scenario.no_fly_zones:
         at = (zone.floor <= heights) & (heights <= zone.ceiling)
-        found.append(-_depth(zone.vertices, points[at]).max(initial=-math.inf))
+        found.append(-depth(zone.vertices, points[at]).max(initial=-math.inf))
     if scenario.geofence is not None:
-        found.append(_depth(scenario.geofence, points).min())
+        found.append(depth(scenario.geofence, points).min())
     return float(min(found))
-
-
-def _depth(vertices, points):
-    """Return how far points are inside a polygon in m, negative outside."""
-    polygon = shapely.Polygon(vertices)
-    distance = shapely.distance(polygon.exterior, points)
-    return np.where(shapely.contains(polygon, points), distance, -distance)
 
 
 def table(reports):
