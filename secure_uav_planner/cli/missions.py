@@ -1,8 +1,13 @@
 """Mission files as all parts of the command read them."""
 
-from ..errors import PlanFileError, ScenarioError
+from collections.abc import Callable
+from typing import TypeVar
+
+from ..errors import PlanFileError, PlanningError, ScenarioError
 from ..plan import Plan
 from ..scenario import Scenario
+
+_Content = TypeVar('_Content')
 
 
 def loaded(path: str) -> Scenario:
@@ -11,10 +16,7 @@ def loaded(path: str) -> Scenario:
 
     :raises ScenarioError: when it holds none, or cannot be read.
     """
-    try:
-        return Scenario.load(path)
-    except OSError as error:
-        raise ScenarioError(f'{path} cannot be read: {_reason(error)}') from None
+    return _loaded(path, Scenario.load, ScenarioError)
 
 
 def loaded_plan(path: str) -> Plan:
@@ -23,11 +25,11 @@ def loaded_plan(path: str) -> Plan:
 
     :raises PlanFileError: when it holds none, or cannot be read.
     """
+    return _loaded(path, Plan.load, PlanFileError)
+
+
+def _loaded(path: str, load: Callable[[str], _Content], kind: type[PlanningError]) -> _Content:
     try:
-        return Plan.load(path)
+        return load(path)
     except OSError as error:
-        raise PlanFileError(f'{path} cannot be read: {_reason(error)}') from None
-
-
-def _reason(error: OSError) -> str:
-    return error.strerror or str(error)
+        raise kind(f'{path} cannot be read: {error.strerror or error}') from None
