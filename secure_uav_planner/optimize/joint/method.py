@@ -6,6 +6,7 @@ winner is refined to the full grid, where a few more Newton steps finish it.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,10 +76,7 @@ class _Joint:
 
     def from_present_plan(self) -> Status:
         """Improve the present plan."""
-        x = strictly_feasible(self._grid, self._search.positions, self._search.powers,
-                              share=self._schedule.warm_share)
-        return self._finish(
-            self._barrier(self._grid, x[None], self._schedule.warm_mu))
+        return self._improve_present(self._schedule.warm_mu)
 
     def from_several_starts(self) -> Status:
         """Find the best of several starts on a coarse grid and finish it, and a close rival."""
@@ -89,7 +87,22 @@ class _Joint:
         rivals = np.flatnonzero(rates >= (1 - schedule.rival_gap) * rates[0])[:schedule.rivals]
         statuses = [self._finish(self._on_finer_grids(barrier, rival)) for rival in rivals]
         self._try_powers_alone(coarse, rates[0])
+        if len(rates) > 1 or self._search.rate < schedule.low_rate:
+            self._improve_again()
         return 'converged' if 'converged' in statuses else statuses[0]
+
+    def _improve_again(self) -> None:
+        """Improve the best plan from further inside, where steps lead past the nearest optimum."""
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            for share in self._schedule.again_mus:
+                if self._search.rate > 0:
+                    self._improve_present(share * np.log(2) * self._search.rate)
+
+    def _improve_present(self, mu: float) -> Status:
+        """Improve the present plan, beginning with a barrier parameter."""
+        x = strictly_feasible(self._grid, self._search.positions, self._search.powers,
+                              share=self._schedule.warm_share)
+        return self._finish(self._barrier(self._grid, x[None], mu))
 
     def against_worst_places(self) -> Status:
         """Improve the present plan against the worst places of the discs, problem (P1)."""
@@ -208,7 +221,7 @@ class _Joint:
         self._advance(probe, schedule.powers_probe_steps, schedule.coarse_mu)
         at_once = Search(search.scenario, flight, constant_powers(search.scenario))
         at_once.try_less_jamming()
-        if (coarse.slots > schedule.powers_few_slots and search.rate > schedule.powers_low_rate
+        if (coarse.slots > schedule.powers_few_slots and search.rate > schedule.low_rate
                 and probe.rates().max() < schedule.powers_near * joint_rate
                 and at_once.rate < schedule.powers_near_at_once * search.rate):
             return

@@ -169,6 +169,21 @@ class Schedule:
     measure it.
     """
 
+    low_rate: float = 0.1
+    """
+    A mission with a rate below this, in bit/s/Hz, is hard: the best plan is improved once more
+    and powers on a fixed flight are finished, even where all starts agree. No mission of the
+    sweep changes; missions of fewer slots do.
+    """
+
+    again_mus: tuple[float, ...] = (0.05, 0.01)
+    """
+    Barrier parameters, as shares of the rate in nats, with which the best plan is improved once
+    more, one after the other, where not all starts ended in the same place. Measured on 100
+    random missions of 100 slots: +0.48% in the mean, never lower, in 1.2 times the time; 0.2 and
+    0.04, +0.44%; 0.02 and 0.002, +0.45%. In the 16 of them whose starts agreed it gained nothing.
+    """
+
     powers_jamming: tuple[float, ...] = (0.5, 0.05)
     """
     Shares of their average power with which jammers begin on fixed flights. Measured: no mission
@@ -191,12 +206,6 @@ class Schedule:
     """
     With at most so many slots, powers on a fixed flight are always finished. No mission of the
     sweep changes; missions of fewer slots do.
-    """
-
-    powers_low_rate: float = 0.1
-    """
-    They also are in a mission with a rate below this, in bit/s/Hz. No mission of the sweep
-    changes; missions of fewer slots do.
     """
 
     powers_near: float = 0.99
