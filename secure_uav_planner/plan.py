@@ -1,9 +1,7 @@
 """What is answered: trajectories and powers, what they achieve, and how they were found."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-import json
 import math
 import os
 from typing import Any, get_args, Literal, TYPE_CHECKING, TypeAlias
@@ -14,13 +12,12 @@ from . import channel
 from .choices import Objective, OBJECTIVES
 from .clearance import Clearance
 from .curve import Curve, mean_guaranteed_rates
-from .errors import OptionError, PlanError, PlanFileError, shown
-from .files import atomic_file, read_text
+from .errors import OptionError, PlanError, shown
 from .kinematics import shortened
 from .limits import limits_of
 from .limits.power import TOLERANCE as POWER_TOLERANCE
 from .scenario import (
-    Array, checked_fields, LIMITS, Point, POSITION_TOLERANCE, read_only, Scenario, Uav)
+    Array, LIMITS, Point, POSITION_TOLERANCE, read_only, Scenario, Uav)
 
 if TYPE_CHECKING:
     from .bound import Bound
@@ -41,9 +38,6 @@ STATUS_TEXTS: dict[Status, str] = {
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 
-_FORMAT = 'secure_uav_planner/plan'
-_VERSION = 2  # Of the file; version 1 is that of 0.1.0.
-_MOST_BYTES = 2**29
 _LAST_SECOND = 2**31 - 1  # The last that a builtin_interfaces/Time can hold.
 
 __all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE',
@@ -305,25 +299,8 @@ class Plan:
             seconds to evaluate; it is for readers of the file, and load does not need it.
         :raises OSError: when the file cannot be written; an old one is left as it was.
         """
-        document = {
-            'format': _FORMAT,
-            'version': _VERSION,
-            'scenario': self.scenario.to_dict(),
-            'positions': self.positions.tolist(),
-            'powers': self.powers.tolist(),
-            'method': self.method,
-            'status': self.status,
-            'history': [asdict(iteration) for iteration in self.history],
-            'solve_time': self.solve_time,
-            'start_ns': self.start_ns,
-            'objective': self.objective,
-            'bound': None if self.bound is None else self.bound.to_dict(),
-            # For readers of the file; load computes them anew.
-            'guaranteed_rate': self.guaranteed_rate,
-            **({'worst_case_rate': self.worst_case_rate} if evaluate else {}),
-        }
-        with atomic_file(path) as file:
-            json.dump(document, file, allow_nan=False)
+        from . import plan_file  # Here and not above: it is built on plans.
+        plan_file.save(self, path, evaluate)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> 'Plan':
@@ -336,37 +313,8 @@ class Plan:
         :raises PlanFileError: when it is damaged, of another kind or of a newer version, or
             breaks its own scenario.
         """
-        try:
-            return cls._of(json.loads(read_text(path, _MOST_BYTES)))
-        except (ValueError, RecursionError) as error:
-            raise PlanFileError(f'{path} is not a plan: {error}') from None
-
-    @classmethod
-    def _of(cls, document: object) -> 'Plan':
-        if not isinstance(document, dict) or document.get('format') != _FORMAT:
-            raise PlanFileError(f'it is not a {_FORMAT}')
-        version = document.get('version')
-        if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-            raise PlanFileError(f'its version is {shown(version)}')
-        if version > _VERSION:
-            raise PlanFileError(
-                f'it has format version {shown(version)}, which a newer secure_uav_planner wrote; '
-                f'this one reads up to version {_VERSION}')
-        values = {name: value for name, value in document.items() if name not in _COMPUTED}
-        if not isinstance(values.get('history', []), list):
-            raise PlanFileError(f'history is {shown(values["history"])}; it must be a list')
-        values['history'] = tuple(_iteration(entry) for entry in values.get('history', []))
-        values = checked_fields(cls, values)
-        values['scenario'] = Scenario.from_dict(values['scenario'])
-        if values.get('bound') is not None:
-            from .bound import Bound  # As above.
-            values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
-        if not isinstance(values.get('method', ''), str):
-            raise PlanFileError(f'method is {shown(values["method"])}; it must be a string')
-        return cls(**{**values, 'solve_time': _finite('solve_time', values.get('solve_time', 0))})
-
-
-_COMPUTED = ('format', 'version', 'guaranteed_rate', 'worst_case_rate')
+        from . import plan_file  # As above.
+        return plan_file.load(path)
 
 
 def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -389,22 +337,3 @@ def _velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:
     x, y = ((path[point] - path[point - 1]) / step).tolist()
     # A plan may exceed the speed by its tolerance.
     return shortened(x, y, uav.max_speed)
-
-
-def _finite(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
-        raise PlanFileError(f'{name} is {shown(value)}; it must be a finite number')
-    return float(value)
-
-
-def _iteration(entry: object) -> Iteration:
-    """Return the Iteration of a file's entry, whose rate version 1 calls guaranteed_rate."""
-    if isinstance(entry, Mapping) and 'guaranteed_rate' in entry:
-        entry = {'rate' if name == 'guaranteed_rate' else name: value
-                 for name, value in entry.items()}
-    values = checked_fields(Iteration, entry)
-    for name in ('number', 'rate', 'elapsed', 'solver_time'):
-        _finite(f'history: {name}', values[name])
-    if not isinstance(values['number'], int) or not isinstance(values['step'], str):
-        raise PlanFileError(f'history has the entry {shown(entry)}')
-    return Iteration(**values)
