@@ -82,6 +82,11 @@ def test_a_plan_keeps_all_limits_all_the_time_and_is_not_below_its_baseline(seed
     fly(random_city_mission(seed, slots=60))
 
 
+def test_a_mission_too_tight_for_few_slots_starts_on_more():
+    plan, _ = fly(random_city_mission(160))
+    assert plan.status == 'converged'
+
+
 @pytest.mark.parametrize('method, objective', [
     ('alternating', 'guaranteed'), ('joint', 'worst_case')])
 def test_so_do_other_methods_and_objectives(method, objective):

@@ -81,8 +81,8 @@ class _Joint:
     def from_several_starts(self) -> Status:
         """Find the best of several starts on a coarse grid and finish it, and a close rival."""
         schedule = self._schedule
-        coarse = self._grid.divided(min(self._grid.slots, schedule.coarse_slots))
-        barrier = self._compete(coarse, *several_starts(coarse, schedule, self._check))
+        coarse, *starts = self._starts()
+        barrier = self._compete(coarse, *starts)
         rates = barrier.rates()
         rivals = np.flatnonzero(rates >= (1 - schedule.rival_gap) * rates[0])[:schedule.rivals]
         statuses = [self._finish(self._on_finer_grids(barrier, rival)) for rival in rivals]
@@ -90,6 +90,18 @@ class _Joint:
         if len(rates) > 1 or self._search.rate < schedule.low_rate:
             self._improve_again()
         return 'converged' if 'converged' in statuses else statuses[0]
+
+    def _starts(self) -> tuple[Grid, Array, Array, NDArray[np.bool_]]:
+        """Return the coarsest grid on which there are starts, and these."""
+        slots = self._schedule.coarse_slots
+        while True:
+            grid = self._grid.divided(min(self._grid.slots, slots))
+            try:
+                return grid, *several_starts(grid, self._schedule, self._check)
+            except NumericalError:
+                if slots >= self._grid.slots:
+                    raise
+            slots *= 2
 
     def _improve_again(self) -> None:
         """Improve the best plan from further inside, where steps lead past the nearest optimum."""
