@@ -12,7 +12,7 @@ import sys
 import time
 
 import pytest
-from secure_uav_planner import Scenario, solve
+from secure_uav_planner import METHODS, Plan, Scenario, solve
 from secure_uav_planner.campaign.journal import Journal
 from secure_uav_planner.campaign.specification import load
 from secure_uav_planner.cli.main import main
@@ -118,6 +118,60 @@ def test_a_parquet_table_has_the_same_rows(folder):
     assert all(isinstance(row['duration'], float) for row in table)
 
 
+def test_without_objectives_every_method_has_its_own(folder):
+    Path('campaign.yaml').write_text("""
+mission: mission.yaml
+methods: [joint, alternating, fly_hover_fly_constant, fly_hover_fly_optimised]
+""")
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    rows = {row['method']: row for row in journal()}
+    mission = Scenario.load('mission.yaml')
+    for method in METHODS:
+        assert rows[method]['objective'] == solve(mission, method, time_limit=1e-3).objective
+    assert {row['objective'] for row in rows.values()} == {'guaranteed', 'worst_case'}
+    for row in rows.values():
+        assert row['rate'] == row[f'{row["objective"]}_rate']
+
+
+def test_plans_are_kept_on_request_with_their_bounds(folder):
+    Path('campaign.yaml').write_text("""
+mission: mission.yaml
+vary: {duration: [60.0, 120.0]}
+bound_time_limit: .inf
+plans: true
+""")
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    short, long = journal()
+    assert short['outcome'] == 'infeasible' and long['outcome'] == 'ok'
+    [file] = Path('out/plans').iterdir()
+    plan = Plan.load(file)
+    assert file.stem == long['key'] and plan.rate == pytest.approx(long['rate'])
+    assert plan.bound.rate == pytest.approx(long['bound']) and plan.bound.status == 'converged'
+    # A plan that is gone is planned again; what cannot be flown has none.
+    file.unlink()
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    assert file.exists() and [row['key'] for row in journal()] == [
+        short['key'], long['key'], long['key']]
+
+
+def test_what_failed_for_reasons_outside_of_it_is_planned_again_and_refusals_stay(folder, capsys):
+    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']
+    assert main(arguments) == 0
+    rows = journal()
+    good = [row for row in rows if row['outcome'] == 'ok']
+    good[0].update(outcome='worker_lost', reason='killed', rate=None)
+    good[1].update(outcome='error', reason='MemoryError: ', rate=None)
+    Path('out/results.jsonl').write_text(''.join(f'{json.dumps(row)}\n' for row in rows))
+    assert main(arguments) == 0
+    assert '12 ok, 12 infeasible' in capsys.readouterr().out
+    again = journal()[len(rows):]
+    assert [row['outcome'] for row in again] == ['ok', 'ok']
+    assert {row['key'] for row in again} == {good[0]['key'], good[1]['key']}
+    with open('out/results.csv', newline='') as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == 24 and all(row['rate'] for row in table if row['outcome'] == 'ok')
+
+
 def test_a_driver_that_was_killed_goes_on_where_it_was(folder):
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 3'))
     process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1', start_new_session=True)
@@ -183,7 +237,8 @@ def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
     (f'mission: mission.yaml\nsamples: {10**400}', 'it must have 1 to'),
     ('mission: mission.yaml\nmethods: [magic]', "methods is ['magic']"),
     ('mission: mission.yaml\nmethods: [alternating]\nobjectives: [worst_case]', 'only the method'),
-    ('mission: mission.yaml\ntime_limit: 0', 'time_limit is 0')])
+    ('mission: mission.yaml\ntime_limit: 0', 'time_limit is 0'),
+    ('mission: mission.yaml\nplans: maybe', "plans is 'maybe'")])
 def test_a_wrong_campaign_is_refused_in_a_line(folder, capsys, text, reason):
     Path('campaign.yaml').write_text(text)
     with pytest.raises(MissionFileError) as error:
@@ -207,11 +262,12 @@ vary: {uavs.*.max_speed: [12.0], uavs.0.start.1: [450.0]}
 
 
 @pytest.fixture
-def cluster(tmp_path):
+def cluster(tmp_path, request):
     """Return the address of a scheduler, and its two workers, all processes of their own."""
     pytest.importorskip('distributed')
     file = tmp_path / 'scheduler.json'
-    common = {'env': environment(), 'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL}
+    common = {'env': environment(**getattr(request, 'param', {})),
+              'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL}
     processes = [subprocess.Popen(
         [sys.executable, '-m', 'distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port',
          '0', '--no-dashboard', '--scheduler-file', str(file)], **common)]
@@ -247,6 +303,34 @@ def test_a_cluster_loses_no_mission_when_a_worker_and_the_driver_are_killed(fold
     assert len(keys) == len(set(keys)) == 48
     assert '24 ok, 24 infeasible' in printed, [
         row['reason'] for row in journal() if row['outcome'] == 'worker_lost']
+
+
+def distributed_client(address):
+    """Return a client of a scheduler."""
+    from distributed import Client
+    return Client(address)
+
+
+@pytest.mark.parametrize(
+    'cluster', [{'DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES': '0'}], indirect=True)
+def test_a_mission_that_lost_its_worker_is_told_of_and_planned_again(folder, cluster):
+    address, (_, victim, _) = cluster
+    Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 10'))
+    with distributed_client(address) as client:
+        client.wait_for_workers(2, PATIENCE)
+    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', address]
+    driver = start(*arguments)
+    wait_for(lambda: written(1), driver)
+    victim.kill()
+    _, errors = driver.communicate(timeout=PATIENCE)
+    rows = journal()
+    lost = {row['key'] for row in rows if row['outcome'] == 'worker_lost'}
+    assert driver.returncode == 1 and len(rows) == 120 and lost
+    assert f'{len(lost)} missions failed for reasons outside of them' in errors
+    driver = start(*arguments)
+    printed, errors = driver.communicate(timeout=PATIENCE)
+    assert driver.returncode == 0 and '60 ok, 60 infeasible' in printed, errors
+    assert {row['key'] for row in journal()[120:]} == lost
 
 
 def test_a_scheduler_that_is_lost_is_status_1_and_what_is_finished_is_kept(folder, cluster):

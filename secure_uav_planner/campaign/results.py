@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .evaluation import COLUMNS
+from ..choices import OBJECTIVES
 from ..files import atomic_file
 
 Rows = Sequence[dict[str, Any]]
@@ -44,18 +45,33 @@ def save_figure(rows: Rows, path: Path) -> None:
     """
     Draw the rates over the first field with several numbers, or else how often each comes.
 
-    Lines are medians, bands hold eight of ten missions; a line for each method and objective.
+    There is an axis for each rate that some row maximises. Lines are medians, bands hold eight of
+    ten missions; each method and objective has a line in all of them.
     """
     from matplotlib.figure import Figure
-    import numpy as np
     good = [row for row in rows if row['outcome'] == 'ok']
     name = _numeric_field(good)
-    figure = Figure(figsize=(7.0, 4.5), layout='constrained')
-    axes = figure.add_subplot()
-    for scheme in sorted({(row['method'], row['objective']) for row in good}):
-        mine = [row for row in good if (row['method'], row['objective']) == scheme]
-        rates = np.array([row[f'{scheme[1]}_rate'] for row in mine])
-        label = f'{scheme[0]}, {scheme[1].replace("_", " ")}'
+    shown = [one for one in OBJECTIVES if any(row['objective'] == one for row in good)]
+    figure = Figure(figsize=(6.5 * max(1, len(shown)), 4.5), layout='constrained')
+    grid = figure.subplots(1, max(1, len(shown)), sharey=name is not None, squeeze=False)[0]
+    for axes, rate in zip(grid, shown):
+        _draw(axes, good, name, f'{rate}_rate')
+        label = f'{_words(rate)} rate (bit/s/Hz)'
+        axes.set_xlabel(label if name is None else name)
+        axes.set_ylabel('missions' if name is None else label)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    with atomic_file(path, binary=True) as file:
+        figure.savefig(file, dpi=150, format='png')
+
+
+def _draw(axes: Any, rows: Rows, name: str | None, rate: str) -> None:
+    """Draw one of the rates for each method and objective."""
+    import numpy as np
+    for scheme in sorted({(row['method'], row['objective']) for row in rows}):
+        mine = [row for row in rows if (row['method'], row['objective']) == scheme]
+        rates = np.array([row[rate] for row in mine])
+        label = f'{scheme[0]}, objective {_words(scheme[1])} rate'
         if name is None:
             axes.hist(rates, bins=30, alpha=0.6, label=label)
             continue
@@ -65,13 +81,10 @@ def save_figure(rows: Rows, path: Path) -> None:
             np.quantile(rates[x == place], (0.1, 0.5, 0.9)) for place in places]).T
         [line] = axes.plot(places, middle, marker='o', markersize=3, label=label)
         axes.fill_between(places, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
-    axes.set_xlabel('rate (bit/s/Hz)' if name is None else name)
-    axes.set_ylabel('missions' if name is None else 'rate (bit/s/Hz)')
-    if good:
-        axes.legend()
-    axes.grid(alpha=0.3)
-    with atomic_file(path, binary=True) as file:
-        figure.savefig(file, dpi=150, format='png')
+
+
+def _words(objective: str) -> str:
+    return objective.replace('_', '-')
 
 
 def _numeric_field(rows: Rows) -> str | None:

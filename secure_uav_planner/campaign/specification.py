@@ -4,7 +4,6 @@ from collections.abc import Iterator
 import copy
 from dataclasses import dataclass
 import difflib
-import hashlib
 from itertools import product
 import json
 import math
@@ -14,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from .tasks import Task, task_of
 from ..choices import METHODS, OBJECTIVES
 from ..errors import shown
 from ..mission.documents import Document, Problem, read, refusal
+from ..optimize.solve import checked_objective
 from ..scenario import Scenario
 
 BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
@@ -28,8 +29,8 @@ LAWS = ('uniform', 'normal')
 MOST_TASKS = 10**8
 
 _DEFAULTS: dict[str, Any] = {
-    'vary': {}, 'samples': 1, 'seed': 0, 'methods': [METHODS[0]], 'objectives': [OBJECTIVES[0]],
-    'time_limit': None, 'bound_time_limit': None}
+    'vary': {}, 'samples': 1, 'seed': 0, 'methods': [METHODS[0]], 'objectives': None,
+    'time_limit': None, 'bound_time_limit': None, 'plans': False}
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ class Campaign:
     :param samples: how often the random fields are drawn.
     :param seed: of the draws; sample k has the same draws at every place of the grid.
     :param schemes: pairs of a method and an objective.
-    :param limits: time limits in s of plan and bound; None for no limit, and for no bound.
+    :param settings: 'time_limit' and 'bound_time_limit' in s, None for no limit and for no bound,
+        and 'plans' if the plans are to be kept.
     """
 
     mission: dict[str, Any]
@@ -52,7 +54,7 @@ class Campaign:
     samples: int
     seed: int
     schemes: list[tuple[str, str]]
-    limits: dict[str, float | None]
+    settings: dict[str, Any]
 
     def __len__(self) -> int:
         return self.size
@@ -63,8 +65,8 @@ class Campaign:
         places = math.prod(len(values) for values in self.grid.values())
         return places * self.samples * len(self.schemes)
 
-    def tasks(self) -> Iterator[dict[str, Any]]:
-        """Yield a task for every mission and scheme, as plain values with a key of its own."""
+    def tasks(self) -> Iterator[Task]:
+        """Yield a task for every mission and scheme."""
         for values in product(*self.grid.values()):
             chosen = dict(zip(self.grid, values))
             for sample in range(self.samples):
@@ -76,16 +78,17 @@ class Campaign:
                     for owner, field in _targets(mission, name):
                         owner[field] = value
                 for method, objective in self.schemes:
-                    task = {'mission': mission, 'method': method, 'objective': objective,
-                            **self.limits}
-                    digest = hashlib.sha256(json.dumps(task, sort_keys=True).encode())
-                    yield {**task, 'key': digest.hexdigest()[:24], 'sample': sample,
-                           'fields': fields}
+                    yield task_of(mission, method, objective, self.settings, fields, sample)
 
     def _drawn(self, sample: int) -> dict[str, Any]:
         rng = np.random.default_rng([self.seed, sample])
         return {name: np.asarray(getattr(rng, law)(first, second)).tolist()
                 for name, (law, first, second) in self.laws.items()}
+
+
+def own_objective(scheme: str) -> str:
+    """Return what a method or baseline maximises where nothing else is asked for."""
+    return OBJECTIVES[0] if scheme in BASELINES else checked_objective(scheme)
 
 
 def load(path: str | os.PathLike[str]) -> Campaign:
@@ -167,9 +170,11 @@ class _Reader:
         schemes = self._schemes(values)
         if self.problems or mission is None:
             return None
+        settings = {name: values[name] for name in ('time_limit', 'bound_time_limit')}
+        if values['plans']:  # Without, rows are those of a campaign that has no such field.
+            settings['plans'] = True
         campaign = Campaign(
-            mission, grid, laws, values['samples'], values['seed'], schemes,
-            {name: values[name] for name in ('time_limit', 'bound_time_limit')})
+            mission, grid, laws, values['samples'], values['seed'], schemes, settings)
         if not 1 <= campaign.size <= MOST_TASKS:
             self._add((), f'it has {shown(campaign.size)} missions; it must have 1 to '
                       f'{MOST_TASKS}')
@@ -252,16 +257,23 @@ class _Reader:
             if value is not None and (isinstance(value, bool) or not isinstance(
                     value, (int, float)) or not value > 0):
                 self._add((name,), f'{name} is {shown(value)}; it must be above 0 s, or null')
+        if not isinstance(values['plans'], bool):
+            self._add(('plans',), f'plans is {shown(values["plans"])}; it must be true or false')
 
     def _schemes(self, values: dict[str, Any]) -> list[tuple[str, str]]:
         """Return the pairs of a method and an objective that exist."""
+        own = values['objectives'] is None
         for name, allowed in (('methods', (*METHODS, *BASELINES)), ('objectives', OBJECTIVES)):
             given = values[name]
+            if name == 'objectives' and own:
+                continue
             if not isinstance(given, list) or not given or not all(
                     one in allowed for one in given):
                 self._add((name,), f'{name} is {shown(given)}; it must be a list of '
                           f'{", ".join(allowed)}')
                 return []
+        if own:
+            return [(method, own_objective(method)) for method in values['methods']]
         pairs = [(method, objective) for method in values['methods']
                  for objective in values['objectives']
                  if method == METHODS[0] or objective == OBJECTIVES[0]]

@@ -1,13 +1,15 @@
 """Where the tasks of a campaign run: on the cores of this computer, or on a Dask cluster."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from itertools import islice
 import os
 import signal
 from typing import Any
 
-from .evaluation import row_of
-from ..errors import OptionError, PlanningError
+from .evaluation import empty_row, row_of, WORKER_LOST
+from .tasks import Task
+from ..errors import OptionError, PlanningError, shown
 
 THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
                  'RAYON_NUM_THREADS')
@@ -23,32 +25,60 @@ class ClusterError(PlanningError, RuntimeError):
     code = 'cluster'
 
 
-def on_cores(tasks: Iterable[dict[str, Any]], jobs: int) -> Iterator[dict[str, Any]]:
+def on_cores(tasks: Iterable[Task], jobs: int | None,
+             backend: str | None = None) -> Iterator[dict[str, Any]]:
     """
     Yield the rows of tasks as they are finished.
 
-    :param jobs: processes; -1 for as many as there are cores.
+    :param jobs: processes; -1 for as many as there are cores, None for joblib's setting.
+    :param backend: of joblib, by default its own setting.
+    :raises OptionError: for an unknown backend, or one that is not installed.
     :raises ClusterError: when a process was killed.
     """
     import joblib
-    # The workers inherit both settings: each has one thread, and Ctrl-C is for this process.
+    try:
+        chosen = nullcontext() if backend is None else joblib.parallel_config(backend)
+    except (ImportError, ValueError) as error:
+        raise OptionError(f'backend is {shown(backend)}: {error}') from None
+    with _one_thread_each():
+        # The workers inherit that Ctrl-C, which reaches all of a terminal, is for this process.
+        handler = _ignore_interrupts()
+        try:
+            with chosen:
+                rows = joblib.Parallel(jobs, return_as='generator_unordered', batch_size=1)(
+                    joblib.delayed(row_of)(task) for task in tasks)
+        finally:
+            if handler is not None:
+                signal.signal(signal.SIGINT, handler)
+        try:
+            yield from rows
+        except RuntimeError as error:
+            raise ClusterError(f'a worker process was killed: {str(error).splitlines()[0]}; the '
+                               'same command goes on from here') from None
+        finally:
+            rows.close()
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes that are started in the meantime have one thread each."""
+    before = {name: os.environ.get(name) for name in THREAD_COUNTS}
     os.environ.update(dict.fromkeys(THREAD_COUNTS, '1'))
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        rows = joblib.Parallel(jobs, return_as='generator_unordered', batch_size=1)(
-            joblib.delayed(row_of)(task) for task in tasks)
+        yield
     finally:
-        signal.signal(signal.SIGINT, before)
-    try:
-        yield from rows
-    except RuntimeError as error:
-        raise ClusterError(f'a worker process was killed: {str(error).splitlines()[0]}; the same '
-                           'command goes on from here') from None
-    finally:
-        rows.close()
+        for name, value in before.items():
+            os.environ.pop(name, None) if value is None else os.environ.update({name: value})
 
 
-def on_cluster(tasks: Iterable[dict[str, Any]], address: str) -> Iterator[dict[str, Any]]:
+def _ignore_interrupts() -> Any:
+    try:
+        return signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # Handlers can be set in the main thread only.
+        return None
+
+
+def on_cluster(tasks: Iterable[Task], address: str) -> Iterator[dict[str, Any]]:
     """
     Yield the rows of tasks as they are finished on a Dask cluster.
 
@@ -86,6 +116,10 @@ def on_cluster(tasks: Iterable[dict[str, Any]], address: str) -> Iterator[dict[s
         try:
             done = as_completed(hand_out(_AHEAD * max(1, sum(client.nthreads().values()))))
             for future in done:
+                if future.status in ('pending', 'lost'):
+                    # Its worker died after it had finished it, and another one begins it anew.
+                    done.add(future)
+                    continue
                 task = known.pop(future.key)
                 if future.status == 'cancelled':
                     raise ClusterError(lost)
@@ -97,7 +131,6 @@ def on_cluster(tasks: Iterable[dict[str, Any]], address: str) -> Iterator[dict[s
             raise ClusterError(lost) from None
 
 
-def _lost(task: dict[str, Any], future: Any) -> dict[str, Any]:
+def _lost(task: Task, future: Any) -> dict[str, Any]:
     """Return the row of a task that no worker survived."""
-    return {**{name: task[name] for name in ('key', 'sample', 'method', 'objective', 'fields')},
-            'outcome': 'worker_lost', 'reason': str(future.exception())[:500]}
+    return {**empty_row(task), 'outcome': WORKER_LOST, 'reason': str(future.exception())[:500]}

@@ -7,9 +7,9 @@ from pathlib import Path
 import sys
 
 from .folders import writable
-from .status import BAD_INPUT, DONE
+from .status import BAD_INPUT, DONE, FAILED
 from ..campaign.results import save_figure, save_tables
-from ..campaign.run import run as run_campaign
+from ..campaign.run import failed, run as run_campaign
 from ..campaign.specification import load
 from ..errors import OptionError
 
@@ -22,8 +22,6 @@ def run(options: argparse.Namespace) -> int:
         raise OptionError(
             f'{options.mission} cannot be read: {error.strerror or error}') from None
     out = writable(Path(options.out))
-    if options.jobs < 1 and options.jobs != -1:
-        raise OptionError(f'--jobs is {options.jobs}; it must be at least 1, or -1 for all cores')
     # What it says of lost connections is said here in a line.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:
@@ -42,4 +40,8 @@ def run(options: argparse.Namespace) -> int:
     print(', '.join(f'{outcomes[outcome]} {outcome}'
                     for outcome in sorted(outcomes, key=lambda name: (name != 'ok', name))))
     print(f'written: {", ".join(map(str, written))}')
+    if again := failed(rows):
+        print(f'secure_uav_planner: {len(again)} missions failed for reasons outside of them, and '
+              f'the same command plans them again: {again[0]["reason"]}', file=sys.stderr)
+        return FAILED
     return DONE

@@ -1,0 +1,38 @@
+"""A task of a campaign: one mission, how it is planned, and the key of its row."""
+
+from collections.abc import Iterator, Mapping
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+Task: TypeAlias = dict[str, Any]
+"""A mission and how it is planned, as plain values, with 'key', 'sample' and 'fields'."""
+
+
+class HasTasks(Protocol):
+    """What can be run: a Campaign of a file, or missions from elsewhere."""
+
+    def tasks(self) -> Iterator[Task]:
+        """Yield the tasks, the same ones every time."""
+
+
+def task_of(mission: Mapping[str, Any], method: str, objective: str, settings: Mapping[str, Any],
+            fields: Mapping[str, Any], sample: int = 0) -> Task:
+    """
+    Return a task; its key is the same for the same mission, planned in the same way.
+
+    :param mission: what Scenario.to_dict returns.
+    :param method: one of METHODS or BASELINES.
+    :param settings: 'time_limit' and 'bound_time_limit' in s, 'plans' if the plan is to be kept,
+        and whatever else makes the result another one.
+    :param fields: what tells this mission from the others, for its row.
+    """
+    task = {'mission': mission, 'method': method, 'objective': objective, **settings}
+    digest = hashlib.sha256(json.dumps(task, sort_keys=True).encode())
+    return {**task, 'key': digest.hexdigest()[:24], 'sample': sample, 'fields': fields}
+
+
+def plan_file(folder: Path, key: str) -> Path:
+    """Return where the plan of a row is kept, in the folder of the results."""
+    return folder / 'plans' / f'{key}.json'
