@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+import json
 import os
 import pathlib
 import signal
@@ -13,6 +14,8 @@ import joblib
 from matplotlib.image import imread
 import pytest
 from secure_uav_planner import METHODS, Plan, study
+from secure_uav_planner.campaign.run import JOURNAL
+from secure_uav_planner.campaign.tasks import plan_file
 from secure_uav_planner.study.claims import check_claims, write_claims
 from secure_uav_planner.study.figures import write_figures
 
@@ -26,7 +29,9 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def plans(folder):
-    return study.run(study.points(quick=True), folder / 'plans', jobs=1)
+    wanted = study.points(quick=True)
+    study.run(wanted, folder, jobs=1)
+    return study.plans_of(wanted, folder)
 
 
 def claim(plans, text):
@@ -118,40 +123,72 @@ def test_figures_and_tables_are_written(plans, tmp_path):
         assert len(list(csv.DictReader(file))) == 2 * (104 + 106 + 202)
 
 
-def test_what_is_finished_is_not_computed_again_and_what_is_damaged_is(plans, folder, monkeypatch):
-    asked = []
-
-    def counted(point):
-        asked.append(point)
-        return plans[point]
-
-    monkeypatch.setattr('secure_uav_planner.study.plans.compute', counted)
-    again = study.run(list(plans), folder / 'plans', jobs=1)
-    assert asked == [] and again.keys() == plans.keys()
+def test_what_is_finished_is_not_planned_again_and_what_is_damaged_is(plans, folder):
+    lines = (folder / JOURNAL).read_text().splitlines()
+    rows = [json.loads(line) for line in lines]
+    assert {row['outcome'] for row in rows} == {'ok'}
+    assert len({row['key'] for row in rows}) == len(rows) == len(
+        {point.task['key'] for point in plans})
+    study.run(list(plans), folder, jobs=1)
+    assert (folder / JOURNAL).read_text().splitlines() == lines
     victim = next(point for point in plans if point.experiment == 'radius' and point.x == 60)
-    (folder / 'plans' / victim.file).write_text('{"half": ')
-    study.run(list(plans), folder / 'plans', jobs=1)
-    assert asked == [victim]
-    assert Plan.load(folder / 'plans' / victim.file).scenario == victim.scenario
+    file = plan_file(folder, victim.task['key'])
+    file.write_text('{"half": ')
+    again = study.run(list(plans), folder, jobs=1)
+    new, = (folder / JOURNAL).read_text().splitlines()[len(lines):]
+    assert json.loads(new)['key'] == victim.task['key'] and len(again) == len(rows)
+    assert Plan.load(file).scenario == victim.scenario
 
 
-def test_another_scenario_scheme_or_code_is_another_file(monkeypatch):
+def test_rows_say_what_the_plans_do(plans, folder):
+    rows = {row['key']: row for row in study.run(list(plans), folder, jobs=1)}
+    for point, plan in plans.items():
+        row = rows[point.task['key']]
+        assert row['objective'] == plan.objective and row['rate'] == pytest.approx(plan.rate)
+        assert row['guaranteed_rate'] == pytest.approx(plan.guaranteed_rate)
+        assert row['worst_case_rate'] == pytest.approx(plan.worst_case_rate)
+        assert (row['bound'] is None) == (plan.bound is None) == (not point.bounded)
+        assert row['fields']['duration'] == plan.scenario.duration
+    assert any(point.bounded for point in plans)
+
+
+def test_a_point_that_fails_is_a_row_and_told_of(tmp_path, monkeypatch, capsys):
+    short = study.points(quick=True)[0]
+    monkeypatch.setattr('secure_uav_planner.study.__main__.points', lambda quick: [
+        replace(short, scenario=replace(short.scenario, reference_snr_db=70.0)),
+        replace(short, scheme='unheard of')])
+    assert study.main(['--out', str(tmp_path), '--jobs', '1']) == 1
+    assert '1 of 2 points failed' in capsys.readouterr().err
+    with (tmp_path / 'results.csv').open() as file:
+        outcomes = [row['outcome'] for row in csv.DictReader(file)]
+    assert outcomes[0] == 'ok' and outcomes[1] != 'ok'
+
+
+def test_another_scenario_scheme_or_code_is_another_row(monkeypatch):
     point = study.points(quick=True)[0]
     others = [replace(point, scheme='fly_hover_fly_optimised'),
               replace(point, scenario=replace(point.scenario, reference_snr_db=81.0))]
-    names = {point.file, *(other.file for other in others)}
-    assert replace(point, experiment='elsewhere', x=3.0).file in names and len(names) == 3
+    keys = {point.task['key'], *(other.task['key'] for other in others)}
+    assert replace(point, experiment='elsewhere', x=3.0).task['key'] in keys and len(keys) == 3
     monkeypatch.setattr('secure_uav_planner.study.experiments.code_version',
                         lambda bounded: 'other')
-    assert point.file not in names
+    assert replace(point).task['key'] not in keys
 
 
-def test_the_backend_that_is_configured_around_it_computes_it(tmp_path):
+@pytest.mark.parametrize('given', [{'backend': 'threading', 'jobs': 2}, {'jobs': None}])
+def test_the_backend_that_is_asked_for_plans_it(tmp_path, given):
     some = [point for point in study.points(quick=True)
             if point.scheme == 'fly_hover_fly_constant' and point.x == 102]
     with joblib.parallel_config('threading', n_jobs=2):
-        found = study.run(some, tmp_path)
+        study.run(some, tmp_path, **given)
+    found = study.plans_of(some, tmp_path)
     assert found[some[0]].guaranteed_rate == pytest.approx(0.616, abs=1e-3)
+
+
+def test_wrong_options_are_refused_in_a_line(tmp_path, capsys):
+    for option, text in (('--jobs=0', 'jobs is 0'), ('--backend=abacus', "backend is 'abacus'")):
+        assert study.main(['--out', str(tmp_path), '--quick', option]) == 2
+        assert text in capsys.readouterr().err
 
 
 def group(process):

@@ -1,9 +1,9 @@
-"""The study of the paper's scenario; `python -m secure_uav_planner.study` runs it."""
+"""The study of the paper's scenario, a campaign; `python -m secure_uav_planner.study` runs it."""
 
-from .experiments import BASELINES, code_version, Point, points, PROPOSED
-from .plans import compute, run
+from .experiments import code_version, Point, points, PROPOSED
+from .plans import plans_of, run
 
-__all__ = ['BASELINES', 'PROPOSED', 'Point', 'code_version', 'compute', 'main', 'points', 'run']
+__all__ = ['PROPOSED', 'Point', 'code_version', 'main', 'plans_of', 'points', 'run']
 
 
 def main(argv=None):

@@ -31,7 +31,7 @@ def check_claims(plans):
     """
     Return all Claims, checked.
 
-    :param plans: the result of study.run.
+    :param plans: the result of study.plans_of.
     """
     curves = _curves(plans)
     baselines = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')

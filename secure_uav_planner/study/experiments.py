@@ -1,23 +1,24 @@
 """The points of the study: the scenarios that are planned for each figure."""
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 import hashlib
 import inspect
-import json
+import math
 import pathlib
 
 from .. import METHODS, Scenario, solve, Uav
+from ..campaign.specification import BASELINES
+from ..campaign.tasks import task_of
 
 PROPOSED = inspect.signature(solve).parameters['method'].default
 """The method that represents the paper's proposed design."""
 
-BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
-
 _DURATIONS = (102, 104, 106, 108, 110, 115, 120, 130, 140, 150, 160, 170, 180, 190, 200)
 _RADII = (0, 5, 10, 15, 20, 30, 40, 50, 60)
 _SNRS = (60, 65, 70, 75, 80, 85, 90, 95, 100)
-_NOT_PLANNING = ('bench', 'ros', 'study', 'view', 'demo.py')
+_NOT_PLANNING = ('bench', 'cli', 'export', 'fly', 'ros', 'study', 'view', 'demo.py')
+_SOURCES = ('.py', '.cpp', '.hpp')
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,17 @@ class Point:
     objective: str = 'guaranteed'
     bounded: bool = False
 
-    @property
-    def file(self):
-        """Name of the file of its plan: the same for the same scenario, scheme and code."""
-        text = json.dumps([self.scenario.to_dict(), self.scheme, self.objective, self.bounded,
-                           code_version(self.bounded)])
-        return f'{self.scheme}-{hashlib.sha256(text.encode()).hexdigest()[:20]}.json'
+    @cached_property
+    def task(self):
+        """Task of the campaign, whose key is the same for the same scenario, scheme and code."""
+        scenario = self.scenario
+        return task_of(scenario.to_dict(), self.scheme, self.objective, {
+            'time_limit': None, 'bound_time_limit': math.inf if self.bounded else None,
+            'plans': True, 'code': code_version(self.bounded)}, {
+                'duration': scenario.duration,
+                'error_radius': scenario.eavesdroppers[0].error_radius,
+                'reference_snr_db': scenario.reference_snr_db,
+                'jammers': len(scenario.uavs) - 1})
 
 
 def points(quick=False):
@@ -92,8 +98,8 @@ def code_version(bounded=False):
     """
     package = pathlib.Path(__file__).parents[1]
     digest = hashlib.sha256()
-    for path in sorted(package.rglob('*.py')):
-        # The nodes and the views do not change a plan.
+    for path in sorted(path for path in package.rglob('*') if path.suffix in _SOURCES):
+        # The nodes, the views and the programs do not change a plan.
         part = path.relative_to(package).parts[0]
         if part not in _NOT_PLANNING and (bounded or part != 'bound'):
             digest.update(path.read_bytes())

@@ -8,7 +8,7 @@ import numpy as np
 from ..view.colors import uav_color
 from ..view.picture import draw_map, name_of
 
-_SIZE = (9.0, 5.2)
+_SIZE = (9.0, 6.0)
 _DOTS_PER_INCH = 200
 _COLORS = {'fly_hover_fly_constant': '#777777', 'fly_hover_fly_optimised': '#E69F00'}
 _MARKERS = {'fly_hover_fly_constant': 's', 'fly_hover_fly_optimised': '^'}
@@ -27,7 +27,7 @@ def write_figures(plans, folder):
     """
     Write every figure as PNG and CSV; return the paths of the files.
 
-    :param plans: the result of study.run.
+    :param plans: the result of study.plans_of.
     :param folder: where to write, a pathlib.Path.
     """
     written = []
@@ -72,31 +72,40 @@ def _curves(plans, label):
             (point.x, plan.guaranteed_rate, plan.worst_case_rate,
              plan.bound.rate if plan.bound else np.nan))
     # The best scheme is on top, both in the figure and in the legend.
+    discs = any(',' in experiment for experiment, _ in lines)
     for (experiment, scheme), values in sorted(lines.items(), key=lambda entry: -entry[1][-1][1]):
         x, guaranteed, worst, bound = zip(*values)
         if experiment.endswith('worst case'):
             axes.plot(x, worst, color=_WORST_CASE, marker='v', markersize=6, linestyle='--',
                       markerfacecolor='white', linewidth=1.1,
-                      label=f'{scheme}, objective worst_case, disc of 10 m, worst case')
+                      label=f'{scheme} for the worst-case rate, disc of 10 m: worst case')
             axes.plot(x, bound, color='black', marker='_', markersize=8, linestyle=':',
-                      linewidth=1.1, label='upper bound of the worst case, disc of 10 m')
+                      linewidth=1.1, label='upper bound of any plan, disc of 10 m: worst case')
             continue
         perfect = experiment.endswith('radius 0')
         color, marker = _RADIUS_ZERO if perfect else (
             _COLORS.get(scheme, uav_color(0)), _MARKERS.get(scheme, 'o'))
-        name = name_of(scheme) if scheme in _COLORS else f'proposed ({scheme})'
-        if any(',' in other for other, _ in lines):
+        name = _name(scheme)
+        if discs:
             name += ', disc of 0 m' if perfect else ', disc of 10 m'
         axes.plot(x, guaranteed, color=color, marker=marker, markersize=6,
-                  label=f'{name}, guaranteed')
+                  label=f'{name}: {"both rates" if perfect else "guaranteed"}')
         # For a radius of zero, the guaranteed and the worst-case rates are equal.
         if not perfect:
             axes.plot(x, worst, color=color, marker=marker, markersize=6, linestyle='--',
-                      markerfacecolor='white', linewidth=1.1, label=f'{name}, worst case')
+                      markerfacecolor='white', linewidth=1.1, label=f'{name}: worst case')
     if all(value == int(value) and value < 10 for line in lines.values() for value, *_ in line):
         axes.set_xticks(sorted({value for line in lines.values() for value, *_ in line}))
     _finish(axes, label, 'mean secrecy rate (bit/s/Hz)')
+    # Above the axes, where no curve can be.
+    axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8, frameon=False)
     return figure
+
+
+def _name(scheme):
+    """Return the name of a scheme, and for which rate it plans."""
+    return name_of(scheme) if scheme in _COLORS else (
+        f'proposed, {scheme} for the guaranteed rate')
 
 
 def _convergence(runs):
@@ -109,7 +118,7 @@ def _convergence(runs):
             axes.step([entry.elapsed for entry in plan.history],
                       [entry.guaranteed_rate for entry in plan.history], where='post',
                       color=uav_color(index), marker='o^s'[index % 3], markersize=4,
-                      label=f'{point.scheme}: {plan.guaranteed_rate:.4f} in '
+                      label=f'{point.scheme}: {plan.guaranteed_rate:.4f} bit/s/Hz guaranteed in '
                             f'{plan.solve_time:.2f} s')
         axes.set_xscale('log')
         axes.set_title(f'T = {duration:g} s', fontsize=10)
@@ -126,8 +135,9 @@ def _trajectories(plans):
     for axes, (duration, plan) in zip(grid, plans.items()):
         draw_map(axes, plan, legend=axes is grid[0])
         axes.set_title(
-            f'T = {duration:g} s: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
-            f'{plan.worst_case_rate:.3f} in the worst case', fontsize=10, loc='left')
+            f'T = {duration:g} s, planned for the {plan.objective.replace("_", "-")} rate: '
+            f'{plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, {plan.worst_case_rate:.3f} in the '
+            'worst case', fontsize=10, loc='left')
     # All maps have the scale of the widest one.
     for limits in ('xlim', 'ylim'):
         widest = max((getattr(axes, f'get_{limits}')() for axes in grid),
@@ -150,7 +160,6 @@ def _finish(axes, xlabel, ylabel):
     axes.grid(color='0.9', linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[['top', 'right']].set_visible(False)
-    axes.legend(fontsize=8, frameon=False)
 
 
 def _save(figure, path):
