@@ -1,10 +1,14 @@
 """The page of a plan, in a real browser."""
 
+from itertools import combinations
+from pathlib import Path
 import shutil
 import time
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import pytest
-from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner import fly_hover_fly, Scenario, upper_bound
 from secure_uav_planner.view.page import save_page
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
@@ -27,6 +31,31 @@ return [...document.querySelectorAll('.xy .scatterlayer .trace .points path')]
 BLUE, ORANGE, CROSS = 'rgb(0, 114, 178)', 'rgb(230, 159, 0)', 'rgb(213, 94, 0)'
 
 
+PHONE = (390, 844)
+CITY = Scenario.load(Path(__file__).parents[1] / 'config' / 'city.yaml')
+
+# What of the page is drawn and ends beyond the screen.
+BEYOND = """
+return [...document.querySelectorAll('#plan, #plan *')]
+    .filter(one => !one.closest('script, style, defs, .draglayer'))  // which is invisible
+    .filter(one => { const box = one.getBoundingClientRect();
+                     const clipped = one.closest('[clip-path]');
+                     return box.width > 0 && box.height > 0 && !clipped
+                         && (box.left < -0.5 || box.right > innerWidth + 0.5); })
+    .map(one => one.outerHTML.slice(0, 200));
+"""
+
+# The boxes of texts that a reader needs, by their classes.
+TEXTS = """
+return [...document.querySelectorAll('.gtitle, .slider-label, .updatemenu-button, .xtitle,'
+                                     + ' .ytitle, .y2title, .y3title, .y4title, .legendtext,'
+                                     + ' .slider-rail-rect')]
+    .map(one => { const box = one.getBoundingClientRect();
+                  return [one.textContent, box.left, box.right, box.top, box.bottom]; })
+    .filter(([text, left, right]) => right > left);
+"""
+
+
 @pytest.fixture(scope='module')
 def plan():
     return fly_hover_fly(Scenario.paper(200, slots=40), 'optimised')
@@ -38,6 +67,8 @@ def browser(plan, tmp_path_factory):
         pytest.skip('needs chromium and chromedriver: apt install chromium chromium-driver')
     folder = tmp_path_factory.mktemp('page')
     save_page(plan, folder / 'plan.html')
+    city = fly_hover_fly(CITY, 'constant')
+    save_page(city.with_bound(upper_bound(CITY, plan=city, time_limit=1.0)), folder / 'city.html')
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     for flag in ('headless', 'no-sandbox', 'disable-gpu', 'disable-dev-shm-usage',
@@ -47,12 +78,31 @@ def browser(plan, tmp_path_factory):
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
     driver = webdriver.Chrome(options=options, service=Service(DRIVER))
     try:
-        driver.get((folder / 'plan.html').as_uri())
-        WebDriverWait(driver, PATIENCE).until(
-            lambda page: page.find_elements(By.CSS_SELECTOR, '.slider-grip-rect'))
+        open_page(driver, folder / 'plan.html')
         yield driver
     finally:
         driver.quit()
+
+
+@pytest.fixture(params=['plan', 'city'])
+def phone(browser, request):
+    """Give the page of a plan on a phone's screen, and after that the other page as it was."""
+    before = Path(url2pathname(urlsplit(browser.current_url).path))
+    screen = {'width': PHONE[0], 'height': PHONE[1], 'deviceScaleFactor': 2, 'mobile': True}
+    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', screen)
+    open_page(browser, before.with_name(f'{request.param}.html'))
+    wait_for(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '[data-screen=narrow]'))
+    try:
+        yield browser
+    finally:
+        browser.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+        open_page(browser, before)
+
+
+def open_page(browser, file):
+    """Open a page, and wait until it is drawn."""
+    browser.get(file.as_uri())
+    wait_for(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '.slider-grip-rect'))
 
 
 def drawn(browser, *colors):
@@ -133,3 +183,32 @@ def test_the_worst_place_of_the_eavesdropper_is_shown_in_its_disc(browser):
                            return [box.left, box.right, box.top, box.bottom]; });""")[0]
     assert disc[0] - 2 <= places[0][0] <= disc[1] + 2
     assert disc[2] - 2 <= places[0][1] <= disc[3] + 2
+
+
+def test_nothing_is_wider_than_the_screen_of_a_phone(phone):
+    assert phone.execute_script('return innerWidth') == PHONE[0]
+    assert phone.execute_script('return document.documentElement.scrollWidth') <= PHONE[0]
+    assert phone.execute_script(BEYOND) == []
+
+
+def test_no_text_of_a_phone_covers_another(phone):
+    texts = phone.execute_script(TEXTS)
+    assert len(texts) > 10
+    for (one, *first), (other, *second) in combinations(texts, 2):
+        over = [min(first[end], second[end]) - max(first[end - 1], second[end - 1])
+                for end in (1, 3)]
+        assert min(over) < 3.0, (one, other)
+
+
+def test_the_slider_of_a_phone_moves_the_readout_and_a_finger_scrolls(phone):
+    assert phone.execute_script('return getComputedStyle(document.querySelector('
+                                '"#plan .nsewdrag")).touchAction') != 'none'
+    before = readout(phone)
+    slide(phone, 0.5)
+    wait_for(phone, lambda: readout(phone) != before)
+    # On a wide screen it is all as it was.
+    phone.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
+        'width': 1400, 'height': 900, 'deviceScaleFactor': 1, 'mobile': False})
+    wait_for(phone, lambda: phone.find_elements(By.CSS_SELECTOR, '[data-screen=wide]'))
+    assert '<br>' not in phone.execute_script(
+        'return document.querySelector("#plan").layout.sliders[0].steps[0].label')

@@ -6,6 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from . import narrow
 from .airspace import altitudes_of, corners_of_map, is_in_the_way, middle_of
 from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, RATE, uav_color
 from .labels import receiver_label
@@ -30,12 +31,13 @@ def save_page(plan, path):
     :raises OSError: if the file cannot be written; an existing file is then unchanged.
     """
     # With a relative height, plotly resizes the figure with the window.
-    drawn = draw_page(plan).to_html(
+    figure = draw_page(plan)
+    drawn = figure.to_html(
         full_html=False, include_plotlyjs=True, auto_play=False, default_height='96vh',
         div_id='plan', config={'displaylogo': False, 'responsive': True})
     document = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE}'
-                '</title><link rel="icon" href="data:,"></head><body>\n'
-                f'{drawn}\n</body></html>\n')
+                f'</title><link rel="icon" href="data:,">{narrow.style()}</head><body>\n'
+                f'{drawn}\n{narrow.script(figure, plan.claim)}\n</body></html>\n')
     with atomic_file(path) as file:
         file.write(document)
 
