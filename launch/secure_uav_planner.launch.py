@@ -13,6 +13,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
 from launch_ros.actions import Node
+import yaml
 
 PACKAGE = 'secure_uav_planner'
 CONFIG = get_package_share_path(PACKAGE) / 'config'
@@ -35,6 +36,10 @@ def generate_launch_description() -> LaunchDescription:
             'replay', default_value='true', choices=['true', 'false'],
             description='Start the replay, which streams setpoints after a call of ~/start.'),
         DeclareLaunchArgument(
+            'replay_odometry', default_value='true', choices=['true', 'false'],
+            description='Let the planner take the odometry of the replay for that of the UAVs; '
+                        'false where UAVs report their own: <uav>/replayed/odom then has it.'),
+        DeclareLaunchArgument(
             'stack', default_value='', choices=['', 'mavros', 'px4', 'aerostack2'],
             description='Start the relay, for the message types of this stack; empty for none.'),
         DeclareLaunchArgument(
@@ -44,7 +49,8 @@ def generate_launch_description() -> LaunchDescription:
             'rviz_config', default_value=str(CONFIG / 'planner.rviz'),
             description='Configuration of RViz, its topics as without a namespace.'),
         node('planner'),
-        node('replay', condition=IfCondition(LaunchConfiguration('replay'))),
+        OpaqueFunction(
+            function=replay, condition=IfCondition(LaunchConfiguration('replay'))),
         node('relay', {'stack': stack}, condition=IfCondition(NotEqualsSubstitution(stack, ''))),
         OpaqueFunction(
             function=rviz, condition=IfCondition(LaunchConfiguration('rviz')))])
@@ -57,6 +63,27 @@ def node(executable: str, parameters: dict | None = None, **options: object) -> 
         parameters=[LaunchConfiguration('params_file'),
                     {'use_sim_time': LaunchConfiguration('use_sim_time'), **(parameters or {})}],
         output='screen', **options)
+
+
+def replay(context: LaunchContext) -> list[Node]:
+    """Return the replay, whose odometry the planner hears on request only."""
+    if LaunchConfiguration('replay_odometry').perform(context) == 'true':
+        return [node('replay')]
+    names = uavs_of(LaunchConfiguration('params_file').perform(context))
+    return [node('replay', remappings=[
+        (f'{name}/odom', f'{name}/replayed/odom') for name in names])]
+
+
+def uavs_of(file: str) -> list[str]:
+    """Return the names of all UAVs in a parameter file, or of the default ones."""
+    found, waiting = [], [yaml.safe_load(Path(file).read_text())]
+    while waiting:
+        content = waiting.pop()
+        if isinstance(content, dict):
+            waiting += content.values()
+            names = content.get('uavs')
+            found += names if isinstance(names, list) else []
+    return sorted(set(found)) or ['uav1', 'uav2']
 
 
 def rviz(context: LaunchContext) -> list[Node]:

@@ -13,6 +13,7 @@ from ros_client import Client, PATIENCE
 from secure_uav_planner.autopilots import STACKS
 from secure_uav_planner.ros.parameters import PLANNER
 from std_srvs.srv import Trigger
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / 'launch' / 'secure_uav_planner.launch.py'
@@ -70,6 +71,21 @@ def test_every_argument_has_a_default_and_a_description_and_is_used():
         assert options['description'].endswith(".'") and 'default_value' in options, name
     assert {name for name, _ in calls('LaunchConfiguration')} == set(arguments)
     assert ast.literal_eval(arguments['stack']['choices']) == ['', *STACKS]
+
+
+@pytest.mark.parametrize('text, names', [
+    ((ROOT / 'config' / 'paper.yaml').read_text(), ['uav1', 'uav2']),
+    ((ROOT / 'config' / 'city.yaml').read_text(), ['courier', 'escort1', 'escort2']),
+    ('/fleet:\n  replay:\n    ros__parameters: {uavs: [b, a]}\n', ['a', 'b']),
+    ('/**:\n  ros__parameters: {duration: 120.0}\n', PLANNER['uavs'].default),
+    ('', ['uav1', 'uav2'])])
+def test_the_odometry_of_all_uavs_of_a_parameter_file_can_be_moved_away(tmp_path, text, names):
+    (tmp_path / 'params.yaml').write_text(text)
+    # The function itself, without the imports of launch.
+    function, = (entry for entry in TREE.body if getattr(entry, 'name', '') == 'uavs_of')
+    space = {'Path': Path, 'yaml': yaml}
+    exec(compile(ast.Module([function], []), str(FILE), 'exec'), space)
+    assert space['uavs_of'](tmp_path / 'params.yaml') == names
 
 
 def test_it_starts_the_nodes_in_a_namespace_and_ends_with_them(tmp_path):

@@ -1,5 +1,6 @@
 """What the nodes may do, compared with what they do, and what their output gives away."""
 
+from importlib.util import find_spec
 import math
 from pathlib import Path
 import re
@@ -13,6 +14,11 @@ from secure_uav_planner.scenario import LIMITS, MAX_MEMBERS
 
 POLICY = Path(__file__).parents[1] / 'config' / 'sros2_policy.xml'
 NODES = ('planner', 'replay')
+ALL_NODES = (*NODES, 'relay')
+
+HAS_TF2 = find_spec('tf2_ros') is not None
+OF_TF2 = {'/tf', '/tf_static', '/tf2_frames'}
+"""What tf2's buffer and listener use, from the first pose of another frame on."""
 
 # What a rule of the policy allows, and which query of the graph shows it.
 QUERIES = {
@@ -39,8 +45,9 @@ def allowed(node):
 
 
 def policy_of(node):
-    """Return what used() returns of a node that uses all that it is allowed."""
-    return {key: sorted(names) for key, names in allowed(node).items()}
+    """Return what used() returns of a node that uses all that it is allowed, and that it can."""
+    unused = set() if HAS_TF2 else OF_TF2
+    return {key: sorted(set(names) - unused) for key, names in allowed(node).items()}
 
 
 def used(client, node):
@@ -65,6 +72,7 @@ def graph():
 
         def settled():
             nonlocal found, since
+            client.send_pose('uav1/pose', 0.0, 0.0, frame_id='elsewhere', until_known=False)
             now = {node: used(client, node) for node in NODES}
             if now != found:
                 found, since = now, time.monotonic()
@@ -80,12 +88,19 @@ def test_the_policy_allows_what_the_running_node_uses_and_nothing_else(graph, no
     assert policy_of(node) == graph[node]
 
 
+def test_only_the_planner_may_use_what_transforms_poses():
+    may = {node: OF_TF2.intersection(set().union(*allowed(node).values())) for node in ALL_NODES}
+    assert may == {'planner': OF_TF2, 'replay': set(), 'relay': set()}
+    assert {'/tf', '/tf_static'} <= set(allowed('planner')['topics', 'subscribe'])
+    assert '/tf2_frames' in allowed('planner')['services', 'reply']
+
+
 def test_the_policy_has_an_enclave_of_its_own_for_every_node_in_the_schemas_form():
     root = ElementTree.parse(POLICY).getroot()
     assert (root.tag, root.attrib) == ('policy', {'version': '0.2.0'})
     assert [one.tag for one in root] == ['enclaves']
     assert [one.get('path') for one in root[0]] == [
-        f'/secure_uav_planner/{node}' for node in (*NODES, 'relay')]
+        f'/secure_uav_planner/{node}' for node in ALL_NODES]
     for enclave in root[0]:
         profiles, = enclave
         profile, = profiles
