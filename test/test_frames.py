@@ -2,6 +2,8 @@
 
 from importlib.util import find_spec
 import math
+import sys
+from types import SimpleNamespace
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Transform, TransformStamped
 from hypothesis import given
@@ -12,7 +14,7 @@ import pytest
 from ros_client import Client, node_process, wait_for
 from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import PoseError, WrongFrameError
-from secure_uav_planner.ros.frames import moved
+from secure_uav_planner.ros.frames import Frames, moved
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.qos import LATCHED
 
@@ -120,6 +122,40 @@ def test_what_is_no_transform_or_leads_nowhere_is_refused(broken):
     book = PoseBook(lambda one, frame_id: moved(one, transform, frame_id))
     with pytest.raises(PoseError, match='position.x is inf'):
         book.take('eavesdropper/pose', message, 'map', 1.0)
+
+
+def test_a_listener_that_failed_is_begun_again_at_the_next_pose(monkeypatch):
+    """tf2_ros fails here as where an enclave forbids it, so a stand-in takes its place."""
+    begun, message = [], random_message(PoseStamped, np.random.default_rng(1))[0]
+
+    def listener(buffer, _):
+        begun.append(buffer)
+        if len(begun) < 3:
+            raise RuntimeError('not allowed')
+
+    class Unknown(Exception):
+        pass
+
+    class Buffer:
+
+        def __init__(self, node):
+            pass
+
+        def lookup_transform(self, *_):
+            raise Unknown('no such frame')
+
+    stand_in = SimpleNamespace(
+        Buffer=Buffer, TransformListener=lambda *given: listener(*given) or object(),
+        TransformException=Unknown, ExtrapolationException=ArithmeticError)
+    monkeypatch.setitem(sys.modules, 'tf2_ros', stand_in)
+    frames = Frames(None)
+    for _ in range(2):
+        with pytest.raises(WrongFrameError, match='cannot: RuntimeError: not allowed'):
+            frames.moved(message, 'map')
+    for _ in range(2):
+        with pytest.raises(WrongFrameError, match='how to transform it: no such frame'):
+            frames.moved(message, 'map')
+    assert len(begun) == 3 and len(set(begun)) == 1
 
 
 def refused(client, process):

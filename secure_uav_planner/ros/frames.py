@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from .poses import Message, refusal
-from .text import brief
+from .text import brief, with_type
 from ..errors import PoseError, WrongFrameError
 from ..scenario import Array
 
@@ -38,11 +38,17 @@ class Frames:
         """
         Return a pose in another frame, with its covariance and velocity.
 
-        :raises WrongFrameError: where tf2_ros is not installed, or does not know the transform.
+        :raises WrongFrameError: where tf2_ros is not installed, cannot listen, or does not know
+            the transform.
         :raises PoseError: if the transform cannot be used.
         """
         reason = refusal(message, frame_id)
-        if self._buffer is None and not self._listen():
+        try:
+            listens = self._listener is not None or self._listen()
+        except Exception as error:  # Such as one of an enclave that does not allow it.
+            raise WrongFrameError(f'{reason}, or tf2 must listen to transforms, which it cannot: '
+                                  f'{with_type(error)}') from None
+        if not listens:
             raise WrongFrameError(f'{reason}, or tf2_ros must be installed to transform it')
         try:
             transform = self._transform(message, frame_id)
@@ -57,7 +63,9 @@ class Frames:
             self._tf2 = import_module('tf2_ros')
         except ImportError:
             return False
-        self._buffer = self._tf2.Buffer(node=self._node)  # With its clock, which may jump back.
+        if self._buffer is None:  # One that was made before it failed to listen is kept.
+            # With the clock of the node, which may jump back.
+            self._buffer = self._tf2.Buffer(node=self._node)
         self._listener = self._tf2.TransformListener(self._buffer, self._node)
         return True
 
