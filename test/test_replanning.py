@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 import pytest
 from ros_client import PATIENCE, wait_for
 from secure_uav_planner import Scenario, solve
-from secure_uav_planner.errors import InfeasibleMissionError
+from secure_uav_planner.errors import InfeasibleMissionError, LateError, OptionError
 from secure_uav_planner.playback import Playback
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, uav_parameters)
@@ -37,12 +37,13 @@ class Bench:
         self.whereabouts.follow(plan)
         self.worker = Worker(lambda: None)
         self.published, self.refused, self.superseded = [], [], []
+        self.now_ns = 0  # When a new plan is ready.
         self.replanning = Replanning(
             self.worker, self.poses, self.whereabouts, self._publish, self.refused.append,
             lambda: self.superseded.append(self.worker.busy))
 
     def _publish(self, plan, continued, effect_ns):
-        check_in_time(self.last, continued, effect_ns, 0)
+        check_in_time(self.last, continued, effect_ns, self.now_ns)
         self.published.append((plan, effect_ns * 1e-9 - START))
 
     def know(self, kind, topic, x, y, now):
@@ -121,3 +122,20 @@ def test_a_uav_whose_odometry_is_stale_counts_as_on_its_plan(bench, plan):
     again.check(35.0, replan_period=1.0, pose_timeout=10.0)
     assert len(again.published) == 1
     assert again.worker.close(PATIENCE)
+
+
+@pytest.mark.parametrize('late', [False, True])
+def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
+    # It fails before the solver begins, or the plan comes when it is to take effect no more.
+    bench.now_ns = (START + 1000) * 10**9 if late else 0
+    wrong = {} if late else {'method': 'alternating', 'objective': 'worst_case'}
+    moved = {'eavesdropper': (160.0, 0.0), 'replan_distance': 5.0, **wrong}
+    for time, failures in ((30.0, 1), (30.1, 1), (34.9, 1), (35.1, 2), (35.2, 2)):
+        bench.check(time, **moved)
+        assert len(bench.refused) == failures, time
+    assert all(isinstance(error, LateError if late else OptionError) for error in bench.refused)
+    # A new plan, as of a request, ends the wait.
+    bench.replanning.planned(START + 35.3)
+    bench.now_ns = 0
+    bench.check(35.4, (160.0, 0.0), replan_distance=5.0)
+    assert len(bench.published) == 1 and len(bench.refused) == 2

@@ -45,10 +45,11 @@ class Replanning:
         self._refuse = refuse
         self._superseded = superseded
         self._last_planned = -math.inf
+        self._failed = False  # The last replan that was due.
 
     def planned(self, now: float) -> None:
         """Note the time in s of a new plan, from which the next period is counted."""
-        self._last_planned = now
+        self._last_planned, self._failed = now, False
 
     def start_when_due(self, last_plan: Callable[[], Plan | None],
                        settings: Mapping[str, Any], now: float) -> None:
@@ -77,25 +78,37 @@ class Replanning:
         if not (is_due or is_off):
             return
         sightings = self._whereabouts.sightings(plan, settings, now)
+
+        def refuse(error: Exception) -> None:
+            self._failed = is_due
+            self._refuse(error)
+
         try:
             rejoin = self._rejoin(plan, first, sightings, settings, known, must_meet=not is_due)
             self._worker.start(
-                rejoin.scenario, lambda future: self._finish(future, rejoin),
+                rejoin.scenario, lambda future: self._finish(future, rejoin, refuse),
                 method=settings['method'], objective=objective_from(settings),
                 initial=rejoin.tail, time_limit=settings['replan_lead'])
         except (BusyError, StoppedError):
             return  # A request was faster.
         except PlanningError as error:
-            self._refuse(error)
+            refuse(error)
         self._last_planned = now
 
     def _is_due(self, plan: Plan, known: Scenario, settings: Mapping[str, Any],
                 now: float) -> bool:
-        """Return whether the period is over, or somebody on the ground has moved."""
+        """
+        Return whether the period is over, or somebody on the ground has moved.
+
+        After a failure, a move does not count before the lead is over.
+        """
         period, distance = settings['replan_period'], settings['replan_distance']
         # If the clock has jumped back, the last plan may be in the future; it is then ignored.
-        over = period and not 0 <= now - self._last_planned < period
-        return bool(over or (distance and has_moved(plan.scenario, known, distance)))
+        since = now - self._last_planned
+        over = period and not 0 <= since < period
+        waits = self._failed and 0 <= since < settings['replan_lead']
+        return bool(over or (
+            distance and not waits and has_moved(plan.scenario, known, distance)))
 
     def _is_off(self, settings: Mapping[str, Any], now: float) -> bool:
         """Return whether a UAV is too far from its plan, and has had the time to come back."""
@@ -116,7 +129,8 @@ class Replanning:
                 raise
             return rejoined(plan, first, [None] * len(sightings), *arguments)
 
-    def _finish(self, future: 'Future[Plan]', rejoin: Rejoin) -> None:
+    def _finish(self, future: 'Future[Plan]', rejoin: Rejoin,
+                refuse: Callable[[Exception], None]) -> None:
         """Continue a plan with the result of a replan, in the solver's thread."""
         try:
             found = future.result()
@@ -127,7 +141,7 @@ class Replanning:
         except SupersededError:
             self._superseded()
         except Exception as error:
-            self._refuse(error)
+            refuse(error)
 
 
 def check_in_time(plan: Plan | None, continued: Plan, start_ns: int, now_ns: int) -> None:
