@@ -18,7 +18,7 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(prog='python -m secure_uav_planner.fly',
                                      description=sys.modules[__name__].__doc__)
     parser.add_argument('--out', type=Path, default=Path('out/fly'), help='output folder')
-    parser.add_argument('--random', type=int, default=5, help='number of random missions')
+    parser.add_argument('--random', type=_number, default=5, help='number of random missions')
     parser.add_argument('--plans', type=Path, nargs='*', help='saved plans to fly instead')
     options = parser.parse_args(arguments)
     if find_spec('rotorpy') is None:
@@ -34,6 +34,14 @@ def main(arguments=None):
     except KeyboardInterrupt:
         return 130
     return 0
+
+
+def _number(text):
+    """Return the number of random missions, of which there are as many as anybody wants."""
+    if not (text.isascii() and text.isdigit()):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is no number of missions; it must be a whole number, at least 0')
+    return int(text)
 
 
 def _plans(options):

@@ -1,6 +1,7 @@
 """The missions that are flown."""
 
 from dataclasses import replace
+from itertools import count, islice
 
 from ament_index_python import get_package_share_path
 
@@ -9,7 +10,6 @@ from ..errors import InfeasibleMissionError
 from ..scenario import Scenario
 
 _RANDOM_LIMIT = 3.0
-_SEEDS = range(100)
 
 
 def limited(scenario, most):
@@ -33,16 +33,17 @@ def city_missions():
         get_package_share_path('secure_uav_planner') / 'config' / 'city.yaml')
 
 
-def random_missions(count):
+def random_missions(number):
     """Yield names and Scenarios of random missions, those of the first seeds that can be flown."""
-    for seed in _SEEDS:
-        if count == 0:
-            return
-        try:
-            scenario = limited(random_mission(seed), _RANDOM_LIMIT)
-        except InfeasibleMissionError:
-            continue
-        count -= 1
-        speeds = max(uav.max_speed for uav in scenario.uavs)
-        yield (f'random {seed}, {len(scenario.uavs)} UAVs, up to {speeds:.0f} m/s, '
-               f'{_RANDOM_LIMIT:g} m/s^2', scenario)
+    yield from islice(filter(None, map(_random, count())), number)
+
+
+def _random(seed):
+    """Return the name and the Scenario of a random mission, or None if it cannot be flown."""
+    try:
+        scenario = limited(random_mission(seed), _RANDOM_LIMIT)
+    except InfeasibleMissionError:
+        return None
+    speeds = max(uav.max_speed for uav in scenario.uavs)
+    return (f'random {seed}, {len(scenario.uavs)} UAVs, up to {speeds:.0f} m/s, '
+            f'{_RANDOM_LIMIT:g} m/s^2', scenario)
