@@ -297,13 +297,13 @@ class Planner(Node):
         now, settings = self._now(), self._settings.snapshot()
         with self._lock:
             busy, progress = self._worker.busy, self._worker.progress
+            problems, tracks = self._whereabouts.report(settings, now)
             level, text = level_and_text(
-                self._state.outcome, [*pose_problems(settings, self._poses, now),
-                                      *self._whereabouts.problems(settings, now)], progress)
+                self._state.outcome,
+                [*pose_problems(settings, self._poses, now), *problems], progress)
             return messages.status(
                 self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
-                {**values(self._state, progress, busy, self._poses, settings, now),
-                 **self._whereabouts.values(settings, now)})
+                {**values(self._state, progress, busy, self._poses, settings, now), **tracks})
 
     def _publish_status(self) -> None:
         with self._lock:

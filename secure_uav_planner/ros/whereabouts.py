@@ -60,24 +60,26 @@ class Whereabouts:
         with self._lock:
             self._track.add(playback, time, positions)
 
-    def problems(self, settings: Mapping[str, Any], now: float) -> list[str]:
-        """Return a text about every UAV that flies farther from its plan than it should."""
-        playback, most = self._playback, settings['track_tolerance']
-        if playback is None or now < playback.plan.start_ns * 1e-9 + playback.begin:
-            return []
-        return [f'{name} is {distance:.1f} m from its plan and track_tolerance is {most:g} m'
-                for name, distance in self.distances(settings, now).items() if distance > most]
+    def report(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
+        """
+        Return what the status says of the UAVs.
 
-    def values(self, settings: Mapping[str, Any], now: float) -> dict[str, Any]:
-        """Return the values of the status by key."""
-        if self._playback is None:
-            return {}
+        :return: a text about every UAV that flies farther from its plan than it should, and the
+            values of the status by key.
+        """
+        playback, most = self._playback, settings['track_tolerance']
+        if playback is None:
+            return [], {}
         distances = self.distances(settings, now)
+        flies = now >= playback.plan.start_ns * 1e-9 + playback.begin
+        problems = [f'{name} is {distance:.1f} m from its plan and track_tolerance is {most:g} m'
+                    for name, distance in distances.items() if flies and distance > most]
         found: dict[str, Any] = {f'track.distance.{name}': distances.get(name, 'none')
                                  for name in settings['uavs']}
         with self._lock:
             rates = self._track.rates or ('none', 'none')
-        return {**found, **dict(zip(('track.rate', 'track.planned_rate'), rates, strict=True))}
+        return problems, {
+            **found, **dict(zip(('track.rate', 'track.planned_rate'), rates, strict=True))}
 
     def _offsets(self, playback: Playback | None, settings: Mapping[str, Any], now: float
                  ) -> dict[str, Array]:
