@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 import signal
+import threading
 import time
 
 from builtin_interfaces.msg import Time
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client, node_process, PATIENCE, values_of, wait_for
-from secure_uav_planner import Eavesdropper, Plan, Scenario
+from secure_uav_planner import Eavesdropper, Plan, Scenario, solve, upper_bound
+from secure_uav_planner.ros.bounding import Bounding
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -410,7 +412,38 @@ def test_the_bound_follows_the_plan_and_is_part_of_the_status_and_the_file(clien
                    for one in news)
 
 
-def test_a_request_stops_the_bound_of_the_last_plan_and_a_stop_of_the_node_too(client):
+@pytest.mark.parametrize('stop', ['cancel', 'start', 'close'])
+def test_a_bound_under_way_is_stopped_and_not_reported(monkeypatch, stop):
+    """What a request, the plan that follows it, and the end of the node do to the last bound."""
+    plan, small = (solve(Scenario.paper(104.0, slots=slots)) for slots in (52, 8))
+    under_way, statuses, found, failures = threading.Event(), [], [], []
+
+    def watched(scenario, on_progress, **options):
+        def told(progress):
+            under_way.set()
+            # It goes on for as long as it is wanted, however fast this machine is.
+            wait_for(lambda: scenario != plan.scenario or on_progress(progress))
+            return on_progress(progress)
+        bound = upper_bound(scenario, on_progress=told, **options)
+        statuses.append(bound.status)
+        return bound
+
+    monkeypatch.setattr('secure_uav_planner.ros.bounding.upper_bound', watched)
+    bounding = Bounding(lambda *given: found.append(given), failures.append)
+    bounding.start(plan)
+    wait_for(under_way.is_set, what='the bound to be under way')
+    if stop == 'start':
+        bounding.start(small)
+        wait_for(lambda: found, what='the bound of the other plan')
+    elif stop == 'cancel':
+        bounding.cancel()
+        wait_for(lambda: statuses, what='the end of the bound')
+    assert bounding.close(PATIENCE)
+    assert statuses[0] == 'cancelled' and not failures
+    assert [given[0] for given in found] == ([small] if stop == 'start' else [])
+
+
+def test_a_request_is_answered_and_the_node_ends_while_a_bound_is_under_way(client):
     with node_process('planner', bound='after', pose_timeout=0.0) as process:
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()
