@@ -103,7 +103,8 @@ def _add_sweep(commands) -> None:
 
 A campaign is a mission, fields to vary over lists, ranges or random laws, and methods and
 objectives to compare. Every finished mission is written at once; a campaign that was stopped
-goes on with the same command. A mission that fails is a row with its reason.""")
+goes on with the same command. A mission that fails is a row with its reason; if that lies outside
+of it, such as too little memory, the same command plans it again.""")
     parser.add_argument('mission', metavar='campaign', help='campaign file: YAML or JSON')
     parser.add_argument('-o', '--out', default='out/sweep', metavar='FOLDER',
                         help='folder for the results (default: %(default)s)')
