@@ -12,10 +12,15 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client, node_process, PATIENCE, values_of, wait_for
 from secure_uav_planner import Eavesdropper, Plan, Scenario, solve, upper_bound
 from secure_uav_planner.ros.bounding import Bounding
+from secure_uav_planner.ros.planner_node import Planner
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -412,35 +417,81 @@ def test_the_bound_follows_the_plan_and_is_part_of_the_status_and_the_file(clien
                    for one in news)
 
 
-@pytest.mark.parametrize('stop', ['cancel', 'start', 'close'])
-def test_a_bound_under_way_is_stopped_and_not_reported(monkeypatch, stop):
-    """What a request, the plan that follows it, and the end of the node do to the last bound."""
-    plan, small = (solve(Scenario.paper(104.0, slots=slots)) for slots in (52, 8))
-    under_way, statuses, found, failures = threading.Event(), [], [], []
+class HeldBound:
+    """
+    The real upper bound; that of some scenario goes on for as long as it is wanted.
 
-    def watched(scenario, on_progress, **options):
+    So what a test finds does not depend on how fast this machine is.
+
+    :ivar under_way: set when that bound has begun.
+    :ivar statuses: of the bounds that have ended.
+    """
+
+    def __init__(self, monkeypatch, slots):
+        self.under_way, self.statuses, self._slots = threading.Event(), [], slots
+        monkeypatch.setattr('secure_uav_planner.ros.bounding.upper_bound', self)
+
+    def __call__(self, scenario, on_progress, **options):
         def told(progress):
-            under_way.set()
-            # It goes on for as long as it is wanted, however fast this machine is.
-            wait_for(lambda: scenario != plan.scenario or on_progress(progress))
+            self.under_way.set()
+            wait_for(lambda: scenario.slots != self._slots or on_progress(progress))
             return on_progress(progress)
         bound = upper_bound(scenario, on_progress=told, **options)
-        statuses.append(bound.status)
+        self.statuses.append(bound.status)
         return bound
 
-    monkeypatch.setattr('secure_uav_planner.ros.bounding.upper_bound', watched)
+
+@pytest.mark.parametrize('stop', ['cancel', 'start', 'close'])
+def test_a_bound_under_way_is_stopped_and_not_reported(monkeypatch, stop):
+    plan, small = (solve(Scenario.paper(104.0, slots=slots)) for slots in (52, 8))
+    held, found, failures = HeldBound(monkeypatch, 52), [], []
     bounding = Bounding(lambda *given: found.append(given), failures.append)
     bounding.start(plan)
-    wait_for(under_way.is_set, what='the bound to be under way')
+    wait_for(held.under_way.is_set, what='the bound to be under way')
     if stop == 'start':
         bounding.start(small)
         wait_for(lambda: found, what='the bound of the other plan')
     elif stop == 'cancel':
         bounding.cancel()
-        wait_for(lambda: statuses, what='the end of the bound')
+        wait_for(lambda: held.statuses, what='the end of the bound')
     assert bounding.close(PATIENCE)
-    assert statuses[0] == 'cancelled' and not failures
+    assert held.statuses[0] == 'cancelled' and not failures
     assert [given[0] for given in found] == ([small] if stop == 'start' else [])
+
+
+def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(monkeypatch):
+    """The node runs in this process, where its bound and its solves can be watched."""
+    held, solved = HeldBound(monkeypatch, 52), []
+
+    def watched(scenario, **options):
+        if held.under_way.is_set():
+            wait_for(lambda: held.statuses, what='the end of the bound')
+        solved.append(list(held.statuses))
+        return solve(scenario, **options)
+
+    monkeypatch.setattr('secure_uav_planner.ros.worker.solve', watched)
+    context = Context()
+    rclpy.init(context=context, args=[])
+    executor = MultiThreadedExecutor(4, context=context)
+    node = Planner(context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in (
+            ('bound', 'after'), ('pose_timeout', 0.0), ('duration', 104.0), ('slots', 52))])
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    try:
+        with Client() as client:
+            client.send_paper()
+            assert client.call('planner/plan').success
+            wait_for(held.under_way.is_set, what='the bound to be under way')
+            assert client.call('planner/plan').success
+    finally:
+        node.close()
+        executor.shutdown()
+        thread.join(PATIENCE)
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    assert solved == [[], ['cancelled']]
 
 
 def test_a_request_is_answered_and_the_node_ends_while_a_bound_is_under_way(client):
