@@ -24,7 +24,8 @@ from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.kernel import barrier as kernel
 from secure_uav_planner.optimize.joint.kernel import KernelBarrier, make_barrier
 from secure_uav_planner.optimize.joint.schedule import SCHEDULE
-from secure_uav_planner.optimize.joint.starts import several_starts
+from secure_uav_planner.optimize.joint.starts import several_starts, strictly_feasible
+from secure_uav_planner.optimize.joint.worst_places import WorstPlaces
 from strategies import scenarios
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,10 +43,10 @@ def relative(found, expected):
 class Noisy(Barrier):
     """The NumPy form with Hessians that are wrong in their last bits, and other starts."""
 
-    def __init__(self, grid, x, mu, schedule):
+    def __init__(self, grid, x, mu, schedule, check, places):
         self._random = np.random.default_rng(len(x) * grid.slots)
         beside = x * (1 + 1e-13 * self._random.choice([-1.0, 1.0], x.shape))
-        super().__init__(grid, beside, mu, schedule)
+        super().__init__(grid, beside, mu, schedule, check, places)
 
     def _model_of_slots(self, here):
         gradient, hessian, leaks = super()._model_of_slots(here)
@@ -60,12 +61,21 @@ class Both:
 
     Near a kink or a boundary the last bits of a Hessian decide about a step. How far noisy
     barriers have gone from the first shows how much that matters.
+
+    :param places: for problem (P1); all have the same, the worst where the first one is.
     """
 
-    def __init__(self, grid, x, mu):
+    def __init__(self, grid, x, mu, places=None):
         self.numpy, self.kernel, *self.noisy = self.all = [
-            form(grid, x, mu, SCHEDULE) for form in (Barrier, KernelBarrier, Noisy, Noisy)]
+            form(grid, x, mu, SCHEDULE, lambda: None, places)
+            for form in (Barrier, KernelBarrier, Noisy, Noisy)]
+        self.places = places
         self.spread = np.zeros(len(x))
+
+    @classmethod
+    def against_places(cls, grid, x):
+        """Return the forms for problem (P1) from one start."""
+        return cls(grid, x[None], SCHEDULE.places_mu, WorstPlaces(grid, x))
 
     def iterate(self, final):
         """Take a step with each; all can, or none."""
@@ -78,6 +88,10 @@ class Both:
         assert len(errors) in (0, len(self.all))
         for other in self.noisy:
             self.spread = np.maximum(self.spread, relative(other.x, self.numpy.x))
+        if self.places is not None:
+            worse = self.places.exchange(self.numpy.x[0], SCHEDULE.worse)
+            for barrier in self.all:
+                barrier.exchange(self.places, worse)
         return not errors
 
     def steady(self):
@@ -116,6 +130,24 @@ def test_starts_take_the_same_ten_steps(scenario):
 
 
 @needs_kernel
+@pytest.mark.parametrize('scenario', [
+    Scenario.paper(102.0), Scenario.paper(200.0, 60.0), random_mission(1), random_mission(2),
+    replace(Scenario.paper(), uavs=Scenario.paper().uavs[:1])],
+    ids=['T = 102', 'T = 200', '1 jammer, 2 eavesdroppers', '3 and 3', 'alone'])
+def test_against_the_worst_places_ten_steps_are_the_same(scenario):
+    assert scenario.error_radii.all()
+    grid = Grid.of(scenario, 30)
+    plan = solve(scenario, objective='guaranteed')
+    both = Both.against_places(grid, strictly_feasible(grid, plan.positions, plan.powers))
+    places = both.places.offsets
+    for _ in range(10):
+        assert both.iterate(SCHEDULE.places_final_mu)
+        both.steady()
+        assert both.same().all()
+    assert not np.array_equal(both.places.offsets, places)
+
+
+@needs_kernel
 @settings(max_examples=15)
 @given(scenarios(max_uavs=6, max_eavesdroppers=3), st.integers(1, 14), st.booleans())
 def test_the_forms_agree_on_missions_of_every_kind(scenario, slots, fixed):
@@ -128,15 +160,15 @@ def test_the_forms_agree_on_missions_of_every_kind(scenario, slots, fixed):
     inside = np.all([limit.margin(Iterate(grid, x)).reshape(len(x), -1).min(axis=1) > 0
                      for limit in limits_of(scenario, grid)], axis=0)
     assume(inside.any())
-    both = Both(grid, x[inside], mu[inside])
-    same = []
-    for _ in range(5):
-        with np.errstate(all='ignore'):
-            if not both.iterate(SCHEDULE.final_mu):
-                break
-        both.steady()
-        same.append(both.same().any())
-    assert not same or same[0]
+    for both in (Both(grid, x[inside], mu[inside]), Both.against_places(grid, x[inside][0])):
+        same = []
+        for _ in range(5):
+            with np.errstate(all='ignore'):
+                if not both.iterate(SCHEDULE.final_mu):
+                    break
+            both.steady()
+            same.append(both.same().any())
+        assert not same or same[0]
 
 
 @needs_kernel

@@ -1,4 +1,4 @@
-"""A primal-dual interior-point method for problem (P2), for several starts side by side."""
+"""A primal-dual interior-point method for (P1) and (P2), for several starts side by side."""
 
 from collections.abc import Callable
 import time
@@ -118,7 +118,7 @@ class Barrier:
             self.finished = np.zeros_like(self.finished)
 
     def rates(self) -> Array:
-        """Return the mean guaranteed rates, losing slots silenced, in nats, (S,)."""
+        """Return the mean rates against the receivers, losing slots silenced, in nats, (S,)."""
         rates = SlotRates(self.receivers, self.x)
         found: Array = np.maximum(rates.ground - rates.leaks.max(axis=-1), 0.0).mean(axis=1)
         return found

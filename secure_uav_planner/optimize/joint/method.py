@@ -122,8 +122,8 @@ class _Joint:
         x = strictly_feasible(self._grid, search.positions, search.powers,
                               share=schedule.warm_share)
         places = WorstPlaces(self._grid, x)
-        barrier = Barrier(self._grid, x[None], schedule.warm_mu if search.warm
-                          else schedule.places_mu, schedule, self._check, places)
+        barrier = make_barrier(self._grid, x[None], schedule.warm_mu if search.warm
+                               else schedule.places_mu, schedule, self._check, places)
         best, rate, tried = x, places.rate, 0.0
         last_steps = 0
         for step in range(1, schedule.steps + 1):
@@ -131,7 +131,7 @@ class _Joint:
             last_steps += int(barrier.mu[0] <= schedule.places_final_mu)
             barrier.exchange(places, places.exchange(barrier.x[0], schedule.worse))
             if places.rate > rate:
-                best, rate = barrier.x[0], places.rate
+                best, rate = barrier.x[0].copy(), places.rate
             # Places may go on moving to and fro, by ever less.
             done = barrier.finished.all() or last_steps >= schedule.places_patience
             # To evaluate the rate takes longer than a step.

@@ -78,6 +78,21 @@ class WorstPlaces:
         self.receivers = self._made()
         return bool(worse.any())
 
+    @property
+    def radii(self) -> Array:
+        """Radii of the discs of all places, (E PER_DISC,) in units of the grid."""
+        return np.repeat(self._scenario.error_radii / self._grid.length, PER_DISC)
+
+    @property
+    def offsets(self) -> Array:
+        """All places from the centres of their discs, (N, E PER_DISC, 2) in its units."""
+        return self._by_slots(self._places - self._centres[:, None, None]) / self._grid.length
+
+    @property
+    def followed(self) -> NDArray[np.bool_]:
+        """Whether a place moves along with the UAVs, (N, E PER_DISC)."""
+        return self._by_slots(self._largest) & (self.radii > 0)
+
     def curvature(self, derivatives: SlotDerivatives, shares: Array) -> Array:
         """
         Return what the Hessian of the leaks gains as places follow the UAVs, (..., N, 3 U, 3 U).
@@ -93,8 +108,7 @@ class WorstPlaces:
         of_positions = mixed.reshape(*mixed.shape[:-2], -1, 3, 2)[..., 1:, :]
         bend = of_positions.sum(axis=-3)  # -g_ww
         slope = -derivatives.gradients[..., 1:, :, 1:].sum(axis=-2)
-        radii = np.repeat(self._scenario.error_radii / self._grid.length, PER_DISC)
-        offset = self._by_slots(self._places - self._centres[:, None, None]) / self._grid.length
+        radii, offset = self.radii, self.offsets
         distance = np.linalg.norm(offset, axis=-1)
         out = offset / np.maximum(distance, _TINY)[..., None]
         along = np.stack([-out[..., 1], out[..., 0]], axis=-1)
@@ -110,7 +124,7 @@ class WorstPlaces:
         rows = (mixed @ axes) / np.sqrt(np.maximum(bends, least[..., None]))[..., None, :]
         edge = (distance >= _ON_EDGE * radii)[..., None, None]
         rows = np.where(edge, np.concatenate([row, np.zeros_like(row)], axis=-1), rows)
-        weights = shares * (self._by_slots(self._largest) & (radii > 0))
+        weights = shares * self.followed
         rows = rows * np.sqrt(weights)[..., None, None]
         rows = np.moveaxis(rows, -3, -2).reshape(*rows.shape[:-3], rows.shape[-2], -1)
         curvature: Array = rows @ np.swapaxes(rows, -1, -2)

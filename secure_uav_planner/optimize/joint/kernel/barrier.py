@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .sources import digest
 from ..barrier import Barrier
 from ..schedule import Schedule
+from ..worst_places import WorstPlaces
 from ....channel.derivatives import Receivers
 from ....channel.links import FreeSpace
 from ....errors import NumericalError
@@ -38,20 +39,20 @@ class UnknownProblemError(ValueError):
 
 class KernelBarrier(Barrier):
     """
-    The same as Barrier for the guarantee, with the same arguments and attributes.
+    The same as Barrier, with the same arguments and attributes.
 
-    Only `x`, `mu` and `finished` differ: they are changed in place. Problem (P1) is left to
-    Barrier, with its places that move along.
+    Only `x`, `mu` and `finished` differ: they are changed in place.
 
     :raises UnknownProblemError: for a problem that the kernel does not know.
     """
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array, schedule: Schedule,
-                 check: Callable[[], None] = lambda: None) -> None:
+                 check: Callable[[], None] = lambda: None,
+                 places: WorstPlaces | None = None) -> None:
         core = compiled()
         self.grid = grid
         self.check = check
-        self.receivers = Receivers.of(grid)
+        self.receivers = Receivers.of(grid) if places is None else places.receivers
         limits = limits_of(grid.scenario, grid)
         if core is None or not is_known(limits, self.receivers):
             raise UnknownProblemError(
@@ -61,7 +62,7 @@ class KernelBarrier(Barrier):
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
         self._core = core.Barrier(
-            _problem(grid, limits, self.receivers, schedule), self.x, self.mu, self.finished)
+            _problem(grid, limits, self.receivers, schedule, places), self.x, self.mu, self.finished)
 
     def keep(self, chosen: NDArray[np.intp]) -> None:
         """Go on with some of the starts only, given as an index array."""
@@ -69,8 +70,15 @@ class KernelBarrier(Barrier):
         self.finished = self.finished[chosen]
         self._core.keep(np.ascontiguousarray(chosen, np.int64), self.x, self.mu, self.finished)
 
+    def exchange(self, places: WorstPlaces, worse: bool) -> None:
+        """Go on with places that have been exchanged; see Barrier.exchange."""
+        self.receivers = places.receivers
+        self._core.exchange(_places(places), _plain(self.receivers.positions))
+        if worse:
+            self.finished[:] = False
+
     def rates(self) -> Array:
-        """Return the mean guaranteed rates, losing slots silenced, in nats, (S,)."""
+        """Return the mean rates against the receivers; see Barrier.rates."""
         found = np.empty(len(self.x))
         self._core.rates(found)
         return found
@@ -90,14 +98,15 @@ class KernelBarrier(Barrier):
 
 
 def make_barrier(grid: Grid, x: Array, mu: float | Array, schedule: Schedule,
-                 check: Callable[[], None] = lambda: None) -> Barrier:
+                 check: Callable[[], None] = lambda: None,
+                 places: WorstPlaces | None = None) -> Barrier:
     """Return a KernelBarrier where that is possible, else a Barrier; see Barrier."""
     if compiled() is not None:
         try:
-            return KernelBarrier(grid, x, mu, schedule, check)
+            return KernelBarrier(grid, x, mu, schedule, check, places)
         except UnknownProblemError:
             pass
-    return Barrier(grid, x, mu, schedule, check)
+    return Barrier(grid, x, mu, schedule, check, places)
 
 
 def is_known(limits: Iterable[Limit], receivers: Receivers) -> bool:
@@ -126,7 +135,7 @@ def compiled() -> Any:
 
 
 def _problem(grid: Grid, limits: Iterable[Limit], receivers: Receivers,
-             schedule: Schedule) -> dict[str, Any]:
+             schedule: Schedule, places: WorstPlaces | None) -> dict[str, Any]:
     """Return what the kernel asks for, by the names of problem.hpp."""
     link, uavs = receivers.link, len(grid.fixed)
     [peaks] = [limit.peaks for limit in limits if isinstance(limit, PeakPower)]
@@ -137,7 +146,14 @@ def _problem(grid: Grid, limits: Iterable[Limit], receivers: Receivers,
         'squared_altitudes': _plain(link.squared_altitudes), 'peaks': _plain(peaks),
         'norms': [_norm(limit) for limit in limits if isinstance(limit, NormLimit)],
         'positions': _plain(receivers.positions), 'edge': _plain(receivers.edge),
+        'places': None if places is None else _places(places),
         'numbers': _numbers(schedule)}
+
+
+def _places(places: WorstPlaces) -> dict[str, Array]:
+    """Return the places in discs as the kernel asks for them."""
+    return {'followed': _plain(places.followed), 'offsets': _plain(places.offsets),
+            'radii': _plain(places.radii)}
 
 
 @cache

@@ -100,6 +100,15 @@ kernel::NormLimit norm_of(const kernel::Problem& problem, const py::dict& given)
     return found;
 }
 
+kernel::Places places_of(const kernel::Problem& problem, const py::dict& given) {
+    const std::size_t places = problem.receivers.count - 1;
+    kernel::Places found;
+    found.followed = flags(given["followed"], problem.slots * places, "followed");
+    found.offsets = reals(given["offsets"], problem.slots * places * 2, "offsets");
+    found.radii = reals(given["radii"], places, "radii");
+    return found;
+}
+
 kernel::Problem problem_of(const py::dict& given) {
     kernel::Problem found;
     found.slots = given["slots"].cast<int>();
@@ -122,6 +131,8 @@ kernel::Problem problem_of(const py::dict& given) {
     found.numbers = numbers_of(given["numbers"].cast<py::dict>());
     found.receivers = receivers_of(found, given["positions"], given["edge"]);
     found.receivers.snr = array("snr", found.receivers.edge.size());
+    if (!given["places"].is_none())
+        found.places = places_of(found, given["places"].cast<py::dict>());
     return found;
 }
 
@@ -151,6 +162,13 @@ public:
         expect(view.size() == starts_.count(), "rates");
         const py::gil_scoped_release release;
         starts_.rates(view.data());
+    }
+
+    void exchange(const py::dict& places, const py::buffer& positions) {
+        const kernel::Problem& problem = starts_.problem();
+        const std::size_t size = problem.receivers.positions.size();
+        expect(!problem.places.followed.empty(), "places");
+        starts_.exchange(places_of(problem, places), reals(positions, size, "positions"));
     }
 
     void keep(const py::buffer& chosen, const py::buffer& x, const py::buffer& mu,
@@ -193,5 +211,6 @@ PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
         .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&>())
         .def("iterate", &Barrier::iterate)
         .def("rates", &Barrier::rates)
+        .def("exchange", &Barrier::exchange)
         .def("keep", &Barrier::keep);
 }

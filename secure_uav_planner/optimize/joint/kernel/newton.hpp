@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "linear.hpp"
+#include "places.hpp"
 #include "start.hpp"
 
 namespace kernel {
@@ -55,6 +56,7 @@ public:
             step_differences_.emplace_back((n + limit.order) * count_ * 2);
             norm_moves_.emplace_back((n + limit.order) * count_);
         }
+        followed_.resize(4 * v);
         peak_moves_.resize(n * count_ * 2);
         mean_moves_.resize(count_);
         if (eves_ > 1) {
@@ -89,7 +91,10 @@ public:
     Outcome iterate(State& state, double final, const std::atomic<bool>& stop) override {
         const double mu = *state.mu;
         Evaluation& here = state.here;
-        if (!state.known) evaluate(state.x, mu, here);
+        if (!state.known) {
+            evaluate(state.x, mu, here);
+            clip_duals(state, here, state.x, mu);
+        }
         if (stop) return Outcome::stopped;
         model(state, here, mu);
         if (stop) return Outcome::stopped;
@@ -341,10 +346,12 @@ private:
                     for (int j = 0; j <= i; ++j)
                         hessian[i * V + j] += more * of_interference[j] - less * of_total[j];
                 }
-                if (k && several)
-                    for (int i = 0; i < V; ++i)
-                        leak_gradients_[(n * eves_ + k - 1) * V + i] =
-                            of_total[i] - of_interference[i];
+                if (!k || !several) continue;
+                const std::size_t i = n * eves_ + k - 1;
+                for (int j = 0; j < V; ++j)
+                    leak_gradients_[i * V + j] = of_total[j] - of_interference[j];
+                if (!p_.places.followed.empty() && p_.places.followed[i])
+                    add_following(state, here, n, k, weight, of_total, of_interference, hessian);
             }
             if (several) spread_leaks(state, here, n, mean, hessian);
         }
@@ -354,14 +361,16 @@ private:
         return state.x + (n * uavs() + u) * 3;
     }
 
-    // The part of a UAV in the derivatives of a rate; see channel/derivatives.py.
-    void receive(const double* x, const Evaluation& here, std::size_t n, int k, int u,
-                 double weight, double total, double interference, double* of_total,
-                 double* of_interference, double* block) const {
-        const int U = uavs(), V = size(), K = receivers();
+    // What a receiver gets from a UAV, with derivatives; see SlotDerivatives. The gradient of the
+    // gain is slope * (dx, dy), and its Hessian slope * I + curvature * (dx, dy) (dx, dy)^T.
+    struct Signal {
+        double dx, dy, power, gain, slope, curvature;
+    };
+
+    Signal signal(const double* x, const Evaluation& here, std::size_t n, int k, int u) const {
+        const int U = uavs(), K = receivers();
         const std::size_t i = (n * K + k) * U + u;
         const double* at = receiver(n, k);
-        const double dx = x[1] - at[0], dy = x[2] - at[1], power = x[0];
         const double edge = p_.receivers.edge[k * U + u];
         const double inverse = 1.0 / here.denominator[i];
         const double gain = p_.receivers.snr[k * uavs() + u] * inverse, first = -gain * inverse;
@@ -372,8 +381,16 @@ private:
             stretch = outside ? 1.0 + edge / distance : 0.0;
             bend = outside ? edge / (distance * distance * distance) : 0.0;
         }
-        const double slope = 2.0 * first * stretch;
-        const double curvature = -8.0 * first * inverse * stretch * stretch - 2.0 * first * bend;
+        return {x[1] - at[0], x[2] - at[1], x[0], gain, 2.0 * first * stretch,
+                -8.0 * first * inverse * stretch * stretch - 2.0 * first * bend};
+    }
+
+    // The part of a UAV in the derivatives of a rate; see channel/derivatives.py.
+    void receive(const double* x, const Evaluation& here, std::size_t n, int k, int u,
+                 double weight, double total, double interference, double* of_total,
+                 double* of_interference, double* block) const {
+        const int V = size();
+        const auto [dx, dy, power, gain, slope, curvature] = signal(x, here, n, k, u);
         const double along = slope * power;
         const double received[3] = {gain, along * dx, along * dy};
         for (int j = 0; j < 3; ++j) {
@@ -388,6 +405,47 @@ private:
         block[V + 1] += isotropic + bent * dx * dx;
         block[2 * V + 1] += bent * dx * dy;
         block[2 * V + 2] += isotropic + bent * dy * dy;
+    }
+
+    // What the Hessian gains as the worst place of a disc follows the UAVs; see
+    // SlotDerivatives.by_places and WorstPlaces.curvature.
+    void add_following(const State& state, const Evaluation& here, std::size_t n, int k,
+                       double weight, const double* of_total, const double* of_interference,
+                       double* hessian) {
+        const int U = uavs(), V = size();
+        const std::size_t i = n * receivers() + k;
+        double* mixed = followed_.data();  // (V, 2).
+        double* rows = mixed + 2 * V;
+        double slope[2] = {}, total[2] = {}, interference[2] = {};
+        for (int u = 0; u < U; ++u)
+            for (int axis = 0; axis < 2; ++axis) {
+                total[axis] += of_total[3 * u + 1 + axis];
+                interference[axis] += of_interference[3 * u + 1 + axis];
+            }
+        for (int u = 0; u < U; ++u) {
+            const Signal of = signal(x_of(state, n, u), here, n, k, u);
+            const double share = 1.0 / here.total[i] - (u ? 1.0 / here.interference[i] : 0.0);
+            const double by_power = share * of.slope, isotropic = by_power * of.power;
+            const double bent = share * of.power * of.curvature;
+            const double offset[2] = {of.dx, of.dy};
+            for (int axis = 0; axis < 2; ++axis) {
+                double* at = mixed + 6 * u + axis;
+                at[0] = by_power * offset[axis];
+                at[2] = bent * of.dx * offset[axis];
+                at[4] = bent * of.dy * offset[axis];
+                at[2 + 2 * axis] += isotropic;
+            }
+        }
+        for (int j = 0; j < V; ++j)
+            for (int axis = 0; axis < 2; ++axis) {
+                double& entry = mixed[2 * j + axis];
+                entry = of_total[j] * total[axis] - of_interference[j] * interference[axis] - entry;
+            }
+        for (int axis = 0; axis < 2; ++axis) slope[axis] = interference[axis] - total[axis];
+        follow(p_.places, i - n - 1, V, mixed, slope, rows);
+        for (const double* row : {rows, rows + V})
+            for (int j = 0; j < V; ++j)
+                for (int m = 0; m <= j; ++m) hessian[j * V + m] += weight * row[j] * row[m];
     }
 
     // The curvature of the largest of several leaks, t being eliminated.
@@ -775,21 +833,31 @@ private:
                 for (int e = 0; e < eves_; ++e) state.shares[n * eves_ + e] /= sum;
             }
         }
-        const Evaluation& now = moved ? trial_ : here;
-        const double* x = moved ? there_.data() : state.x;
+        const auto go = [by](Reals& duals, const Reals& moves) {
+            for (std::size_t i = 0; i < duals.size(); ++i) duals[i] += by * moves[i];
+        };
+        for (std::size_t l = 0; l < p_.norms.size(); ++l) go(state.norm_duals[l], norm_moves_[l]);
+        go(state.peak_duals, peak_moves_);
+        go(state.mean_duals, mean_moves_);
+        clip_duals(state, moved ? trial_ : here, moved ? there_.data() : state.x, mu);
+    }
+
+    // Keep the duals near their central values for some margins.
+    void clip_duals(State& state, const Evaluation& now, const double* x, double mu) const {
+        const int U = uavs();
         const double most = p_.numbers.dual_range;
-        const auto take = [&](double& dual, double move, double target) {
-            dual = std::min(std::max(dual + by * move, target / most), target * most);
+        const auto clip = [most](double& dual, double target) {
+            dual = std::min(std::max(dual, target / most), target * most);
         };
         for (std::size_t l = 0; l < p_.norms.size(); ++l)
-            for (std::size_t i = 0; i < norm_moves_[l].size(); ++i)
-                take(state.norm_duals[l][i], norm_moves_[l][i], mu / now.norm_margins[l][i]);
+            for (std::size_t i = 0; i < state.norm_duals[l].size(); ++i)
+                clip(state.norm_duals[l][i], mu / now.norm_margins[l][i]);
         for (std::size_t i = 0; i < slots_ * U; ++i)
             for (int side = 0; side < 2; ++side)
-                take(state.peak_duals[2 * i + side], peak_moves_[2 * i + side],
+                clip(state.peak_duals[2 * i + side],
                      mu / peak_margin(x[3 * i], int(i % U), side));
         for (int u = 0; u < U; ++u)
-            take(state.mean_duals[u], mean_moves_[u], slots * mu / now.mean_margins[u]);
+            clip(state.mean_duals[u], double(slots_) * mu / now.mean_margins[u]);
     }
 
     // The Newton step of the leaks' duals in a slot; see barrier._Leaks.
@@ -841,7 +909,7 @@ private:
     int below_;  // Rows of the band below its diagonal.
     Evaluation trial_;
     Reals gradient_, step_, there_, hessian_, band_, factor_, right_, space_, flights_;
-    Reals zeros_, moves_;
+    Reals zeros_, moves_, followed_;
     Reals peak_moves_, mean_moves_, leak_gradients_, leak_central_, leak_moves_;
     std::vector<Reals> step_differences_, norm_moves_;
     std::vector<char> convex_;

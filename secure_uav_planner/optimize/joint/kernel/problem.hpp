@@ -30,7 +30,14 @@ struct Receivers {
     Reals edge, snr;  // (K, U).
 };
 
-// A problem (P2) on a grid.
+// Places that stand for the discs of the eavesdroppers, E PER_DISC of them; see WorstPlaces.
+struct Places {
+    std::vector<char> followed;  // Which follow the UAVs, (N, E PER_DISC).
+    Reals offsets;               // From the centres of their discs, (N, E PER_DISC, 2).
+    Reals radii;                 // Of their discs, (E PER_DISC).
+};
+
+// A problem on a grid: (P1) with places, or (P2) without.
 struct Problem {
     int slots, uavs, reach;
     Reals starts, goals;          // (U, 2).
@@ -38,6 +45,7 @@ struct Problem {
     Reals squared_altitudes, peaks;  // (U).
     std::vector<NormLimit> norms;
     Receivers receivers;
+    Places places;
     Numbers numbers;
 };
 

@@ -67,7 +67,7 @@ public:
     virtual void begin(State& state) = 0;
     // Take a step; `stop` is looked at between its parts.
     virtual Outcome iterate(State& state, double final, const std::atomic<bool>& stop) = 0;
-    // The mean guaranteed rate, losing slots silenced, in nats.
+    // The mean rate against the receivers, losing slots silenced, in nats.
     virtual double rate(const State& state) = 0;
 };
 

@@ -44,6 +44,12 @@ void Starts::rates(double* found) {
     for (const State& state : states_) *found++ = worker(0).rate(state);
 }
 
+void Starts::exchange(Places places, Reals positions) {
+    problem_.places = std::move(places);
+    problem_.receivers.positions = std::move(positions);
+    for (State& state : states_) state.known = false;
+}
+
 Newton& Starts::worker(std::size_t number) {
     while (workers_.size() <= number) workers_.push_back(make_newton(problem_));
     return *workers_[number];

@@ -24,6 +24,8 @@ public:
     // it throws ends the step of the starts that have not gone it. Return how many failed.
     std::size_t iterate(double final, const std::function<void()>& wait);
     void rates(double* found);
+    // Go on with places that have been exchanged, as many as before.
+    void exchange(Places places, Reals positions);
 
     const Problem& problem() const { return problem_; }
     std::size_t count() const { return states_.size(); }
