@@ -60,7 +60,7 @@ $(VENV)/.%: $(SOURCES) | $(BIN)/pip
 	$(BIN)/python -m pip install --quiet '.[ros,$*]'
 	touch $@
 
-.venv-%/.check: test/compat/%.txt setup.py $(wildcard secure_uav_planner/optimize/joint/kernel/*)
+.venv-%/.check: test/compat/%.txt setup.py $(wildcard secure_uav_planner/kernel/*)
 	$(COMPAT_PYTHON) -m venv --clear .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --upgrade pip
 	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< '.[ros,check]'

@@ -5,12 +5,12 @@ import runpy
 from setuptools import Extension, find_packages, setup
 
 package_name = 'secure_uav_planner'
-kernel_folder = f'{package_name}/optimize/joint/kernel'
+kernel_folder = f'{package_name}/kernel'
 
 
 def kernel():
     """
-    Return the compiled kernel of the method `joint`, where pybind11 is there to build it.
+    Return the compiled kernel, where pybind11 is there to build it.
 
     Without it or without a compiler the package is built all the same, and runs on NumPy.
     """
@@ -81,7 +81,7 @@ setup(
     packages=find_packages(exclude=['test']),
     package_data={
         package_name: ['py.typed'],
-        f'{package_name}.optimize.joint.kernel': ['*.cpp', '*.hpp']},
+        f'{package_name}.kernel': ['*.cpp', '*.hpp']},
     ext_modules=kernel(),
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),

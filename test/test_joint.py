@@ -13,8 +13,8 @@ from secure_uav_planner.bench.missions import random_mission
 from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.grid import Grid
 from secure_uav_planner.limits.reference import reference_flight
+from secure_uav_planner.optimize.joint import kernel_barrier as kernel
 from secure_uav_planner.optimize.joint import newton
-from secure_uav_planner.optimize.joint.kernel import barrier as kernel
 from strategies import crowded, PLACE, scenarios
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.

@@ -15,18 +15,20 @@ import numpy as np
 import pytest
 from secure_uav_planner import Scenario, solve
 from secure_uav_planner.bench.missions import random_mission
+from secure_uav_planner.channel import kernel_search, leak_maximisers, worst_case_rates
 from secure_uav_planner.channel.derivatives import Receivers
 from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.grid import Grid
+from secure_uav_planner.kernel import loading
 from secure_uav_planner.limits import limits_of, SpeedLimit
 from secure_uav_planner.limits.base import Iterate
+from secure_uav_planner.optimize.joint import kernel_barrier as kernel
 from secure_uav_planner.optimize.joint.barrier import Barrier
-from secure_uav_planner.optimize.joint.kernel import barrier as kernel
-from secure_uav_planner.optimize.joint.kernel import KernelBarrier, make_barrier
+from secure_uav_planner.optimize.joint.kernel_barrier import KernelBarrier, make_barrier
 from secure_uav_planner.optimize.joint.schedule import SCHEDULE
 from secure_uav_planner.optimize.joint.starts import several_starts, strictly_feasible
 from secure_uav_planner.optimize.joint.worst_places import WorstPlaces
-from strategies import scenarios
+from strategies import random_powers, scenarios
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -172,13 +174,49 @@ def test_the_forms_agree_on_missions_of_every_kind(scenario, slots, fixed):
 
 
 @needs_kernel
+@given(scenarios(max_uavs=4, max_eavesdroppers=3), st.integers(0, 2**32 - 1))
+def test_worst_cases_are_the_same(scenario, seed):
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
+    powers = random_powers(scenario, rng)
+    found = []
+    for form in (kernel.compiled, lambda: None):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(kernel_search, 'compiled', form)
+            found.append((worst_case_rates(scenario, positions, powers),
+                          leak_maximisers(scenario, positions[:, 1:-1], powers)[1]))
+    (rates, leaks), (other_rates, other_leaks) = found
+    # Proofs may end anywhere within their tolerance.
+    assert rates == pytest.approx(other_rates, abs=1e-6)
+    assert leaks == pytest.approx(other_leaks, rel=1e-9, abs=1e-9)
+
+
+@needs_kernel
+def test_places_that_are_no_arrays_of_pairs_are_refused():
+    pairs = dict.fromkeys(('x', 'y'), np.zeros((2, 3))) | {
+        'squared_altitudes': np.ones((2, 1)), 'noise': np.ones(3), 'radius': np.ones(3),
+        'jamming': np.ones((1, 3))}
+    kernel.compiled().likely_places(pairs, np.empty((3, 3)))
+    for name, wrong in (('x', np.zeros((2, 2))), ('jamming', np.ones((2, 3))),
+                        ('radius', np.ones(4)), ('y', np.zeros((3, 2))[:, ::2])):
+        with pytest.raises(ValueError):
+            kernel.compiled().likely_places(pairs | {name: wrong}, np.empty((3, 3)))
+    answers = np.zeros(2), np.zeros(2, np.int64), np.zeros((2, 2))
+    for slots in ([0, 1, 2], [1, 0, 0], [-1, 0, 0]):
+        with pytest.raises(ValueError):
+            kernel.compiled().prove(pairs, np.array(slots), np.ones(3), 100, *answers)
+
+
+@needs_kernel
 def test_plans_are_the_same(monkeypatch):
     missions = [Scenario.paper(102.0), Scenario.paper(120.0, 30.0), Scenario.paper(slots=60)]
-    compiled = [solve(mission, objective='guaranteed') for mission in missions]
+    compiled = [solve(mission, objective=objective)
+                for mission in missions for objective in ('guaranteed', 'worst_case')]
     monkeypatch.setattr(kernel, 'compiled', lambda: None)
-    for plan, mission in zip(compiled, missions, strict=True):
-        other = solve(mission, objective='guaranteed')
-        assert plan.guaranteed_rate == pytest.approx(other.guaranteed_rate, rel=1e-4)
+    monkeypatch.setattr(kernel_search, 'compiled', lambda: None)
+    for plan in compiled:
+        other = solve(plan.scenario, objective=plan.objective)
+        assert plan.rate == pytest.approx(other.rate, rel=1e-4)
 
 
 @needs_kernel
@@ -284,13 +322,13 @@ def test_without_a_kernel_that_fits_one_line_says_so(module, line, anew, monkeyp
 
 @needs_kernel
 def test_a_kernel_of_other_sources_is_not_used(anew, monkeypatch, caplog):
-    monkeypatch.setattr(kernel, 'digest', lambda: 'another')
+    monkeypatch.setattr(loading, 'digest', lambda: 'another')
     assert kernel.compiled() is None
     assert 'another version' in caplog.text
 
 
 def test_the_switch_turns_the_kernel_off(anew, monkeypatch, caplog):
-    monkeypatch.setenv(kernel.SWITCH, '0')
+    monkeypatch.setenv(loading.SWITCH, '0')
     assert kernel.compiled() is None and not caplog.records
 
 

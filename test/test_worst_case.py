@@ -8,13 +8,25 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import channel, Eavesdropper, Scenario, solve, Uav
-from secure_uav_planner.channel import disc_search, rates
+from secure_uav_planner.channel import disc_search, kernel_search, rates
 from secure_uav_planner.channel.inverse_sinr import Pairs, Sectors
+from secure_uav_planner.kernel import compiled
 from strategies import random_powers, scenarios
 
 SEEDS = st.integers(0, 2**32 - 1)
 # Mean worst-case rate of the joint plans for the paper's scenario: duration and rate.
 PAPER = [(102, 1.458634), (120, 2.049430), (200, 3.055482)]
+
+
+@pytest.fixture(scope='module', autouse=True, params=['compiled', 'NumPy'])
+def form(request):
+    """Let every test run with the compiled kernel, if it is there, and without."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == 'NumPy':
+            patch.setattr(kernel_search, 'compiled', lambda: None)
+        elif compiled() is None:
+            pytest.skip('the package was installed without its compiled kernel')
+        yield request.param
 
 
 def random_plan(scenario, rng):
@@ -206,10 +218,16 @@ def difficult_plan():
     return scenario, rng.uniform(-300, 300, (3, 62, 2)), rng.uniform(0, 2, (3, 60)), rng
 
 
-def test_the_proof_does_not_need_a_good_search(monkeypatch):
+@pytest.fixture
+def search_badly(monkeypatch):
+    """Let the NumPy form search for nothing better than where it starts."""
+    monkeypatch.setattr(kernel_search, 'compiled', lambda: None)
     for name in ('nearest_places', 'likely_places'):
         monkeypatch.setattr(disc_search, name, start_badly)
     monkeypatch.setattr(disc_search, 'descend', lambda pairs, start: start)
+
+
+def test_the_proof_does_not_need_a_good_search(search_badly):
     check(*difficult_plan())
 
 
@@ -217,10 +235,7 @@ def test_the_proof_does_not_need_a_good_search(monkeypatch):
     lambda bound, value: value,  # as if the place of a sector were its worst
     lambda bound, value: 0.5 * (bound + value),
     lambda bound, value: bound * 1.1], ids=['value', 'mean', 'percent'])
-def test_a_bound_that_is_none_is_noticed(weaken, monkeypatch):
-    for name in ('nearest_places', 'likely_places'):
-        monkeypatch.setattr(disc_search, name, start_badly)
-    monkeypatch.setattr(disc_search, 'descend', lambda pairs, start: start)
+def test_a_bound_that_is_none_is_noticed(weaken, search_badly, monkeypatch):
     least_in = Pairs.least_in
 
     def wrong(self, sectors):

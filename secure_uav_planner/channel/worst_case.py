@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .disc_search import DiscSearch, leak_of, likely_places, TOLERANCE
+from .disc_search import leak_of, TOLERANCE
 from .inverse_sinr import Pairs
+from .kernel_search import likely_places, search_of
 from .links import FreeSpace, guaranteed_squared_distance
 from .rates import ground_rates, guaranteed_rates, rate_of
 from ..scenario import Array, Scenario
@@ -98,8 +99,8 @@ def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
     active = np.flatnonzero(leaks > TOLERANCE)
     if active.size:
         slot = np.repeat(np.arange(len(active)), most.shape[1])
-        search = DiscSearch(_pairs(scenario, offsets[:, active], powers[:, active]), slot,
-                            most[active].ravel())
+        search = search_of(_pairs(scenario, offsets[:, active], powers[:, active]), slot,
+                           most[active].ravel())
         leaks[active] = np.minimum(leaks[active], search.proven_leaks() + _ROUNDING)
         eves[active], places[active] = search.pair % most.shape[1], search.place
     return leaks, scenario.eavesdropper_positions[eves] + places

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .barrier import Barrier
-from .kernel import make_barrier
+from .kernel_barrier import make_barrier
 from .schedule import SCHEDULE, Schedule
 from .starts import refined, several_starts, strictly_feasible
 from .worst_places import WorstPlaces

@@ -1,36 +1,28 @@
-"""The barrier method by the compiled kernel, behind the interface of barrier.Barrier."""
+"""The barrier method by the compiled kernel, behind the interface of Barrier."""
 
 from collections.abc import Callable, Iterable
 from functools import cache
-from importlib import import_module
-import logging
-import os
 import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .sources import digest
-from ..barrier import Barrier
-from ..schedule import Schedule
-from ..worst_places import WorstPlaces
-from ....channel.derivatives import Receivers
-from ....channel.links import FreeSpace
-from ....errors import NumericalError
-from ....grid import Grid
-from ....limits import AccelerationLimit, AveragePower, limits_of, PeakPower, SpeedLimit
-from ....limits.base import Limit
-from ....limits.norm import NormLimit
-from ....scenario import Array
+from .barrier import Barrier
+from .schedule import Schedule
+from .worst_places import WorstPlaces
+from ...channel.derivatives import Receivers
+from ...channel.links import FreeSpace
+from ...errors import NumericalError
+from ...grid import Grid
+from ...kernel import compiled
+from ...limits import AccelerationLimit, AveragePower, limits_of, PeakPower, SpeedLimit
+from ...limits.base import Limit
+from ...limits.norm import NormLimit
+from ...scenario import Array
 
 SUPPORTED = frozenset({SpeedLimit, AccelerationLimit, PeakPower, AveragePower})
 """The limits that the kernel knows. With another one, the mission is left to NumPy."""
-
-SWITCH = 'SECURE_UAV_PLANNER_KERNEL'
-"""Environment variable; with the value 0 the kernel is not used."""
-
-_LOG = logging.getLogger(__name__)
 
 
 class UnknownProblemError(ValueError):
@@ -62,7 +54,8 @@ class KernelBarrier(Barrier):
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
         self._core = core.Barrier(
-            _problem(grid, limits, self.receivers, schedule, places), self.x, self.mu, self.finished)
+            _problem(grid, limits, self.receivers, schedule, places),
+            self.x, self.mu, self.finished)
 
     def keep(self, chosen: NDArray[np.intp]) -> None:
         """Go on with some of the starts only, given as an index array."""
@@ -113,25 +106,6 @@ def is_known(limits: Iterable[Limit], receivers: Receivers) -> bool:
     """Return whether the kernel knows all limits and the channel."""
     return (type(receivers.link) is FreeSpace
             and all(type(limit) in SUPPORTED for limit in limits))
-
-
-@cache
-def compiled() -> Any:
-    """Return the compiled module, or None, with a line in the log, where it cannot be used."""
-    if os.environ.get(SWITCH) == '0':
-        return None
-    try:
-        module = import_module('_secure_uav_planner_kernel')
-        sources = module.sources
-    # Whatever a kernel of another Python or of another machine raises.
-    except Exception as error:
-        _LOG.warning('the planner runs without its compiled kernel: %s', error)
-        return None
-    if sources != digest():
-        _LOG.warning('the planner runs without its compiled kernel, which belongs to another '
-                     'version of the package; install the package again')
-        return None
-    return module
 
 
 def _problem(grid: Grid, limits: Iterable[Limit], receivers: Receivers,

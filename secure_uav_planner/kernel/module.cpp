@@ -1,4 +1,4 @@
-// What Python sees of the kernel; see barrier.py beside this file.
+// What Python sees of the kernel; see kernel_barrier.py and kernel_search.py in the package.
 //
 // Arrays come by the buffer protocol, so that any NumPy will do.
 #include <pybind11/pybind11.h>
@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "discs.hpp"
 #include "starts.hpp"
 
 namespace py = pybind11;
@@ -136,6 +137,11 @@ kernel::Problem problem_of(const py::dict& given) {
     return found;
 }
 
+void look_for_signals() {
+    const py::gil_scoped_acquire acquire;
+    if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
 // Starts with the arrays of Python in which they are.
 class Barrier {
 public:
@@ -151,8 +157,8 @@ public:
     std::size_t iterate(double final, const py::function& check) {
         const py::gil_scoped_release release;
         return starts_.iterate(final, [&check] {
+            look_for_signals();
             const py::gil_scoped_acquire acquire;
-            if (PyErr_CheckSignals() != 0) throw py::error_already_set();
             check();
         });
     }
@@ -202,11 +208,66 @@ private:
     std::unique_ptr<View<bool>> finished_;
 };
 
+// The Pairs of channel/inverse_sinr.py in the arrays of Python.
+class PairsView {
+public:
+    explicit PairsView(const py::dict& given)
+        : x_(given["x"].cast<py::buffer>(), "x"), y_(given["y"].cast<py::buffer>(), "y"),
+          squared_altitudes_(given["squared_altitudes"].cast<py::buffer>(), "squared_altitudes"),
+          noise_(given["noise"].cast<py::buffer>(), "noise"),
+          radius_(given["radius"].cast<py::buffer>(), "radius"),
+          jamming_(given["jamming"].cast<py::buffer>(), "jamming") {
+        const std::size_t count = noise_.size(), uavs = squared_altitudes_.size();
+        expect(uavs >= 1 && radius_.size() == count, "radius");
+        expect(x_.size() == count * uavs && y_.size() == count * uavs, "x, y");
+        expect(jamming_.size() == count * (uavs - 1), "jamming");
+    }
+    kernel::Pairs pairs() const {
+        return {noise_.size(), int(squared_altitudes_.size()), x_.data(), y_.data(),
+                squared_altitudes_.data(), noise_.data(), radius_.data(), jamming_.data()};
+    }
+
+private:
+    View<double> x_, y_, squared_altitudes_, noise_, radius_, jamming_;
+};
+
+void likely_places(const py::dict& given, const py::buffer& found) {
+    const PairsView view(given);
+    const kernel::Pairs pairs = view.pairs();
+    const View<double> places(found, "found", true);
+    expect(places.size() == 3 * pairs.count, "found");
+    const py::gil_scoped_release release;
+    double* v = places.data();
+    kernel::likely_places(pairs, v, v + pairs.count, v + 2 * pairs.count);
+}
+
+void prove(const py::dict& given, const py::buffer& slot, const py::buffer& most,
+           std::int64_t most_sectors, const py::buffer& leaks, const py::buffer& pair,
+           const py::buffer& place) {
+    const PairsView view(given);
+    const kernel::Pairs pairs = view.pairs();
+    const View<std::int64_t> slots(slot, "slot");
+    const View<double> mosts(most, "most"), leak(leaks, "leaks", true);
+    const View<std::int64_t> of_pair(pair, "pair", true);
+    const View<double> places(place, "place", true);
+    expect(slots.size() == pairs.count && mosts.size() == pairs.count, "slot, most");
+    expect(of_pair.size() == leak.size() && places.size() == 2 * leak.size(), "pair, place");
+    for (std::size_t i = 0; i < pairs.count; ++i)
+        expect(slots.data()[i] >= (i ? slots.data()[i - 1] : 0)
+                   && std::size_t(slots.data()[i]) < leak.size(), "slot");
+    const kernel::Proof proof{slots.data(), mosts.data(), most_sectors,
+                              leak.data(), of_pair.data(), places.data()};
+    const py::gil_scoped_release release;
+    kernel::prove(pairs, proof, look_for_signals);
+}
+
 }  // namespace
 
 PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
-    module.doc() = "The compiled form of the joint method's barrier method.";
+    module.doc() = "The compiled form of the joint method's steps and of the worst case.";
     module.attr("sources") = KERNEL_SOURCES;
+    module.def("likely_places", &likely_places);
+    module.def("prove", &prove);
     py::class_<Barrier>(module, "Barrier")
         .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&>())
         .def("iterate", &Barrier::iterate)

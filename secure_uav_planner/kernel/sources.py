@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-UNITS = ('module.cpp', 'newton.cpp', 'starts.cpp', 'linear.cpp')
+UNITS = ('module.cpp', 'newton.cpp', 'starts.cpp', 'linear.cpp', 'discs.cpp')
 """What is compiled; everything else is included by these."""
 
 
