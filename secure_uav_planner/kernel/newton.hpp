@@ -91,10 +91,7 @@ public:
     Outcome iterate(State& state, double final, const std::atomic<bool>& stop) override {
         const double mu = *state.mu;
         Evaluation& here = state.here;
-        if (!state.known) {
-            evaluate(state.x, mu, here);
-            clip_duals(state, here, state.x, mu);
-        }
+        if (!state.known) evaluate(state.x, mu, here);
         if (stop) return Outcome::stopped;
         model(state, here, mu);
         if (stop) return Outcome::stopped;

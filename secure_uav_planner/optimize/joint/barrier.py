@@ -135,7 +135,8 @@ class Barrier:
         here = self._known
         if here is None or self._has_lines:  # which are chosen anew for every step
             here = Evaluation(self, Iterate(self.grid, x), mu, here)
-            self._clip_duals(here.margins)
+            if self._has_lines:
+                self._clip_duals(here.margins)
         self._base = here.iterate
         self.check()
         gradient, hessian, leaks = self._model_of_slots(here)
