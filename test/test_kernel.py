@@ -22,6 +22,7 @@ from secure_uav_planner.grid import Grid
 from secure_uav_planner.kernel import loading
 from secure_uav_planner.limits import limits_of, SpeedLimit
 from secure_uav_planner.limits.base import Iterate
+from secure_uav_planner.limits.lines import LineLimit
 from secure_uav_planner.optimize.joint import kernel_barrier as kernel
 from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.kernel_barrier import KernelBarrier, make_barrier
@@ -129,6 +130,54 @@ def test_starts_take_the_same_ten_steps(scenario):
         barrier.keep(chosen)
     assert both.iterate(SCHEDULE.coarse_mu)
     assert both.steady().any()
+
+
+def of_city(*uavs, pieces=1):
+    """Return the mission in the city with some of its UAVs, whose zones are divided."""
+    city = Scenario.load(ROOT / 'config' / 'city.yaml')
+    zones = tuple(
+        replace(zone, vertices=tuple(zone.vertices[0] + share * (
+            np.array(zone.vertices) - zone.vertices[0])), name=f'{zone.name} {number}')
+        for zone in city.no_fly_zones for number, share in enumerate(
+            np.linspace(1.0, 0.5, pieces).tolist()))
+    return replace(city, uavs=tuple(city.uavs[uav] for uav in uavs), no_fly_zones=zones)
+
+
+def without_acceleration_limit(scenario, *uavs):
+    return replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=None) if number in uavs else uav
+        for number, uav in enumerate(scenario.uavs)))
+
+
+LINES = {
+    'city': of_city(0, 1, 2), 'alone': of_city(0), 'many pieces': of_city(0, 1, pieces=4),
+    'straight': without_acceleration_limit(of_city(0, 1), 0, 1),
+    'one straight': without_acceleration_limit(of_city(0, 1, 2), 1),
+    'side by side': replace(Scenario.paper(120.0), separation=18.0, uavs=tuple(
+        replace(uav, start=(uav.start[0] + 20.0 * number, uav.start[1]),
+                goal=(uav.goal[0] + 20.0 * number, uav.goal[1]), altitude=100.0)
+        for number, uav in enumerate(Scenario.paper().uavs))),
+    'free ends': replace(of_city(0, 1), uavs=tuple(
+        replace(uav, start_velocity=None, goal_velocity=None) for uav in of_city(0, 1).uavs))}
+
+
+@needs_kernel
+@pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
+@pytest.mark.parametrize('name', LINES)
+def test_beyond_lines_four_steps_are_the_same(name, objective):
+    grid = Grid.of(LINES[name], 30)
+    lines = [limit for limit in limits_of(grid.scenario, grid) if isinstance(limit, LineLimit)]
+    assert lines
+    x, mu = several_starts(grid, SCHEDULE)[:2]
+    both = Both(grid, x[:3], mu[:3]) if objective == 'guaranteed' else (
+        Both.against_places(grid, x[0]))
+    for _ in range(4):
+        assert both.iterate(SCHEDULE.coarse_mu)
+        both.steady()
+        assert both.same().any()
+    # The lines have not been far away all the time.
+    least = min(limit.margin(Iterate(grid, both.numpy.x)).min() for limit in lines)
+    assert 0 < least < 0.5
 
 
 @needs_kernel

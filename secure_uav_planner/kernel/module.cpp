@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "clearances.hpp"
 #include "discs.hpp"
 #include "starts.hpp"
 
@@ -101,6 +102,79 @@ kernel::NormLimit norm_of(const kernel::Problem& problem, const py::dict& given)
     return found;
 }
 
+std::vector<int> integers(const py::handle& given, std::size_t size, int below,
+                          const char* name) {
+    const Reals found = reals(given, size, name);
+    for (const double number : found) expect(number >= 0.0 && number < below, name);
+    return std::vector<int>(found.begin(), found.end());
+}
+
+std::vector<kernel::Point> points(const py::handle& given, std::size_t size, const char* name) {
+    const Reals found = reals(given, 2 * size, name);
+    std::vector<kernel::Point> points;
+    for (std::size_t i = 0; i < size; ++i) points.push_back({found[2 * i], found[2 * i + 1]});
+    return points;
+}
+
+std::size_t size_of(const py::dict& given, const char* name) {
+    return View<double>(given[name].cast<py::buffer>(), name).size();
+}
+
+kernel::Tracks tracks_of(const kernel::Problem& problem, const py::dict& given) {
+    kernel::Tracks found;
+    found.points = problem.slots + 2;
+    found.corners = given["corners"].cast<int>();
+    expect(found.corners >= 1 && found.corners <= 3, "corners");
+    const std::size_t tracks = size_of(given, "uav");
+    const std::size_t size = std::size_t(found.points) * tracks * found.corners;
+    found.uav = integers(given["uav"], tracks, problem.uavs, "uav");
+    found.weights = reals(given["weights"], 3 * size, "weights");
+    found.all = reals(given["all"], 3 * size, "all");
+    found.constant = reals(given["constant"], 2 * size, "constant");
+    for (std::size_t i = 0; i < found.weights.size(); ++i) {
+        const std::ptrdiff_t slot =
+            std::ptrdiff_t(i / (3 * tracks * found.corners)) + std::ptrdiff_t(i % 3) - 2;
+        expect(found.weights[i] == 0.0 || (slot >= 0 && slot < problem.slots), "weights");
+    }
+    return found;
+}
+
+// A LineLimit of one of the three kinds, by what its dictionary holds.
+std::shared_ptr<const kernel::LineLimit> lines_of(const kernel::Problem& problem,
+                                                  const py::dict& given) {
+    kernel::Tracks tracks = tracks_of(problem, given);
+    const std::size_t subjects = size_of(given, "first"), corners = tracks.corners;
+    const std::size_t entries = tracks.points * subjects * corners;
+    const int count = int(tracks.uav.size());
+    std::vector<int> second;
+    if (!given["second"].is_none()) second = integers(given["second"], subjects, count, "second");
+    std::shared_ptr<kernel::LineLimit> found;
+    if (given.contains("polygons")) {
+        const View<double> polygons(given["polygons"].cast<py::buffer>(), "polygons");
+        expect(polygons.axes() == 4 && polygons.shape(3) == 2 && corners >= 2, "polygons");
+        const std::size_t uavs = polygons.shape(0), most = polygons.shape(1);
+        const std::size_t vertices = polygons.shape(2), lines = given["most_lines"].cast<int>();
+        expect(vertices >= 1 && lines >= 1 && lines <= most && uavs * lines == subjects,
+               "polygons");
+        found = std::make_shared<kernel::ZoneLimit>(
+            std::move(tracks), points(given["polygons"], uavs * most * vertices, "polygons"),
+            int(uavs), int(most), int(vertices), int(lines));
+    } else if (given.contains("radii")) {
+        expect(corners >= 2 && second.size() == subjects, "second");
+        found = std::make_shared<kernel::SeparationLimit>(
+            std::move(tracks), reals(given["radii"], subjects, "radii"));
+    } else {
+        const std::vector<kernel::Point> normals = points(given["normals"], subjects, "normals");
+        const Reals offsets = reals(given["offsets"], subjects, "offsets");
+        std::vector<kernel::Line> sides;
+        for (std::size_t i = 0; i < subjects; ++i) sides.push_back({normals[i], offsets[i]});
+        found = std::make_shared<kernel::FenceLimit>(std::move(tracks), std::move(sides));
+    }
+    found->set_subjects(integers(given["first"], subjects, count, "first"), std::move(second),
+                        flags(given["ignored"], entries, "ignored"));
+    return found;
+}
+
 kernel::Places places_of(const kernel::Problem& problem, const py::dict& given) {
     const std::size_t places = problem.receivers.count - 1;
     kernel::Places found;
@@ -124,11 +198,10 @@ kernel::Problem problem_of(const py::dict& given) {
     found.fixed = flags(given["fixed"], uavs, "fixed");
     found.squared_altitudes = array("squared_altitudes", uavs);
     found.peaks = array("peaks", uavs);
-    found.reach = 0;
-    for (const py::handle limit : given["norms"].cast<py::list>()) {
+    for (const py::handle limit : given["norms"].cast<py::list>())
         found.norms.push_back(norm_of(found, limit.cast<py::dict>()));
-        found.reach = std::max(found.reach, found.norms.back().order);
-    }
+    for (const py::handle limit : given["lines"].cast<py::list>())
+        found.lines.push_back(lines_of(found, limit.cast<py::dict>()));
     found.numbers = numbers_of(given["numbers"].cast<py::dict>());
     found.receivers = receivers_of(found, given["positions"], given["edge"]);
     found.receivers.snr = array("snr", found.receivers.edge.size());

@@ -40,7 +40,11 @@ public:
         : p_(problem), slots_(problem.slots), count_(problem.uavs),
           eves_(problem.receivers.count - 1) {
         const std::size_t n = slots_, v = 3 * count_;
-        below_ = p_.reach ? p_.reach * int(v) + 1 : int(v) - 1;
+        below_ = p_.below();
+        lines_.resize(p_.lines.size());
+        line_changes_.resize(p_.lines.size());
+        line_moves_.resize(p_.lines.size());
+        pieces_moved_.resize(p_.lines.size());
         gradient_.resize(n * v);
         step_.resize(n * v + below_);
         there_.resize(n * v);
@@ -69,13 +73,15 @@ public:
     void begin(State& state) override {
         differences(state.x, true, state.here.differences);
         margins(state.x, state.here);
+        if (!p_.lines.empty()) choose_lines(state.x, state.here);
         const double mu = *state.mu;
-        state.norm_duals.clear();
-        for (const Reals& of : state.here.norm_margins) {
-            state.norm_duals.emplace_back(of.size());
-            std::transform(of.begin(), of.end(), state.norm_duals.back().begin(),
-                           [mu](double c) { return mu / c; });
-        }
+        const auto central = [mu](const std::vector<Reals>& margins, std::vector<Reals>& duals) {
+            duals = margins;
+            for (Reals& of : duals)
+                for (double& dual : of) dual = mu / dual;
+        };
+        central(state.here.norm_margins, state.norm_duals);
+        central(state.here.line_margins, state.line_duals);
         const int U = uavs();
         state.peak_duals.resize(std::size_t(slots_) * U * 2);
         for (std::size_t n = 0; n < slots_; ++n)
@@ -91,7 +97,10 @@ public:
     Outcome iterate(State& state, double final, const std::atomic<bool>& stop) override {
         const double mu = *state.mu;
         Evaluation& here = state.here;
+        if (!p_.lines.empty()) choose_lines(state.x, here);
         if (!state.known) evaluate(state.x, mu, here);
+        else add_lines(mu, here);
+        if (!p_.lines.empty()) clip_duals(state, here, state.x, mu);
         if (stop) return Outcome::stopped;
         model(state, here, mu);
         if (stop) return Outcome::stopped;
@@ -103,6 +112,10 @@ public:
         if (stop) return Outcome::stopped;
         if (!solved) std::fill(step_.begin(), step_.end(), 0.0);
         differences(step_.data(), false, step_differences_);
+        if (!p_.lines.empty()) follow_path(step_.data(), false);
+        for (std::size_t l = 0; l < p_.lines.size(); ++l)
+            p_.lines[l]->change(lines_[l], path_.data(), uavs(), line_changes_[l],
+                                pieces_moved_[l]);
 
         double length = 0.0;
         const bool at_end = line_search(state, here, mu, stop, length);
@@ -208,7 +221,40 @@ private:
         }
     }
 
-    // The c of all limits but the peaks, from the differences of an evaluation.
+    // The points of flights from start to goal, or of a change of them, (N + 2, U, 2).
+    void follow_path(const double* x, bool ends) {
+        const std::size_t width = 2 * uavs();
+        path_.assign((slots_ + 2) * width, 0.0);
+        if (ends) {
+            std::copy(p_.starts.begin(), p_.starts.end(), path_.begin());
+            std::copy(p_.goals.begin(), p_.goals.end(), path_.end() - width);
+        }
+        for (std::size_t i = 0; i < slots_ * uavs(); ++i) {
+            path_[width + 2 * i] = x[3 * i + 1];
+            path_[width + 2 * i + 1] = x[3 * i + 2];
+        }
+    }
+
+    // Choose the lines for a step, with their c.
+    void choose_lines(const double* x, Evaluation& found) {
+        follow_path(x, true);
+        found.line_margins.resize(p_.lines.size());
+        for (std::size_t l = 0; l < p_.lines.size(); ++l) {
+            p_.lines[l]->choose(path_.data(), uavs(), lines_[l]);
+            p_.lines[l]->margins(lines_[l], path_.data(), uavs(), found.line_margins[l]);
+        }
+    }
+
+    // Find the value with the terms of lines.
+    void add_lines(double mu, Evaluation& found) const {
+        LogSum lines;
+        for (const Reals& margins : found.line_margins)
+            for (const double margin : margins) lines.add(margin);
+        const double value = found.without_lines - mu * lines.total();
+        found.value = std::isfinite(value) ? value : INFINITE;
+    }
+
+    // The c of all limits but the peaks and lines, from the differences of an evaluation.
     void margins(const double* x, Evaluation& found) const {
         const int U = uavs();
         found.norm_margins.resize(p_.norms.size());
@@ -287,7 +333,12 @@ private:
         value -= mu * limits.total();
         for (const double margin : found.mean_margins)
             value -= double(slots_) * mu * std::log(margin);
-        found.value = std::isfinite(value) ? value : INFINITE;
+        found.without_lines = value;
+        if (!p_.lines.empty()) follow_path(x, true);
+        found.line_margins.resize(p_.lines.size());
+        for (std::size_t l = 0; l < p_.lines.size(); ++l)
+            p_.lines[l]->margins(lines_[l], path_.data(), uavs(), found.line_margins[l]);
+        add_lines(mu, found);
     }
 
     // The t that minimises t - mu sum_e log(t - leak_e); see barrier._epigraph.
@@ -504,6 +555,8 @@ private:
                     }
                 }
         }
+        for (std::size_t l = 0; l < p_.lines.size(); ++l)
+            p_.lines[l]->add_gradient(lines_[l], here.line_margins[l], mu, gradient_.data(), U);
         for (std::size_t n = 0; n < slots_; ++n)
             for (int u = 0; u < U; ++u) {
                 const double power = x[(n * U + u) * 3];
@@ -535,6 +588,9 @@ private:
             }
         }
         for (std::size_t l = 0; l < p_.norms.size(); ++l) add_norm(l, state, here);
+        for (std::size_t l = 0; l < p_.lines.size(); ++l)
+            p_.lines[l]->add_curvature(lines_[l], here.line_margins[l], state.line_duals[l],
+                                       band_.data(), height, U);
     }
 
     void add_block(std::size_t n, const double* block) {
@@ -661,12 +717,15 @@ private:
         return false;
     }
 
-    // Bands of the reaches 1 and 2 have a height that is known when compiling.
+    // Bands of the reaches 1, with separation or without, and 2 have a height that is known when
+    // compiling.
     template <typename Function>
     auto with_height(Function function) {
         constexpr int V = 3 * UAVS;
         if (UAVS && below_ == V + 1) return function(std::integral_constant<int, V + 1>());
         if (UAVS && below_ == 2 * V + 1) return function(std::integral_constant<int, 2 * V + 1>());
+        if (UAVS > 1 && below_ == 2 * V - 2)
+            return function(std::integral_constant<int, (UAVS > 1) ? 2 * V - 2 : 0>());
         return function(std::integral_constant<int, 0>());
     }
 
@@ -712,6 +771,9 @@ private:
                     flights_[u] = std::min(most, length);
                 }
         }
+        for (std::size_t l = 0; l < p_.lines.size(); ++l)
+            p_.lines[l]->longest_step(lines_[l], here.line_margins[l], line_changes_[l],
+                                      pieces_moved_[l], share, flights_.data());
         for (const double length : flights_) least = std::min(least, length);
         for (std::size_t n = 0; n < slots_; ++n)
             for (int u = 0; u < U; ++u) {
@@ -805,6 +867,12 @@ private:
                         move_of(state.norm_duals[l][i], margin, along, mu, by);
                 }
         }
+        for (std::size_t l = 0; l < p_.lines.size(); ++l) {
+            line_moves_[l].resize(p_.lines[l]->entries());
+            for (std::size_t i = 0; i < line_moves_[l].size(); ++i)
+                line_moves_[l][i] = move_of(state.line_duals[l][i], here.line_margins[l][i],
+                                            line_changes_[l][i], mu, by);
+        }
         for (std::size_t n = 0; n < slots_; ++n)
             for (int u = 0; u < U; ++u) {
                 const std::size_t i = n * U + u;
@@ -834,6 +902,7 @@ private:
             for (std::size_t i = 0; i < duals.size(); ++i) duals[i] += by * moves[i];
         };
         for (std::size_t l = 0; l < p_.norms.size(); ++l) go(state.norm_duals[l], norm_moves_[l]);
+        for (std::size_t l = 0; l < p_.lines.size(); ++l) go(state.line_duals[l], line_moves_[l]);
         go(state.peak_duals, peak_moves_);
         go(state.mean_duals, mean_moves_);
         clip_duals(state, moved ? trial_ : here, moved ? there_.data() : state.x, mu);
@@ -849,6 +918,9 @@ private:
         for (std::size_t l = 0; l < p_.norms.size(); ++l)
             for (std::size_t i = 0; i < state.norm_duals[l].size(); ++i)
                 clip(state.norm_duals[l][i], mu / now.norm_margins[l][i]);
+        for (std::size_t l = 0; l < p_.lines.size(); ++l)
+            for (std::size_t i = 0; i < state.line_duals[l].size(); ++i)
+                clip(state.line_duals[l][i], mu / now.line_margins[l][i]);
         for (std::size_t i = 0; i < slots_ * U; ++i)
             for (int side = 0; side < 2; ++side)
                 clip(state.peak_duals[2 * i + side],
@@ -909,6 +981,10 @@ private:
     Reals zeros_, moves_, followed_;
     Reals peak_moves_, mean_moves_, leak_gradients_, leak_central_, leak_moves_;
     std::vector<Reals> step_differences_, norm_moves_;
+    // Of every LineLimit: the lines of this step, and its change of c and of duals.
+    std::vector<Lines> lines_;
+    std::vector<Reals> line_changes_, line_moves_, pieces_moved_;
+    Reals path_;
     std::vector<char> convex_;
 };
 

@@ -1,11 +1,12 @@
 // What is to be solved, in the units of a Grid; see barrier.py for the method itself.
 #pragma once
 
-#include <vector>
+#include <algorithm>
+#include <memory>
+
+#include "lines.hpp"
 
 namespace kernel {
-
-using Reals = std::vector<double>;
 
 // The numbers of the Schedule that a Newton step needs.
 struct Numbers {
@@ -39,14 +40,24 @@ struct Places {
 
 // A problem on a grid: (P1) with places, or (P2) without.
 struct Problem {
-    int slots, uavs, reach;
+    int slots, uavs;
     Reals starts, goals;          // (U, 2).
     std::vector<char> fixed;      // UAVs whose positions are no variables, (U).
     Reals squared_altitudes, peaks;  // (U).
     std::vector<NormLimit> norms;
+    std::vector<std::shared_ptr<const LineLimit>> lines;
     Receivers receivers;
     Places places;
     Numbers numbers;
+
+    // How many rows of the Hessian's band are below its diagonal; see Limit.height.
+    int below() const {
+        const int size = 3 * uavs;
+        int found = size - 1;
+        for (const NormLimit& limit : norms) found = std::max(found, limit.order * size + 1);
+        for (const auto& limit : lines) found = std::max(found, limit->below(size));
+        return found;
+    }
 };
 
 }  // namespace kernel

@@ -4,7 +4,8 @@ import hashlib
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-UNITS = ('module.cpp', 'newton.cpp', 'starts.cpp', 'linear.cpp', 'discs.cpp')
+UNITS = ('module.cpp', 'newton.cpp', 'starts.cpp', 'linear.cpp', 'lines.cpp', 'clearances.cpp',
+         'nearest.cpp', 'discs.cpp')
 """What is compiled; everything else is included by these."""
 
 

@@ -41,7 +41,9 @@ struct Evaluation {
     Reals leaks, largest;               // (N, E), (N); of one eavesdropper not kept.
     std::vector<Reals> differences;     // Of every NormLimit, (M, U, 2),
     std::vector<Reals> norm_margins;    // and its c, (M, U).
+    std::vector<Reals> line_margins;    // c of every LineLimit, (M, G, K).
     Reals mean_margins;                 // c of the average powers, (U).
+    double without_lines = 0.0;         // The value without the terms of LineLimits.
 };
 
 // What stays of a start from one step to the next.
@@ -50,7 +52,8 @@ struct State {
     double* mu = nullptr;      // Likewise.
     bool* finished = nullptr;  // Likewise.
     int age = 0;
-    std::vector<Reals> norm_duals;   // Of every NormLimit, (M, U).
+    std::vector<Reals> norm_duals;   // Of every NormLimit, (M, U),
+    std::vector<Reals> line_duals;   // and of every LineLimit, (M, G, K).
     Reals peak_duals, mean_duals;    // (N, U, 2), (U).
     Reals shares;                    // Duals of the leaks, (N, E), or empty before the first step.
     bool known = false;              // Whether `here` is the evaluation at x and mu.

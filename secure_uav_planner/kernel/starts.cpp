@@ -65,9 +65,9 @@ void Starts::work(std::size_t number, double final) {
 }
 
 double Starts::cost() const {
-    const double row = 3.0 * problem_.uavs;
-    return double(states_.size()) * problem_.slots * row
-        * (row * (problem_.reach + 1) * (problem_.reach + 1) + 4.0 * row * problem_.receivers.count);
+    const double row = 3.0 * problem_.uavs, high = below_ + row;
+    return double(states_.size()) * problem_.slots
+        * (high * high + 4.0 * row * row * problem_.receivers.count);
 }
 
 std::size_t Starts::iterate(double final, const std::function<void()>& wait) {

@@ -13,7 +13,8 @@ namespace kernel {
 
 class Starts {
 public:
-    explicit Starts(Problem problem) : problem_(std::move(problem)) {}
+    explicit Starts(Problem problem)
+        : problem_(std::move(problem)), below_(problem_.below()) {}
     Starts(const Starts&) = delete;
 
     // Add a start whose arrays stay where they are; see State.
@@ -37,6 +38,7 @@ private:
     double cost() const;
 
     Problem problem_;
+    const int below_;
     std::vector<State> states_;
     std::vector<std::unique_ptr<Newton>> workers_;
     std::atomic<bool> stop_{false};

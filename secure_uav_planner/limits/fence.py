@@ -17,6 +17,9 @@ class FenceLimit(LineLimit):
     No UAV leaves the convex hull of the geofence: every control point is within its sides.
 
     Points that no UAV could take so far, with its speed, have no c.
+
+    :ivar normals: of the sides of every UAV, inwards, (G, 2).
+    :ivar offsets: likewise, (G,) in units.
     """
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
@@ -24,7 +27,7 @@ class FenceLimit(LineLimit):
         number = np.arange(self.grid.slots + 2.0)[:, None]
         steps = (scenario.max_speeds * self.grid.slot_duration / self.grid.length)[self.first]
         for ends, moves in ((self.grid.starts, number), (self.grid.goals, number[::-1])):
-            margin = (self._normals * ends[self.first]).sum(axis=-1) - self._offsets
+            margin = (self.normals * ends[self.first]).sum(axis=-1) - self.offsets
             self.ignored |= (margin > (1 + _ROUNDING) * moves * steps)[..., None]
         self._has_ignored = bool(self.ignored.any())
 
@@ -36,12 +39,12 @@ class FenceLimit(LineLimit):
     def _subjects(self) -> tuple[Tracks, NDArray[np.intp], NDArray[np.intp] | None]:
         outward, offsets = airspace_of(self.scenario).hull
         uavs = len(self.scenario.uavs)
-        self._normals = np.tile(-outward, (uavs, 1))
-        self._offsets = np.tile(outward @ self.grid.origin - offsets, uavs) / self.grid.length
+        self.normals = np.tile(-outward, (uavs, 1))
+        self.offsets = np.tile(outward @ self.grid.origin - offsets, uavs) / self.grid.length
         return (Tracks.of_points(self.grid), np.repeat(np.arange(uavs), len(offsets)), None)
 
     def lines(self, places: Array) -> Lines:
         """Return the sides of the hull; see LineLimit."""
         shape = places.shape[:3]
-        return Lines(np.broadcast_to(self._normals, (*shape, 2)),
-                     np.broadcast_to(self._offsets, shape))
+        return Lines(np.broadcast_to(self.normals, (*shape, 2)),
+                     np.broadcast_to(self.offsets, shape))

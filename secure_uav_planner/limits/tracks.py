@@ -43,6 +43,8 @@ class Tracks:
     :ivar uav: whose each track is, (T,).
     :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, T, K, 3); zero for points
         that do not vary.
+    :ivar all_weights: likewise, of all points.
+    :ivar constant: what each control point has besides, (N+2, T, K, 2) in units.
     """
 
     def __init__(self, grid: Grid, together: bool) -> None:
@@ -61,9 +63,9 @@ class Tracks:
         self.uav: NDArray[np.intp] = np.repeat(np.arange(len(kinds)), len(kinds[0]))
         weights = np.array([one for kind in kinds for one in kind])
         self.weights: Array = np.repeat(weights[None], grid.slots + 2, axis=0)
-        self._constant = np.zeros((*self.weights.shape[:-1], 2))
+        self.constant = np.zeros((*self.weights.shape[:-1], 2))
         self._close_ends(smooth)
-        self._all = self.weights.copy()
+        self.all_weights = self.weights.copy()
         # Of points that do not vary, only the places count.
         self.weights[0, ..., 1] = self.weights[-1, ..., 1] = 0.0
         self.weights[1, ..., 0] = self.weights[-2, ..., 2] = 0.0
@@ -87,7 +89,7 @@ class Tracks:
                     weights[:, 1] += beyond
                     weights[:, inner] -= beyond
                 else:
-                    self._constant[end, track] += beyond[:, None] * (
+                    self.constant[end, track] += beyond[:, None] * (
                         sign * np.array(velocity) * duration / self.grid.length)
 
     def at(self, path: Array) -> Array:
@@ -96,7 +98,7 @@ class Tracks:
 
         :param path: points with start and goal in units, (S, N+2, U, 2).
         """
-        return self._combined(self._all, path) + self._constant
+        return self._combined(self.all_weights, path) + self.constant
 
     def change(self, path: Array) -> Array:
         """Return the change of the control points, likewise, by that of the points."""
@@ -142,11 +144,11 @@ class Tracks:
         :return: a sparse matrix, (N+2, N+2), and a constant in units, (N+2, 2).
         """
         count = self.grid.slots + 2
-        weights = self._all[:, track, place]
+        weights = self.all_weights[:, track, place]
         found = sparse.diags_array(
             [weights[1:, 0], weights[:, 1], weights[:-1, 2]], offsets=[-1, 0, 1],
             shape=(count, count), format='csr')
-        return found, self._constant[:, track, place]
+        return found, self.constant[:, track, place]
 
 
 def _kinds(grid: Grid, together: bool) -> list[list[_Piece]]:

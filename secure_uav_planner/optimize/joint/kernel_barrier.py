@@ -16,12 +16,16 @@ from ...channel.links import FreeSpace
 from ...errors import NumericalError
 from ...grid import Grid
 from ...kernel import compiled
-from ...limits import AccelerationLimit, AveragePower, limits_of, PeakPower, SpeedLimit
+from ...limits import (
+    AccelerationLimit, AveragePower, FenceLimit, limits_of, PeakPower, SeparationLimit, SpeedLimit,
+    ZoneLimit)
 from ...limits.base import Limit
+from ...limits.lines import LineLimit
 from ...limits.norm import NormLimit
 from ...scenario import Array
 
-SUPPORTED = frozenset({SpeedLimit, AccelerationLimit, PeakPower, AveragePower})
+SUPPORTED = frozenset({SpeedLimit, AccelerationLimit, PeakPower, AveragePower, FenceLimit,
+                       SeparationLimit, ZoneLimit})
 """The limits that the kernel knows. With another one, the mission is left to NumPy."""
 
 
@@ -119,6 +123,7 @@ def _problem(grid: Grid, limits: Iterable[Limit], receivers: Receivers,
         'snr': _plain(np.broadcast_to(link.reference_snr, receivers.edge.shape)),
         'squared_altitudes': _plain(link.squared_altitudes), 'peaks': _plain(peaks),
         'norms': [_norm(limit) for limit in limits if isinstance(limit, NormLimit)],
+        'lines': [_lines(limit) for limit in limits if isinstance(limit, LineLimit)],
         'positions': _plain(receivers.positions), 'edge': _plain(receivers.edge),
         'places': None if places is None else _places(places),
         'numbers': _numbers(schedule)}
@@ -143,6 +148,23 @@ def _norm(limit: NormLimit) -> dict[str, Any]:
                  else np.zeros((2, len(limit.grid.fixed), 2)))
     return {'order': limit.reach, 'square': _plain(limit.square),
             'ignored': _plain(limit.ignored), 'end_moves': _plain(end_moves)}
+
+
+def _lines(limit: LineLimit) -> dict[str, Any]:
+    """Return a limit with lines as the kernel asks for it."""
+    tracks = limit.tracks
+    found = {'corners': tracks.weights.shape[2], 'uav': _plain(tracks.uav),
+             'weights': _plain(tracks.weights), 'all': _plain(tracks.all_weights),
+             'constant': _plain(tracks.constant), 'first': _plain(limit.first),
+             'second': None if limit.second is None else _plain(limit.second),
+             'ignored': _plain(limit.ignored)}
+    if isinstance(limit, ZoneLimit):
+        found |= {'polygons': _plain(limit.polygons), 'most_lines': limit.most_lines}
+    elif isinstance(limit, SeparationLimit):
+        found['radii'] = _plain(limit.radii)
+    elif isinstance(limit, FenceLimit):
+        found |= {'normals': _plain(limit.normals), 'offsets': _plain(limit.offsets)}
+    return found
 
 
 def _plain(values: NDArray[Any]) -> Array:

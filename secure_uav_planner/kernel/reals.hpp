@@ -1,0 +1,10 @@
+// Arrays of numbers.
+#pragma once
+
+#include <vector>
+
+namespace kernel {
+
+using Reals = std::vector<double>;
+
+}  // namespace kernel
