@@ -44,62 +44,87 @@ int LineLimit::below(int variables) const {
     return reach ? int(reach) * variables + 1 : variables - 1;
 }
 
-Point LineLimit::track_at(const Reals& weights, std::size_t point, int track, int corner,
-                          const double* path, int uavs) const {
-    const std::size_t i = (point * tracks_.uav.size() + track) * tracks_.corners + corner;
-    const double* by = &weights[3 * i];
-    const double* at = path + 2 * (point * uavs + tracks_.uav[track]);
-    Point found{by[1] * at[0], by[1] * at[1]};
-    if (point > 0) {
-        found.x += by[0] * at[-2 * uavs];
-        found.y += by[0] * at[-2 * uavs + 1];
+// The control points of the tracks around a point, (T, K).
+void LineLimit::control_points(const Reals& weights, std::size_t point, const double* path,
+                               int uavs, Point* found) const {
+    const std::size_t tracks = tracks_.uav.size();
+    const bool first = point == 0, last = point + 1 == std::size_t(tracks_.points);
+    for (std::size_t track = 0; track < tracks; ++track) {
+        const double* at = path + 2 * (point * uavs + tracks_.uav[track]);
+        const Point here{at[0], at[1]};
+        const Point before = first ? Point{} : Point{at[-2 * uavs], at[-2 * uavs + 1]};
+        const Point after = last ? Point{} : Point{at[2 * uavs], at[2 * uavs + 1]};
+        const double* by = &weights[(point * tracks + track) * tracks_.corners * 3];
+        for (int corner = 0; corner < tracks_.corners; ++corner, by += 3)
+            *found++ = {by[1] * here.x + by[0] * before.x + by[2] * after.x,
+                        by[1] * here.y + by[0] * before.y + by[2] * after.y};
     }
-    if (point + 1 < std::size_t(tracks_.points)) {
-        found.x += by[2] * at[2 * uavs];
-        found.y += by[2] * at[2 * uavs + 1];
-    }
-    return found;
 }
 
-Point LineLimit::place(std::size_t point, std::size_t subject, int corner, const double* path,
-                       int uavs) const {
-    const auto at = [&](int track) {
-        Point found = track_at(tracks_.all, point, track, corner, path, uavs);
-        const double* constant = &tracks_.constant[
-            ((point * tracks_.uav.size() + track) * tracks_.corners + corner) * 2];
-        return Point{found.x + constant[0], found.y + constant[1]};
-    };
-    const Point found = at(first_[subject]);
-    return second_.empty() ? found : found - at(second_[subject]);
+// What lines are about around a point, (G, K), of the tracks' control points.
+void LineLimit::subjects_of(const Point* points, Point* found) const {
+    for (std::size_t subject = 0; subject < subjects(); ++subject) {
+        const Point* first = points + first_[subject] * tracks_.corners;
+        const Point* second =
+            second_.empty() ? nullptr : points + second_[subject] * tracks_.corners;
+        for (int corner = 0; corner < tracks_.corners; ++corner)
+            *found++ = second ? first[corner] - second[corner] : first[corner];
+    }
 }
 
-Point LineLimit::moved_by(std::size_t point, std::size_t subject, int corner,
-                          const double* path, int uavs) const {
-    const Reals& weights = tracks_.weights;
-    const Point found = track_at(weights, point, first_[subject], corner, path, uavs);
-    return second_.empty() ? found
-        : found - track_at(weights, point, second_[subject], corner, path, uavs);
+// Call a function for every point with the places, or the moves, of its subjects (G, K).
+template <typename Function>
+void LineLimit::around_points(bool moves, const double* path, int uavs,
+                              Function function) const {
+    const std::size_t count = tracks_.uav.size() * tracks_.corners;
+    std::vector<Point> points(count), found(subjects() * tracks_.corners);
+    for (std::size_t n = 0; n < std::size_t(tracks_.points); ++n) {
+        control_points(moves ? tracks_.weights : tracks_.all, n, path, uavs, points.data());
+        if (!moves)
+            for (std::size_t i = 0; i < count; ++i) {
+                points[i].x += tracks_.constant[2 * (n * count + i)];
+                points[i].y += tracks_.constant[2 * (n * count + i) + 1];
+            }
+        subjects_of(points.data(), found.data());
+        function(n, found.data());
+    }
 }
 
 void LineLimit::choose(const double* path, int uavs, Lines& lines) const {
-    std::vector<Point> places(subjects() * tracks_.corners);
     lines.of.resize(tracks_.points * subjects());
-    for (std::size_t n = 0; n < std::size_t(tracks_.points); ++n) {
-        for (std::size_t i = 0; i < places.size(); ++i)
-            places[i] = place(n, i / tracks_.corners, int(i % tracks_.corners), path, uavs);
-        choose_at(n, places.data(), lines);
-    }
+    around_points(false, path, uavs, [&](std::size_t point, const Point* places) {
+        choose_at(point, places, lines);
+    });
 }
 
 void LineLimit::margins(const Lines& lines, const double* path, int uavs, Reals& c) const {
     c.resize(entries());
-    for (std::size_t i = 0; i < c.size(); ++i) {
-        const std::size_t piece = i / tracks_.corners;
-        const Line& line = lines.of[piece];
-        c[i] = ignored_[i] ? 1.0
-            : dot(line.normal, place(piece / subjects(), piece % subjects(),
-                                     int(i % tracks_.corners), path, uavs)) - line.offset;
-    }
+    around_points(false, path, uavs, [&](std::size_t point, const Point* places) {
+        std::size_t i = point * subjects() * tracks_.corners;
+        for (std::size_t subject = 0; subject < subjects(); ++subject) {
+            const Line& line = lines.of[point * subjects() + subject];
+            for (int corner = 0; corner < tracks_.corners; ++corner, ++i, ++places)
+                c[i] = ignored_[i] ? 1.0 : dot(line.normal, *places) - line.offset;
+        }
+    });
+}
+
+void LineLimit::change(const Lines& lines, const double* path, int uavs, Reals& change,
+                       Reals& moved) const {
+    change.resize(entries());
+    moved.assign(lines.room.size(), 0.0);
+    around_points(true, path, uavs, [&](std::size_t point, const Point* moves) {
+        std::size_t i = point * subjects() * tracks_.corners;
+        for (std::size_t subject = 0; subject < subjects(); ++subject) {
+            const std::size_t piece = point * subjects() + subject;
+            const Line& line = lines.of[piece];
+            for (int corner = 0; corner < tracks_.corners; ++corner, ++i, ++moves) {
+                change[i] = ignored_[i] ? 0.0 : dot(line.normal, *moves);
+                if (!moved.empty())
+                    moved[piece] = std::max(moved[piece], std::sqrt(dot(*moves, *moves)));
+            }
+        }
+    });
 }
 
 void LineLimit::add_gradient(const Lines& lines, const Reals& c, double mu, double* gradient,
@@ -117,19 +142,6 @@ void LineLimit::add_gradient(const Lines& lines, const Reals& c, double mu, doub
             at[1] -= force * found[part].weight * normal.x;
             at[2] -= force * found[part].weight * normal.y;
         }
-    }
-}
-
-void LineLimit::change(const Lines& lines, const double* path, int uavs, Reals& change,
-                       Reals& moved) const {
-    change.resize(entries());
-    moved.assign(lines.room.size(), 0.0);
-    for (std::size_t i = 0; i < change.size(); ++i) {
-        const std::size_t piece = i / tracks_.corners;
-        const Point by = moved_by(piece / subjects(), piece % subjects(),
-                                  int(i % tracks_.corners), path, uavs);
-        change[i] = ignored_[i] ? 0.0 : dot(lines.of[piece].normal, by);
-        if (!moved.empty()) moved[piece] = std::max(moved[piece], std::sqrt(dot(by, by)));
     }
 }
 

@@ -68,12 +68,11 @@ private:
     };
 
     int parts(std::size_t point, std::size_t subject, int corner, Part* found) const;
-    Point track_at(const Reals& weights, std::size_t point, int track, int corner,
-                   const double* path, int uavs) const;
-    Point place(std::size_t point, std::size_t subject, int corner, const double* path,
-                int uavs) const;
-    Point moved_by(std::size_t point, std::size_t subject, int corner, const double* path,
-                   int uavs) const;
+    void control_points(const Reals& weights, std::size_t point, const double* path, int uavs,
+                        Point* found) const;
+    void subjects_of(const Point* points, Point* found) const;
+    template <typename Function>
+    void around_points(bool moves, const double* path, int uavs, Function function) const;
 
     Tracks tracks_;
     std::vector<int> first_, second_;  // (G), or empty.
