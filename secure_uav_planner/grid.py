@@ -82,11 +82,11 @@ class Grid:
         """Return x (..., N, U, 3) of positions (..., U, N, 2) in m and powers (..., U, N) in W."""
         scaled = np.concatenate([(powers / self.power[:, None])[..., None],
                                  (positions - self.origin) / self.length], axis=-1)
-        return np.moveaxis(scaled, -3, -2)
+        return np.swapaxes(scaled, -3, -2)
 
     def positions(self, x: Array) -> Array:
         """Return the positions of x with start and goal, (..., U, N+2, 2) in m."""
-        inner = np.moveaxis(x[..., 1:], -2, -3) * self.length + self.origin
+        inner = np.swapaxes(x[..., 1:], -2, -3) * self.length + self.origin
         ends = np.broadcast_to(
             np.stack([self.scenario.starts, self.scenario.goals], axis=1),
             (*inner.shape[:-2], 2, 2))
@@ -94,7 +94,7 @@ class Grid:
 
     def powers(self, x: Array) -> Array:
         """Return the powers of x in W, (..., U, N)."""
-        return np.moveaxis(x[..., 0], -1, -2) * self.power[:, None]
+        return np.swapaxes(x[..., 0], -1, -2) * self.power[:, None]
 
     def path(self, x: Array) -> Array:
         """Return positions with start and goal in units, point by point, (..., N+2, U, 2)."""

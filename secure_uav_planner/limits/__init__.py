@@ -5,6 +5,8 @@ A limit answers everything that its users ask of it, as base.Limit says: the che
 repair of an iterate, and its terms in both methods.
 """
 
+from functools import lru_cache
+
 from .acceleration import AccelerationLimit
 from .base import Limit
 from .fence import FenceLimit
@@ -34,10 +36,16 @@ def limits_of(scenario: Scenario, grid: Grid | None = None) -> tuple[Limit, ...]
     return tuple(limit(scenario, grid) for limit in LIMITS if limit.applies_to(scenario))
 
 
+@lru_cache(maxsize=4)
+def _known_limits(scenario: Scenario) -> tuple[Limit, ...]:
+    """Return limits that are only asked about plans, for which every iterate asks them."""
+    return limits_of(scenario)
+
+
 def repaired(scenario: Scenario, positions: Array, powers: Array, grid: Grid | None = None,
              margin: float = 0.0) -> tuple[Array, Array]:
     """Return positions (U, N+2, 2) in m and powers (U, N) in W that every limit has repaired."""
-    for limit in limits_of(scenario, grid):
+    for limit in _known_limits(scenario) if grid is None else limits_of(scenario, grid):
         positions, powers = limit.repair(positions, powers, margin)
     return positions, powers
 
@@ -48,7 +56,7 @@ def is_clear(scenario: Scenario, positions: Array) -> bool:
 
     :param positions: (U, N+2, 2) in m.
     """
-    limits = [limit for limit in limits_of(scenario) if isinstance(limit, LineLimit)]
+    limits = [limit for limit in _known_limits(scenario) if isinstance(limit, LineLimit)]
     if all(limit.is_clear(positions, everything=True) for limit in limits):
         return True
     # Curves may be clear while their control points are not.

@@ -143,7 +143,7 @@ class WorstPlaces:
     @staticmethod
     def _by_slots(values: NDArray[Any]) -> NDArray[Any]:
         """Return (N, E PER_DISC, ...) of (E, N, PER_DISC, ...)."""
-        values = np.moveaxis(values, 0, 1)
+        values = np.swapaxes(values, 0, 1)
         return values.reshape(len(values), -1, *values.shape[3:])
 
     @staticmethod
