@@ -119,29 +119,45 @@ class _Joint:
     def against_worst_places(self) -> Status:
         """Improve the present plan against the worst places of the discs, problem (P1)."""
         schedule, search = self._schedule, self._search
+        before = search.rate
+        status, at_rest = self._with_places(schedule.steps)
+        # Where places still moved to and fro, and much could be gained, there may be more.
+        if not (at_rest or search.warm or search.rate < (1 + schedule.places_worth) * before):
+            self._with_places(schedule.places_steps)
+        return status
+
+    def _with_places(self, steps: int) -> tuple[Status, bool]:
+        """Improve the present plan as above, once; return also whether places came to rest."""
+        schedule, search = self._schedule, self._search
         x = strictly_feasible(self._grid, search.positions, search.powers,
                               share=schedule.warm_share)
         places = WorstPlaces(self._grid, x)
         barrier = make_barrier(self._grid, x[None], schedule.warm_mu if search.warm
                                else schedule.places_mu, schedule, self._check, places)
-        best, rate, tried = x, places.rate, 0.0
+        # Only what seems better than the present plan is worth a proof of its worst case.
+        best, rate, tried = x, places.rate, search.rate * np.log(2)
         last_steps = 0
-        for step in range(1, schedule.steps + 1):
-            self._step(barrier, schedule.places_final_mu)
+        for step in range(1, steps + 1):
+            try:
+                self._step(barrier, schedule.places_final_mu)
+            except _Stop:
+                self._try(best)
+                raise
             last_steps += int(barrier.mu[0] <= schedule.places_final_mu)
             barrier.exchange(places, places.exchange(barrier.x[0], schedule.worse))
             if places.rate > rate:
                 best, rate = barrier.x[0].copy(), places.rate
+            at_rest = bool(barrier.finished.all())
             # Places may go on moving to and fro, by ever less.
-            done = barrier.finished.all() or last_steps >= schedule.places_patience
-            # To evaluate the rate takes longer than a step.
-            if rate > tried and (done or step % schedule.try_every == 0):
+            done = at_rest or last_steps >= schedule.places_patience
+            if rate > tried and (
+                    done or step == steps or step % schedule.places_try_every == 0):
                 self._try(best)
                 tried = rate
             if done:
                 search.report('joint')
-                return 'converged'
-        return 'iteration_limit'
+                return 'converged', at_rest
+        return 'iteration_limit', False
 
     def _compete(self, grid: Grid, x: Array, mus: Array,
                  others: NDArray[np.bool_]) -> Barrier:
