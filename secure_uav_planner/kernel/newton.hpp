@@ -5,40 +5,24 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 
 #include "linear.hpp"
-#include "places.hpp"
+#include "rates.hpp"
 #include "start.hpp"
 
 namespace kernel {
 
-constexpr double TINY = 1e-30;         // See channel/links.py.
 constexpr double FIRST_SHIFT = 1e-12;  // These four: see newton.py.
 constexpr int ONE_BY_ONE = 3;
 constexpr int ALL_AT_ONCE = 12;
 constexpr std::array<double, 9> SHIFTS{1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8};
 constexpr double ROUNDING = 1e-12;     // See line_search.py.
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
-
-// Lower a number of steps to those that take a share of a positive amount away.
-inline void stop_at_zero(double& steps, double amount, double change, double share) {
-    const double most = share * amount;
-    if (-change * steps > most) steps = most / -change;
-}
-
-// log(1 + received / interference), as accurate for a small ratio.
-inline double rate_of(double received, double interference) {
-    const double ratio = received / interference;
-    return ratio < 1e-2 ? std::log1p(ratio) : std::log(1.0 + ratio);
-}
 
 template <int UAVS>
 class NewtonOf : public Newton {
 public:
     explicit NewtonOf(const Problem& problem)
-        : p_(problem), slots_(problem.slots), count_(problem.uavs),
-          eves_(problem.receivers.count - 1) {
+        : p_(problem), slots_(problem.slots), count_(problem.uavs), rates_(problem) {
         const std::size_t n = slots_, v = 3 * count_;
         below_ = p_.below();
         lines_.resize(p_.lines.size());
@@ -55,19 +39,13 @@ public:
         convex_.resize(n);
         flights_.resize(count_);
         zeros_.resize(4 * count_);
-        space_.resize(v * (2 * v + 4) + (eves_ + 1) * (2 * v + 4));
+        space_.resize(v * (2 * v + 4));
         for (const NormLimit& limit : p_.norms) {
             step_differences_.emplace_back((n + limit.order) * count_ * 2);
             norm_moves_.emplace_back((n + limit.order) * count_);
         }
-        followed_.resize(4 * v);
         peak_moves_.resize(n * count_ * 2);
         mean_moves_.resize(count_);
-        if (eves_ > 1) {
-            leak_gradients_.resize(n * eves_ * v);
-            leak_central_.resize(n * eves_);
-            leak_moves_.resize(n * eves_);
-        }
     }
 
     void begin(State& state) override {
@@ -102,7 +80,7 @@ public:
         else add_lines(mu, here);
         if (!p_.lines.empty()) clip_duals(state, here, state.x, mu);
         if (stop) return Outcome::stopped;
-        model(state, here, mu);
+        rates_.model(state, here, mu, gradient_.data(), hessian_.data());
         if (stop) return Outcome::stopped;
         add_gradient_of_limits(state.x, here, mu);
         fix(gradient_.data());
@@ -130,55 +108,14 @@ public:
         return solved ? Outcome::stepped : Outcome::failed;
     }
 
-    double rate(const State& state) override {
-        const int U = uavs(), K = receivers();
-        double sum = 0.0;
-        for (std::size_t n = 0; n < slots_; ++n) {
-            double ground = 0.0, leak = -INFINITE;
-            for (int k = 0; k < K; ++k) {
-                double received = 0.0, interference = 1.0;
-                for (int u = 0; u < U; ++u) {
-                    const double* x = state.x + (n * U + u) * 3;
-                    double distance, denominator;
-                    place(x, n, k, u, 0.0, distance, denominator);
-                    const double got = p_.receivers.snr[k * uavs() + u] / denominator * x[0];
-                    (u ? interference : received) += got;
-                }
-                const double rate = rate_of(received, interference);
-                if (k == 0) ground = rate;
-                else leak = std::max(leak, rate);
-            }
-            sum += std::max(ground - leak, 0.0);
-        }
-        return sum / double(slots_);
-    }
+    double rate(const State& state) override { return rates_.rate(state.x); }
 
 private:
     int uavs() const { return UAVS ? UAVS : count_; }
     int size() const { return 3 * uavs(); }
-    int receivers() const { return eves_ + 1; }
-
-    const double* receiver(std::size_t n, int k) const {
-        return &p_.receivers.positions[n * p_.receivers.stride + 2 * k];
-    }
 
     double peak_margin(double power, int u, int side) const {
         return side ? 1.0 - power / p_.peaks[u] : power;
-    }
-
-    // The rounded distance and d^2 + H^2 from a UAV to a receiver; see SmoothDiscDistance.
-    void place(const double* x, std::size_t n, int k, int u, double soft, double& distance,
-               double& denominator) const {
-        const double* at = receiver(n, k);
-        const double dx = x[1] - at[0], dy = x[2] - at[1];
-        const double edge = p_.receivers.edge[k * uavs() + u];
-        double squared = dx * dx + dy * dy;
-        distance = 0.0;
-        if (edge != 0.0) {
-            distance = std::sqrt(squared + ((edge > 0.0 ? soft : 0.0) + TINY));
-            squared = distance > -edge ? squared + edge * (2.0 * distance + edge) : 0.0;
-        }
-        denominator = squared + p_.squared_altitudes[u];
     }
 
     // The differences of every NormLimit, of a path from start to goal or of a change of it.
@@ -278,49 +215,8 @@ private:
     }
 
     void evaluate(const double* x, double mu, Evaluation& found) {
-        const int U = uavs(), K = receivers();
-        const double softening = p_.numbers.softening * std::sqrt(mu);
-        const double soft = softening * softening;
-        found.denominator.resize(slots_ * K * U);
-        found.distance.resize(slots_ * K * U);
-        found.total.resize(slots_ * K);
-        found.interference.resize(slots_ * K);
-        found.leaks.resize(slots_ * eves_);
-        found.largest.resize(slots_);
-        LogSum leak_less_ground, gaps;  // Of all slots.
-        double value = 0.0;
-        for (std::size_t n = 0; n < slots_; ++n) {
-            for (int k = 0; k < K; ++k) {
-                double received = 0.0, interference = 1.0;
-                for (int u = 0; u < U; ++u) {
-                    const double* at = x + (n * U + u) * 3;
-                    const std::size_t i = (n * K + k) * U + u;
-                    place(at, n, k, u, soft, found.distance[i], found.denominator[i]);
-                    (u ? interference : received) += p_.receivers.snr[k * uavs() + u] / found.denominator[i] * at[0];
-                }
-                found.interference[n * K + k] = interference;
-                found.total[n * K + k] = interference + received;
-                if (k && eves_ > 1) {
-                    found.leaks[n * eves_ + k - 1] = rate_of(received, interference);
-                } else if (received < 1e-2 * interference) {  // More accurate if it is small.
-                    const double rate = std::log1p(received / interference);
-                    value += k ? rate : -rate;
-                } else {
-                    leak_less_ground.add(k ? 1.0 + received / interference
-                                           : interference / (interference + received));
-                }
-            }
-            if (eves_ > 1) {
-                const double* leaks = &found.leaks[n * eves_];
-                const double largest = epigraph(leaks, mu);
-                found.largest[n] = largest;
-                value += largest;
-                for (int e = 0; e < eves_; ++e) gaps.add((largest - leaks[e]) / mu);
-            }
-        }
-        value += leak_less_ground.total() + (eves_ > 1 ? 0.0 : mu * double(slots_));
-        value -= mu * gaps.total();
-
+        const int U = uavs();
+        double value = rates_.evaluate(x, mu, found);
         differences(x, true, found.differences);
         margins(x, found);
         LogSum limits;
@@ -339,184 +235,6 @@ private:
         for (std::size_t l = 0; l < p_.lines.size(); ++l)
             p_.lines[l]->margins(lines_[l], path_.data(), uavs(), found.line_margins[l]);
         add_lines(mu, found);
-    }
-
-    // The t that minimises t - mu sum_e log(t - leak_e); see barrier._epigraph.
-    double epigraph(const double* leaks, double mu) const {
-        const double largest = *std::max_element(leaks, leaks + eves_);
-        double t = 1.0;
-        for (int round = 0; round < 8; ++round) {
-            double sum = 0.0, squares = 0.0;
-            for (int e = 0; e < eves_; ++e) {
-                const double inverse = 1.0 / (t + (largest - leaks[e]) / mu);
-                sum += inverse;
-                squares += inverse * inverse;
-            }
-            t += (sum - 1.0) / squares;
-        }
-        return largest + mu * t;
-    }
-
-    // Gradient and Hessian of the objective, and what the leaks' duals need.
-    void model(State& state, const Evaluation& here, double mu) {
-        const int U = uavs(), K = receivers(), V = size();
-        const bool several = eves_ > 1;
-        if (several && state.shares.empty()) {
-            state.shares.resize(slots_ * eves_);
-            for (std::size_t n = 0; n < slots_; ++n)
-                for (int e = 0; e < eves_; ++e)
-                    state.shares[n * eves_ + e] =
-                        mu / (here.largest[n] - here.leaks[n * eves_ + e]);
-        }
-        double* of_total = space_.data();
-        double* of_interference = of_total + V;
-        double* mean = of_interference + V;
-        for (std::size_t n = 0; n < slots_; ++n) {
-            double* gradient = &gradient_[n * V];
-            double* hessian = &hessian_[n * V * V];
-            std::fill(gradient, gradient + V, 0.0);
-            std::fill(hessian, hessian + V * V, 0.0);
-            for (int k = 0; k < K; ++k) {
-                const double total = here.total[n * K + k];
-                const double interference = here.interference[n * K + k];
-                double weight = k ? 1.0 : -1.0, pull = weight;
-                if (k && several) {
-                    const std::size_t i = n * eves_ + k - 1;
-                    weight = state.shares[i];
-                    pull = leak_central_[i] = mu / (here.largest[n] - here.leaks[i]);
-                }
-                for (int u = 0; u < U; ++u)
-                    receive(x_of(state, n, u), here, n, k, u, weight, total, interference,
-                            of_total + 3 * u, of_interference + 3 * u, hessian + 3 * u * (V + 1));
-                for (int i = 0; i < V; ++i) {
-                    gradient[i] += pull * (of_total[i] - of_interference[i]);
-                    const double less = weight * of_total[i], more = weight * of_interference[i];
-                    for (int j = 0; j <= i; ++j)
-                        hessian[i * V + j] += more * of_interference[j] - less * of_total[j];
-                }
-                if (!k || !several) continue;
-                const std::size_t i = n * eves_ + k - 1;
-                for (int j = 0; j < V; ++j)
-                    leak_gradients_[i * V + j] = of_total[j] - of_interference[j];
-                if (!p_.places.followed.empty() && p_.places.followed[i])
-                    add_following(state, here, n, k, weight, of_total, of_interference, hessian);
-            }
-            if (several) spread_leaks(state, here, n, mean, hessian);
-        }
-    }
-
-    const double* x_of(const State& state, std::size_t n, int u) const {
-        return state.x + (n * uavs() + u) * 3;
-    }
-
-    // What a receiver gets from a UAV, with derivatives; see SlotDerivatives. The gradient of the
-    // gain is slope * (dx, dy), and its Hessian slope * I + curvature * (dx, dy) (dx, dy)^T.
-    struct Signal {
-        double dx, dy, power, gain, slope, curvature;
-    };
-
-    Signal signal(const double* x, const Evaluation& here, std::size_t n, int k, int u) const {
-        const int U = uavs(), K = receivers();
-        const std::size_t i = (n * K + k) * U + u;
-        const double* at = receiver(n, k);
-        const double edge = p_.receivers.edge[k * U + u];
-        const double inverse = 1.0 / here.denominator[i];
-        const double gain = p_.receivers.snr[k * uavs() + u] * inverse, first = -gain * inverse;
-        double stretch = 1.0, bend = 0.0;
-        if (edge != 0.0) {
-            const double distance = here.distance[i];
-            const bool outside = distance > -edge;
-            stretch = outside ? 1.0 + edge / distance : 0.0;
-            bend = outside ? edge / (distance * distance * distance) : 0.0;
-        }
-        return {x[1] - at[0], x[2] - at[1], x[0], gain, 2.0 * first * stretch,
-                -8.0 * first * inverse * stretch * stretch - 2.0 * first * bend};
-    }
-
-    // The part of a UAV in the derivatives of a rate; see channel/derivatives.py.
-    void receive(const double* x, const Evaluation& here, std::size_t n, int k, int u,
-                 double weight, double total, double interference, double* of_total,
-                 double* of_interference, double* block) const {
-        const int V = size();
-        const auto [dx, dy, power, gain, slope, curvature] = signal(x, here, n, k, u);
-        const double along = slope * power;
-        const double received[3] = {gain, along * dx, along * dy};
-        for (int j = 0; j < 3; ++j) {
-            of_total[j] = received[j] / total;
-            of_interference[j] = u ? received[j] / interference : 0.0;
-        }
-        const double share = weight / total - (u ? weight / interference : 0.0);
-        const double mixed = share * slope, bent = share * power * curvature;
-        const double isotropic = mixed * power;
-        block[V] += mixed * dx;
-        block[2 * V] += mixed * dy;
-        block[V + 1] += isotropic + bent * dx * dx;
-        block[2 * V + 1] += bent * dx * dy;
-        block[2 * V + 2] += isotropic + bent * dy * dy;
-    }
-
-    // What the Hessian gains as the worst place of a disc follows the UAVs; see
-    // SlotDerivatives.by_places and WorstPlaces.curvature.
-    void add_following(const State& state, const Evaluation& here, std::size_t n, int k,
-                       double weight, const double* of_total, const double* of_interference,
-                       double* hessian) {
-        const int U = uavs(), V = size();
-        const std::size_t i = n * receivers() + k;
-        double* mixed = followed_.data();  // (V, 2).
-        double* rows = mixed + 2 * V;
-        double slope[2] = {}, total[2] = {}, interference[2] = {};
-        for (int u = 0; u < U; ++u)
-            for (int axis = 0; axis < 2; ++axis) {
-                total[axis] += of_total[3 * u + 1 + axis];
-                interference[axis] += of_interference[3 * u + 1 + axis];
-            }
-        for (int u = 0; u < U; ++u) {
-            const Signal of = signal(x_of(state, n, u), here, n, k, u);
-            const double share = 1.0 / here.total[i] - (u ? 1.0 / here.interference[i] : 0.0);
-            const double by_power = share * of.slope, isotropic = by_power * of.power;
-            const double bent = share * of.power * of.curvature;
-            const double offset[2] = {of.dx, of.dy};
-            for (int axis = 0; axis < 2; ++axis) {
-                double* at = mixed + 6 * u + axis;
-                at[0] = by_power * offset[axis];
-                at[2] = bent * of.dx * offset[axis];
-                at[4] = bent * of.dy * offset[axis];
-                at[2 + 2 * axis] += isotropic;
-            }
-        }
-        for (int j = 0; j < V; ++j)
-            for (int axis = 0; axis < 2; ++axis) {
-                double& entry = mixed[2 * j + axis];
-                entry = of_total[j] * total[axis] - of_interference[j] * interference[axis] - entry;
-            }
-        for (int axis = 0; axis < 2; ++axis) slope[axis] = interference[axis] - total[axis];
-        follow(p_.places, i - n - 1, V, mixed, slope, rows);
-        for (const double* row : {rows, rows + V})
-            for (int j = 0; j < V; ++j)
-                for (int m = 0; m <= j; ++m) hessian[j * V + m] += weight * row[j] * row[m];
-    }
-
-    // The curvature of the largest of several leaks, t being eliminated.
-    void spread_leaks(const State& state, const Evaluation& here, std::size_t n, double* mean,
-                      double* hessian) {
-        const int V = size();
-        double sum = 0.0;
-        std::fill(mean, mean + V, 0.0);
-        for (int e = 0; e < eves_; ++e) {
-            const std::size_t i = n * eves_ + e;
-            const double ratio = state.shares[i] / (here.largest[n] - here.leaks[i]);
-            sum += ratio;
-            for (int j = 0; j < V; ++j) mean[j] += ratio * leak_gradients_[i * V + j];
-        }
-        for (int j = 0; j < V; ++j) mean[j] /= sum;
-        double* row = mean + V;
-        for (int e = 0; e < eves_; ++e) {
-            const std::size_t i = n * eves_ + e;
-            const double ratio = state.shares[i] / (here.largest[n] - here.leaks[i]);
-            for (int j = 0; j < V; ++j) row[j] = leak_gradients_[i * V + j] - mean[j];
-            for (int j = 0; j < V; ++j)
-                for (int k = 0; k <= j; ++k) hessian[j * V + k] += ratio * row[j] * row[k];
-        }
     }
 
     void fix(double* change) const {
@@ -849,7 +567,7 @@ private:
 
     // Move the duals along with the step, as far as they stay positive.
     void move_duals(State& state, const Evaluation& here, double mu, bool moved) {
-        const int U = uavs(), V = size();
+        const int U = uavs();
         const double slots = double(slots_);
         double by = 1.0;
         for (std::size_t l = 0; l < p_.norms.size(); ++l) {
@@ -889,15 +607,8 @@ private:
             mean_moves_[u] =
                 move_of(state.mean_duals[u], margin, mean_change(u), slots * mu, by);
         }
-        if (eves_ > 1) {
-            for (std::size_t n = 0; n < slots_; ++n) move_leaks(state, here, n, V, by);
-            for (std::size_t n = 0; n < slots_; ++n) {
-                double sum = 0.0;
-                for (int e = 0; e < eves_; ++e)
-                    sum += state.shares[n * eves_ + e] += by * leak_moves_[n * eves_ + e];
-                for (int e = 0; e < eves_; ++e) state.shares[n * eves_ + e] /= sum;
-            }
-        }
+        rates_.find_moves(state, here, step_.data(), by);
+        rates_.move(state, by);
         const auto go = [by](Reals& duals, const Reals& moves) {
             for (std::size_t i = 0; i < duals.size(); ++i) duals[i] += by * moves[i];
         };
@@ -929,32 +640,6 @@ private:
             clip(state.mean_duals[u], double(slots_) * mu / now.mean_margins[u]);
     }
 
-    // The Newton step of the leaks' duals in a slot; see barrier._Leaks.
-    void move_leaks(const State& state, const Evaluation& here, std::size_t n, int V,
-                    double& by) {
-        double* rises = space_.data();
-        double central = 0.0, ratios = 0.0, risen = 0.0;
-        for (int e = 0; e < eves_; ++e) {
-            const std::size_t i = n * eves_ + e;
-            double rise = 0.0;
-            for (int j = 0; j < V; ++j) rise += leak_gradients_[i * V + j] * step_[n * V + j];
-            const double ratio = state.shares[i] / (here.largest[n] - here.leaks[i]);
-            rises[e] = rise;
-            central += leak_central_[i];
-            ratios += ratio;
-            risen += ratio * rise;
-        }
-        const double largest = (central - 1.0 + risen) / ratios;
-        for (int e = 0; e < eves_; ++e) {
-            const std::size_t i = n * eves_ + e;
-            const double ratio = state.shares[i] / (here.largest[n] - here.leaks[i]);
-            const double move =
-                leak_central_[i] - state.shares[i] - ratio * (largest - rises[e]);
-            leak_moves_[i] = move;
-            stop_at_zero(by, state.shares[i], move, p_.numbers.boundary);
-        }
-    }
-
     // Decide whether the start has finished, and lower its barrier parameter.
     void update_mu(State& state, double length, double decrement, double final) const {
         const Numbers& numbers = p_.numbers;
@@ -974,17 +659,17 @@ private:
 
     const Problem& p_;
     const std::size_t slots_;
-    const int count_, eves_;
+    const int count_;
+    Rates<UAVS> rates_;
     int below_;  // Rows of the band below its diagonal.
     Evaluation trial_;
     Reals gradient_, step_, there_, hessian_, band_, factor_, right_, space_, flights_;
-    Reals zeros_, moves_, followed_;
-    Reals peak_moves_, mean_moves_, leak_gradients_, leak_central_, leak_moves_;
+    Reals zeros_, moves_, path_;
+    Reals peak_moves_, mean_moves_;
     std::vector<Reals> step_differences_, norm_moves_;
     // Of every LineLimit: the lines of this step, and its change of c and of duals.
     std::vector<Lines> lines_;
     std::vector<Reals> line_changes_, line_moves_, pieces_moved_;
-    Reals path_;
     std::vector<char> convex_;
 };
 
