@@ -81,8 +81,8 @@ class _Joint:
     def from_several_starts(self) -> Status:
         """Find the best of several starts on a coarse grid and finish it, and a close rival."""
         schedule = self._schedule
-        coarse, *starts = self._starts()
-        barrier = self._compete(coarse, *starts)
+        coarse, x, mus, others = self._starts()
+        barrier = self._compete(coarse, x, mus, others)
         rates = barrier.rates()
         rivals = np.flatnonzero(rates >= (1 - schedule.rival_gap) * rates[0])[:schedule.rivals]
         statuses = [self._finish(self._on_finer_grids(barrier, rival)) for rival in rivals]
