@@ -1,25 +1,15 @@
 """
 Lemma 5: the maximum of one UAV's term over its lens and its powers, by branch and bound.
 
-On a box with centre m a function F is bounded by F(q) <= F(m) + grad F(m) . (q - m) + rest, where
-F - rest is concave about m ("semiconcave"). With rho the half diagonal of the box in the plane and
-"near" the least d^2 + H^2 over the box, the largest eigenvalues of the second derivatives are
+On a box with centre m a function F is at most F(m) + grad F(m) . dq + K |dq|^2 / 2, K being at
+least every second derivative in the box, negative where it can be; curvature.py has the rates'.
+The potential's q . S q / 2 is bounded as it is, and for its |g + S dq| with g = u + S m both
+|g| + g . S dq / |g| + |S dq|^2 / (2 |g|) and |g| + g . S dq / |g| + 2 |S dq| are bounds. What is
+linear is at most the box's maximum, and the lens's (Lens.support); on the lens's rim
+Lens.pressed takes the slope across the rim away.
 
-    of -log(d^2 + H^2):                at most min(1 / (4 H^2), 2 / near),
-    of log([d - eps]+^2 + H^2):        at most 2 / near (it is C^1 at d = eps),
-    of -log((d + eps)^2 + H^2):        at most min(1 / (4 H^2), 2 / near); its kink at d = 0 points
-                                       upwards, so any supergradient serves there,
-
-the first two being f'(d) / d across and f''(d) along the radius. A jammer's term is taken in
-pi = log p, z = pi + log b(q): -w0 phi(z0) adds at most w0 phi'(z0) 2 / near |dq|^2 / 2, because
--phi'' is not positive; v phi(z_e) adds at most v / 2 (max phi'' (|dpi| + G |dq|)^2 + max phi'
-min(1 / (4 H^2), 2 / near) |dq|^2), G = min(1 / H, 2 / (d + eps)) bounding the gradient of log b;
--lam e^pi is concave. The potential's q . S q / 2 is bounded as it is, and for its |g + S dq| with
-g = u + S m both |g| + g . S dq / |g| + |S dq|^2 / (2 |g|) and |g| + g . S dq / |g| + 2 |S dq|
-are bounds. The linear part is at most the box's maximum, and the lens's (Lens.support).
-
-Second order matters: near a maximum inside the lens the number of boxes does not grow as they
-shrink.
+Second order matters: near a maximum inside the lens, or on its rim, the number of boxes does not
+grow as they shrink.
 """
 
 from __future__ import annotations
@@ -31,7 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .conjugate import Array, sigmoid, softplus
+from .conjugate import Array
+from .curvature import channel
 from .lens import Lens
 from .rounding import BOX_ROUNDING
 
@@ -77,7 +68,7 @@ class Terms:
     def __len__(self) -> int:
         return len(self.stage)
 
-    def maxima(self, known: Array, tolerance: Array, budget: int = 20000,
+    def maxima(self, known: Array, tolerance: Array, budget: int = 5000,
                stop: Callable[[], bool] = lambda: False) -> Array:
         """
         Return an upper bound of every function's maximum, (M,) in nats.
@@ -94,7 +85,7 @@ class Terms:
         """
         return self.search(known, tolerance, budget, stop)[0]
 
-    def search(self, known: Array, tolerance: Array, budget: int = 20000,
+    def search(self, known: Array, tolerance: Array, budget: int = 5000,
                stop: Callable[[], bool] = lambda: False) -> tuple[Array, Array]:
         """
         Return the bounds of `maxima` and the best points that were met, (2 or 3, M).
@@ -174,137 +165,72 @@ class Terms:
         :return: (K,), (K,), and how much of the bound each side is to blame for, like `half`.
         """
         a, b, ha, hb = centre[0], centre[1], half[0], half[1]
-        rho2 = ha * ha + hb * hb
-        rho = np.sqrt(rho2)
-        # The potential.
-        slope, bend = self.slope[function], self.bend[function]
+        rho = np.sqrt(ha * ha + hb * hb)
+        curve = channel(self, function, centre, half, rho)
+        slope = self.slope[function]
         ga, gb = slope[:, 0], slope[:, 1]
-        value = ga * a + gb * b
+        value = curve.value + ga * a + gb * b
         rest = self.margin[function]
-        if bend.any():
-            sa = bend[:, 0] * a + bend[:, 1] * b
-            sb = bend[:, 1] * a + bend[:, 2] * b
+        ka = kb = curve.bend
+        sizes: Array | float = 0.0
+        if self.bend.any():
+            s11, s12, s22 = self.bend[function].T
+            sa, sb = s11 * a + s12 * b, s12 * a + s22 * b
             value += (sa * a + sb * b) / 2
             ga, gb = ga + sa, gb + sb
-            rest = (rest + np.maximum(bend[:, 0], 0) * ha * ha / 2
-                    + np.maximum(bend[:, 2], 0) * hb * hb / 2 + np.abs(bend[:, 1]) * ha * hb)
+            ka, kb = ka + s11, kb + s22
+            rest = rest + np.abs(s12) * ha * hb
+            sizes = np.abs(s11) + 2 * np.abs(s12) + np.abs(s22)
         for factor, tilt, matrix in self.tilts:
-            f, t, s = factor[function], tilt[function], matrix[function]
-            ta = t[:, 0] + s[:, 0] * a + s[:, 1] * b
-            tb = t[:, 1] + s[:, 1] * a + s[:, 2] * b
-            norm = np.hypot(ta, tb)
-            safe = np.maximum(norm, 1e-200)
-            value += f * norm
-            ga = ga + f * (s[:, 0] * ta + s[:, 1] * tb) / safe
-            gb = gb + f * (s[:, 1] * ta + s[:, 2] * tb) / safe
-            move = np.sqrt(s[:, 0]**2 + 2 * s[:, 1]**2 + s[:, 2]**2) * rho
-            rest = rest + f * move * np.minimum(2.0, move / (2 * safe))
-        curve = self._channel(function, centre, half, rho, rho2)
-        value = value + curve.value
+            f, (t1, t2), (s11, s12, s22) = factor[function], tilt[function].T, matrix[function].T
+            ta, tb = t1 + s11 * a + s12 * b, t2 + s12 * a + s22 * b
+            safe = np.maximum(np.sqrt(ta * ta + tb * tb), 1e-150)
+            value += f * safe
+            ga = ga + f * (s11 * ta + s12 * tb) / safe
+            gb = gb + f * (s12 * ta + s22 * tb) / safe
+            size = np.sqrt(s11 * s11 + 2 * s12 * s12 + s22 * s22)
+            far = size * rho > 4 * safe
+            more = np.where(far, 0.0, f * size * size / safe)
+            ka, kb, sizes = ka + more, kb + more, sizes + more
+            rest = rest + np.where(far, 2 * f * size * rho, 0.0)
         ga, gb = ga + curve.ga, gb + curve.gb
-        flat_a, flat_b = np.abs(ga) * ha, np.abs(gb) * hb
-        flat = flat_a + flat_b
-        stage = self.stage[function]
+        plane = _largest(ga, ha, ka) + _largest(gb, hb, kb)
         # Only where the box is not well inside does the lens say more than the box.
-        touching = ~self._covers(stage, centre, half)
-        if touching.any():
-            g = np.stack([ga[touching], gb[touching]], -1)
-            lens = (self.lens.support(g, stage[touching])
-                    - g[:, 0] * a[touching] - g[:, 1] * b[touching])
-            flat[touching] = np.minimum(flat[touching], lens)
-        rest = rest + curve.rest
-        share = rest / np.maximum(rho2, 1e-300)
-        scores = [flat_a + share * ha * ha, flat_b + share * hb * hb]
-        bound = value + flat + rest
+        out = self._outside(function, centre, half)
+        touching = np.flatnonzero(out[0] | out[1])
+        if len(touching):
+            stage = self.stage[function[touching]]
+            g, k = (np.stack([one[touching], two[touching]]) for one, two in ((ga, gb), (ka, kb)))
+            m, h = centre[:2, touching], half[:2, touching]
+            whole = (self.lens.support(g.T, stage) - (g * m).sum(0)
+                     + (np.maximum(k, 0) * h * h).sum(0) / 2)
+            extra, g, k = self.lens.pressed(m, out[:, touching], g, k, stage)
+            rim = extra + _largest(g[0], h[0], k[0]) + _largest(g[1], h[1], k[1])
+            plane[touching] = np.minimum(plane[touching], np.minimum(whole, rim))
+        bound = value + plane + rest
+        # Where terms cancel, or a box sticks out of the lens, it is their sizes that count.
+        score = [(np.abs(g) + size * h / 2) * h for g, size, h in (
+            (ga, curve.sizes[0] + sizes, ha), (gb, curve.sizes[0] + sizes, hb))]
         if self.powers is not None:
-            bound += np.abs(curve.gp) * half[2] + curve.rest_power
-            scores.append(np.abs(curve.gp) * half[2] + curve.rest_power)
-        return value, bound, np.stack(scores)
+            bound += _largest(curve.gp, half[2], curve.bend_power)
+            score.append((np.abs(curve.gp) + curve.sizes[1] * half[2] / 2) * half[2])
+        return value, bound, np.stack(score)
 
-    def _covers(self, stage: Index, centre: Array, half: Array) -> NDArray[np.bool_]:
-        """Return whether the boxes lie inside both discs."""
-        lens = self.lens
+    def _outside(self, function: Index, centre: Array, half: Array) -> NDArray[np.bool_]:
+        """Return whether the boxes stick out of the disc about the start, and the goal's."""
+        lens, stage = self.lens, self.stage[function]
         across = (np.abs(centre[1]) + half[1])**2
-        return np.asarray(
-            ((np.abs(centre[0]) + half[0])**2 + across <= lens.from_start[stage]**2)
-            & ((np.abs(centre[0] - lens.distance) + half[0])**2 + across
-               <= lens.to_goal[stage]**2))
-
-    def _channel(self, function: Index, centre: Array, half: Array, rho: Array,
-                 rho2: Array) -> _Curve:
-        """Return the rates' part of `bounds`; nothing where neither w0 nor v is above zero."""
-        lens, weight = self.lens, self.weight[function]
-        a, b = centre[0], centre[1]
-        square = lens.altitude**2
-        da, db = a - lens.ground[0], b - lens.ground[1]
-        d2 = da * da + db * db
-        q = d2 + square
-        near = np.maximum(np.sqrt(d2) - rho, 0.0)**2 + square
-        if self.powers is None:
-            value = weight * (self.log_gain - np.log(q))
-            factor = -2 * weight / q
-            rest = weight * np.minimum(0.25 / square, 2 / near)
-            gp = rest_power = power = np.zeros(0)
-        else:
-            power = centre[2]
-            width = half[2]
-            z = power + self.log_gain - np.log(q)
-            value = -weight * softplus(z)
-            use = weight * sigmoid(z)
-            factor = 2 * use / q
-            most = sigmoid(z + width + np.minimum(1 / lens.altitude, 2 / np.sqrt(near)) * rho)
-            rest = weight * most * 2 / near
-            watts = np.exp(power)
-            value -= self.price * watts
-            gp = -use - self.price * watts
-            rest_power = np.zeros_like(value)
-        ga, gb = factor * da, factor * db
-        for e, (place, radius) in enumerate(zip(lens.eavesdroppers, lens.radii)):
-            share = self.shares[function, e]
-            log_gain = self.log_gain + lens.log_advantages[e]
-            ea, eb = a - place[0], b - place[1]
-            d = np.sqrt(ea * ea + eb * eb)
-            safe = np.maximum(d, 1e-300)
-            if self.powers is None:
-                x = np.maximum(d - radius, 0.0)
-                near = np.maximum(d - radius - rho, 0.0)**2 + square
-                q = x * x + square
-                value += share * (np.log(q) - log_gain)
-                factor = share * 2 * x / (q * safe)
-                rest += share * 2 / near
-            else:
-                x = d + radius
-                least = np.maximum(d - rho, 0.0) + radius
-                q = x * x + square
-                z = power + log_gain - np.log(q)
-                value += share * softplus(z)
-                use = share * sigmoid(z)
-                factor = -use * 2 * x / (q * safe)
-                gp += use
-                steep = np.minimum(1 / lens.altitude, 2 / np.maximum(least, 1e-300))
-                reach = width + steep * rho
-                inner = sigmoid(np.maximum(np.abs(z) - reach, 0.0))
-                twice = share * inner * (1 - inner)
-                # (|dpi| + G |dq|)^2: the two squares and the product are shared out.
-                rest += twice * steep * (steep + width / np.maximum(rho, 1e-300))
-                rest_power += twice * width * (width + steep * rho) / 2
-                rest += share * sigmoid(z + reach) * np.minimum(
-                    0.25 / square, 2 / (least * least + square))
-            ga = ga + factor * ea
-            gb = gb + factor * eb
-        return _Curve(value, ga, gb, gp, rest * rho2 / 2, rest_power)
+        return np.stack(
+            [(np.abs(centre[0]) + half[0])**2 + across > lens.from_start[stage]**2,
+             (np.abs(centre[0] - lens.distance) + half[0])**2 + across > lens.to_goal[stage]**2])
 
 
-@dataclass(frozen=True, eq=False)
-class _Curve:
-    """Value and gradient at the centres of boxes, and what second derivatives can add."""
-
-    value: Array
-    ga: Array
-    gb: Array
-    gp: Array
-    rest: Array
-    rest_power: Array
+def _largest(slope: Array, half: Array, bend: Array) -> Array:
+    """Return the largest slope x + bend x^2 / 2 over |x| <= half."""
+    slope = np.abs(slope)
+    inner = bend * half < -slope
+    end = (slope + bend * half / 2) * half
+    return np.where(inner, slope * slope / np.where(inner, -2 * bend, 1.0), end)
 
 
 def _halves(function: Index, centre: Array, half: Array, bound: Array,

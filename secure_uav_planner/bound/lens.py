@@ -147,6 +147,16 @@ class Lens:
         nearest = np.maximum(from_start, from_goal) - 4 * COORDINATE_ROUNDING
         return np.asarray(np.maximum(nearest, 0.0))
 
+    def drawn_in(self, place: Array, stage: NDArray[np.integer[Any]]) -> Array:
+        """Return places (..., 2) drawn into one disc and then into the other, if they can be."""
+        for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):
+            offset = place - [centre, 0.0]
+            length = np.sqrt((offset * offset).sum(-1))
+            reach = radius[stage] * (1 - 1e-9)
+            ratio = np.minimum(1.0, reach / np.maximum(length, 1e-300))
+            place = [centre, 0.0] + offset * ratio[..., None]
+        return np.asarray(place)
+
     def farthest(self, direction: Array) -> Array:
         """Return the lens's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
         norm = np.hypot(direction[..., 0], direction[..., 1])[..., None]
@@ -205,3 +215,41 @@ class Lens:
                      + second[:, 0] * self.distance)
             best[at] = np.minimum(best[at], split)
         return np.asarray(best)
+
+    def pressed(self, place: Array, outside: NDArray[np.bool_], slope: Array, bend: Array,
+                stage: NDArray[np.integer[Any]]) -> tuple[Array, Array, Array]:
+        """
+        Return what slopes and second derivatives at places become on the lens's rim.
+
+        In a disc about c the function (R^2 - |q - c|^2) / (2 R) is not negative, and for any
+        a >= 0 so many times it may be added to a function before it is bounded. With a the
+        slope's part along q - c that slope is gone, and a / R is taken from the second
+        derivative: what is left is second order near a maximum on the rim, too.
+
+        :param place: (2, K).
+        :param outside: which of the two discs count, (2, K).
+        :param slope: of a function at the places, (2, K).
+        :param bend: of the function along both axes, (2, K).
+        :param stage: of every place, (K,).
+        :return: what is added to the value, (K,), and the new slope and bend.
+        """
+        radius = np.stack([self.from_start[stage], self.to_goal[stage]])
+        x = np.stack([place[0], place[0] - self.distance])
+        far = np.sqrt(x * x + place[1] * place[1])
+        # A place in the middle of a disc has no side to speak of.
+        use = outside & (far > radius / 2)
+        safe = np.maximum(far, 1e-300)
+        n = np.stack([x / safe, place[1] / safe])
+        along = np.where(use, n[0] * slope[0] + n[1] * slope[1], 0.0)
+        cosine = n[0, 0] * n[0, 1] + n[1, 0] * n[1, 1]
+        sine2 = np.maximum(1 - cosine * cosine, 1e-2)
+        both = (along - cosine * along[::-1]) / sine2
+        first = along[0] > along[1]
+        alone = np.maximum(np.stack([np.where(first, along[0], 0), np.where(first, 0, along[1])]),
+                           0)
+        # Nearly opposite sides would take pushes far larger than the slope, with its rounding.
+        push = np.where((use & (both > 0)).all(0) & (sine2 > 1e-2), both, alone)
+        extra = (push * (radius - far) * (radius + far) / (2 * radius)).sum(0)
+        share = push / radius
+        slope = slope - np.stack([(share * x).sum(0), share.sum(0) * place[1]])
+        return extra, slope, bend - share.sum(0)

@@ -12,7 +12,11 @@ d^2 + H^2 has a relative one of a few eps (1 + 1 / H); the logarithms' gradients
 1 / H. Every sum that bounds a box has fewer than 10 terms of each of the following kinds, each of
 them wrong by at most a few eps of its size: logarithms (below 200 in size for every scenario that
 is legal, weighted by w0 <= 1 and sum v <= 1), and the potentials' terms (at most |u| r + |S| r^2
-and step (|u| + |S| r) in size, r being the farthest that the lens reaches). `margin` is 64 eps
+and step (|u| + |S| r) in size, r being the farthest that the lens reaches). The terms that
+Lens.pressed adds are of that size, too: their factors are at most ten times the slope, and they
+are for discs whose radius is at most twice the place's distance. Second derivatives are wrong by a
+few eps of their terms; a negative one of the rates is at most 2 / H^2 and met only where a box is
+within H of a person, so that it is at most of the size of 2 over a box. `margin` is 64 eps
 times the sum of these sizes, which is about ten times what the terms can add up to, and it is
 added to every box, to every maximum and to every stage. It is of the order of 1e-11 nats for a
 mission like the paper's and grows with what is asked, up to LIMITS; where it is not finite,
