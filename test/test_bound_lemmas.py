@@ -5,7 +5,8 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
-from secure_uav_planner.bound import boxes, certificate, potential as potentials, team as teams
+from secure_uav_planner.bound import (
+    boxes, certificate, chords, curvature, potential as potentials, team as teams)
 from secure_uav_planner.bound.boxes import Terms
 from secure_uav_planner.bound.conjugate import entropy, sigmoid, softplus, transmit_power
 from secure_uav_planner.bound.lens import Lens
@@ -285,8 +286,8 @@ def test_nodes_of_the_weight_without_a_chord_between_them_are_noticed(monkeypatc
 
 
 def test_a_missing_cost_of_power_is_noticed(monkeypatch):
-    right = certificate.transmit_power
-    monkeypatch.setattr(certificate, 'transmit_power', lambda x, price, peak: (
+    right = chords.transmit_power
+    monkeypatch.setattr(chords, 'transmit_power', lambda x, price, peak: (
         right(x, price, peak)[0] - 0.1, right(x, price, peak)[1]))
     assert worst({'seed': 1}) > 0
 
@@ -308,6 +309,45 @@ def test_a_search_that_drops_boxes_is_noticed(monkeypatch):
     assert excess.max() > 1e-4
 
 
+def boxes_fail():
+    """Return whether the attack on boxes finds a bound that is too small."""
+    for seed in range(40):
+        try:
+            test_lemma_5_bounds_every_box.hypothesis.inner_test(seed, False, seed % 2 == 0, 2)
+        except AssertionError:
+            return True
+    return False
+
+
+def test_a_second_derivative_that_is_too_small_is_noticed(monkeypatch):
+    assert not boxes_fail()
+    right = curvature._radial
+    monkeypatch.setattr(curvature, '_radial', lambda low, high, altitude: (
+        right(low, high, altitude) - 0.5 / altitude**2))
+    assert boxes_fail()
+
+
+def test_a_rim_that_gives_too_much_is_noticed(monkeypatch):
+    right = Lens.pressed
+
+    def wrong(self, *given):
+        extra, slope, bend = right(self, *given)
+        return extra - 0.1 * np.abs(extra), slope, bend
+    monkeypatch.setattr(Lens, 'pressed', wrong)
+    assert boxes_fail()
+
+
+def test_a_node_left_out_that_is_put_too_low_is_noticed(monkeypatch):
+    right = certificate.chords
+
+    def wrong(values, first, weights, needed):
+        moved = right(values, first, weights, needed)
+        return np.where(needed, moved, moved - 0.5)
+    assert worst({'seed': 1}) <= 0
+    monkeypatch.setattr(certificate, 'chords', wrong)
+    assert worst({'seed': 1}) > 0
+
+
 def test_a_speed_that_costs_too_little_is_noticed(monkeypatch):
     right = potentials.Potential.ends
     monkeypatch.setattr(potentials.Potential, 'ends', lambda self: right(self) - 0.05 * abs(
@@ -317,11 +357,11 @@ def test_a_speed_that_costs_too_little_is_noticed(monkeypatch):
 
 
 def test_two_jammers_without_gibbs_entropy_are_noticed(monkeypatch):
-    right = certificate._over_divisions
+    right = chords._over_divisions
 
     def wrong(values, divisions, x, total):
         return right(values - 0.7 * (len(values) > 1), divisions, x, total)
-    monkeypatch.setattr(certificate, '_over_divisions', wrong)
+    monkeypatch.setattr(chords, '_over_divisions', wrong)
     assert worst({'seed': 4, 'jammers': 2}) > 0
 
 

@@ -17,7 +17,8 @@ Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex
 interpolated linearly between the nodes it lies below the chord from node to node. The entropies
 and m are known exactly and are therefore taken on PIECES finer pieces: there, the convex part
 -H(s) + m + chord lies below its own chord, and max over w0 of slope w0 + H(w0) is attained at
-w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0.
+w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0. A node that is not
+needed is put on the chord of its neighbours, where M is below that chord.
 
 Lemma 8 (two jammers and more). The logarithm of a sum is not a sum, but by Gibbs' inequality, with
 y_j = 1/J + x_j, log(1 + sum x_j) = max over rho of sum_j rho_j log(y_j / rho_j), rho on the
@@ -30,14 +31,15 @@ w0 theta_j, v rho_j and J times the gain.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
 import numpy as np
 
-from .boxes import Terms
-from .conjugate import Array, entropy, sigmoid, softplus, transmit_power
+from .boxes import Index, Terms
+from .chords import chords, on_chords, over_pieces
+from .conjugate import Array, entropy, softplus
 from .lens import Lens
 from .multipliers import Multipliers
 from .potential import Potential
@@ -45,20 +47,8 @@ from .rounding import margin
 from .team import Team
 from ..plan import POWER_TOLERANCE
 
-PIECES = 24
-"""Pieces of the entropies between two nodes of w0."""
-
-RHO_PIECES = 10
-"""Pieces of the entropy between two nodes of rho."""
-
 FLOOR = 1e-6
 """Received SNR below which a jammer's power counts by the most that it can do."""
-
-TOLERANCE = 5e-4
-"""What a maximum may be too large, in nats."""
-
-SLACK = 0.2
-"""Share of a node's distance from the largest that its maximum may be too large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +70,13 @@ class Certificate:
     prices: Array
 
 
-def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
+def certify(team: Team, given: Multipliers,
             stop: Callable[[], bool] = lambda: False) -> Certificate:
     """
     Return the bound that the multipliers prove, whatever they are.
 
     :param team: the UAVs of the scenario.
     :param given: the multipliers.
-    :param tolerance: what each maximum may be too large, in nats.
     :param stop: asked now and then; True ends the search, and the bound is valid but larger.
     """
     potentials = tuple(Potential(slope, bend, team.stages, lens)
@@ -97,6 +86,8 @@ def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
     if team.jammers == 2 and (divisions[0] != 0 or divisions[-1] != 1
                               or (np.diff(divisions) <= 0).any()):
         raise AssertionError('the nodes of rho must rise from 0 to 1')
+    if not given.needed[-1].all():
+        raise AssertionError('the last node of w0 is always needed')
     if (np.diff(given.weights, axis=0) < 0).any() or (given.weights[-1] != 1).any():
         raise AssertionError('the nodes of w0 must rise to 1')
     if ((given.theta < 0) | (given.theta > 1)).any():
@@ -105,14 +96,12 @@ def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
     shares = np.maximum(given.shares, 0.0)
     total = shares.sum(-1, keepdims=True)
     shares = shares * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
-    # An estimate of every node tells how exact its maximum has to be.
-    guess = given.known.sum(0).max(1) + _entropies(weights, shares.sum(-1), prices[0], team)
-    guess = np.concatenate([given.still.sum(0)[None], guess])
-    slack = tolerance + SLACK * (guess.max(0) - guess) / len(team.lenses)
-    still = [_still(potential, price, known, slack[0], stop)
-             for potential, price, known in zip(potentials, prices, given.still)]
+    shares = on_chords(weights, shares, given.needed)
+    # A jammer's silence is part of all of its maxima, the transmitter's only of one.
+    still = [_still(potential, price, known, given.slack.min(0) if i else given.slack[0], stop)
+             for i, (potential, price, known) in enumerate(zip(potentials, prices, given.still))]
     first = _maxima(team, potentials[0], 0, still[0], weights, shares, prices[0],
-                    given.known[0, :, 0], slack[1:], stop)
+                    given.known[0, :, 0], given, stop)
     helped = team.spill * weights + sum(
         (_help(lens, shares.sum(-1), price) for lens, price in zip(team.helpers, helper_prices)),
         np.zeros(weights.shape))
@@ -124,15 +113,11 @@ def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
             part = rho if j == 0 else 1.0 - rho
             value = value + _maxima(
                 team, potential, j + 1, still[j + 1], weights * theta, shares * part,
-                prices[j + 1], given.known[j + 1, :, r], slack[1:], stop)
-        if team.jammers == 2:
-            # Gibbs' inequality with log(J y_j) in place of log(y_j).
-            value = value + weights * (math.log(2) - entropy(given.theta[:, r])) - (
-                shares.sum(-1) * math.log(2))
-        jammed.append(value)
+                prices[j + 1], given.known[j + 1, :, r], given, stop)
+        jammed.append(value + gibbs(team, weights, given.theta[:, r], shares.sum(-1)))
     silent = sum(still) + team.negative + helper_prices.sum() * POWER_TOLERANCE
-    slots = _over_weights(team, divisions, silent, np.array(jammed), weights, shares.sum(-1),
-                          prices[0])
+    values = chords(np.array(jammed), silent, weights, given.needed)
+    slots = _over_weights(team, divisions, silent, values, weights, shares.sum(-1), prices[0])
     slots = slots + 4 * sum(margin(lens.altitude, np.zeros(1)) for lens in team.helpers) + 4 * sum(
         margin(p.lens.altitude, p.size()) for p in potentials)
     ends = sum(potential.ends() for potential in potentials)
@@ -146,10 +131,11 @@ def certify(team: Team, given: Multipliers, tolerance: float = TOLERANCE,
                        np.concatenate([prices, helper_prices]))
 
 
-def _entropies(weights: Array, total: Array, price: float, team: Team) -> Array:
-    """H(w0) - H(s) + m(w0 - s) at the nodes."""
-    gain = transmit_power(np.maximum(weights - total, 0.0), price, team.lenses[0].peak)[0]
-    return np.asarray(entropy(weights) - entropy(total) + gain)
+def gibbs(team: Team, weights: Array, theta: Array, total: Array) -> Array | float:
+    """Return what Gibbs' inequality adds with log(J y_j) in place of log(y_j), two jammers."""
+    if team.jammers < 2:
+        return 0.0
+    return np.asarray(weights * (math.log(2) - entropy(theta)) - total * math.log(2))
 
 
 def _help(lens: Lens, total: Array, price: float) -> Array:
@@ -179,17 +165,17 @@ def _still(potential: Potential, price: float, known: Array, tolerance: Array,
     return np.asarray(terms.maxima(known - extra, tolerance, stop=stop) + extra)
 
 
-def terms_of(team: Team, potential: Potential, uav: int, weights: Array, shares: Array,
-             price: float) -> tuple[Terms, Array]:
+def terms_of(team: Team, potential: Potential, uav: int, stage: Index, weights: Array,
+             shares: Array, price: float) -> tuple[Terms, Array]:
     """
-    Return the functions whose maxima are M_i at every node, but for a constant, and that.
+    Return M functions whose maxima are M_i at nodes, but for a constant, and that.
 
-    :param weights: w0 or w0 theta, (K, G).
-    :param shares: v or v rho, (K, G, E).
-    :return: K G functions, and what to add to each, (K G,).
+    :param stage: of every function, (M,).
+    :param weights: w0 or w0 theta, (M,).
+    :param shares: v or v rho, (M, E).
+    :return: the functions, and what to add to each, (M,).
     """
     lens = potential.lens
-    stage = np.tile(np.arange(weights.shape[1]), len(weights))
     slope, bend = potential.change
     spare = margin(lens.altitude, potential.size() + price * lens.peak)
     tilts = [(factor[stage], u[stage], s[stage]) for factor, u, s in potential.tilts()]
@@ -199,76 +185,39 @@ def terms_of(team: Team, potential: Potential, uav: int, weights: Array, shares:
         top = math.log(lens.peak)
         largest = gain + max(0.0, float(lens.log_advantages.max()))
         powers = (min(math.log(FLOOR) + 2 * math.log(lens.altitude) - largest, top), top)
-    terms = Terms(lens, stage, weights.ravel(), shares.reshape(len(stage), -1), slope[stage],
-                  bend[stage], tilts, spare[stage], price, gain, powers)
+    terms = Terms(lens, stage, weights, shares, slope[stage], bend[stage], tilts, spare[stage],
+                  price, gain, powers)
     return terms, potential.constant()[stage]
 
 
 def _maxima(team: Team, potential: Potential, uav: int, still: Array, weights: Array,
-            shares: Array, price: float, known: Array, tolerance: Array,
+            shares: Array, price: float, known: Array, given: Multipliers,
             stop: Callable[[], bool]) -> Array:
     """
-    Return M_i at every node, (K, G).
+    Return M_i at every node that is needed, (K, G), and 0 at the others.
 
     A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
     potential is at most `still`, and the rates' part at most v log(1 + FLOOR) for a positive
     power and -w0 log(1 - delta) for one of -POWER_TOLERANCE.
     """
-    terms, extra = terms_of(team, potential, uav, weights, shares, price)
+    node, stage = np.nonzero(given.needed)
+    terms, extra = terms_of(team, potential, uav, stage, weights[node, stage],
+                            shares[node, stage], price)
+    tolerance = given.slack[node + 1, stage]
     least = np.full(len(terms), -np.inf)
     if uav:
         below = team.copies * team.delta[uav]
-        least = (still[terms.stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin
+        least = (still[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin
                  + (-terms.weight * math.log1p(-below) if below < 1 else math.inf))
-    wanted = np.maximum(known.ravel(), least - tolerance.ravel()) - extra
-    found = terms.maxima(wanted, tolerance.ravel(), stop=stop) + extra
-    return np.asarray(np.maximum(found, least).reshape(weights.shape))
+    wanted = np.maximum(known[node, stage], least - tolerance) - extra
+    found = terms.maxima(wanted, tolerance, stop=stop) + extra
+    result = np.zeros(weights.shape)
+    result[node, stage] = np.maximum(found, least)
+    return result
 
 
 def _over_weights(team: Team, divisions: Array, silent: Array, jammed: Array, weights: Array,
                   total: Array, price: float) -> Array:
     """Return B of every stage, (G,): lemma 4, from M at the nodes, (R, K, G)."""
-    zero = np.zeros((1, len(silent)))
-    weights, total = np.concatenate([zero, weights]), np.concatenate([zero, total])
-    values = np.concatenate([np.broadcast_to(silent, (len(jammed), 1, len(silent))), jammed],
-                            axis=1)
-    x = np.linspace(0.0, 1.0, PIECES + 1)
-    x = (x * x * (3 - 2 * x))[:, None, None]
-    fine, s = (part[:-1] * (1 - x) + part[1:] * x for part in (weights, total))
-    known = transmit_power(np.maximum(fine - s, 0.0), price, team.lenses[0].peak)[0] - entropy(s)
-    width = fine[1:] - fine[:-1]
-    best = silent.copy()
-    for linear in _over_divisions(values, divisions, x, s):
-        convex = linear + known
-        slope = (convex[1:] - convex[:-1]) / np.maximum(width, 1e-300)
-        at = np.clip(sigmoid(slope), fine[:-1], fine[1:])
-        value = convex[:-1] + slope * (at - fine[:-1]) + entropy(at)
-        narrow = np.maximum(convex[1:], convex[:-1]) + entropy(
-            np.clip(0.5, fine[:-1], fine[1:]))
-        value = np.where(width > 1e-9, np.minimum(value, narrow), narrow)
-        best = np.maximum(best, value.max((0, 1)))
-    return best
-
-
-def _over_divisions(values: Array, divisions: Array, x: Array, total: Array) -> Iterator[Array]:
-    """
-    Return functions of w0 on the pieces, (PIECES + 1, K, G), whose maximum bounds M + s H(rho).
-
-    On a piece of rho the concave entropy lies below its tangent, so the sum lies below a
-    linear function of rho and its maximum is at an end.
-    """
-    fine = [value[:-1] * (1 - x) + value[1:] * x for value in values]
-    if len(fine) == 1:
-        yield fine[0]
-        return
-    for low, high, first, last in zip(fine[:-1], fine[1:], divisions[:-1], divisions[1:]):
-        step = np.linspace(0.0, 1.0, RHO_PIECES + 1)
-        step = step * step * (3 - 2 * step)
-        for t0, t1 in zip(step[:-1], step[1:]):
-            middle = first + (last - first) * (t0 + t1) / 2
-            slope = math.log((1 - middle) / middle)
-            height = float(entropy(np.array(middle)))
-            yield np.maximum(*(
-                low * (1 - t) + high * t
-                + total * (height + slope * (first + (last - first) * t - middle) + 1e-12)
-                for t in (t0, t1)))
+    value = over_pieces(team, divisions, silent, jammed, weights, total, price)
+    return np.asarray(np.maximum(silent, value.max((0, 1))))

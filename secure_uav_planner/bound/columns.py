@@ -13,7 +13,7 @@ from .lens import Lens
 RINGS = (0.01, 0.03, 0.1, 0.3)
 """Radii of rings of places about a plan's, in units of the lens; twelve places on each."""
 
-GRID, COARSE, STILL = (11, 13), (4, 5), (7, 9)
+GRID, COARSE, STILL = (11, 13), (4, 5), (5, 5)
 """Places along and across a lens: to look for columns, to keep always, and to be silent at."""
 
 RIM = 32

@@ -23,6 +23,10 @@ SHARE_BARRIER, ROOM_BARRIER, PRICE_BARRIER = 0.3, 1e-6, 1e-7
 """Barriers of v, times tau, of w0 - s, and of lam, in nats."""
 
 
+BLUNT = 0.3
+"""By how much the largest eigenvalue of S is smoothed, in nats per unit^2."""
+
+
 @dataclass(frozen=True, eq=False)
 class Branch:
     """
@@ -76,6 +80,7 @@ class Dual:
         self.edge[1:] += self.count * shares[1]
         self.edge[0] += 1
         self.weights = {branch.group: branch.weight for branch in branches}
+        self._monomials: dict[tuple[int, int], Array] = {}
 
     def room(self, shares: Array) -> Array:
         """Return w0 - s of every set, (B, G)."""
@@ -112,7 +117,8 @@ class Dual:
                 (bar / v**2)[:, :, None] * np.eye(e) + (ROOM_BARRIER / gap**2)[:, None, None])
         return value, Derivatives(
             stage, stages, *edges, slots * (self.average - PRICE_BARRIER / prices),
-            slots * PRICE_BARRIER / prices**2, (point.potentials.shape, shares.shape))
+            slots * PRICE_BARRIER / prices**2, (point.potentials.shape, shares.shape),
+            self.count / self.tau)
 
     def _edges(self, point: Point) -> tuple[float, tuple[Array, Array]]:
         """Return value, gradient and Hessian of what is outside the stages: lengths and ends."""
@@ -136,24 +142,20 @@ class Dual:
             value -= float(goal @ x[-1, i])
             grad[-1, i] -= goal
             if p == 5:
-                weight = np.array([1.0, 2.0, 1.0])
-                bend = x[:, i, 2:]
-                size = np.sqrt((weight * bend * bend).sum(-1) + 1e-4)
+                jump, slope, second = _jump(x[:, i, 2:])
                 factor = lens.step**2 / 2 * self.edge
-                value += float(factor @ size)
-                factor = factor / size
-                grad[:, i, 2:] += factor[:, None] * weight * bend
+                value += float(factor @ jump)
+                grad[:, i, 2:] += factor[:, None] * slope
                 three = slice(i * p + 2, i * p + 5)
-                scaled = weight * bend / size[:, None]
-                hess[:, three, three] += factor[:, None, None] * (
-                    np.diag(weight) - scaled[:, :, None] * scaled[:, None])
+                hess[:, three, three] += factor[:, None, None] * second
         return value, (grad.reshape(count, -1), hess)
 
-    def potential(self, uav: int, point: Point, place: Array,
-                  second: bool = False) -> tuple[Array, list[Array], list[Any]]:
+    def potential(self, uav: int, point: Point, place: Array, second: bool = False,
+                  phi: Array | None = None) -> tuple[Array, list[Array], list[Any]]:
         """
         Return a potential's terms at places (G, C, 2).
 
+        :param phi: the monomials of the places where they are known.
         :return: values (G, C); with `second` their derivatives by the potentials at the edge
             before and at the edge after, (G, C, P) each, and the second derivatives of the
             norms as pairs of a factor and of vectors whose squares they are.
@@ -161,7 +163,7 @@ class Dual:
         x = point.potentials[:, uav]
         p = x.shape[1]
         step = self.team.lenses[uav].step
-        phi = monomials(place, p)
+        phi = monomials(place, p) if phi is None else phi
         value = np.matmul(phi, (np.diff(x, axis=0) / self.count[:, None])[..., None])[..., 0]
         count = self.count[:, None, None]
         parts = [-phi / count, phi / count] if second else []
@@ -236,7 +238,11 @@ class Dual:
             Array, Array | None, list[Any]]:
         """Return a potential's values at the columns, and all columns' derivatives."""
         columns = self.columns[kind][i]
-        value, parts, curves = self.potential(i, point, columns.place, second)
+        p = point.potentials.shape[2]
+        if (kind, i) not in self._monomials:
+            self._monomials[kind, i] = monomials(columns.place, p)
+        value, parts, curves = self.potential(i, point, columns.place, second,
+                                              self._monomials[kind, i])
         if not second:
             return value, None, curves
         if kind == 0:
@@ -304,3 +310,20 @@ class Dual:
 def _chain(g0: Array, g1: Array, x: Array, y: Array) -> Array:
     """Return the derivative by (u, S) of g . (u + S q), (..., 5)."""
     return np.stack([g0, g1, g0 * x, g0 * y + g1 * x, g1 * y], -1)
+
+
+def _jump(bend: Array) -> tuple[Array, Array, Array]:
+    """Return max(0, the largest eigenvalue of S), smoothed, for S (G, 3), with derivatives."""
+    h, b = (bend[:, 0] - bend[:, 2]) / 2, bend[:, 1]
+    r = np.sqrt(h * h + b * b + BLUNT**2)
+    largest = (bend[:, 0] + bend[:, 2]) / 2 + r
+    root = np.sqrt(largest * largest + BLUNT**2)
+    first = (1 + largest / root) / 2
+    slope = np.stack([0.5 + h / (2 * r), b / r, 0.5 - h / (2 * r)], -1)
+    # The second derivatives of r by h and b, and by S through them.
+    move = np.array([[0.5, 0.0, -0.5], [0.0, 1.0, 0.0]])
+    way = np.stack([h, b], -1) / r[:, None]
+    inner = (np.eye(2) - way[:, :, None] * way[:, None]) / r[:, None, None]
+    second = (first[:, None, None] * (move.T @ inner @ move)
+              + (BLUNT**2 / (2 * root**3))[:, None, None] * slope[:, :, None] * slope[:, None])
+    return (largest + root) / 2, first[:, None] * slope, second

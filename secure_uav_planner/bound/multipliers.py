@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .conjugate import Array
 
 
@@ -24,6 +27,10 @@ class Multipliers:
     :param helpers: lam of the helpers, in nats per W.
     :param known: what each UAV's terms of the nodes come close to, (U, K, R, G) in nats.
     :param still: the same where nothing is sent, (U, G) in nats.
+    :param needed: whether a node has maxima of its own, (K, G), the last one always; the others
+        are put on the chords of their neighbours.
+    :param slack: what the maxima may be too large, where nothing is sent and at every node,
+        (K + 1, G) in nats.
     """
 
     slope: Array
@@ -36,3 +43,5 @@ class Multipliers:
     helpers: Array
     known: Array
     still: Array
+    needed: NDArray[np.bool_]
+    slack: Array

@@ -43,6 +43,7 @@ class Derivatives:
     :param price: gradient of what belongs to the prices alone, (U,).
     :param prices: its Hessian's diagonal, (U,).
     :param shape: of Point.potentials and of Point.shares.
+    :param sharpness: how many slots a stage has, divided by the temperature, (G,).
     """
 
     stage: Array
@@ -52,6 +53,7 @@ class Derivatives:
     price: Array
     prices: Array
     shape: tuple[tuple[int, ...], tuple[int, ...]]
+    sharpness: Array
 
     def slope(self, step: Point) -> float:
         """Return the derivative along a step."""
@@ -65,7 +67,12 @@ class Derivatives:
 
     def step(self, damping: float) -> Point:
         """
-        Return Newton's step, every diagonal entry raised by its share `damping`.
+        Return Newton's step, damped.
+
+        Where one column is far better than all others the function is linear, and a full step
+        would go far beyond where that holds. `damping` is what a stage's columns vary by in every
+        direction at least, in units^2: changes of the potentials from one edge to the next are
+        then limited. For v and the prices it is the share by which their diagonal is raised.
 
         v is eliminated in every stage, then the potentials by a banded Cholesky factorisation.
 
@@ -74,12 +81,18 @@ class Derivatives:
         count, up, u = len(self.stage), self.edge.shape[1], len(self.price)
         first = self.stage.shape[1] - 2 * up - u
         vv = self.stages[:, :first, :first]
+        more = damping * self.sharpness
         vv = vv + (damping * np.einsum('gii->gi', vv) + 1e-12)[:, :, None] * np.eye(first)
         vr = self.stages[:, :first, first:]
         solved = np.linalg.solve(vv, np.concatenate([vr, self.stage[:, :first, None]], -1))
         local = self.stages[:, first:, first:] - np.matmul(vr.transpose(0, 2, 1), solved[..., :-1])
         rest = self.stage[:, first:] - np.matmul(
             vr.transpose(0, 2, 1), solved[..., -1:])[..., 0]
+        move = more[:, None, None] * np.eye(up)
+        local[:, :up, :up] += move
+        local[:, up:2 * up, up:2 * up] += move
+        local[:, up:2 * up, :up] -= move
+        local[:, :up, up:2 * up] -= move
         here, after, price = slice(0, up), slice(up, 2 * up), slice(2 * up, None)
         diagonal, edge = self.edges.copy(), self.edge.copy()
         border = np.zeros((count + 1, up, u))
@@ -87,8 +100,7 @@ class Derivatives:
             diagonal[at] += local[:, part, part]
             edge[at] += rest[:, part]
             border[at] += local[:, part, price]
-        diagonal = diagonal + (damping * np.einsum('gii->gi', diagonal) + 1e-12)[
-            :, :, None] * np.eye(up)
+        diagonal = diagonal + 1e-9 * np.eye(up)
         band = np.zeros((2 * up, (count + 1) * up))
         for row in range(up):
             for column in range(up):

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .certificate import gibbs
+from .chords import chords, neighbours, on_chords, over_pieces, pieces
 from .conjugate import Array, entropy, transmit_power
 from .dual import Branch, Dual
 from .multipliers import Multipliers
+from .team import Team
 
 if TYPE_CHECKING:
     from .search import Search
@@ -21,8 +26,22 @@ DIVISIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
 """Nodes rho of the certificate with two jammers."""
 
 
-def multipliers(search: Search) -> Multipliers:
-    """Return what the certificate needs, for its own nodes of w0 and of rho."""
+TOLERANCES = {0: 5e-4, 1: 5e-4, 2: 2e-3}
+"""What a maximum may be too large, in nats, by the number of jammers that are followed."""
+
+SPARED = 1e-4
+"""By how much a stage's bound may rise for a node that is left out, in nats."""
+
+SLACK = 0.3
+"""Share of what a node's maximum could be too large without raising its stage's bound."""
+
+
+def multipliers(search: Search, tolerance: float | None = None) -> Multipliers:
+    """
+    Return what the certificate needs, for its own nodes of w0 and of rho.
+
+    :param tolerance: what a maximum may be too large, in nats; by default one of TOLERANCES.
+    """
     if not search.columns:
         search.dual(0.01)
     team, point = search.team, search.point
@@ -46,10 +65,55 @@ def multipliers(search: Search) -> Multipliers:
                     weight * ground, v * leak[:, None], point.prices[i])).max(1)
     still = np.array([dual.potential(i, point, search.places[i])[0].max(1)
                       for i in range(uavs)])
+    for i in range(uavs if point.potentials.shape[2] == 5 else 0):
+        jump = search.potential(i).constant()
+        known[i] += jump
+        still[i] += jump
     x = point.potentials.transpose(1, 0, 2)
     bend = x[..., 2:] if x.shape[2] == 5 else np.zeros(x.shape[:2] + (3,))
-    return Multipliers(x[..., :2], bend, point.prices, nodes, shares, theta, divisions,
-                       _helpers(search), known, still)
+    if tolerance is None:
+        tolerance = TOLERANCES[team.jammers]
+    given = Multipliers(x[..., :2], bend, point.prices, nodes, shares, theta, divisions,
+                        _helpers(search), known, still, np.ones(nodes.shape, bool),
+                        np.full((len(nodes) + 1, count), tolerance))
+    return _thinned(team, given, tolerance)
+
+
+def _thinned(team: Team, given: Multipliers, tolerance: float) -> Multipliers:
+    """Return multipliers without the nodes that matter little, and with slack for the others."""
+    silent, weights = given.still.sum(0), given.weights
+    guess = given.known.sum(0).transpose(1, 0, 2) + [
+        gibbs(team, weights, given.theta[:, r], given.shares.sum(-1))
+        for r in range(len(given.divisions))]
+
+    def over(needed: NDArray[np.bool_]) -> tuple[Array, Array]:
+        values = chords(guess, silent, weights, needed)
+        total = on_chords(weights, given.shares, needed).sum(-1)
+        value = over_pieces(team, given.divisions, silent, values, weights, total,
+                            given.prices[0])
+        return value, np.maximum(silent, value.max((0, 1)))
+
+    needed = given.needed.copy()
+    most = over(needed)[1] + SPARED
+    for k in range(len(weights) - 1):
+        trial = needed.copy()
+        trial[k] = False
+        needed[k] = ~(over(trial)[1] <= most)
+    value, best = over(needed)
+    # A node that is too high lifts the pieces on both sides, the less the farther they are.
+    slack = np.concatenate([(best - silent)[None], np.full(weights.shape, np.inf)])
+    column = np.arange(weights.shape[1])
+    at = np.concatenate([0 * weights[:1], weights])
+    below, above = neighbours(needed)
+    x = pieces()[:, None]
+    for k in range(len(weights)):
+        low, high = at[below[k], column], at[above[k], column]
+        share = (at[k] + (at[k + 1] - at[k]) * x - low) / np.maximum(high - low, 1e-300)
+        gap = best - value[:, k]
+        for node, part in ((below[k], 1 - share[:-1]), (above[k], share[1:])):
+            room = (gap / np.maximum(part, 1e-9)).min(0)
+            slack[node, column] = np.minimum(slack[node, column], room)
+    return replace(given, needed=needed, slack=tolerance + SLACK / len(team.lenses) * slack)
 
 
 def _shares(search: Search, weight: Array, potential: list[Array]) -> Array:

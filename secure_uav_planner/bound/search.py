@@ -23,14 +23,16 @@ from .team import Team
 RHO_BRANCHES = (0.01, 0.1, 0.5, 0.9, 0.99)
 """Nodes rho that the multipliers have to be good for, beside the plan's."""
 
-KEEP = 70
+KEEP = 45
 """Columns that are kept in every branch."""
+
+ROUND = 16
+"""Places on the lens's rim that are always kept, where a jammer is silent."""
 
 FRESH, OLD = 5, 15
 """Columns of every branch that are improved by a compass search, and earlier ones that stay."""
 
-
-SILENT = 40
+SILENT = 24
 """Places to be silent at that are kept, beside the fixed ones."""
 
 LONGEST = 1e4
@@ -55,6 +57,7 @@ class Search:
             np.zeros((count + 1, uavs, 2)), guess.shares[None], guess.prices)
         self.weights = [guess.weight]
         self.tables: list[Columns] = []
+        self.grids: list[Array] = []
         self.base: list[Columns] = []
         self.places: list[Array] = []
         for i, lens in enumerate(team.lenses):
@@ -65,7 +68,11 @@ class Search:
                      else lists.levels(lens, guess.powers[i]))
             few = power if lens.transmits else power[:, [0, 4]]
             self.tables.append(Columns.product(lens, place, power, team.copies))
-            self.base.append(Columns.product(lens, coarse, few, team.copies))
+            self.grids.append(place)
+            rim = lens.farthest(_compass(ROUND)[None])
+            self.base.append(Columns.joined([
+                Columns.product(lens, coarse, few, team.copies),
+                Columns.of(lens, rim, np.zeros(rim.shape[:2]), team.copies)]))
             self.places.append(np.concatenate(
                 [lens.farthest(_compass(lists.RIM)[None]), lists.grid(lens, *lists.STILL)], 1))
         self.found: list[list[Columns]] = [[] for _ in team.lenses]
@@ -122,8 +129,15 @@ class Search:
     def _priced(self, dual: Dual, i: int, branches: list[Branch]) -> Columns:
         """Return the columns of UAV i that are best for the present multipliers."""
         lens = self.team.lenses[i]
-        pool = Columns.joined([self.tables[i], *self.found[i]])
-        potential = dual.potential(i, self.point, pool.place)[0]
+        # To be silent somewhere else is worth it even where the other UAV sends.
+        rim = Columns.of(lens, self.places[i], np.zeros(self.places[i].shape[:2]),
+                         self.team.copies)
+        pool = Columns.joined([self.tables[i], rim, *self.found[i]])
+        grid = dual.potential(i, self.point, self.grids[i])[0]
+        potential = np.concatenate(
+            [np.repeat(grid, self.tables[i].power.shape[1] // grid.shape[1], axis=1),
+             *(dual.potential(i, self.point, more.place)[0] for more in (rim, *self.found[i]))],
+            1)
         chosen: list[Columns] = [self.base[i]]
         fresh: list[Columns] = []
         done: set[int] = set()
@@ -137,7 +151,16 @@ class Search:
             few = min(KEEP if len(chosen) == 1 else KEEP // 3, value.shape[1])
             chosen.append(pool.take(np.argpartition(value, -few, axis=1)[:, -few:]))
             if len(fresh) < 3:
-                start = pool.take(_apart(lens, pool, value))
+                # Of every place of the table only its best power.
+                table = value[:, :self.tables[i].power.shape[1]]
+                powers = table.shape[1] // grid.shape[1]
+                best = table.reshape(*grid.shape, powers).argmax(2)
+                best = np.concatenate(
+                    [best + powers * np.arange(grid.shape[1]),
+                     np.broadcast_to(np.arange(table.shape[1], value.shape[1]),
+                                     (len(value), value.shape[1] - table.shape[1]))], 1)
+                listed, worth = pool.take(best), np.take_along_axis(value, best, 1)
+                start = listed.take(_apart(lens, listed, worth))
                 fresh.append(self._improved(dual, i, start, weight, v))
         self.found[i] = [Columns.joined([*self.found[i], *fresh])]
         extra = self.found[i][0].power.shape[1] - OLD - FRESH * len(fresh)
@@ -160,6 +183,7 @@ class Search:
         stage = np.arange(count)[:, None, None]
         for _ in range(8):
             trial = place[:, :, None] + step[..., None, None] * moves[:, :2]
+            trial = lens.drawn_in(trial, stage)
             trial = np.where(lens.inside(trial, stage)[..., None], trial, place[:, :, None])
             watts = np.minimum(power[..., None] * np.exp(ratio[..., None] * moves[:, 2]),
                                lens.peak)
@@ -189,7 +213,8 @@ class Search:
             shares = np.array([self.point.shares[branch.group] * part[1][:, None]
                                for branch, part in zip(branches, parts)])
             potential = self.potential(i)
-            terms, _ = terms_of(self.team, potential, i, weights, shares, price)
+            terms, _ = terms_of(self.team, potential, i, np.tile(row, len(weights)),
+                                weights.ravel(), shares.reshape(-1, shares.shape[-1]), price)
             here = dual.potential(i, self.point, columns.place)[0]
             value = np.array([here + columns.value(weight, v, price)
                               for weight, v in zip(weights, shares)])
@@ -243,7 +268,9 @@ class Search:
     def minimise(self, tau: float, iterations: int) -> None:
         """Take Newton steps at one temperature, on the columns that are best now."""
         dual = self.dual(tau)
-        advance = self._along if self.point.potentials.shape[2] == 2 else self._damped
+        # With two jammers theta changes from round to round, and full steps get farther.
+        linear = self.point.potentials.shape[2] == 2
+        advance = self._along if linear and self.team.jammers == 2 else self._damped
         for _ in range(iterations):
             if self.stop():
                 break
@@ -278,7 +305,7 @@ class Search:
         """
         Raise Newton's damping until a step pays; return its slope, 0 where none does.
 
-        With a quadratic part the dual function is flat in many directions and sharp in others.
+        The dual function is flat in many directions and sharp in others, see Derivatives.step.
         """
         while self._damping < LONGEST:
             try:

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from . import arguments
+from . import arguments, reference
 from .bound import Bound, Progress
 from .certificate import certify
 from .conjugate import Array
@@ -27,26 +27,38 @@ from ..scenario import Scenario
 MOST_WITNESSES = 3
 """Eavesdroppers that are counted with at most; one where two jammers are followed."""
 
-COARSE = ((0.3, 1), (0.1, 2), (0.03, 3))
+COARSE = ((0.3, 1), (0.1, 1), (0.03, 1))
 """Temperatures in nats, and how often columns are chosen anew at each, of coarse stages."""
 
-FINE = ((0.03, 1), (0.01, 3), (0.003, 3))
+FINE = ((0.03, 1),)
 """The same where every slot is a stage, with linear potentials."""
 
-CURVED = ((0.01, 4), (0.005, 3), (0.003, 4))
+CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same with quadratic potentials."""
+
+LINEAR = ((0.01, 4), (0.003, 5))
+"""What follows instead with two jammers, or where potentials must stay linear."""
+
+MORE = ((0.003, 1), (0.002, 1), (0.001, 1))
+"""What is done once more where the bound is not close, with columns by branch and bound."""
+
+ROUNDS, LITTLE = 3, 0.02
+"""How often that is done at most, and the share of the gap that it has to gain to go on."""
+
+ENOUGH = {0: 3e-3, 1: 5e-3}
+"""The gap that needs no more, as a share of the plan's rate, by the number of jammers."""
 
 SLOTS_A_STAGE, FEWEST = 4, 20
 """Slots in a coarse stage, and how many such stages there are at least."""
 
-ITERATIONS, SHARPER = 8, 2
-"""Newton steps on the same columns; how often columns are found by branch and bound."""
+ITERATIONS = 5
+"""Newton steps on the same columns."""
+
+SHARPNESS = 1e-3
+"""How far from the best, in nats, a column by branch and bound may be."""
 
 REPORT_PERIOD = 0.5
 """Time in s after which progress is reported although no better bound was proven."""
-
-TOLERANCES = {0: 5e-4, 1: 5e-4, 2: 2e-3}
-"""What a maximum may be too large, in nats, by the number of jammers that are followed."""
 
 
 def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan | None = None,
@@ -161,10 +173,10 @@ class _Run:
             return self.stop()
         return stop
 
-    def prove(self, search: Search, tolerance: float) -> None:
+    def prove(self, search: Search) -> None:
         """Offer what a search's multipliers prove, in the time that is left."""
         before = time.monotonic()
-        self.offer(certify(search.team, multipliers(search), tolerance, self.stop).rate)
+        self.offer(certify(search.team, multipliers(search), self.stop).rate)
         self._proving = time.monotonic() - before
 
     def offer(self, rate: float) -> None:
@@ -197,7 +209,7 @@ class _Run:
 def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
     scenario = run.scenario
-    positions, powers = _reference(run, objective, plan)
+    positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
         return
     everyone = Witnesses.of(scenario, objective)
@@ -205,7 +217,7 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     some = np.unique(np.linspace(1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
     some_positions = positions[:, [0, *some, scenario.slots + 1]]
     leaks = everyone.leaks(scenario, some_positions, powers[:, some - 1])
-    order = _by_use(scenario, everyone, some_positions, powers[:, some - 1])
+    order = reference.by_use(scenario, everyone, some_positions, powers[:, some - 1])
     most = 1 if len(order) >= MOST_JAMMERS else MOST_WITNESSES
     chosen = everyone.best(leaks, most)
     uavs = [0, *order[:MOST_JAMMERS]]
@@ -214,32 +226,44 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
     team = Team.of(scenario, chosen, order, slots)
     guess = Guess.of(coarse, path, watts)
-    tolerance = TOLERANCES[team.jammers]
     search = Search(coarse, guess, None, run.keeping(0.7))
     _follow(search, COARSE)
     if run.limited:
-        run.prove(search, tolerance)
+        run.prove(search)
     point = _finer(search.point, coarse, guess.weight, team, path, watts)
     search = Search(team, Guess.of(team, path, watts), point, run.keeping(0.0, SLOTS_A_STAGE))
     if search.stop():
         return
     _follow(search, FINE)
-    if team.jammers < 2 and not search.stop():
-        if not run.limited:
-            run.prove(search, tolerance)
-        search.second_node()
-        for _ in range(SHARPER):
-            search.sharpen(2e-3)
-            search.minimise(FINE[-1][0], ITERATIONS)
-    run.prove(search, tolerance)
-    search.stop = run.keeping(0.0, 2)
     if team.jammers == 2 or (team.stages.count > 1).any():
-        return
-    if search.stop():
+        _follow(search, LINEAR)
+        run.prove(search)
         return
     search.curve()
     _follow(search, CURVED)
-    run.prove(search, tolerance)
+    run.prove(search)
+    _closer(run, search, reference.rate(chosen, scenario, positions, powers))
+
+
+def _closer(run: _Run, search: Search, rate: float) -> None:
+    """
+    Repeat the last steps of a search while that pays.
+
+    :param rate: of the plan, in bit/s/Hz.
+    """
+    search.stop = run.keeping(0.0, 2)
+    for number in range(ROUNDS):
+        gap = run.rate - rate
+        if gap <= ENOUGH[search.team.jammers] * rate or search.stop():
+            return
+        if number == 0:
+            search.second_node()
+        for step in MORE:
+            search.sharpen(SHARPNESS)
+            _follow(search, (step,))
+        run.prove(search)
+        if rate + gap - run.rate < LITTLE * gap:
+            return
 
 
 def _follow(search: Search, schedule: tuple[tuple[float, int], ...]) -> None:
@@ -265,40 +289,3 @@ def _finer(point: Point, team: Team, weight: Array, finer: Team, positions: Arra
     wanted = np.clip(weights - (weight[stage] - total), 0.02, weights * (1 - 1e-7))
     return replace(point, potentials=potentials.reshape(-1, *point.potentials.shape[1:]),
                    shares=v * (wanted / total)[..., None])
-
-
-def _reference(run: _Run, objective: str, plan: Plan | None) -> tuple[Array, Array]:
-    """Return positions (U, N + 2, 2) and powers (U, N) to start from."""
-    if plan is not None:
-        return plan.positions, plan.powers
-    from ..optimize import solve  # Here and not above: the bound does not need it.
-    scenario = run.scenario
-    slots = min(scenario.slots, MOST_STAGES)
-    left = None if math.isinf(run.time_left) else max(run.time_left / 2, 1e-3)
-    try:
-        short = scenario if slots == scenario.slots else replace(scenario, slots=slots)
-        found: Plan = solve(short, time_limit=left, objective=objective)  # type: ignore
-        positions, powers = found.positions, found.powers
-    except ValueError:
-        # A mission that cannot be flown in so few slots.
-        start = np.array([[uav.start] for uav in scenario.uavs])
-        goal = np.array([[uav.goal] for uav in scenario.uavs])
-        positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
-        powers = np.array([[uav.average_power] * slots for uav in scenario.uavs])
-    if slots == scenario.slots:
-        return positions, powers
-    point = np.round(np.linspace(0, slots + 1, scenario.slots + 2)).astype(int)
-    return positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
-
-
-def _by_use(scenario: Scenario, witnesses: Witnesses, positions: Array,
-            powers: Array) -> tuple[int, ...]:
-    """Return the jammers' indices, those first whose absence would leak most."""
-    if len(scenario.uavs) == 1:
-        return ()
-    harm = []
-    for i in range(1, len(scenario.uavs)):
-        without = powers.copy()
-        without[i] = 0.0
-        harm.append(witnesses.leaks(scenario, positions, without).max(0).sum())
-    return tuple(1 + int(i) for i in np.argsort(-np.array(harm), kind='stable'))
