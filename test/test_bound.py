@@ -314,11 +314,11 @@ def test_many_slots_share_stages():
 def test_no_plan_of_random_missions_exceeds_their_bounds(first):
     for seed in range(first, first + 10):
         rng = np.random.default_rng(seed)
-        scenario = random_mission(seed, slots=int(rng.integers(5, 60)))
-        found = solve(scenario)
-        plans = [found, solve(scenario, objective='guaranteed'), fly_hover_fly(scenario),
-                 *random_plans(scenario, rng, 100)]
-        plans += [solve(scenario, initial=start) for start in plans[3:6]]
-        for objective in OBJECTIVES:
-            bound = upper_bound(scenario, objective=objective, plan=found)
-            assert max(rate(candidate, objective) for candidate in plans) <= bound.rate, seed
+        scenario = random_mission(seed, slots=int(rng.integers(3, 9)))
+        objective = OBJECTIVES[seed % 2]
+        found = solve(scenario, objective=objective)
+        plans = [found, fly_hover_fly(scenario), *random_plans(scenario, rng, 50)]
+        plans += [solve(scenario, objective=objective, initial=start) for start in plans[2:4]]
+        # Any bound is to hold, also one that was cut short.
+        bound = upper_bound(scenario, objective=objective, plan=found, time_limit=1.0)
+        assert max(rate(candidate, objective) for candidate in plans) <= bound.rate, seed
