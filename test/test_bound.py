@@ -1,5 +1,6 @@
 """The bound as a user sees it: above every plan, honest about what it ignores, quick to say no."""
 
+from dataclasses import replace
 from importlib import import_module
 import json
 import math
@@ -126,6 +127,13 @@ def test_a_bound_cut_short_is_a_bound(limit, plan):
     bound = upper_bound(PAPER, objective='guaranteed', plan=plan, time_limit=limit)
     assert plan.guaranteed_rate <= bound.rate < math.inf
     assert bound.status in ('time_limit', 'converged')
+
+
+def test_an_infinite_time_limit_is_none():
+    few = replace(PAPER, slots=4)
+    bound = upper_bound(few, objective='guaranteed', time_limit=math.inf)
+    assert bound.status == 'converged'
+    assert bound.rate == upper_bound(few, objective='guaranteed').rate
 
 
 @pytest.mark.parametrize('options, words', [

@@ -38,7 +38,11 @@ def _one_of(field: str, value: Any, allowed: tuple[str, ...]) -> str:
 
 
 def checked_time_limit(time_limit: Any) -> float | None:
-    """Return the time limit as a float or None; raise OptionError unless it is above 0 s."""
+    """
+    Return the time limit in s as a float, or None without one.
+
+    :raises OptionError: unless it is above 0 s.
+    """
     if time_limit is None:
         return None
     try:
@@ -47,7 +51,7 @@ def checked_time_limit(time_limit: Any) -> float | None:
         number = math.nan
     if isinstance(time_limit, bool) or not number > 0:
         raise OptionError(f'time_limit is {shown(time_limit)}; it must be above 0 s, or None')
-    return number
+    return number if number < math.inf else None
 
 
 def checked_callback(on_progress: Any) -> Any:

@@ -55,8 +55,7 @@ def _results(task: Task) -> dict[str, Any]:
         'solve_time': plan.solve_time}
     found['rate'] = found[f'{objective}_rate']
     if limit is not None:
-        bound = upper_bound(scenario, objective=objective, plan=plan,
-                            time_limit=limit if math.isfinite(limit) else None)
+        bound = upper_bound(scenario, objective=objective, plan=plan, time_limit=limit)
         gap = bound.gap(plan)
         found.update(bound=bound.rate if math.isfinite(bound.rate) else None,
                      gap=gap if math.isfinite(gap) else None)
