@@ -12,10 +12,11 @@ from . import columns as lists
 from .certificate import terms_of
 from .columns import Columns
 from .conjugate import Array, entropy, transmit_power
+from .descent import along, Descent
 from .dual import Branch, Dual
 from .guess import Guess
 from .lens import Lens
-from .newton import Derivatives, Point
+from .newton import Point
 from .nodes import multipliers, theta_of
 from .potential import Potential
 from .team import Team
@@ -34,9 +35,6 @@ FRESH, OLD = 5, 15
 
 SILENT = 24
 """Places to be silent at that are kept, beside the fixed ones."""
-
-LONGEST = 1e4
-"""Damping at which a Newton step is given up."""
 
 
 class Search:
@@ -77,7 +75,7 @@ class Search:
                 [lens.farthest(_compass(lists.RIM)[None]), lists.grid(lens, *lists.STILL)], 1))
         self.found: list[list[Columns]] = [[] for _ in team.lenses]
         self.columns: list[Columns] = []
-        self._damping = 1e-6
+        self._descent = Descent()
 
     # -- what the present multipliers ask for
 
@@ -270,60 +268,14 @@ class Search:
         dual = self.dual(tau)
         # With two jammers theta changes from round to round, and full steps get farther.
         linear = self.point.potentials.shape[2] == 2
-        advance = self._along if linear and self.team.jammers == 2 else self._damped
+        advance = along if linear and self.team.jammers == 2 else self._descent.damped
         for _ in range(iterations):
             if self.stop():
                 break
             value, derivatives = dual.derivatives(self.point)
-            slope = advance(dual, value, derivatives)
+            self.point, slope = advance(dual, self.point, value, derivatives)
             if -slope < 1e-3 * tau * self.team.stages.slots**0.5:
                 break
-
-    def _along(self, dual: Dual, value: float, derivatives: Derivatives) -> float:
-        """Go along Newton's step as far as it pays; return its slope, 0 where it does not."""
-        step = None
-        for damping in (1e-9, 1e-6, 1e-3):
-            try:
-                step = derivatives.step(damping)
-                break
-            except np.linalg.LinAlgError:
-                continue
-        if step is None:
-            return 0.0
-        step = _within(step, self.point, dual.room(self.point.shares))
-        slope = min(derivatives.slope(step), 0.0)
-        length = 1.0
-        for _ in range(12):
-            trial = self.point.moved(step, length)
-            if dual.value(trial) <= value + 1e-4 * length * slope:
-                self.point = trial
-                return slope
-            length *= 0.4
-        return 0.0
-
-    def _damped(self, dual: Dual, value: float, derivatives: Derivatives) -> float:
-        """
-        Raise Newton's damping until a step pays; return its slope, 0 where none does.
-
-        The dual function is flat in many directions and sharp in others, see Derivatives.step.
-        """
-        while self._damping < LONGEST:
-            try:
-                step = derivatives.step(self._damping)
-            except np.linalg.LinAlgError:
-                self._damping *= 100
-                continue
-            step = _within(step, self.point, dual.room(self.point.shares))
-            slope = min(derivatives.slope(step), 0.0)
-            for length, factor in ((1.0, 0.1), (0.3, 1.0)):
-                trial = self.point.moved(step, length)
-                if dual.value(trial) < value + 0.1 * length * slope:
-                    self.point = trial
-                    self._damping = max(factor * self._damping, 1e-9)
-                    return slope
-            self._damping *= 10
-        self._damping = 1.0
-        return 0.0
 
 
 def _compass(count: int) -> Array:
@@ -344,15 +296,3 @@ def _apart(lens: Lens, pool: Columns, value: Array) -> NDArray[np.intp]:
         offset = np.abs(pool.place - pool.place[row, best][:, None])
         value[(offset[..., 0] < far) & (offset[..., 1] < far)] = -np.inf
     return np.stack(found, 1)
-
-
-def _within(step: Point, point: Point, room: Array) -> Point:
-    """Return a step cut back so that every slot's v, every room and every price stay positive."""
-    with np.errstate(divide='ignore', invalid='ignore'):
-        total = -step.shares.sum(-1)
-        most = np.minimum(
-            np.where(step.shares < 0, -point.shares / step.shares, np.inf).min(-1),
-            np.where(total < 0, -room / total, np.inf))
-        prices = np.where(step.prices < 0, -point.prices / step.prices, np.inf)
-    return replace(step, shares=step.shares * np.minimum(1.0, 0.9 * most)[..., None],
-                   prices=step.prices * np.minimum(1.0, 0.9 * prices))
