@@ -178,7 +178,7 @@ def test_px4_gets_ned_and_the_heartbeat_outlives_setpoints_only_for_a_moment(pac
         assert modes[0].position and modes[0].velocity and modes[0].acceleration
         assert not modes[0].attitude
         # Setpoints stop; the heartbeat goes on for a while and ends.
-        wait_for_line(process, 'no setpoint of uav1 has come for 3.0 s')
+        wait_for_line(process, 'no setpoint of uav1 has come for')
         last = max(target.timestamp for target in targets)
         assert sum(mode.timestamp > last for mode in modes) >= 2
         assert len(targets) <= source.sent  # an old setpoint is never sent again

@@ -81,8 +81,8 @@ def test_a_callback_stops_it_with_the_best_plan_so_far(calls):
 
 
 def test_the_deadline_is_kept():
-    plan = solve(Scenario.paper(200.0, slots=5000), objective='worst_case', time_limit=0.05)
-    assert plan.status == 'time_limit' and len(plan.history) < 40
+    plan = solve(Scenario.paper(200.0, slots=5000), objective='worst_case', time_limit=1e-3)
+    assert plan.status == 'time_limit' and len(plan.history) < 10
 
 
 def test_the_file_keeps_the_objective_and_other_objectives_are_refused(tmp_path):

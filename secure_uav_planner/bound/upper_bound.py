@@ -27,8 +27,13 @@ from ..scenario import Scenario
 MOST_WITNESSES = 3
 """Eavesdroppers that are counted with at most; one where two jammers are followed."""
 
-COARSE = ((0.3, 1), (0.1, 1), (0.03, 1))
-"""Temperatures in nats, and how often columns are chosen anew at each, of coarse stages."""
+COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
+"""
+Temperatures in nats, and how often columns are chosen anew at each, of coarse stages.
+
+Measured: once each leaves 2% at T = 102 s against the worst case instead of 0.4%, and 25% instead
+of 0.4% in a mission of 8 slots, in the same time.
+"""
 
 FINE = ((0.03, 1),)
 """The same where every slot is a stage, with linear potentials."""
