@@ -12,9 +12,10 @@ SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 
 # The oldest versions have no wheels for Python 3.13, and Ubuntu 24.04 has 3.12.
 COMPAT_PYTHON ?= $(shell python3.12 -c 'print("python3.12")' 2>/dev/null || echo $(PYTHON))
-COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, alternating channel derivatives \
-	fly_hover_fly fuzz_solve joint kernel load plan playback planner_node replay_node restrictions \
-	scenario))
+COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace alternating bound \
+	channel city_missions clearance derivatives fly_hover_fly fuzz_solve joint kernel load \
+	mission_file plan playback planner_node relay_node replay_node restrictions scenario \
+	worst_case worst_case_objective))
 
 .PHONY: demo test bench fly soak study docs compat clean
 

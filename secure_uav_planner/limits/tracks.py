@@ -145,9 +145,9 @@ class Tracks:
         """
         count = self.grid.slots + 2
         weights = self.all_weights[:, track, place]
-        found = sparse.diags_array(
+        found = sparse.csr_array(sparse.diags(
             [weights[1:, 0], weights[:, 1], weights[:-1, 2]], offsets=[-1, 0, 1],
-            shape=(count, count), format='csr')
+            shape=(count, count)))
         return found, self.constant[:, track, place]
 
 

@@ -130,7 +130,7 @@ class Fitting:
         matrix, right = rows.built()
         free = self._columns[1:-1] >= 0
         weight = 1.0 / max(size, 1)
-        cost = sparse.diags_array(np.append(np.full(size, weight), [0.0, 0.0]), format='csc')
+        cost = sparse.csc_array(sparse.diags(np.append(np.full(size, weight), [0.0, 0.0])))
         linear = np.append(weight * ((base - target)[1:-1][free] / step).ravel(),
                            [_PENALTY, _LINE_PENALTY])
         settings = clarabel.DefaultSettings()

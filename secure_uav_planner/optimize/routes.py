@@ -134,7 +134,9 @@ def _prepared(shape: Any) -> Any:
 
 def _graph(places: Array, edges: tuple[Any, Any]) -> Any:
     lengths = np.linalg.norm(places[edges[0]] - places[edges[1]], axis=1)
-    return sparse.csr_array((np.maximum(lengths, 1e-12), edges), shape=(len(places),) * 2)
+    # SciPy 1.11 has csgraph for indices of 32 bits only.
+    indices = tuple(np.asarray(places_at, np.int32) for places_at in edges)
+    return sparse.csr_array((np.maximum(lengths, 1e-12), indices), shape=(len(places),) * 2)
 
 
 def _shortest(places: Array, edges: tuple[Any, Any]) -> Array | None:
