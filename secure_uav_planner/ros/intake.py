@@ -7,7 +7,7 @@ from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 
-from .parameters import Parameters
+from .node_parameters import Parameters
 from .poses import PoseBook
 from .qos import OVERRIDABLE, SENSOR
 from .scenarios import GROUND_NODE_TOPIC, odometry_topic, pose_topic

@@ -1,22 +1,10 @@
-"""Names, meanings and ranges of the nodes' parameters, and the settings made from them."""
+"""Names, meanings and ranges of the nodes' parameters, and what is made of their values."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-import difflib
-import math
+from collections.abc import Mapping
 from typing import Any
 
-from rcl_interfaces.msg import (
-    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
-from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.validate_topic_name import validate_topic_name
-
-from .text import brief
+from .spec import Spec
 from ..autopilots import STACKS
-from ..errors import ParameterError, PlanningError, shown
-from ..mission.parameters import OF_ROS
 from ..optimize import METHODS
 from ..optimize.solve import checked_objective
 from ..plan import Objective, OBJECTIVES
@@ -25,99 +13,6 @@ from ..scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario, Uav
 
 _PAPER = Scenario.paper()
 _OWN = 'default'  # The method's own objective.
-
-
-@dataclass(frozen=True)
-class Spec:
-    """
-    One parameter.
-
-    :param default: the default value; its type is the parameter's type.
-    :param limits: the smallest and the largest allowed number, for numbers and lists of numbers.
-    :param length: the smallest and the largest allowed length, for lists.
-    :param choices: the allowed strings.
-    """
-
-    default: Any
-    description: str
-    limits: tuple[float, float] | None = None
-    length: tuple[int, int] | None = None
-    choices: tuple[str, ...] | None = None
-    read_only: bool = False
-
-    @property
-    def allowed(self) -> str:
-        """Return what is allowed, in words."""
-        noun = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string',
-                list: 'a list'}[type(self.default)]
-        if self.choices:
-            return 'one of ' + ', '.join(self.choices)
-        if self.length:
-            low, high = self.length
-            noun += f' of {low}' if low == high else f' of {low} to {high}'
-            noun += ' names' if self._of_names else ' numbers'
-        if self.limits:
-            noun += f' from {self.limits[0]:g} to {self.limits[1]:g}'
-        return noun
-
-    @property
-    def _of_names(self) -> bool:
-        return isinstance(self.default, list) and self.limits is None
-
-    def checked(self, name: str, value: Any) -> Any:
-        """Return the value in the parameter's type, or raise ParameterError."""
-        try:
-            return self._converted(value)
-        except (TypeError, ValueError, OverflowError, NameValidationException):
-            raise ParameterError(
-                f'{name} is {shown(value)}; it must be {self.allowed}') from None
-
-    def _converted(self, value: Any) -> Any:
-        kind = type(self.default)
-        if kind is list:
-            values = list(value)
-            if isinstance(value, (str, bytes)) or not (
-                    self.length[0] <= len(values) <= self.length[1]):
-                raise ValueError
-            return [_name(one) for one in values] if self._of_names else [
-                self._number(one, float) for one in values]
-        if kind in (int, float):
-            return self._number(value, kind)
-        if not isinstance(value, kind) or (self.choices and value not in self.choices):
-            raise ValueError
-        return value
-
-    def _number(self, value: Any, kind: type) -> float:
-        # An integer is accepted as a float, as in `duration: 150` in YAML.
-        if isinstance(value, bool) or not isinstance(value, (int, kind)):
-            raise ValueError
-        if not math.isfinite(value) or not self.limits[0] <= value <= self.limits[1]:
-            raise ValueError
-        return kind(value)
-
-    def descriptor(self) -> ParameterDescriptor:
-        """Return what `ros2 param describe` shows."""
-        descriptor = ParameterDescriptor(
-            description=self.description, additional_constraints=f'Must be {self.allowed}.',
-            read_only=self.read_only,
-            # Types are checked by this class, which accepts an integer as a float.
-            dynamic_typing=True)
-        if self.limits and isinstance(self.default, float):
-            descriptor.floating_point_range = [FloatingPointRange(
-                from_value=float(self.limits[0]), to_value=float(self.limits[1]))]
-        elif self.limits and isinstance(self.default, int):
-            descriptor.integer_range = [IntegerRange(
-                from_value=int(self.limits[0]), to_value=int(self.limits[1]), step=1)]
-        return descriptor
-
-
-def _name(value: Any) -> str:
-    """Return a name that can be part of a topic and of a parameter."""
-    if not isinstance(value, str) or '/' in value or '~' in value:
-        raise ValueError
-    validate_topic_name(value)
-    return value
-
 
 _NAMES = (1, MAX_MEMBERS)
 _UAVS = Spec([uav.name for uav in _PAPER.uavs],
@@ -272,82 +167,6 @@ def relay_parameters(name: str) -> dict[str, Spec]:
     return {f'{name}.origin': Spec(
         [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
         'setpoints in m; often where it was switched on.', LIMITS['coordinate'], length=(3, 3))}
-
-
-class Parameters:
-    """
-    The declared parameters of a node; a change is validated as a whole, then applied as a whole.
-
-    :param node: a Node.
-    :param specs: a Spec for each parameter name.
-    :param check: called with all values by name; it raises a PlanningError for a wrong
-        combination.
-    :raises ParameterError: for a wrong value at the start; the text names the parameter.
-    """
-
-    def __init__(self, node: Node, specs: Mapping[str, Spec],
-                 check: Callable[[dict[str, Any]], None] = lambda values: None) -> None:
-        self._specs: dict[str, Spec] = {}
-        self._check = check
-        self._values: dict[str, Any] = {}
-        self._node = node
-        self.declare(specs)
-        check(self._values)
-        node.add_on_set_parameters_callback(self._on_set)
-
-    def declare(self, specs: Mapping[str, Spec]) -> None:
-        """Declare further parameters."""
-        values = {}
-        for name, spec in specs.items():
-            try:
-                self._node.declare_parameter(name, spec.default, spec.descriptor())
-            except ParameterException as error:
-                raise ParameterError(f'parameter {brief(name, 100)}: {brief(error.args[0])}; it '
-                                     f'must be {spec.allowed}') from None
-            values[name] = spec.checked(f'parameter {name}', self._node.get_parameter(name).value)
-        self._specs.update(specs)
-        self._values = {**self._values, **values}
-
-    def __getitem__(self, name: str) -> Any:
-        return self._values[name]
-
-    def snapshot(self) -> dict[str, Any]:
-        """Return all present values by name; later changes do not affect them."""
-        return self._values
-
-    def apply(self, check: Callable[[dict[str, Any]], None]) -> None:
-        """Check all values with another function, now and at every change."""
-        check(self._values)
-        self._check = check
-
-    def warn_of_unknown(self) -> None:
-        """Log every given parameter that does not exist, with the nearest name that does."""
-        for name in sorted(_given(self._node)):
-            if self._node.has_parameter(name) or name.startswith(OF_ROS):
-                continue
-            near = difflib.get_close_matches(name[:200], self._specs, 1)
-            hint = f'; did you mean {near[0]}?' if near else ''
-            self._node.get_logger().warning(
-                f'there is no parameter {brief(name, 100)}, it is ignored{hint}')
-
-    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
-        values = dict(self._values)
-        try:
-            for parameter in parameters:
-                if parameter.name in self._specs:
-                    values[parameter.name] = self._specs[parameter.name].checked(
-                        parameter.name, parameter.value)
-            self._check(values)
-        except PlanningError as error:
-            return SetParametersResult(successful=False, reason=brief(error))
-        self._values = values
-        return SetParametersResult(successful=True)
-
-
-def _given(node: Node) -> list[str]:
-    """Return the names of all parameters from the command line and parameter files of a node."""
-    # rclpy has no public access to them. Without it, misspelt names would go unnoticed.
-    return list(getattr(node, '_parameter_overrides', {}))
 
 
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:

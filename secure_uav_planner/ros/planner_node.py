@@ -19,8 +19,9 @@ from .departure import Departure
 from .frames import Frames
 from .intake import Intake
 from .latest import Latest
+from .node_parameters import Parameters
 from .parameters import (
-    eavesdropper_parameters, objective_from, Parameters, PLANNER, uav_from, uav_parameters)
+    eavesdropper_parameters, objective_from, PLANNER, uav_from, uav_parameters)
 from .plan_topics import PlanTopics, publish
 from .poses import PoseBook
 from .qos import LATCHED, OVERRIDABLE

@@ -12,10 +12,11 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from .parameters import (
-    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, Spec, uav_parameters)
+    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters)
 from .planner_node import Planner
 from .qos import STREAM
 from .replay_node import Replay
+from .spec import Spec
 from .zone_parameters import zone_parameters
 from ..autopilots import STACKS
 

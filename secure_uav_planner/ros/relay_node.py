@@ -9,7 +9,8 @@ from rclpy.publisher import Publisher
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .messages import filled, setpoint_of
-from .parameters import Parameters, RELAY, relay_parameters
+from .node_parameters import Parameters
+from .parameters import RELAY, relay_parameters
 from .qos import OVERRIDABLE, STREAM
 from .text import brief
 from ..autopilots import Stack, STACKS

@@ -18,7 +18,8 @@ from visualization_msgs.msg import MarkerArray
 from . import messages
 from .assembly import Assembly
 from .drawing import Drawing
-from .parameters import Parameters, REPLAY
+from .node_parameters import Parameters
+from .parameters import REPLAY
 from .qos import LATCHED, OVERRIDABLE, STREAM
 from .text import brief
 from ..errors import ParameterError, PlanningError, shown

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
-from .parameters import NO_LIMIT, Spec
+from .parameters import NO_LIMIT
+from .spec import Spec
 from ..errors import ParameterError, shown
 from ..members import NoFlyZone
 from ..polygons import checked_polygon, MAX_VERTICES
