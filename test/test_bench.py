@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import Scenario, solve
 from secure_uav_planner.bench import __main__ as bench
-from secure_uav_planner.bench import report
+from secure_uav_planner.bench import measure, report
 from secure_uav_planner.bench.fatrop import solve_by_fatrop
 from secure_uav_planner.bench.ipopt import solve_by_ipopt
 from secure_uav_planner.bench.missions import random_mission
@@ -74,6 +74,12 @@ def test_the_quick_benchmark_writes_tables_and_a_picture(monkeypatch, capsys, tm
     assert all(0 < float(row['peak_memory']) < 1000 for row in rows[1:3])
     picture = (tmp_path / 'time_against_slots.png').read_bytes()
     assert picture.startswith(b'\x89PNG')
+
+
+def test_the_peak_memory_is_that_of_the_solve_and_not_of_who_measures():
+    before = measure.peak_memory(20)
+    ours = np.ones(2 ** 26)  # 512 MB
+    assert measure.peak_memory(20) < min(1.5 * before, ours.nbytes / 2 ** 20)
 
 
 def test_a_table_leaves_missing_values_empty():

@@ -14,11 +14,14 @@ from .opponent import has_fatrop
 from ..optimize import solve
 from ..optimize.baselines import constant_powers, fly_hover_fly_positions
 
-_MEMORY = (
-    'import resource, sys; from secure_uav_planner import Scenario, solve; '
-    'solve(Scenario.paper(200.0, 10.0, int(sys.argv[1])), objective="guaranteed"); '
-    'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)')
-
+# Linux hands getrusage's ru_maxrss down from the process that starts another; VmHWM is its own.
+_MEMORY = """
+import sys
+from secure_uav_planner import Scenario, solve
+solve(Scenario.paper(200.0, 10.0, int(sys.argv[1])), objective='guaranteed')
+with open('/proc/self/status') as status:
+    print(*(int(line.split()[1]) / 1024 for line in status if line.startswith('VmHWM:')))
+"""
 
 _OPPONENTS = {'ipopt': solve_by_ipopt, 'fatrop': solve_by_fatrop}
 
