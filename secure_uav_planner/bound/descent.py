@@ -46,7 +46,8 @@ class Descent:
         """
         Return where Newton's step leads once it pays, and its slope, 0 where none does.
 
-        The dual function is flat in many directions and sharp in others, see Derivatives.step.
+        Where no damping makes it pay, the undamped step is shortened. The dual function is flat
+        in many directions and sharp in others, see Derivatives.step.
         """
         while self._damping < LONGEST:
             try:
@@ -62,8 +63,9 @@ class Descent:
                     self._damping = max(factor * self._damping, 1e-9)
                     return trial, slope
             self._damping *= 10
+        # What all edges have in common is not damped: there a shorter step may pay.
         self._damping = 1.0
-        return point, 0.0
+        return along(dual, point, value, derivatives)
 
 
 def _within(step: Point, point: Point, room: Array) -> Point:

@@ -22,8 +22,12 @@ if TYPE_CHECKING:
 NODES = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Nodes w0 of the certificate, beside those that the search has used."""
 
-DIVISIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
-"""Nodes rho of the certificate with two jammers."""
+DIVISIONS = (0.0, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 1.0)
+"""
+Nodes rho of the certificate with two jammers.
+
+Measured: without 0.02, 0.25 and their mirror images, bounds are 0.5 to 2.5% higher.
+"""
 
 
 TOLERANCES = {0: 5e-4, 1: 5e-4, 2: 2e-3}
@@ -42,14 +46,14 @@ def multipliers(search: Search, tolerance: float | None = None) -> Multipliers:
 
     :param tolerance: what a maximum may be too large, in nats; by default one of TOLERANCES.
     """
-    if not search.columns:
+    if not search.seen:
         search.dual(0.01)
     team, point = search.team, search.point
     count, uavs = len(team.stages.count), len(team.lenses)
     dual = Dual(team, [], [], search.branches(), 1e-9)
     nodes = np.sort([*(np.full(count, node) for node in NODES), *search.weights], axis=0)
     potential = [dual.potential(i, point, columns.place)[0]
-                 for i, columns in enumerate(search.columns)]
+                 for i, columns in enumerate(search.seen)]
     shares = np.array([_shares(search, weight, potential) for weight in nodes])
     divisions = np.array(DIVISIONS if team.jammers == 2 else (1.0,))
     theta = np.ones((len(nodes), len(divisions), count))
@@ -59,7 +63,7 @@ def multipliers(search: Search, tolerance: float | None = None) -> Multipliers:
             if team.jammers == 2:
                 theta[k, r] = theta_of(search, weight, v, float(rho))
             branch = Branch(weight, 0, theta[k, r], np.full(count, rho))
-            for i, columns in enumerate(search.columns):
+            for i, columns in enumerate(search.seen):
                 ground, leak = branch.parts(i)
                 known[i, k, r] = (potential[i] + columns.value(
                     weight * ground, v * leak[:, None], point.prices[i])).max(1)
@@ -122,7 +126,7 @@ def _shares(search: Search, weight: Array, potential: list[Array]) -> Array:
     none = np.zeros(search.point.shares.shape[1:])
     branch = Branch(weight, 0, search.guess.theta, search.guess.rho)
     fixed, leaks = [], []
-    for i, columns in enumerate(search.columns):
+    for i, columns in enumerate(search.seen):
         ground, leak = branch.parts(i) if search.team.jammers == 2 else (1.0, np.ones(1))
         fixed.append(potential[i] + columns.value(weight * ground, none,
                                                   search.point.prices[i]))
@@ -179,13 +183,13 @@ def theta_of(search: Search, weight: Array, v: Array, rho: float) -> Array:
     """Return the first jammer's share at the ground node that nearly minimises a branch."""
     one = np.ones_like(weight)
     dual = Dual(search.team, [], [], [Branch(weight, 0, one, one)], 1e-9)
-    fixed = [dual.potential(j, search.point, search.columns[j].place)[0]
-             + search.columns[j].value(0 * weight, v * part, search.point.prices[j])
+    fixed = [dual.potential(j, search.point, search.seen[j].place)[0]
+             + search.seen[j].value(0 * weight, v * part, search.point.prices[j])
              for j, part in ((1, rho), (2, 1.0 - rho))]
 
     def value(theta: Array) -> Array:
         return np.asarray(-weight * entropy(theta) + sum(
-            (part + (weight * share)[:, None] * search.columns[j].ground).max(1)
+            (part + (weight * share)[:, None] * search.seen[j].ground).max(1)
             for j, part, share in ((1, fixed[0], theta), (2, fixed[1], 1.0 - theta))))
     return golden(value, 0 * weight, np.ones_like(weight), 16)
 

@@ -47,8 +47,12 @@ LINEAR = ((0.01, 4), (0.003, 5))
 MORE = ((0.003, 1), (0.002, 1), (0.001, 1))
 """What is done once more where the bound is not close, with columns by branch and bound."""
 
-ROUNDS, LITTLE = 3, 0.02
-"""How often that is done at most, and the share of the gap that it has to gain to go on."""
+ROUNDS, LITTLE = 3, {0: 0.0, 1: 0.02}
+"""
+How often that is done at most, and the share of the gap that it has to gain to go on, by the
+number of jammers: without jammers a round takes 0.3 s, and one without a gain may be followed by
+one that gains much.
+"""
 
 ENOUGH = {0: 3e-3, 1: 5e-3}
 """The gap that needs no more, as a share of the plan's rate, by the number of jammers."""
@@ -74,8 +78,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 
     It holds for everything that a Plan accepts, with its tolerances. It does not use limits of
     acceleration, zones, a geofence or separation: they only lower what plans can reach.
-    The bound is close for one jammer or none and one or two eavesdroppers, looser for two
-    jammers, and only valid for more.
+    The bound is close for at most one jammer and one or two eavesdroppers, a little looser for
+    two jammers, and only valid for more.
 
     :param scenario: a Scenario.
     :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
@@ -267,7 +271,7 @@ def _closer(run: _Run, search: Search, rate: float) -> None:
             search.sharpen(SHARPNESS)
             _follow(search, (step,))
         run.prove(search)
-        if rate + gap - run.rate < LITTLE * gap:
+        if rate + gap - run.rate < LITTLE[search.team.jammers] * gap:
             return
 
 
