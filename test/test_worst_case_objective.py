@@ -10,7 +10,11 @@ from secure_uav_planner.bench.missions import random_mission
 from secure_uav_planner.channel.derivatives import SlotRates
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.grid import Grid
+from secure_uav_planner.optimize.baselines import constant_powers, fly_hover_fly_positions
+from secure_uav_planner.optimize.joint.method import improve
+from secure_uav_planner.optimize.joint.schedule import SCHEDULE
 from secure_uav_planner.optimize.joint.worst_places import PER_DISC, WorstPlaces
+from secure_uav_planner.optimize.search import Search
 from strategies import scenarios
 
 
@@ -34,6 +38,15 @@ def test_it_is_never_below_the_plan_by_the_formula_and_rises_all_the_way(scenari
     assert rates[-1] == pytest.approx(plan.worst_case_rate, abs=5e-6)
     assert plan.worst_case_rate >= solve(scenario, objective='guaranteed').worst_case_rate - 1e-9
     assert plan.worst_case_rates.min() >= -1e-9
+
+
+def test_the_history_ends_with_the_rate_of_the_plan_where_steps_run_out():
+    scenario = Scenario.paper(120.0, 30.0, 40)
+    search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario),
+                    objective='worst_case')
+    plan = search.plan('joint', improve(search, replace(SCHEDULE, steps=6)))
+    assert plan.status == 'iteration_limit'
+    assert plan.history[-1].rate == pytest.approx(plan.worst_case_rate, abs=1e-9)
 
 
 def test_no_place_in_any_disc_leaks_more_than_counted():

@@ -138,6 +138,9 @@ class Search:
 
     def plan(self, method: str, status: Status) -> Plan:
         """Return the best iterate as a Plan, with jammers silent where nothing is transmitted."""
+        last = self.history[-1]
+        if self.rate > last.rate and self.stop_reason() is None:  # Found after the last report.
+            self.report(last.step)
         powers = np.where(self._rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
         return Plan(self.scenario, self.positions, powers, method, status,
                     tuple(self.history), self.elapsed, objective=self.objective)
