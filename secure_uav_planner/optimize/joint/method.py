@@ -151,7 +151,7 @@ class _Joint:
             # Places may go on moving to and fro, by ever less.
             done = at_rest or last_steps >= schedule.places_patience
             if rate > tried and (
-                    done or step == steps or step % schedule.places_try_every == 0):
+                    done or step == steps or step % schedule.try_every == 0):
                 self._try(best)
                 tried = rate
             if done:
@@ -232,6 +232,7 @@ class _Joint:
                 return 'converged'
             if step % self._schedule.try_every == 0:
                 self._try_best(barrier)
+        self._try_best(barrier)
         return 'iteration_limit'
 
     def _try_powers_alone(self, coarse: Grid, joint_rate: float) -> None:
