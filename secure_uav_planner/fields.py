@@ -102,3 +102,15 @@ def checked_point(owner: str, field: str, value: Any) -> Point:
         raise ScenarioError(f'{owner}{field} is {shown(value)}; it must be two coordinates '
                             f'(x, y) from {low:g} to {high:g} m')
     return (x, y)
+
+
+def told_apart(names: list[str]) -> tuple[str, ...]:
+    """Return names, each followed by a number where several are the same."""
+    found: list[str] = []
+    for number, name in enumerate(names, start=1):
+        unique = name
+        while names.count(unique) > 1 or unique in found or (
+                unique != name and unique in names):
+            unique, number = f'{name}{number}', number + 1
+        found.append(unique)
+    return tuple(found)

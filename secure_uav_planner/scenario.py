@@ -12,7 +12,7 @@ import numpy as np
 from .errors import InfeasibleMissionError, ScenarioError, shown
 from .fields import (
     Array, checked_fields, checked_members, checked_number, checked_point, LIMITS, Point,
-    read_only)
+    read_only, told_apart)
 from .members import Eavesdropper, NoFlyZone, Uav
 from .mission.schema import Schema
 from .polygons import checked_polygon, depth, Vertices
@@ -231,13 +231,13 @@ class Scenario:
     @cached_property
     def eavesdropper_names(self) -> tuple[str, ...]:
         """Names of the eavesdroppers; where several share one, it is followed by a number."""
-        return _told_apart([eve.name for eve in self.eavesdroppers])
+        return told_apart([eve.name for eve in self.eavesdroppers])
 
     @cached_property
     def zone_names(self) -> tuple[str, ...]:
         """Names of the no-fly zones; likewise, and 'zone 2' for the second if it has none."""
-        return _told_apart([zone.name or f'zone {number}'
-                            for number, zone in enumerate(self.no_fly_zones, start=1)])
+        return told_apart([zone.name or f'zone {number}'
+                           for number, zone in enumerate(self.no_fly_zones, start=1)])
 
     @cached_property
     def efforts(self) -> Array:
@@ -313,15 +313,3 @@ def _schema() -> Schema:
         Scenario((0.0, 0.0), (eavesdropper,), (uav,), LIMITS['duration'][1], slots=1),
         {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone},
         Scenario.paper().to_dict())
-
-
-def _told_apart(names: list[str]) -> tuple[str, ...]:
-    """Return names, each followed by a number where several are the same."""
-    found: list[str] = []
-    for number, name in enumerate(names, start=1):
-        unique = name
-        while names.count(unique) > 1 or unique in found or (
-                unique != name and unique in names):
-            unique, number = f'{name}{number}', number + 1
-        found.append(unique)
-    return tuple(found)

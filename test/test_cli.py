@@ -63,6 +63,17 @@ def test_a_plan_is_written_with_all_that_belongs_to_it(planned):
         assert f'{Path("a/b") / name.name}' in printed
 
 
+def test_two_names_that_make_one_file_name_make_two_files(tmp_path):
+    scenario = Scenario.paper(120.0, slots=10)
+    names = ('UAV 1', 'UAV/1')
+    replace(scenario, uavs=tuple(replace(uav, name=name) for uav, name in zip(
+        scenario.uavs, names))).save(tmp_path / 'mission.yaml')
+    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path), '--origin', '0', '0',
+                 '--bound-time-limit', '0.1']) == 0
+    assert {path.name for path in tmp_path.glob('*.plan')} == {
+        'plan_UAV_11.plan', 'plan_UAV_12.plan'}
+
+
 def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
     folder, printed = planned
     plan = Plan.load(folder / 'a' / 'b' / 'plan.json')

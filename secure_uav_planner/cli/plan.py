@@ -18,6 +18,7 @@ from ..errors import OptionError, PlanningError
 from ..export.geodesy import Origin
 from ..export.qgroundcontrol import save_mission
 from ..export.spreadsheet import save_csv
+from ..fields import told_apart
 from ..optimize import fly_hover_fly, solve
 from ..plan import Iteration, Plan
 from ..scenario import Scenario
@@ -117,8 +118,9 @@ def _write(plan: Plan, baselines: list[Plan], out: Path,
     save_csv(plan, out / 'plan.csv')
     yield out / 'plan.csv'
     if origin is not None:
-        for number, uav in enumerate(plan.scenario.uavs):
-            file = out / f'plan_{_file_name(uav.name)}.plan'
+        names = told_apart([re.sub(r'[^\w.-]', '_', uav.name) for uav in plan.scenario.uavs])
+        for number, name in enumerate(names):
+            file = out / f'plan_{name}.plan'
             save_mission(plan, number, origin, file)
             yield file
     try:
@@ -131,8 +133,3 @@ def _write(plan: Plan, baselines: list[Plan], out: Path,
     except ModuleNotFoundError as error:
         print(f'{error.name} is not installed, so not everything is drawn; pip install '
               '"secure_uav_planner[view]"', file=sys.stderr)
-
-
-def _file_name(name: str) -> str:
-    """Return the name of a UAV as a part of a file's name."""
-    return re.sub(r'[^\w.-]', '_', name)
