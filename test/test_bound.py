@@ -62,6 +62,23 @@ def test_the_papers_mission_is_bounded_within_a_percent():
     assert bound.ignored == ()
 
 
+def test_two_jammers_are_bounded_closely():
+    mission = random_mission(4, slots=30)
+    mission = replace(mission, uavs=mission.uavs[:3], eavesdroppers=mission.eavesdroppers[:1])
+    plan = solve(mission, objective='guaranteed')
+    assert plan.rate < upper_bound(mission, objective='guaranteed', plan=plan).rate < (
+        1.1 * plan.rate)
+
+
+def test_with_two_jammers_the_bound_is_that_for_the_eavesdropper_that_counts_most():
+    mission = random_mission(3, slots=12)
+    assert len(mission.uavs) == 3 and len(mission.eavesdroppers) == 2
+    alone = [upper_bound(replace(mission, eavesdroppers=(eve,)), objective='guaranteed').rate
+             for eve in mission.eavesdroppers]
+    found = upper_bound(mission, objective='guaranteed')
+    assert found.rate <= min(alone) * (1 + 1e-9) and found.scenario == mission
+
+
 @pytest.mark.soak
 def test_the_best_known_plan_against_the_true_worst_place_is_bounded():
     bound = upper_bound(Scenario.paper(102), objective='worst_case')

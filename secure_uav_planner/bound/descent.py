@@ -12,8 +12,8 @@ LONGEST = 1e4
 """Damping at which a Newton step is given up."""
 
 
-def along(dual: Dual, point: Point, value: float,
-          derivatives: Derivatives) -> tuple[Point, float]:
+def _along(dual: Dual, point: Point, value: float,
+           derivatives: Derivatives) -> tuple[Point, float]:
     """Return where Newton's step leads as far as it pays, and its slope, 0 where it does not."""
     step = None
     for damping in (1e-9, 1e-6, 1e-3):
@@ -65,7 +65,7 @@ class Descent:
             self._damping *= 10
         # What all edges have in common is not damped: there a shorter step may pay.
         self._damping = 1.0
-        return along(dual, point, value, derivatives)
+        return _along(dual, point, value, derivatives)
 
 
 def _within(step: Point, point: Point, room: Array) -> Point:

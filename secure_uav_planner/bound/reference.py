@@ -1,4 +1,4 @@
-"""The plan from which a search begins, and what it tells: its rate, and who jams best."""
+"""The plan from which a search begins, and what it tells: who counts, and its rate."""
 
 from __future__ import annotations
 
@@ -12,6 +12,33 @@ from .stages import MOST_STAGES
 from .witnesses import Witnesses
 from ..plan import Plan
 from ..scenario import Scenario
+
+
+FEW_SLOTS, MOST_TRIED = 40, 4
+"""Slots of the plans that tell which eavesdropper counts most, and how many are tried."""
+
+
+def hardest(scenario: Scenario, time_left: float, objective: str) -> Scenario:
+    """
+    Return a scenario with one of the eavesdroppers, without the limits that the bound ignores.
+
+    Its plans reach no less than those of the whole scenario, so its bound is one for both. It is
+    the eavesdropper against whom a plan for it alone reaches least.
+    """
+    from ..optimize import solve  # As below.
+    free = replace(scenario, uavs=tuple(replace(uav, max_acceleration=None)
+                                        for uav in scenario.uavs),
+                   separation=0.0, no_fly_zones=(), geofence=None)
+    nearest = sorted(scenario.eavesdroppers, key=lambda eve: (
+        math.dist(eve.position, scenario.ground_node) - eve.error_radius))
+    alone = [replace(free, eavesdroppers=(eve,)) for eve in nearest[:MOST_TRIED]]
+    left = None if math.isinf(time_left) else max(time_left / (4 * len(alone)), 1e-3)
+    try:
+        plans = [solve(replace(one, slots=min(one.slots, FEW_SLOTS)), time_limit=left,
+                       objective=objective) for one in alone]  # type: ignore
+    except ValueError:
+        return alone[0]  # A mission that cannot be flown in so few slots.
+    return alone[int(np.argmin([plan.rate for plan in plans]))]
 
 
 def start(scenario: Scenario, time_left: float, objective: str,

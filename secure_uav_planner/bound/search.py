@@ -12,7 +12,7 @@ from . import columns as lists
 from .certificate import terms_of
 from .columns import Columns
 from .conjugate import Array, entropy, transmit_power
-from .descent import along, Descent
+from .descent import Descent
 from .dual import Branch, Dual
 from .guess import Guess
 from .lens import Lens
@@ -278,14 +278,11 @@ class Search:
     def minimise(self, tau: float, iterations: int) -> None:
         """Take Newton steps at one temperature, on the columns that are best now."""
         dual = self.dual(tau)
-        # With two jammers theta changes from round to round, and full steps get farther.
-        linear = self.point.potentials.shape[2] == 2
-        advance = along if linear and self.team.jammers == 2 else self._descent.damped
         for _ in range(iterations):
             if self.stop():
                 break
             value, derivatives = dual.derivatives(self.point)
-            self.point, slope = advance(dual, self.point, value, derivatives)
+            self.point, slope = self._descent.damped(dual, self.point, value, derivatives)
             if -slope < 1e-3 * tau * self.team.stages.slots**0.5:
                 break
 

@@ -41,7 +41,7 @@ FINE = ((0.03, 1),)
 CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same with quadratic potentials."""
 
-LINEAR = ((0.01, 4), (0.003, 5))
+LINEAR = ((0.03, 2), (0.01, 5), (0.003, 5))
 """What follows instead with two jammers, or where potentials must stay linear."""
 
 MORE = ((0.003, 1), (0.002, 1), (0.001, 1))
@@ -78,8 +78,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 
     It holds for everything that a Plan accepts, with its tolerances. It does not use limits of
     acceleration, zones, a geofence or separation: they only lower what plans can reach.
-    The bound is close for at most one jammer and one or two eavesdroppers, a little looser for
-    two jammers, and only valid for more.
+    The bound is close for at most one jammer and one or two eavesdroppers, and for two jammers
+    and one eavesdropper; it is only valid for more.
 
     :param scenario: a Scenario.
     :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
@@ -218,6 +218,9 @@ class _Run:
 def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
     scenario = run.scenario
+    if len(scenario.uavs) > MOST_JAMMERS and len(scenario.eavesdroppers) > 1:
+        # Where two jammers are followed, only one eavesdropper can be.
+        scenario, plan = reference.hardest(scenario, run.time_left, objective), None
     positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
         return
