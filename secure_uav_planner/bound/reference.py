@@ -13,7 +13,6 @@ from .witnesses import Witnesses
 from ..plan import Plan
 from ..scenario import Scenario
 
-
 FEW_SLOTS, MOST_TRIED = 40, 4
 """Slots of the plans that tell which eavesdropper counts most, and how many are tried."""
 
@@ -25,7 +24,7 @@ def hardest(scenario: Scenario, time_left: float, objective: str) -> Scenario:
     Its plans reach no less than those of the whole scenario, so its bound is one for both. It is
     the eavesdropper against whom a plan for it alone reaches least.
     """
-    from ..optimize import solve  # As below.
+    from ..optimize import solve  # Here and not above: the bound does not need it.
     free = replace(scenario, uavs=tuple(replace(uav, max_acceleration=None)
                                         for uav in scenario.uavs),
                    separation=0.0, no_fly_zones=(), geofence=None)
@@ -46,7 +45,7 @@ def start(scenario: Scenario, time_left: float, objective: str,
     """Return positions (U, N + 2, 2) and powers (U, N) to start from."""
     if plan is not None:
         return plan.positions, plan.powers
-    from ..optimize import solve  # Here and not above: the bound does not need it.
+    from ..optimize import solve  # As above.
     slots = min(scenario.slots, MOST_STAGES)
     left = None if math.isinf(time_left) else max(time_left / 2, 1e-3)
     try:

@@ -218,8 +218,9 @@ class _Run:
 def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
     scenario = run.scenario
-    if len(scenario.uavs) > MOST_JAMMERS and len(scenario.eavesdroppers) > 1:
-        # Where two jammers are followed, only one eavesdropper can be.
+    if len(scenario.uavs) == 1 + MOST_JAMMERS and len(scenario.eavesdroppers) > 1:
+        # Where two jammers are followed, only one eavesdropper can be. With more jammers it
+        # matters little which one.
         scenario, plan = reference.hardest(scenario, run.time_left, objective), None
     positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
