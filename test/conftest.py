@@ -7,6 +7,7 @@ from importlib.util import find_spec
 import os
 from pathlib import Path
 import runpy
+import signal
 import sys
 import tempfile
 
@@ -15,6 +16,11 @@ from hypothesis import HealthCheck, Phase, settings
 import message_package
 import pytest
 import setuptools
+
+# A shell starts what runs in the background with SIGINT ignored, and that would be handed down to
+# the nodes, which the tests stop by it.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Kept as long as the tests run; every worker of pytest-xdist gets a domain of its own.
 _reserved = ExitStack()
