@@ -16,7 +16,9 @@ def kernel():
     """
     try:
         import pybind11
+        from pybind11.setup_helpers import ParallelCompile
         include = [pybind11.get_include()]
+        ParallelCompile().install()  # Its files side by side, on all cores.
     except ImportError:
         if not os.path.exists('/usr/include/pybind11/pybind11.h'):  # of the package pybind11-dev
             return []
@@ -27,8 +29,8 @@ def kernel():
         [f'{kernel_folder}/{unit}' for unit in sources['UNITS']], include_dirs=include,
         depends=glob(f'{kernel_folder}/*.hpp'), language='c++', optional=True,
         define_macros=[('KERNEL_SOURCES', f'"{sources["digest"]()}"')],
-        extra_compile_args=['-std=c++17', '-O2', '-ftree-vectorize', '-fno-math-errno',
-                            '-fno-trapping-math', '-g0', '-fvisibility=hidden', '-pthread'],
+        extra_compile_args=['-std=c++17', '-O3', '-fno-math-errno', '-fno-trapping-math', '-g0',
+                            '-fvisibility=hidden', '-pthread'],
         extra_link_args=['-pthread'])]
 
 

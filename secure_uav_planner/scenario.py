@@ -147,6 +147,14 @@ class Scenario:
         # Arrays would come back from a copy or a pickle writable; they are computed again.
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        # Known values are found by it many times in a solve.
+        return hash(tuple(getattr(self, field.name) for field in fields(self)))
+
     @classmethod
     def paper(cls, duration: float = 200.0, error_radius: float = 10.0,
               slots: int | None = None) -> 'Scenario':

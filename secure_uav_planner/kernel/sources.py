@@ -5,7 +5,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 UNITS = ('module.cpp', 'newton.cpp', 'starts.cpp', 'linear.cpp', 'lines.cpp', 'clearances.cpp',
-         'nearest.cpp', 'discs.cpp')
+         'nearest.cpp', 'discs.cpp', 'reals.cpp')
 """What is compiled; everything else is included by these."""
 
 

@@ -12,7 +12,7 @@ namespace {
 
 // Products of a step in all starts below which threads cost more than they gain, and of a step in
 // a single start, which a thread makes no faster, below which others need not be let in.
-constexpr double WORTH_THREADS = 3e5, LONG = 5e6;
+constexpr double WORTH_THREADS = 1e6, LONG = 5e6;
 // How often the caller looks whether to stop.
 constexpr std::chrono::milliseconds LOOK{10};
 

@@ -36,6 +36,12 @@ def limits_of(scenario: Scenario, grid: Grid | None = None) -> tuple[Limit, ...]
     return tuple(limit(scenario, grid) for limit in LIMITS if limit.applies_to(scenario))
 
 
+def is_open(scenario: Scenario) -> bool:
+    """Return whether flights have no limits but those of speed and acceleration."""
+    return not any(issubclass(limit, LineLimit) and limit.applies_to(scenario)
+                   for limit in LIMITS)
+
+
 @lru_cache(maxsize=4)
 def _known_limits(scenario: Scenario) -> tuple[Limit, ...]:
     """Return limits that are only asked about plans, for which every iterate asks them."""
@@ -48,6 +54,14 @@ def repaired(scenario: Scenario, positions: Array, powers: Array, grid: Grid | N
     for limit in _known_limits(scenario) if grid is None else limits_of(scenario, grid):
         positions, powers = limit.repair(positions, powers, margin)
     return positions, powers
+
+
+def repaired_powers(scenario: Scenario, positions: Array, powers: Array) -> Array:
+    """Return powers (U, N) in W that every limit of powers has repaired; see repaired."""
+    for limit in _known_limits(scenario):
+        if not limit.of_flights:
+            _, powers = limit.repair(positions, powers)
+    return powers
 
 
 def is_clear(scenario: Scenario, positions: Array) -> bool:
@@ -68,4 +82,5 @@ def is_clear(scenario: Scenario, positions: Array) -> bool:
 
 
 __all__ = ['AccelerationLimit', 'AveragePower', 'FenceLimit', 'LIMITS', 'Limit', 'PeakPower',
-           'SeparationLimit', 'SpeedLimit', 'ZoneLimit', 'is_clear', 'limits_of', 'repaired']
+           'SeparationLimit', 'SpeedLimit', 'ZoneLimit', 'is_clear', 'is_open', 'limits_of',
+           'repaired', 'repaired_powers']

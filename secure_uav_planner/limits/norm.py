@@ -37,6 +37,7 @@ class NormLimit(Limit):
         self._ignored: NDArray[np.bool_] = open_ends | self.grid.fixed
         self._has_ignored = bool(self._ignored.any())
         self.absent = open_ends
+        self._has_absent = bool(open_ends.any())
         radius = np.where(np.isfinite(self.longest), self.longest, 1.0) / self.grid.length
         self._square = radius**2
         # The gradient of c by a difference is this times the difference.
@@ -95,19 +96,18 @@ class NormLimit(Limit):
         :param margin: share of the limit that is left, where the reference leaves as much.
         """
         reference = reference_flight(self.grid)
-        positions = np.concatenate(
-            [reference[:, :1], positions[:, 1:-1], reference[:, -1:]], axis=1)
+        positions = positions.copy()
+        positions[:, [0, -1]] = reference[:, [0, -1]]
         longest = self._lengths(positions).max(axis=1)
-        least = self._lengths(reference).max(axis=1)
-        with np.errstate(invalid='ignore'):  # of UAVs without the limit
-            excess = longest - (1 - margin) * self.longest
-            slack = np.maximum((1 - margin) * self.longest - least, 0)
-        share = np.zeros(len(positions))
-        over = excess > 0
-        share[over] = excess[over] / (excess[over] + slack[over])
-        blended = positions + share[:, None, None] * (reference - positions)
-        blended[:, [0, -1]] = reference[:, [0, -1]]
-        return blended, powers
+        most = (1 - margin) * self.longest
+        over = longest > most
+        if over.any():
+            excess = (longest - most)[over]
+            least = self._lengths(reference).max(axis=1)
+            slack = np.maximum(most - least, 0)[over]
+            share = excess / (excess + slack)
+            positions[over, 1:-1] += share[:, None, None] * (reference - positions)[over, 1:-1]
+        return positions, powers
 
     def efforts(self, positions: Array) -> Array:
         """Return the largest share of the limit that each flight uses, (U,)."""
@@ -115,8 +115,11 @@ class NormLimit(Limit):
 
     def _lengths(self, positions: Array) -> Array:
         """Return |d|, 0 where it does not count, (U, M) in m."""
-        lengths: Array = np.linalg.norm(self.differences(positions), axis=-1)
-        lengths[self.absent.T] = 0.0
+        found = self.differences(positions)
+        # Several times as fast as a norm over an axis of two.
+        lengths: Array = np.sqrt(found[..., 0]**2 + found[..., 1]**2)
+        if self._has_absent:
+            lengths[self.absent.T] = 0.0
         return lengths
 
     def margin(self, iterate: Iterate) -> Array:

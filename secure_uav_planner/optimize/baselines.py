@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from .detours import direct_flights, fitted, free_places, is_open, route
+from .detours import direct_flights, fitted, free_places, route
 from .refusal import refuse
-from ..limits import repaired
+from ..limits import is_open, repaired
 from ..scenario import Array, read_only, Scenario, Uav
 
 
@@ -84,27 +84,34 @@ def flights_to(scenario: Scenario, hover: Array,
     return positions
 
 
-def constant_powers(scenario: Scenario, transmitting: float = 1.0,
-                    jamming: float = 1.0) -> Array:
+def constant_powers(scenario: Scenario, transmitting: float = 1.0, jamming: float = 1.0,
+                    slots: int | None = None) -> Array:
     """
     Return the same powers in every slot, (U, N) in W.
 
     :param transmitting: share of its average power that the transmitter has.
     :param jamming: share of theirs that the jammers have.
+    :param slots: N, by default the scenario's.
     """
     shares = np.full(len(scenario.uavs), jamming)
     shares[0] = transmitting
-    return np.repeat((shares * scenario.average_powers)[:, None], scenario.slots, axis=1)
+    return np.repeat((shares * scenario.average_powers)[:, None],
+                     scenario.slots if slots is None else slots, axis=1)
 
 
 def _fly_hover_fly(start: Array, goal: Array, place: Array, step: float, slots: int) -> Array:
     """Return the points of one UAV, (N+2, 2)."""
     turn = _turning_place(start, goal, place, (slots + 1) * step)
-    count = np.arange(slots + 2.0)
-    outward = _along(start, turn, count * step)
-    homeward = _along(goal, turn, (slots + 1 - count) * step)
-    leaving = (slots + 1 - count) * step < math.dist(goal, turn)
-    return np.where(leaving[:, None], homeward, outward)
+    points = np.empty((slots + 2, 2))
+    points[:] = start + (turn - start)
+    # As far from the start as the points that are counted from behind are from the goal.
+    flown = np.arange(slots + 2.0) * step
+    for end, one_way in ((start, points), (goal, points[::-1])):
+        length = math.dist(end, turn)
+        moving = np.searchsorted(flown, length)
+        if moving:
+            one_way[:moving] = end + (flown[:moving] / length)[:, None] * (turn - end)
+    return points
 
 
 def _smooth_fly_hover_fly(uav: Uav, place: Array, scenario: Scenario) -> Array:
@@ -147,10 +154,3 @@ def _turning_place(start: Array, goal: Array, place: Array, reach: float) -> Arr
     # Straight towards the goal with no slack, turning earlier or later is the same flight.
     along = min(outward, reach, slack / denominator if denominator > 1e-12 * reach else reach)
     return start + along * direction
-
-
-def _along(origin: Array, target: Array, distance: Array) -> Array:
-    """Return the points at the distances from origin towards target, stopping there."""
-    length = math.dist(origin, target)
-    share = np.minimum(distance, length) / length if length > 0 else np.zeros(len(distance))
-    return origin + share[:, None] * (target - origin)

@@ -10,18 +10,12 @@ from .routes import Roadmap, roadmap_of
 from ..airspace import airspace_of
 from ..grid import Grid
 from ..kinematics import Vehicle
-from ..limits import is_clear, limits_of
-from ..limits.lines import LineLimit
+from ..limits import is_clear
 from ..scenario import Array, Scenario, Uav
 
 _DISTANCES = (0.2, 0.01)  # That ways keep from what is in their way, in steps, where they can.
 _TURNS = 25  # Places on the way out at which a UAV may turn back.
 _INSIDE = 0.1  # How far hovering places are within the fence, in steps.
-
-
-def is_open(scenario: Scenario) -> bool:
-    """Return whether flights have no limits but those of speed and acceleration."""
-    return not any(isinstance(limit, LineLimit) for limit in limits_of(scenario))
 
 
 def free_places(scenario: Scenario, places: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .feasible import without_losing_slots
 from ..channel import guaranteed_rates
-from ..limits import is_clear, repaired
+from ..limits import is_clear, repaired, repaired_powers
 from ..plan import Iteration, Objective, Plan, Status
 from ..scenario import Array, Scenario
 
@@ -37,6 +37,7 @@ class Search:
     :param started: reading of time.monotonic() from which time counts; by default now.
     :param warm: whether the start is an earlier plan rather than a guess.
     :param objective: which rate is to be raised.
+    :ivar rate: that of the present iterate, in bit/s/Hz.
     """
 
     def __init__(self, scenario: Scenario, positions: Array, powers: Array,
@@ -55,12 +56,8 @@ class Search:
         self.positions = positions
         self.powers, self._rates = without_losing_slots(
             scenario, positions, powers, objective)
+        self.rate = float(self._rates.mean())
         self.report('start')
-
-    @property
-    def rate(self) -> float:
-        """Objective of the present iterate, in bit/s/Hz."""
-        return float(self._rates.mean())
 
     @property
     def elapsed(self) -> float:
@@ -85,20 +82,24 @@ class Search:
         :param positions: (U, N+2, 2) in m, or None for the present ones.
         :param powers: (U, N) in W, or None for the present ones.
         """
-        repaired_positions, repaired_powers = repaired(
-            self.scenario, self.positions if positions is None else positions,
-            self.powers if powers is None else powers)
-        if positions is not None and not is_clear(self.scenario, repaired_positions):
-            return 0.0
         # What stays the same stays so to the last bit.
-        positions = self.positions if positions is None else repaired_positions
-        powers = self.powers if powers is None else repaired_powers
+        if positions is None:
+            positions = self.positions
+            powers = (self.powers if powers is None else
+                      repaired_powers(self.scenario, positions, powers))
+        else:
+            positions, repaired_by = repaired(
+                self.scenario, positions, self.powers if powers is None else powers)
+            powers = self.powers if powers is None else repaired_by
+            if not is_clear(self.scenario, positions):
+                return 0.0
         powers, rates = without_losing_slots(
             self.scenario, positions, powers, self.objective)
-        gain = float(rates.mean()) - self.rate
+        rate = float(rates.mean())
+        gain = rate - self.rate
         if not gain > 0:  # also when it is NaN
             return 0.0
-        self.positions, self.powers, self._rates = positions, powers, rates
+        self.positions, self.powers, self._rates, self.rate = positions, powers, rates, rate
         return gain
 
     def try_less_jamming(self) -> None:

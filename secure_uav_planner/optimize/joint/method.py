@@ -17,10 +17,10 @@ from .schedule import SCHEDULE, Schedule
 from .starts import refined, several_starts, strictly_feasible
 from .worst_places import WorstPlaces
 from ..baselines import constant_powers, fly_hover_fly_positions
-from ..detours import is_open
 from ..search import powers_without_jamming, Search
 from ...errors import NumericalError
 from ...grid import Grid
+from ...limits import is_open
 from ...plan import Status
 from ...scenario import Array
 
@@ -170,6 +170,7 @@ class _Joint:
         # A few of every kind first: in an easy mission all of them end in the same place.
         scouts = np.flatnonzero(others | (np.arange(len(x)) % schedule.scouts == 0))
         barrier = self._best_of(self._barrier(grid, x[scouts], mus[scouts]))
+        self._try_best(barrier)
         if len(barrier.x) == 1:
             return barrier
         rest = np.setdiff1d(np.arange(len(x)), scouts)
@@ -179,6 +180,7 @@ class _Joint:
         self._select(barrier, 0.5)
         self._advance(barrier, schedule.last_steps, schedule.coarse_mu)
         self._select(barrier, 0.0)
+        self._try_best(barrier)
         return barrier
 
     def _best_of(self, barrier: Barrier) -> Barrier:
@@ -191,9 +193,8 @@ class _Joint:
         return barrier
 
     def _select(self, barrier: Barrier, share: float) -> None:
-        """Keep a share of the distinct starts of a Barrier, best first, and try the best."""
+        """Keep a share of the distinct starts of a Barrier, best first."""
         barrier.keep(self._distinct(barrier.rates(), share))
-        self._try_best(barrier)
 
     def _distinct(self, rates: Array, share: float) -> NDArray[np.intp]:
         """Return the best starts, one of each rate, best first, and at least all rivals."""
@@ -256,8 +257,12 @@ class _Joint:
             return
         if search.try_improve(flight, at_once.powers):
             search.report('power')
-        self._finish(self._fixed_flight(
-            self._grid, flight, schedule.powers_jamming, at_once.powers))
+        barrier = self._fixed_flight(
+            self._grid, flight, schedule.powers_jamming, at_once.powers)
+        if self._grid.slots > schedule.powers_few_slots:
+            self._advance(barrier, schedule.powers_steps, schedule.coarse_mu)
+            self._select(barrier, 0.0)
+        self._finish(barrier)
 
     def _fixed_flight(self, grid: Grid, flight: Array, jamming: tuple[float, ...],
                       *more: Array) -> Barrier:

@@ -206,6 +206,12 @@ class Schedule:
     mission changes.
     """
 
+    powers_steps: int = 15
+    """
+    Steps after which only the best powers on a fixed flight are finished. No mission of the sweep
+    changes.
+    """
+
     powers_few_slots: int = 20
     """
     With at most so many slots, powers on a fixed flight are always finished. No mission of the

@@ -8,18 +8,19 @@ from numpy.typing import NDArray
 
 from .schedule import Schedule, StartKind
 from ..baselines import constant_powers, flights_to, fly_hover_fly_positions
-from ..detours import free_places, is_open, route
+from ..detours import free_places, route
 from ..fitting import Fitting
 from ..search import powers_without_jamming
 from ...errors import NumericalError
 from ...grid import Grid, resampled
-from ...limits import repaired
+from ...limits import is_open, repaired
 from ...limits.reference import reference_flight
 from ...scenario import Array, Scenario
 
 _TRANSMITTING = 0.9  # Share of its average power with which the transmitter begins.
 _MARGIN = 0.01  # Share of a limit of acceleration that is left where it can be.
 _SHARE = 0.05  # Of the slack that a start leaves.
+_MARGIN_OF_POWERS = 0.2  # Of limits of powers, as a share of such a share.
 _REFINED_SHARE = 1e-3  # The same for flights that are refined.
 _SILENT = 1e-5  # Power of a jammer that is off, in units of its average power.
 
@@ -75,16 +76,18 @@ def several_starts(grid: Grid, schedule: Schedule,
     :param check: called before each start; what it raises is passed on.
     :return: the starts, mu to begin each with, (S,), and which are sent other ways, (S,).
     """
-    scenario = grid.scenario
     flights = _Flights(grid, schedule, check)
-    starts, mus, others = [], [], []
+    insides, chosen, leasts, mus, others = [], [], [], [], []
     for kind in schedule.kinds:
         for positions, inside, other in flights.spread(kind.count, kind.other_ways):
-            for powers, least in _powers(scenario, positions, kind, schedule):
-                starts.append(_variables(grid, inside, powers, least=least))
+            for powers, least in _powers(grid, positions, kind, schedule):
+                insides.append(inside)
+                chosen.append(powers)
+                leasts.append(least)
                 mus.append(kind.mu)
                 others.append(other)
-    return np.array(starts), np.array(mus), np.array(others)
+    x = _variables(grid, np.array(insides), np.array(chosen), np.array(leasts)[:, None, None])
+    return x, np.array(mus), np.array(others)
 
 
 class _Flights:
@@ -163,19 +166,20 @@ class _Flights:
         return interior(self._grid, positions, _SHARE, other_way)
 
 
-def _powers(scenario: Scenario, positions: Array, kind: StartKind,
-            schedule: Schedule) -> Iterator[tuple[Array, float | None]]:
+def _powers(grid: Grid, positions: Array, kind: StartKind,
+            schedule: Schedule) -> Iterator[tuple[Array, float]]:
     """Give powers (U, N) in W for a flight, each with the least power of a strict start."""
+    scenario = grid.scenario
     if not kind.jamming:
         alone = powers_without_jamming(scenario, positions, _TRANSMITTING)
         if alone is not None:
-            yield alone, _SILENT
+            yield resampled(alone.T, grid.slots, inner=True).T, _SILENT
         return
-    powers = constant_powers(scenario, _TRANSMITTING, kind.jamming)
+    powers = constant_powers(scenario, _TRANSMITTING, kind.jamming, grid.slots)
     if len(powers) > 2:
         factors = np.array([1.0, 1.0, *[schedule.lone_jammer] * (len(powers) - 2)])
         yield powers * factors[:, None], _SILENT
-    yield powers, None
+    yield powers, _MARGIN_OF_POWERS * _SHARE
 
 
 def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float = _SHARE,
@@ -192,18 +196,20 @@ def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float 
     flights = interior(grid, positions, share)
     if flights is None:
         raise NumericalError('no flight strictly inside the limits was found')
-    return _variables(grid, flights, powers, share, least)
+    powers = resampled(powers.T, grid.slots, inner=True).T
+    if least is None:
+        least = _MARGIN_OF_POWERS * share
+    return _variables(grid, flights, powers, least, share)
 
 
-def _variables(grid: Grid, flights: Array, powers: Array, share: float = _SHARE,
-               least: float | None = None) -> Array:
-    """Return variables of flights on the grid, with powers made strictly feasible."""
-    average, peak = grid.scenario.average_powers, grid.scenario.peak_powers
-    margin = 0.2 * share
-    power = resampled(powers.T, grid.slots, inner=True)
-    power = np.clip(power, (margin if least is None else least) * average, (1 - margin) * peak)
-    power *= np.minimum(1, (1 - margin) * average / power.mean(axis=0))
-    return grid.variables(flights[:, 1:-1], power.T)
+def _variables(grid: Grid, flights: Array, powers: Array, least: float | Array,
+               share: float = _SHARE) -> Array:
+    """Return variables of flights and powers on the grid, with powers made strictly feasible."""
+    average, peak = grid.scenario.average_powers[:, None], grid.scenario.peak_powers[:, None]
+    most = 1 - _MARGIN_OF_POWERS * share
+    power = np.clip(powers, least * average, most * peak)
+    power *= np.minimum(1, most * average / power.mean(axis=-1, keepdims=True))
+    return grid.variables(flights[..., 1:-1, :], power)
 
 
 def interior(grid: Grid, positions: Array, share: float,
