@@ -58,6 +58,8 @@ class Schedule:
     without member 2, -0.20% in the mean, -3.04% in the worst; without member 3, 0% in the mean,
     0% in the worst; member 2 with 4 starts instead of 8, -0.05% in the mean of 24 random missions
     and -2.1% in that of 16 with one jammer and two eavesdroppers, -33% in the worst of these.
+    All counts doubled, +0.13% in the mean of 100 random missions of 60 slots, in 1.5 times the
+    time; and all of it done again on a grid of 60 slots, +0.24%, in 3.8 times.
     Other ways of member 1: without them a circle of 80 m on the transmitter's way costs 0.5% at
     T = 120 s, as all scouts agree on the wrong side of it.
     """
