@@ -241,3 +241,19 @@ def test_a_nearly_lost_mission_against_two_eavesdroppers_is_won_in_its_few_good_
     scenario = replace(
         scenario, uavs=scenario.uavs[:2], eavesdroppers=scenario.eavesdroppers[:2])
     assert solve(scenario).guaranteed_rate > 0.57  # Fewer starts ended at 0.39.
+
+
+def test_where_hardly_anything_is_secret_powers_alone_are_still_found():
+    """A mission that a fuzz test met: the best powers have jammers all but off."""
+    places = [(-327.1, 2.3), (-311.9, -472.4), (484.0, 288.7), (-185.8, 109.4)]
+    peaks = [4.24, 3.78, 2.45, 4.10]
+    scenario = Scenario(
+        ground_node=(-167.0, 91.5),
+        eavesdroppers=(Eavesdropper((117.7, -314.5), 49.4), Eavesdropper((447.7, 89.3), 36.4),
+                       Eavesdropper((302.0, 228.2), 12.7)),
+        uavs=tuple(Uav(f'uav{number}', place, place, altitude=10000.0, max_speed=1e-6,
+                       peak_power=peak)
+                   for number, (place, peak) in enumerate(zip(places, peaks), start=1)),
+        duration=131.7, slots=17, reference_snr_db=120.0)
+    plan = solve(scenario, objective='guaranteed')
+    assert plan.rate >= fly_hover_fly(scenario, 'optimised').guaranteed_rate * (1 - 1e-4) > 0.003

@@ -247,7 +247,8 @@ class _Joint:
         """
         schedule, search = self._schedule, self._search
         flight = fly_hover_fly_positions(search.scenario)
-        probe = self._fixed_flight(coarse, flight, schedule.powers_jamming)
+        probe = self._fixed_flight(
+            coarse, flight, schedule.powers_jamming, schedule.powers_mu)
         self._advance(probe, schedule.powers_probe_steps, schedule.coarse_mu)
         at_once = Search(search.scenario, flight, constant_powers(search.scenario))
         at_once.try_less_jamming()
@@ -257,19 +258,28 @@ class _Joint:
             return
         if search.try_improve(flight, at_once.powers):
             search.report('power')
-        barrier = self._fixed_flight(
-            self._grid, flight, schedule.powers_jamming, at_once.powers)
-        if self._grid.slots > schedule.powers_few_slots:
-            self._advance(barrier, schedule.powers_steps, schedule.coarse_mu)
+        self._finish_powers(self._fixed_flight(
+            self._grid, flight, schedule.powers_jamming, schedule.powers_mu, at_once.powers))
+        if 0 < search.rate < schedule.low_rate:
+            # A barrier that weighs more than the rate leads to other powers than the best.
+            self._finish_powers(self._fixed_flight(
+                self._grid, flight, schedule.powers_low_jamming,
+                schedule.powers_low_mu * np.log(2) * search.rate, at_once.powers))
+
+    def _finish_powers(self, barrier: Barrier) -> None:
+        """Converge powers on a fixed flight, with many slots those of the best starts only."""
+        if barrier.grid.slots > self._schedule.powers_few_slots:
+            self._advance(barrier, self._schedule.powers_steps, self._schedule.coarse_mu)
             self._select(barrier, 0.0)
         self._finish(barrier)
 
-    def _fixed_flight(self, grid: Grid, flight: Array, jamming: tuple[float, ...],
+    def _fixed_flight(self, grid: Grid, flight: Array, jamming: tuple[float, ...], mu: float,
                       *more: Array) -> Barrier:
         """
         Return a Barrier whose positions are fixed on a flight.
 
         :param jamming: shares of their average power with which the jammers begin.
+        :param mu: barrier parameter to begin with.
         :param more: further powers to begin with, (U, N) in W.
         """
         scenario = grid.scenario
@@ -280,7 +290,7 @@ class _Joint:
                  for one in (*powers, *more, *([] if alone is None else [alone]))]
         x = np.array(found)
         x[..., 0] *= 0.99
-        return self._barrier(fixed, x, self._schedule.powers_mu)
+        return self._barrier(fixed, x, mu)
 
     def _barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
         """Return a Barrier that stops when the search must end."""
