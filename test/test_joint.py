@@ -243,17 +243,29 @@ def test_a_nearly_lost_mission_against_two_eavesdroppers_is_won_in_its_few_good_
     assert solve(scenario).guaranteed_rate > 0.57  # Fewer starts ended at 0.39.
 
 
-def test_where_hardly_anything_is_secret_powers_alone_are_still_found():
-    """A mission that a fuzz test met: the best powers have jammers all but off."""
-    places = [(-327.1, 2.3), (-311.9, -472.4), (484.0, 288.7), (-185.8, 109.4)]
-    peaks = [4.24, 3.78, 2.45, 4.10]
-    scenario = Scenario(
-        ground_node=(-167.0, 91.5),
-        eavesdroppers=(Eavesdropper((117.7, -314.5), 49.4), Eavesdropper((447.7, 89.3), 36.4),
-                       Eavesdropper((302.0, 228.2), 12.7)),
-        uavs=tuple(Uav(f'uav{number}', place, place, altitude=10000.0, max_speed=1e-6,
-                       peak_power=peak)
-                   for number, (place, peak) in enumerate(zip(places, peaks), start=1)),
-        duration=131.7, slots=17, reference_snr_db=120.0)
-    plan = solve(scenario, objective='guaranteed')
-    assert plan.rate >= fly_hover_fly(scenario, 'optimised').guaranteed_rate * (1 - 1e-4) > 0.003
+def team_of_four(ground_node, eavesdroppers, uavs, duration, slots):
+    """Return a hard mission, of which UAVs are (start, goal, altitude, speed, peak power)."""
+    return Scenario(ground_node, eavesdroppers, tuple(
+        Uav(f'uav{number}', start, goal, altitude, speed, peak_power=peak)
+        for number, (start, goal, altitude, speed, peak) in enumerate(uavs, start=1)),
+        duration, slots, reference_snr_db=120.0)
+
+
+@pytest.mark.parametrize('scenario', [
+    team_of_four(  # Hardly any rate is left.
+        (-167.0, 91.5),
+        (Eavesdropper((117.7, -314.5), 49.4), Eavesdropper((447.7, 89.3), 36.4),
+         Eavesdropper((302.0, 228.2), 12.7)),
+        [(place, place, 10000.0, 1e-6, peak) for place, peak in [
+            ((-327.1, 2.3), 4.24), ((-311.9, -472.4), 3.78), ((484.0, 288.7), 2.45),
+            ((-185.8, 109.4), 4.10)]], 131.7, 17),
+    team_of_four(  # It is best without any jamming.
+        (-26.45, 424.51), (Eavesdropper((303.49, 514.83), 22.96),),
+        [((-446.54, 284.31), (564.53, 148.05), 64.04, 47.28, 2.316),
+         ((-447.07, -350.89), (-520.48, -373.70), 135.45, 13.41, 4.221),
+         ((-265.29, 58.08), (-282.19, 561.33), 60.68, 34.04, 3.498),
+         ((25.48, -507.84), (-294.79, -131.25), 125.92, 24.08, 4.687)], 72.467, 20)])
+def test_the_best_powers_have_jammers_all_but_off(scenario):
+    """Missions that fuzz tests met."""
+    baseline = fly_hover_fly(scenario, 'optimised')
+    assert solve(scenario).rate >= baseline.guaranteed_rate * (1 - 1e-4) > 0.003

@@ -260,11 +260,12 @@ class _Joint:
             search.report('power')
         self._finish_powers(self._fixed_flight(
             self._grid, flight, schedule.powers_jamming, schedule.powers_mu, at_once.powers))
-        if 0 < search.rate < schedule.low_rate:
-            # A barrier that weighs more than the rate leads to other powers than the best.
+        # A barrier that weighs much beside the rate leads away from jammers that are all but off.
+        low_mu = min(schedule.powers_low_mu,
+                     schedule.powers_low_share * np.log(2) * search.rate)
+        if low_mu > 0:
             self._finish_powers(self._fixed_flight(
-                self._grid, flight, schedule.powers_low_jamming,
-                schedule.powers_low_mu * np.log(2) * search.rate, at_once.powers))
+                self._grid, flight, schedule.powers_low_jamming, low_mu, at_once.powers))
 
     def _finish_powers(self, barrier: Barrier) -> None:
         """Converge powers on a fixed flight, with many slots those of the best starts only."""
