@@ -13,8 +13,12 @@ from secure_uav_planner.bench.missions import random_mission
 from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.grid import Grid
 from secure_uav_planner.limits.reference import reference_flight
+from secure_uav_planner.optimize.baselines import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint import kernel_barrier as kernel
 from secure_uav_planner.optimize.joint import newton
+from secure_uav_planner.optimize.joint.method import improve
+from secure_uav_planner.optimize.joint.schedule import SCHEDULE
+from secure_uav_planner.optimize.search import Search
 from strategies import crowded, PLACE, scenarios
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.
@@ -53,6 +57,16 @@ def test_the_objective_never_falls_and_beats_the_baseline(scenario):
     assert plan.status == 'converged'
     baseline = fly_hover_fly(scenario, 'optimised').guaranteed_rate
     assert plan.guaranteed_rate >= baseline - 1e-6
+
+
+@pytest.mark.parametrize('seed, before, now', [(4, 1.653, 1.80), (43, 0.286, 0.297)])
+def test_starts_that_were_left_out_have_a_second_chance(seed, before, now):
+    """The competition alone finds the lower of these rates."""
+    scenario = random_mission(seed, slots=60)
+    search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
+    improve(search, replace(SCHEDULE, left_out_starts=1))
+    assert search.rate < before
+    assert solve(scenario).guaranteed_rate > now
 
 
 @pytest.mark.parametrize('slots', [1, 2, 39, 41, 700])

@@ -23,6 +23,7 @@ from secure_uav_planner.kernel import loading
 from secure_uav_planner.limits import limits_of, SpeedLimit
 from secure_uav_planner.limits.base import Iterate
 from secure_uav_planner.limits.lines import LineLimit
+from secure_uav_planner.optimize.baselines import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint import kernel_barrier as kernel
 from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.kernel_barrier import KernelBarrier, make_barrier
@@ -130,6 +131,32 @@ def test_starts_take_the_same_ten_steps(scenario):
         barrier.keep(chosen)
     assert both.iterate(SCHEDULE.coarse_mu)
     assert both.steady().any()
+
+
+@needs_kernel
+def test_several_steps_at_once_are_the_same_as_one_after_the_other():
+    grid = Grid.of(random_mission(2), 30)
+    x, mu = several_starts(grid, SCHEDULE)[:2]
+    once, one_by_one = (KernelBarrier(grid, x, mu, SCHEDULE) for _ in range(2))
+    left = 12
+    while left:
+        left -= once.advance(left, SCHEDULE.coarse_mu)
+    for _ in range(12):
+        one_by_one.iterate(SCHEDULE.coarse_mu)
+    assert not np.array_equal(once.x, x)
+    for name in ('x', 'mu', 'finished'):
+        assert np.array_equal(getattr(once, name), getattr(one_by_one, name)), name
+
+
+@needs_kernel
+def test_only_steps_that_are_short_are_taken_at_once():
+    taken = []
+    for slots in (50, 5000):
+        grid = Grid.of(Scenario.paper(slots=slots))
+        x = strictly_feasible(grid, fly_hover_fly_positions(grid.scenario),
+                              constant_powers(grid.scenario))
+        taken.append(KernelBarrier(grid, x[None], 0.02, SCHEDULE).advance(60, 1e-3))
+    assert 1 <= taken[1] < taken[0] == 60
 
 
 def of_city(*uavs, pieces=1):

@@ -227,13 +227,17 @@ public:
             starts_.add(x_->data() + s * size, mu_->data() + s, finished_->data() + s);
     }
 
-    std::size_t iterate(double final, const py::function& check) {
-        const py::gil_scoped_release release;
-        return starts_.iterate(final, [&check] {
-            look_for_signals();
-            const py::gil_scoped_acquire acquire;
-            check();
-        });
+    py::tuple advance(int steps, double final, const py::function& check) {
+        kernel::Taken taken;
+        {
+            const py::gil_scoped_release release;
+            taken = starts_.advance(steps, final, [&check] {
+                look_for_signals();
+                const py::gil_scoped_acquire acquire;
+                check();
+            });
+        }
+        return py::make_tuple(taken.steps, taken.failed);
     }
 
     void rates(const py::buffer& found) {
@@ -343,7 +347,7 @@ PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
     module.def("prove", &prove);
     py::class_<Barrier>(module, "Barrier")
         .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&>())
-        .def("iterate", &Barrier::iterate)
+        .def("advance", &Barrier::advance)
         .def("rates", &Barrier::rates)
         .def("exchange", &Barrier::exchange)
         .def("keep", &Barrier::keep);

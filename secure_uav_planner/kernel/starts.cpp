@@ -10,9 +10,10 @@ namespace kernel {
 
 namespace {
 
-// Products of a step in all starts below which threads cost more than they gain, and of a step in
-// a single start, which a thread makes no faster, below which others need not be let in.
-constexpr double WORTH_THREADS = 1e6, LONG = 5e6;
+// Products of the steps of all starts below which threads cost more than they gain, those of a
+// single start, which a thread makes no faster, below which others need not be let in, and those
+// of several steps that are short together.
+constexpr double WORTH_THREADS = 3e5, LONG = 5e6, SHORT = 2e7;
 // How often the caller looks whether to stop.
 constexpr std::chrono::milliseconds LOOK{10};
 
@@ -60,7 +61,8 @@ void Starts::work(std::size_t number, double final) {
     while (!stop_) {
         const std::size_t index = next_++;
         if (index >= states_.size()) return;
-        if (newton.iterate(states_[index], final, stop_) == Outcome::failed) ++failed_;
+        for (auto& failed : failed_)
+            if (newton.iterate(states_[index], final, stop_) == Outcome::failed) ++failed;
     }
 }
 
@@ -70,14 +72,19 @@ double Starts::cost() const {
         * (high * high + 4.0 * row * row * problem_.receivers.count);
 }
 
-std::size_t Starts::iterate(double final, const std::function<void()>& wait) {
+Taken Starts::advance(int steps, double final, const std::function<void()>& wait) {
+    const double step = cost();
+    steps = int(std::clamp(SHORT / step, 1.0, double(std::max(1, steps))));
     stop_ = false;
-    next_ = failed_ = 0;
+    next_ = 0;
+    failed_ = std::vector<std::atomic<std::size_t>>(steps);
     worker(0);
-    if (cost() < (states_.size() > 1 ? WORTH_THREADS : LONG)) {
-        work(0, final);
-        return failed_;
-    }
+    if (step * steps < (states_.size() > 1 ? WORTH_THREADS : LONG)) work(0, final);
+    else on_all_cores(final, wait);
+    return {steps, *std::max_element(failed_.begin(), failed_.end())};
+}
+
+void Starts::on_all_cores(double final, const std::function<void()>& wait) {
     const std::size_t count = std::min<std::size_t>(
         states_.size(), std::max(1u, std::thread::hardware_concurrency()));
     worker(count - 1);
@@ -114,7 +121,6 @@ std::size_t Starts::iterate(double final, const std::function<void()>& wait) {
     }
     for (std::thread& thread : threads) thread.join();
     if (error) std::rethrow_exception(error);
-    return failed_;
 }
 
 }  // namespace kernel

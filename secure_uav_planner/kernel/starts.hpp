@@ -11,6 +11,12 @@
 
 namespace kernel {
 
+// How many steps were taken, and how many of the starts failed in the worst of them.
+struct Taken {
+    int steps;
+    std::size_t failed;
+};
+
 class Starts {
 public:
     explicit Starts(Problem problem)
@@ -21,9 +27,10 @@ public:
     void add(double* x, double* mu, bool* finished);
     // Go on with some of them only, whose arrays are elsewhere now.
     void keep(const std::vector<std::size_t>& chosen, double* x, double* mu, bool* finished);
-    // Take a step from every start. `wait` is called now and then meanwhile, if it takes long; what
-    // it throws ends the step of the starts that have not gone it. Return how many failed.
-    std::size_t iterate(double final, const std::function<void()>& wait);
+    // Take up to so many steps from every start, as many as are short together, and tell how many.
+    // `wait` is called now and then meanwhile, if it takes long; what it throws ends the step of
+    // the starts that have not gone it.
+    Taken advance(int steps, double final, const std::function<void()>& wait);
     void rates(double* found);
     // Go on with places that have been exchanged, as many as before.
     void exchange(Places places, Reals positions);
@@ -34,6 +41,7 @@ public:
 private:
     Newton& worker(std::size_t number);
     void work(std::size_t number, double final);
+    void on_all_cores(double final, const std::function<void()>& wait);
     std::size_t variables() const { return std::size_t(problem_.slots) * problem_.uavs * 3; }
     double cost() const;
 
@@ -42,7 +50,8 @@ private:
     std::vector<State> states_;
     std::vector<std::unique_ptr<Newton>> workers_;
     std::atomic<bool> stop_{false};
-    std::atomic<std::size_t> next_{0}, failed_{0};
+    std::atomic<std::size_t> next_{0};
+    std::vector<std::atomic<std::size_t>> failed_;  // Starts that failed, for every step.
 };
 
 }  // namespace kernel

@@ -159,6 +159,15 @@ class Barrier:
         decrement = -(step.x * gradient).sum(axis=(1, 2, 3)) / (x.shape[1] * mu)
         self._update_mu(length, decrement, final)
 
+    def advance(self, steps: int, final: float) -> int:
+        """
+        Take up to `steps` steps, as many as are short together, and return how many.
+
+        Between them nobody looks at the starts, and `finished` ones go on as well. See iterate.
+        """
+        self.iterate(final)
+        return 1
+
     def try_from(self, x: Array, starts: NDArray[np.intp]) -> Evaluation:
         """Return the barrier function of some of the starts at another x."""
         self.check()

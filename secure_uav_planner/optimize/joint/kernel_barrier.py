@@ -86,12 +86,21 @@ class KernelBarrier(Barrier):
 
         :raises NumericalError: when no step can be computed from any start.
         """
+        self.advance(1, final)
+
+    def advance(self, steps: int, final: float) -> int:
+        """
+        Take several steps from every start, side by side on all cores; see Barrier.advance.
+
+        :raises NumericalError: when no step could be computed from any start.
+        """
         self.check()
         started = time.perf_counter()
-        failed = self._core.iterate(final, self.check)
+        taken, failed = self._core.advance(steps, final, self.check)
         self.solver_time += time.perf_counter() - started
         if failed == len(self.x):
             raise NumericalError('no Newton step could be computed')
+        return int(taken)
 
 
 def make_barrier(grid: Grid, x: Array, mu: float | Array, schedule: Schedule,

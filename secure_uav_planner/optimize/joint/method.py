@@ -73,22 +73,33 @@ class _Joint:
         self._search = search
         self._schedule = schedule
         self._grid = Grid.of(search.scenario)
+        self._left_out: list[tuple[Array, Array]] = []
 
     def from_present_plan(self) -> Status:
         """Improve the present plan."""
         return self._improve_present(self._schedule.warm_mu)
 
     def from_several_starts(self) -> Status:
-        """Find the best of several starts on a coarse grid and finish it, and a close rival."""
-        schedule = self._schedule
+        """
+        Find the best of several starts on a coarse grid and finish it, and a close rival.
+
+        Where starts end in different places, and jammers and eavesdroppers can be matched in
+        several ways, those that were left out have a second chance.
+        """
+        schedule, scenario = self._schedule, self._search.scenario
         coarse, x, mus, others = self._starts()
         barrier = self._compete(coarse, x, mus, others)
         rates = barrier.rates()
-        rivals = np.flatnonzero(rates >= (1 - schedule.rival_gap) * rates[0])[:schedule.rivals]
-        statuses = [self._finish(self._on_finer_grids(barrier, rival)) for rival in rivals]
+        rivals = self._near_best(rates, schedule.rival_gap, schedule.rivals)
+        statuses = [
+            self._finish(self._on_finer_grids(coarse, barrier.x[[rival]], barrier.mu[rival]))
+            for rival in rivals]
         self._try_powers_alone(coarse, rates[0])
-        if len(rates) > 1 or self._search.rate < schedule.low_rate:
+        agreed = len(rates) == 1
+        if not agreed or self._search.rate < schedule.low_rate:
             self._improve_again()
+        if not agreed and (len(scenario.uavs) > 2 or len(scenario.eavesdroppers) > 1):
+            self._try_left_out(barrier, rates[rivals])
         return 'converged' if 'converged' in statuses else statuses[0]
 
     def _starts(self) -> tuple[Grid, Array, Array, NDArray[np.bool_]]:
@@ -115,6 +126,55 @@ class _Joint:
         x = strictly_feasible(self._grid, self._search.positions, self._search.powers,
                               share=self._schedule.warm_share)
         return self._finish(self._barrier(self._grid, x[None], mu))
+
+    def _try_left_out(self, barrier: Barrier, known: Array) -> None:
+        """
+        Go on with the starts that were left out, and finish those that end in new places.
+
+        :param barrier: the best starts, on the coarse grid.
+        :param known: the rates there of those that have been finished.
+        """
+        schedule, coarse = self._schedule, barrier.grid
+        x, mu = (np.concatenate(parts) for parts in zip(*self._left_out, strict=True))
+        if not len(x):
+            return
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            others = self._barrier(coarse, x, mu)
+            self._advance(others, schedule.left_out_steps, schedule.coarse_mu)
+            x = np.concatenate([barrier.x, others.x])
+            rates = np.concatenate([barrier.rates(), others.rates()])
+            best = self._near_best(rates, schedule.left_out_gap, schedule.left_out_starts)
+            x, rates = self._improved(
+                coarse, x[best], rates[best],
+                lambda again: self._advance(again, schedule.last_steps, schedule.coarse_mu))
+            best = self._near_best(rates, schedule.left_out_gap, len(rates))
+            new = (abs(rates[best, None] - known) > schedule.distinct * known).all(axis=1)
+            chosen = best[new][:schedule.rivals]
+            if len(chosen):
+                fine = self._on_finer_grids(coarse, x[chosen], schedule.coarse_mu)
+                self._finish(fine)
+                self._improved(self._grid, fine.x, fine.rates(), self._finish)
+
+    def _improved(self, grid: Grid, x: Array, rates: Array,
+                  improve: Callable[[Barrier], object]) -> tuple[Array, Array]:
+        """
+        Improve starts from further inside, as _improve_again does the best plan.
+
+        :param x: (S, N, U, 3).
+        :param rates: of x, all positive, in nats, (S,).
+        :param improve: improves the starts of a Barrier.
+        :return: the better x, and their rates.
+        """
+        schedule = self._schedule
+        for share in schedule.again_mus:
+            barrier = self._barrier(grid, np.array([
+                strictly_feasible(grid, grid.positions(one), grid.powers(one),
+                                  share=schedule.warm_share) for one in x]), share * rates)
+            improve(barrier)
+            found = barrier.rates()
+            x = np.where((found > rates)[:, None, None, None], barrier.x, x)
+            rates = np.maximum(found, rates)
+        return x, rates
 
     def against_worst_places(self) -> Status:
         """Improve the present plan against the worst places of the discs, problem (P1)."""
@@ -193,37 +253,57 @@ class _Joint:
         return barrier
 
     def _select(self, barrier: Barrier, share: float) -> None:
-        """Keep a share of the distinct starts of a Barrier, best first."""
-        barrier.keep(self._distinct(barrier.rates(), share))
+        """Keep a share of the distinct starts of a Barrier, and at least all rivals."""
+        distinct = self._distinct(barrier.rates())
+        kept = max(self._schedule.rivals, int(np.ceil(share * len(distinct))))
+        self._left_out.append((barrier.x[distinct[kept:]], barrier.mu[distinct[kept:]]))
+        barrier.keep(distinct[:kept])
 
-    def _distinct(self, rates: Array, share: float) -> NDArray[np.intp]:
-        """Return the best starts, one of each rate, best first, and at least all rivals."""
+    def _near_best(self, rates: Array, gap: float, most: int) -> NDArray[np.intp]:
+        """Return distinct starts, best first, that are at most a share below the best."""
+        distinct = self._distinct(rates)
+        return distinct[rates[distinct] >= (1 - gap) * rates[distinct[0]]][:most]
+
+    def _distinct(self, rates: Array) -> NDArray[np.intp]:
+        """Return one start of each rate, best first."""
         order = np.argsort(-rates)
         rates = rates[order]
         new = np.append(True, -np.diff(rates) > self._schedule.distinct * abs(rates[0]))
         distinct: NDArray[np.intp] = order[new]
-        return distinct[:max(self._schedule.rivals, int(np.ceil(share * len(distinct))))]
+        return distinct
 
-    def _on_finer_grids(self, barrier: Barrier, start: int) -> Barrier:
-        """Return one start of a Barrier on the full grid, by way of grids in between."""
+    def _on_finer_grids(self, coarse: Grid, x: Array, mu: float | Array) -> Barrier:
+        """
+        Return starts on the full grid, by way of grids in between.
+
+        :param x: on the coarse grid, (S, N, U, 3).
+        :param mu: the barrier parameter that they have there, for all or for each.
+        """
         schedule, full = self._schedule, self._grid.slots
-        one = self._barrier(barrier.grid, barrier.x[[start]], barrier.mu[start])
-        while one.grid.slots < full:
-            slots = one.grid.slots
-            if one.grid is not barrier.grid:
-                self._advance(one, schedule.steps, schedule.middle_mu)
-            grids = int(np.ceil(np.log(full / slots) / np.log(schedule.refinement)))
-            finer = round(slots * (full / slots)**(1 / grids))
-            grid = one.grid.divided(finer)
-            x = refined(one.grid, one.x[0], grid)
-            if x is None:
+        grid, mu = coarse, np.full(len(x), 1.0) * mu
+        while grid.slots < full:
+            if grid is not coarse:
+                middle = self._barrier(grid, x, mu)
+                self._converge(middle)
+                x, mu = middle.x, middle.mu
+            grids = int(np.ceil(np.log(full / grid.slots) / np.log(schedule.refinement)))
+            finer = grid.divided(round(grid.slots * (full / grid.slots)**(1 / grids)))
+            found = [refined(grid, one, finer) for one in x]
+            inside = [one is not None for one in found]
+            if not any(inside):
                 raise NumericalError('no flight strictly inside the limits was found')
-            mu = one.mu
+            grid, x, mu = finer, np.array([one for one in found if one is not None]), mu[inside]
             if (np.isfinite(grid.scenario.max_accelerations).any()
                     or not is_open(grid.scenario)):
                 mu = np.maximum(mu, schedule.refined_mu)
-            one = self._barrier(grid, x[None], mu)
-        return one
+        return self._barrier(grid, x, mu)
+
+    def _converge(self, barrier: Barrier) -> None:
+        """Converge on a grid in between."""
+        for _ in range(self._schedule.steps):
+            self._step(barrier, self._schedule.middle_mu)
+            if barrier.finished.all():
+                return
 
     def _finish(self, barrier: Barrier) -> Status:
         """Converge on the full grid; return the status."""
@@ -247,8 +327,10 @@ class _Joint:
         """
         schedule, search = self._schedule, self._search
         flight = fly_hover_fly_positions(search.scenario)
+        alone = powers_without_jamming(search.scenario, flight)
+        others = [] if alone is None else [alone]
         probe = self._fixed_flight(
-            coarse, flight, schedule.powers_jamming, schedule.powers_mu)
+            coarse, flight, schedule.powers_jamming, schedule.powers_mu, *others)
         self._advance(probe, schedule.powers_probe_steps, schedule.coarse_mu)
         at_once = Search(search.scenario, flight, constant_powers(search.scenario))
         at_once.try_less_jamming()
@@ -259,19 +341,21 @@ class _Joint:
         if search.try_improve(flight, at_once.powers):
             search.report('power')
         self._finish_powers(self._fixed_flight(
-            self._grid, flight, schedule.powers_jamming, schedule.powers_mu, at_once.powers))
+            self._grid, flight, schedule.powers_jamming, schedule.powers_mu, at_once.powers,
+            *others))
         # A barrier that weighs much beside the rate leads away from jammers that are all but off.
         low_mu = min(schedule.powers_low_mu,
                      schedule.powers_low_share * np.log(2) * search.rate)
         if low_mu > 0:
             self._finish_powers(self._fixed_flight(
-                self._grid, flight, schedule.powers_low_jamming, low_mu, at_once.powers))
+                self._grid, flight, schedule.powers_low_jamming, low_mu, at_once.powers,
+                *others))
 
     def _finish_powers(self, barrier: Barrier) -> None:
         """Converge powers on a fixed flight, with many slots those of the best starts only."""
         if barrier.grid.slots > self._schedule.powers_few_slots:
             self._advance(barrier, self._schedule.powers_steps, self._schedule.coarse_mu)
-            self._select(barrier, 0.0)
+            barrier.keep(self._distinct(barrier.rates())[:self._schedule.rivals])
         self._finish(barrier)
 
     def _fixed_flight(self, grid: Grid, flight: Array, jamming: tuple[float, ...], mu: float,
@@ -283,13 +367,9 @@ class _Joint:
         :param mu: barrier parameter to begin with.
         :param more: further powers to begin with, (U, N) in W.
         """
-        scenario = grid.scenario
         fixed = grid.with_fixed_positions()
-        powers = [constant_powers(scenario, 0.9, share) for share in jamming]
-        alone = powers_without_jamming(scenario, flight)
-        found = [strictly_feasible(fixed, flight, one, share=0.0, least=1e-6)
-                 for one in (*powers, *more, *([] if alone is None else [alone]))]
-        x = np.array(found)
+        powers = [constant_powers(grid.scenario, 0.9, share) for share in jamming]
+        x = strictly_feasible(fixed, flight, np.array([*powers, *more]), share=0.0, least=1e-6)
         x[..., 0] *= 0.99
         return self._barrier(fixed, x, mu)
 
@@ -304,29 +384,32 @@ class _Joint:
             raise _Stop(reason)
 
     def _advance(self, barrier: Barrier, steps: int, mu: float) -> None:
-        """Take a number of steps, or fewer where a single start finishes sooner."""
-        for _ in range(steps):
-            self._step(barrier, mu)
-            if len(barrier.x) == 1 and barrier.finished[0]:
-                return
+        """Take a number of steps from every start."""
+        while steps > 0:
+            steps -= self._step(barrier, mu, steps)
 
-    def _step(self, barrier: Barrier, mu: float, try_finished: bool = False) -> None:
+    def _step(self, barrier: Barrier, mu: float, steps: int = 1,
+              try_finished: bool = False) -> int:
         """
-        Take a step, report it, and raise _Stop where the search must end.
+        Take a step, or more, report them, and raise _Stop where the search must end.
 
+        :param steps: the most that are taken together.
         :param try_finished: whether to propose what has finished before it is reported.
+        :return: how many were taken.
         """
         before = barrier.solver_time
         try:
-            barrier.iterate(mu)
+            taken = barrier.advance(steps, mu)
         except _Stop:
             self._try_best(barrier)
             raise
         self._search.solver_time += barrier.solver_time - before
         if self._search.stop_reason() is not None or try_finished and barrier.finished.all():
             self._try_best(barrier)
-        self._search.report('joint')
-        self._check()
+        for _ in range(taken):
+            self._search.report('joint')
+            self._check()
+        return taken
 
     def _try_best(self, barrier: Barrier) -> None:
         """Propose the best start of a Barrier to the search, on the full grid."""

@@ -190,6 +190,21 @@ class Schedule:
     0.04, +0.44%; 0.02 and 0.002, +0.45%. In the 16 of them whose starts agreed it gained nothing.
     """
 
+    left_out_steps: int = 22
+    """
+    Steps of the starts that the competition left out.
+    """
+
+    left_out_starts: int = 6
+    """
+    How many of all starts are then improved once more on the coarse grid.
+    """
+
+    left_out_gap: float = 0.1
+    """
+    How much lower than the best they may be, as a share.
+    """
+
     powers_jamming: tuple[float, ...] = (0.5, 0.05)
     """
     Shares of their average power with which jammers begin on fixed flights. Measured: no mission

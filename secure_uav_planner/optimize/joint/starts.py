@@ -185,10 +185,10 @@ def _powers(grid: Grid, positions: Array, kind: StartKind,
 def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float = _SHARE,
                       least: float | None = None) -> Array:
     """
-    Return variables of a grid that are strictly feasible and near a plan, (N, U, 3).
+    Return variables of a grid that are strictly feasible and near a plan, (..., N, U, 3).
 
     :param positions: feasible, (U, M+2, 2) in m, for any number M of slots.
-    :param powers: feasible, (U, M) in W.
+    :param powers: feasible, (..., U, M) in W.
     :param share: by which to go from the plan into the interior.
     :param least: powers in units of the average power, by default a fifth of the share.
     :raises NumericalError: when no flights strictly inside the limits are found.
@@ -199,6 +199,7 @@ def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float 
     powers = resampled(powers.T, grid.slots, inner=True).T
     if least is None:
         least = _MARGIN_OF_POWERS * share
+    flights = np.broadcast_to(flights, (*powers.shape[:-2], *flights.shape))
     return _variables(grid, flights, powers, least, share)
 
 
