@@ -1,0 +1,130 @@
+"""Steps of a Barrier for a Search, which hears of them and says when they must end."""
+
+import numpy as np
+
+from .barrier import Barrier
+from .kernel_barrier import make_barrier
+from .schedule import Schedule
+from .starts import refined
+from ..search import Search
+from ...errors import NumericalError
+from ...grid import Grid
+from ...limits import is_open
+from ...plan import Status
+from ...scenario import Array
+
+
+class Stop(Exception):
+    """The search must end in a status."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status)
+        self.status: Status = status
+
+
+class Stepper:
+    """
+    What all parts of the method share: they take steps of Barriers for one Search.
+
+    Every step is reported to the search, and raises Stop where the search must end.
+
+    :ivar grid: the full grid, of the search's own slots.
+    """
+
+    def __init__(self, search: Search, schedule: Schedule) -> None:
+        self.search = search
+        self.schedule = schedule
+        self.grid = Grid.of(search.scenario)
+
+    def barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
+        """Return a Barrier that stops when the search must end."""
+        return make_barrier(grid, x, mu, self.schedule, self.check)
+
+    def check(self) -> None:
+        """Raise Stop where the search must end."""
+        reason = self.search.stop_reason()
+        if reason is not None:
+            raise Stop(reason)
+
+    def advance(self, barrier: Barrier, steps: int, mu: float) -> None:
+        """Take a number of steps from every start."""
+        while steps > 0:
+            steps -= self.step(barrier, mu, steps)
+
+    def on_full_grid(self, coarse: Grid, x: Array, mu: float | Array) -> Barrier:
+        """
+        Return a Barrier of starts on the full grid, by way of grids in between.
+
+        :param x: on the coarse grid, (S, N, U, 3).
+        :param mu: the barrier parameter that they have there, for all or for each.
+        """
+        schedule, full = self.schedule, self.grid.slots
+        grid, mu = coarse, np.full(len(x), 1.0) * mu
+        while grid.slots < full:
+            if grid is not coarse:
+                middle = self.barrier(grid, x, mu)
+                self._converge(middle)
+                x, mu = middle.x, middle.mu
+            grids = int(np.ceil(np.log(full / grid.slots) / np.log(schedule.refinement)))
+            finer = grid.divided(round(grid.slots * (full / grid.slots)**(1 / grids)))
+            found = [refined(grid, one, finer) for one in x]
+            inside = [one is not None for one in found]
+            if not any(inside):
+                raise NumericalError('no flight strictly inside the limits was found')
+            grid, x, mu = finer, np.array([one for one in found if one is not None]), mu[inside]
+            if (np.isfinite(grid.scenario.max_accelerations).any()
+                    or not is_open(grid.scenario)):
+                mu = np.maximum(mu, schedule.refined_mu)
+        return self.barrier(grid, x, mu)
+
+    def _converge(self, barrier: Barrier) -> None:
+        """Converge on a grid in between."""
+        for _ in range(self.schedule.steps):
+            self.step(barrier, self.schedule.middle_mu)
+            if barrier.finished.all():
+                return
+
+    def finish(self, barrier: Barrier) -> Status:
+        """Converge on the full grid; return the status."""
+        for step in range(1, self.schedule.steps + 1):
+            self.step(barrier, self.schedule.final_mu, try_finished=True)
+            if barrier.finished.all():
+                return 'converged'
+            if step % self.schedule.try_every == 0:
+                self.try_best(barrier)
+        self.try_best(barrier)
+        return 'iteration_limit'
+
+    def step(self, barrier: Barrier, mu: float, steps: int = 1,
+             try_finished: bool = False) -> int:
+        """
+        Take a step, or more, report them, and raise Stop where the search must end.
+
+        :param steps: the most that are taken together.
+        :param try_finished: whether to propose what has finished before it is reported.
+        :return: how many were taken.
+        """
+        before = barrier.solver_time
+        try:
+            taken = barrier.advance(steps, mu)
+        except Stop:
+            self.try_best(barrier)
+            raise
+        self.search.solver_time += barrier.solver_time - before
+        if self.search.stop_reason() is not None or try_finished and barrier.finished.all():
+            self.try_best(barrier)
+        for _ in range(taken):
+            self.search.report('joint')
+            self.check()
+        return taken
+
+    def try_best(self, barrier: Barrier) -> None:
+        """Propose the best start of a Barrier to the search, on the full grid."""
+        x = barrier.x[barrier.rates().argmax()]
+        if barrier.grid.slots != self.grid.slots:
+            x = barrier.grid.refined(x, self.grid.slots)
+        self.try_variables(x)
+
+    def try_variables(self, x: Array) -> None:
+        """Propose variables of the full grid, (N, U, 3), to the search."""
+        self.search.try_improve(self.grid.positions(x), self.grid.powers(x))
