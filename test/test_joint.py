@@ -59,6 +59,16 @@ def test_the_objective_never_falls_and_beats_the_baseline(scenario):
     assert plan.guaranteed_rate >= baseline - 1e-6
 
 
+def test_where_most_scouts_agree_no_other_start_is_begun():
+    scenario, histories = Scenario.paper(102.0), []
+    for agreed in (SCHEDULE.agreed, 2.0):
+        search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
+        improve(search, replace(SCHEDULE, agreed=agreed))
+        assert search.rate == pytest.approx(1.36945, abs=1e-5)
+        histories.append(search.history)
+    assert len(histories[0]) < 0.7 * len(histories[1])
+
+
 @pytest.mark.parametrize('seed, before, now', [(4, 1.653, 1.80), (43, 0.286, 0.297)])
 def test_starts_that_were_left_out_have_a_second_chance(seed, before, now):
     """The competition alone finds the lower of these rates."""

@@ -13,7 +13,7 @@ namespace {
 // Products of the steps of all starts below which threads cost more than they gain, those of a
 // single start, which a thread makes no faster, below which others need not be let in, and those
 // of several steps that are short together.
-constexpr double WORTH_THREADS = 3e5, LONG = 5e6, SHORT = 2e7;
+constexpr double WORTH_THREADS = 1e6, LONG = 5e6, SHORT = 2e7;
 // How often the caller looks whether to stop.
 constexpr std::chrono::milliseconds LOOK{10};
 

@@ -49,14 +49,17 @@ class Competition:
         :param others: which of them are sent other ways.
         """
         schedule = self._schedule
-        # A few of every kind first: in an easy mission all of them end in the same place.
+        # A few of every kind first: in an easy mission most of them end in the same place.
         scouts = np.flatnonzero(others | (np.arange(len(x)) % schedule.scouts == 0))
-        barrier = self._best_of(self._stepper.barrier(grid, x[scouts], mus[scouts]))
+        barrier, together = self._best_of(self._stepper.barrier(grid, x[scouts], mus[scouts]))
         self._stepper.try_best(barrier)
+        near = near_best(barrier.rates(), schedule.rival_gap, len(barrier.x), schedule)
+        if len(near) == 1 and together >= schedule.agreed * len(scouts):
+            barrier.keep(near)
         if len(barrier.x) == 1:
             return barrier
         rest = np.setdiff1d(np.arange(len(x)), scouts)
-        later = self._best_of(self._stepper.barrier(grid, x[rest], mus[rest]))
+        later, _ = self._best_of(self._stepper.barrier(grid, x[rest], mus[rest]))
         barrier = self._stepper.barrier(grid, np.concatenate([barrier.x, later.x]),
                                         np.concatenate([barrier.mu, later.mu]))
         self._select(barrier, 0.5)
@@ -65,14 +68,18 @@ class Competition:
         self._stepper.try_best(barrier)
         return barrier
 
-    def _best_of(self, barrier: Barrier) -> Barrier:
-        """Improve all starts of a Barrier and keep the best in stages."""
+    def _best_of(self, barrier: Barrier) -> tuple[Barrier, int]:
+        """Improve starts and keep the best in stages; return them, and how many met the best."""
+        together = 1
         for stage in self._schedule.stages:
             self._stepper.advance(barrier, stage.steps, self._schedule.coarse_mu)
+            rates = barrier.rates()
+            met = rates >= (1 - self._schedule.distinct) * rates.max()
+            together += int(met.sum()) - 1
             self._select(barrier, stage.keep)
             if len(barrier.x) == 1:
                 break
-        return barrier
+        return barrier, together
 
     def _select(self, barrier: Barrier, share: float) -> None:
         """Keep a share of the distinct starts of a Barrier, and at least all rivals."""

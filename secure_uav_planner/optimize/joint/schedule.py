@@ -92,8 +92,14 @@ class Schedule:
 
     scouts: int = 4
     """
-    One in so many starts goes first; where they agree the others are left out. Measured: 4 to 2,
+    One in so many starts goes first; where they agree the others are not begun. Measured: 4 to 2,
     0% in the mean, 0% in the worst; 4 to 8, -0.24% in the mean, -3.74% in the worst.
+    """
+
+    agreed: float = 0.5
+    """
+    Share of them that must have met the best, if no other comes within `rival_gap` of it, for all
+    to agree. No rate of 284 random missions changes by 1e-4, and T = 102 s takes half the time.
     """
 
     stages: tuple[Stage, ...] = (
