@@ -61,8 +61,10 @@ void Starts::work(std::size_t number, double final) {
     while (!stop_) {
         const std::size_t index = next_++;
         if (index >= states_.size()) return;
-        for (auto& failed : failed_)
+        for (auto& failed : failed_) {
+            if (stop_) return;
             if (newton.iterate(states_[index], final, stop_) == Outcome::failed) ++failed;
+        }
     }
 }
 
