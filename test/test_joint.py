@@ -69,7 +69,7 @@ def test_where_most_scouts_agree_no_other_start_is_begun():
     assert len(histories[0]) < 0.7 * len(histories[1])
 
 
-@pytest.mark.parametrize('seed, before, now', [(4, 1.653, 1.80), (43, 0.286, 0.297)])
+@pytest.mark.parametrize('seed, before, now', [(4, 1.66, 1.73), (43, 0.286, 0.297)])
 def test_starts_that_were_left_out_have_a_second_chance(seed, before, now):
     """The competition alone finds the lower of these rates."""
     scenario = random_mission(seed, slots=60)
