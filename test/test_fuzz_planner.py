@@ -80,6 +80,7 @@ class Planner(Target):
     def __init__(self, client, process):
         super().__init__(client, 'planner', process)
         self.limits = []  # That were in force, newest last.
+        self.kept = {}  # The limits that the last message of a name and topic keeps.
         self.starts = {name: set() for name in UAVS}
         self.sent_good = 0
         kinds = {'path': Path, 'power': Float64MultiArray, 'trajectory': MultiDOFJointTrajectory}
@@ -124,12 +125,13 @@ class Planner(Target):
         self.note_limits()
 
     def note_limits(self):
-        """Note the limits of now: a plan under way, or its replan, may be by those of before."""
+        """Note the limits of now: a plan that is replanned may be by those of long before."""
         names = ['duration', 'slots'] + [
             f'{name}.{field}' for name in UAVS for field in (
                 'start', 'goal', 'altitude', 'max_speed', 'average_power', 'peak_power')]
-        self.limits = self.limits[-200:] + [dict(zip(
-            names, self.client.get_parameters('planner', *names)))]
+        now = dict(zip(names, self.client.get_parameters('planner', *names)))
+        if self.limits[-1:] != [now]:
+            self.limits.append(now)
 
     def ask_for_plan(self, wait=True):
         self.note_limits()
@@ -146,16 +148,19 @@ class Planner(Target):
         Check whatever was published since the last time.
 
         A planner with a short replan_period may publish while this goes on: that is for the next
-        time. Nearly all plans keep the newest limits, which are asked first.
+        time. Nearly all plans keep the newest limits, or those of the last plan.
         """
         for (name, topic), received in self.got.items():
             new = received[self.checked[name, topic]:]
             self.checked[name, topic] += len(new)
             for message in new:
-                kept = any(self.broken(name, topic, message, limits) is None
-                           for limits in reversed(self.limits))
                 latest = self.limits[-1]
-                assert kept, (name, topic, self.broken(name, topic, message, latest), latest)
+                last = self.kept.get((name, topic), latest)
+                kept = next((limits for limits in (latest, last, *reversed(self.limits))
+                             if self.broken(name, topic, message, limits) is None), None)
+                assert kept, [(name, topic, self.broken(name, topic, message, limits), limits)
+                              for limits in (latest, last)]
+                self.kept[name, topic] = kept
 
     def broken(self, name, topic, message, limits):
         """Return which limit a message breaks, or None."""
