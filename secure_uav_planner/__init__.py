@@ -1,25 +1,80 @@
 """Plan how two or more UAVs fly and radiate so that a transmission stays secret."""
 
+from collections.abc import Sequence
 from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+import sys
+from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .bound.bound import Bound
     from .bound.upper_bound import upper_bound
     from .errors import PlanningError
-    from .link_budget import reference_snr_db
+    from .mission.link_budget import reference_snr_db
+    from .mission.scenario import Eavesdropper, NoFlyZone, Scenario, Uav
     from .optimize.solve import fly_hover_fly, METHODS, solve
-    from .plan import Iteration, Plan
-    from .scenario import Eavesdropper, NoFlyZone, Scenario, Uav
+    from .plan.bound import Bound
+    from .plan.plan import Iteration, Plan
 
 __all__ = ['Bound', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone', 'Plan', 'PlanningError',
            'Scenario', 'Uav', 'fly_hover_fly', 'reference_snr_db', 'solve', 'upper_bound']
 
-_HOMES = {'bound': ('Bound', 'upper_bound'), 'errors': ('PlanningError',),
-          'link_budget': ('reference_snr_db',),
+_HOMES = {'bound': ('upper_bound',), 'errors': ('PlanningError',),
+          'mission.link_budget': ('reference_snr_db',),
+          'mission.scenario': ('Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav'),
           'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
-          'plan': ('Iteration', 'Plan'),
-          'scenario': ('Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav')}
+          'plan': ('Bound', 'Iteration', 'Plan')}
+
+_MOVED = {
+    **dict.fromkeys(('bench', 'campaign', 'cli', 'demo', 'fly', 'study'), 'apps'),
+    **dict.fromkeys(('kinematics', 'link_budget', 'scenario'), 'mission'),
+    **dict.fromkeys(('channel', 'clearance', 'curve', 'grid', 'kernel', 'limits'), 'model'),
+    **dict.fromkeys(('autopilots',), 'output'),
+    **dict.fromkeys(('playback', 'tracking'), 'plan')}
+"""Modules that stood here before, and where they are now: their old names still import them."""
+
+
+class _Moved(MetaPathFinder):
+    """Finds modules by their old names."""
+
+    def find_spec(self, fullname: str, path: Sequence[str] | None = None,
+                  target: ModuleType | None = None) -> ModuleSpec | None:
+        package, _, name = fullname.partition('.')
+        room = _MOVED.get(name.partition('.')[0]) if package == __name__ else None
+        if room is None:
+            return None
+        spec = find_spec(f'{__name__}.{room}.{name}')
+        return spec and ModuleSpec(fullname, _Alias(spec), origin=spec.origin,
+                                   is_package=spec.submodule_search_locations is not None)
+
+
+class _Alias(Loader):
+    """
+    Loads a module by its old name: the same module, not a copy.
+
+    :param spec: of the module.
+    """
+
+    def __init__(self, spec: ModuleSpec) -> None:
+        self._spec = spec
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        return import_module(self._spec.name)
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__spec__ = self._spec  # It has got that of the old name.
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Return what runs the module, for `python -m`."""
+        name = self._spec.name.removesuffix('.__main__')
+        return compile(f'import runpy; runpy.run_module({name!r}, None, "__main__", True)',
+                       fullname, 'exec')
+
+
+sys.meta_path.insert(0, _Moved())
+import_module('.model.kernel', __name__)  # Where it is not built, its error says what to do.
 
 
 def __getattr__(name: str) -> object:

@@ -5,24 +5,62 @@ Every class is a ValueError, where the caller can mend what was given, or a Runt
 Programming errors are none of them, so that nobody catches those by mistake.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 import reprlib
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
+
+Place: TypeAlias = tuple[str | int, ...]
+"""Where a value is: names of fields, and numbers in lists."""
+
+
+def path_of(place: Place) -> str:
+    """Return a place in one string, such as `uavs[1].max_speed`."""
+    return ''.join(f'[{part}]' if isinstance(part, int) else f'.{part}'
+                   for part in place).removeprefix('.')
 
 
 class PlanningError(Exception):
     """
     The root of all errors of this package.
 
+    :param text: what is wrong.
+    :param place: where, if a field is to blame.
     :cvar code: one word for programs; the planner publishes it as `outcome.code`.
     """
 
     code: ClassVar[str] = 'failed'
 
+    def __init__(self, text: object = '', place: Place = ()) -> None:
+        super().__init__(text)
+        self.place = place
+
+    @property
+    def field(self) -> str:
+        """Return the path of the wrong field, such as `uavs[1].max_speed`, or nothing."""
+        return path_of(self.place)
+
+
+@contextmanager
+def within(*place: str | int) -> Iterator[None]:
+    """Put a place before that of an error which leaves the with statement."""
+    try:
+        yield
+    except PlanningError as error:
+        error.place = (*place, *error.place)
+        raise
+
 
 class ScenarioError(PlanningError, ValueError):
-    """A field of a scenario has a wrong value; the text says which and what is allowed."""
+    """
+    A field of a scenario has a wrong value; the text says which and what is allowed.
+
+    :ivar others: what else does not fit together in the same scenario.
+    """
 
     code = 'invalid_scenario'
+    others: tuple['ScenarioError', ...] = ()
 
 
 class InfeasibleMissionError(ScenarioError):
@@ -105,6 +143,12 @@ class StoppedError(PlanningError, RuntimeError):
     code = 'cancelled'
 
 
+class TimeLimitError(PlanningError, RuntimeError):
+    """The time limit was over before flights that keep the limits were found."""
+
+    code = 'time_limit'
+
+
 class LateError(PlanningError, RuntimeError):
     """A new plan came after the moment at which it was to take effect."""
 
@@ -123,6 +167,19 @@ class NumericalError(PlanningError, RuntimeError):
     code = 'numerical_trouble'
 
 
+_of_file: ContextVar[bool] = ContextVar('_of_file', default=False)
+
+
+@contextmanager
+def words_of_files() -> Iterator[None]:
+    """Let messages say true, false and null, as YAML and JSON do, where Python has other words."""
+    token = _of_file.set(True)
+    try:
+        yield
+    finally:
+        _of_file.reset(token)
+
+
 class _Short(reprlib.Repr):
     """Values as error messages show them: short, and NumPy's numbers as plain ones."""
 
@@ -135,6 +192,8 @@ class _Short(reprlib.Repr):
     def repr1(self, x: Any, level: int) -> str:
         if type(x).__module__ == 'numpy' and hasattr(x, 'tolist'):
             x = x.tolist()
+        if _of_file.get() and (x is None or isinstance(x, bool)):
+            return 'null' if x is None else str(x).lower()
         try:
             return super().repr1(x, level)
         except ValueError:  # an integer of more digits than Python converts

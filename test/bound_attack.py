@@ -2,19 +2,20 @@
 
 import numpy as np
 from secure_uav_planner import Plan
-from secure_uav_planner.bound.certificate import certify
-from secure_uav_planner.bound.guess import Guess
-from secure_uav_planner.bound.nodes import multipliers
-from secure_uav_planner.bound.search import Search
-from secure_uav_planner.bound.team import Team
-from secure_uav_planner.bound.witnesses import Witnesses
-from secure_uav_planner.limits import repaired
+from secure_uav_planner.bound.proof.certificate import certify
+from secure_uav_planner.bound.proof.subset import EavesdropperSubset
+from secure_uav_planner.bound.proof.team import Team
+from secure_uav_planner.bound.search.breakpoints import breakpoint_multipliers, second_breakpoint
+from secure_uav_planner.bound.search.initial_multipliers import InitialMultipliers
+from secure_uav_planner.bound.search.multiplier_search import MultiplierSearch
+from secure_uav_planner.model.limits import repaired
 
 
 def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
     """Return a Search of a team that has found multipliers from a plan."""
-    uavs = list(range(len(team.lenses)))
-    search = Search(team, Guess.of(team, plan.positions[uavs], plan.powers[uavs]))
+    uavs = list(range(len(team.regions)))
+    search = MultiplierSearch(
+        team, InitialMultipliers.of(team, plan.positions[uavs], plan.powers[uavs]))
     for tau in temperatures:
         search.minimise(tau, 6)
     return search
@@ -22,15 +23,15 @@ def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
 
 def certified(plan, most=400, curved=False):
     """Return the team and the certificate of a plan's scenario, objective (P2)."""
-    team = Team.of(plan.scenario, Witnesses.of(plan.scenario, 'guaranteed'), most=most)
+    team = Team.of(plan.scenario, EavesdropperSubset.of(plan.scenario, 'guaranteed'), most=most)
     search = searched(team, plan)
     if curved:
         search.curve()
         search.minimise(0.01, 6)
-        search.second_node()
+        second_breakpoint(search)
         search.sharpen(2e-3)
         search.minimise(0.01, 6)
-    return team, certify(team, multipliers(search))
+    return team, certify(team, breakpoint_multipliers(search))
 
 
 def slot_rates(team, places, powers):
@@ -41,14 +42,14 @@ def slot_rates(team, places, powers):
     :param powers: (U, K).
     """
     ground, heard = [], []
-    for lens, place, power in zip([*team.lenses, *team.helpers], places, powers):
-        gain = np.exp(lens.log_gain)
-        distance = np.linalg.norm(place[:, None] - lens.eavesdroppers, axis=-1)
-        distance = (np.maximum(distance - lens.radii, 0) if lens.transmits
-                    else distance + lens.radii)
-        square = lens.altitude**2
-        ground.append(power * gain / (((place - lens.ground)**2).sum(-1) + square))
-        heard.append(power[:, None] * gain * np.exp(lens.log_advantages) / (
+    for region, place, power in zip([*team.regions, *team.helpers], places, powers):
+        gain = np.exp(region.log_gain)
+        distance = np.linalg.norm(place[:, None] - region.eavesdroppers, axis=-1)
+        distance = (np.maximum(distance - region.radii, 0) if region.transmits
+                    else distance + region.radii)
+        square = region.altitude**2
+        ground.append(power * gain / (((place - region.ground)**2).sum(-1) + square))
+        heard.append(power[:, None] * gain * np.exp(region.log_advantages) / (
             distance**2 + square))
     leak = np.log1p(heard[0] / (1 + sum(heard[1:], 0 * heard[0]))).max(-1)
     return np.log1p(ground[0] / (1 + sum(ground[1:], 0 * ground[0]))) - leak
@@ -65,31 +66,31 @@ def lagrangian(team, certificate, stage, places, powers):
             u, (a, b, c) = potential.slope[edge], potential.bend[edge]
             tilt = np.hypot(u[0] + a * x + b * y, u[1] + b * x + c * y)
             largest = np.linalg.eigvalsh([[a, b], [b, c]])[1]
-            step = potential.lens.step
+            step = potential.region.step
             value = value + share[stage] * (step * tilt + step**2 / 2 * max(0.0, largest))
     return value
 
 
 def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
     """Return the largest Lagrangian that points climbing in a stage find."""
-    lenses = [*team.lenses, *team.helpers]
+    regions = [*team.regions, *team.helpers]
     index = np.full(count, stage)
 
     def inside(places):
-        return [np.where(lens.inside(place, index)[:, None], place, old)
-                for lens, place, old in zip(lenses, places, inside.old)]
+        return [np.where(region.inside(place, index)[:, None], place, old)
+                for region, place, old in zip(regions, places, inside.old)]
 
     places, powers = [], []
-    for i, lens in enumerate(lenses):
-        low, high = (corner[stage] for corner in lens.sides)
+    for i, region in enumerate(regions):
+        low, high = (corner[stage] for corner in region.sides)
         tried = rng.uniform(low, high, (40 * count, 2))
-        good = tried[lens.inside(tried, np.full(len(tried), stage))][:count]
-        middle = lens.farthest(np.array([[[1.0, 0.0]]]))[stage]
+        good = tried[region.inside(tried, np.full(len(tried), stage))][:count]
+        middle = region.farthest(np.array([[[1.0, 0.0]]]))[stage]
         good = np.concatenate([good, np.repeat(middle, count, 0)])[:count]
         if starts is not None:
             good[:count // 3] = starts[0][i]
         places.append(good)
-        power = lens.peak * np.exp(rng.uniform(-9, 0, count))
+        power = region.peak * np.exp(rng.uniform(-9, 0, count))
         power[rng.random(count) < 0.1] = 0.0
         power[rng.random(count) < 0.05] = -1e-9
         if starts is not None:
@@ -100,10 +101,11 @@ def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
     size = np.exp(rng.uniform(-7, 0, count))
     for _ in range(rounds):
         inside.old = places
-        moved = inside([place + size[:, None] * (lens.sides[1] - lens.sides[0])[stage].max()
-                        * rng.normal(0, 0.5, place.shape) for lens, place in zip(lenses, places)])
+        moved = inside([place + size[:, None] * (region.sides[1] - region.sides[0])[stage].max()
+                        * rng.normal(0, 0.5, place.shape)
+                        for region, place in zip(regions, places)])
         watts = np.clip(powers * np.exp(size * rng.normal(0, 2, powers.shape)), -1e-9,
-                        [[lens.peak] for lens in lenses])
+                        [[region.peak] for region in regions])
         value = lagrangian(team, certificate, stage, moved, watts)
         better = value > best
         places = [np.where(better[:, None], new, old) for new, old in zip(moved, places)]

@@ -367,6 +367,13 @@ class Client:
                              f'{node}/get_parameters')
         return [rclpy.parameter.parameter_value_to_python(value) for value in found.values]
 
+    def all_parameters(self, node):
+        """Return the values of all parameters of a node by name."""
+        client = self._parameter_client(node)
+        names = self._answer(lambda: client.list_parameters([], 0),
+                             f'{node}/list_parameters').result.names
+        return dict(zip(names, self.get_parameters(node, *names)))
+
 
 def values_of(status):
     """Return the values of a DiagnosticStatus by key."""

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, optimize, Plan, Scenario, Uav
 from secure_uav_planner.errors import InfeasibleMissionError, PlanError, ScenarioError
-from secure_uav_planner.grid import Grid
-from secure_uav_planner.kinematics import Vehicle
+from secure_uav_planner.mission.kinematics import Vehicle
+from secure_uav_planner.model.grid import Grid
 from strategies import scenarios
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import NoFlyZone, Scenario, Uav
-from secure_uav_planner.airspace import airspace_of
 from secure_uav_planner.errors import ScenarioError
-from secure_uav_planner.polygons import convex_parts, depth, half_planes, pockets
+from secure_uav_planner.mission.polygons import convex_parts, depth, half_planes, pockets
+from secure_uav_planner.model.airspace import airspace_of
 import shapely
 
 SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
@@ -144,7 +144,7 @@ def test_a_wrong_polygon_is_refused_with_field_value_and_reason(vertices, reason
     ({'floor': -1.0}, 'tower.floor is -1.0; it must be a number from 0'),
     ({'ceiling': math.nan}, 'tower.ceiling is nan; it must be a number'),
     ({'ceiling': 'high'}, "tower.ceiling is 'high'; it must be a number"),
-    ({'name': 3}, 'zone name is 3; it must be a string')])
+    ({'name': 3}, 'zone name is 3; it must be text')])
 def test_a_wrong_field_of_a_zone_is_refused(fields, reason):
     with pytest.raises(ScenarioError) as error:
         NoFlyZone(**{'vertices': SQUARE, 'name': 'tower', **fields})
@@ -163,7 +163,7 @@ def around(point, half=5.0):
     ({'separation': 11.0}, 'separation is 11 m; it must be at most 10 m, the distance between '
                            'the starts of uav1 and uav2'),
     ({'no_fly_zones': SQUARE}, 'no_fly_zones is '),
-    ({'no_fly_zones': [NoFlyZone(SQUARE)] * 65}, 'must be a tuple of 0 to 64 NoFlyZone'),
+    ({'no_fly_zones': [NoFlyZone(SQUARE)] * 65}, 'must be a list of 0 to 64 NoFlyZone'),
     ({'no_fly_zones': [NoFlyZone(around((100, 500)), name='tower')]},
      'uav1.start is (100.0, 500.0) at 100 m, inside tower; it must be outside all no_fly_zones'),
     ({'no_fly_zones': [NoFlyZone(SQUARE), NoFlyZone(around((100, -500)), 105)]},

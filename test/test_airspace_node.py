@@ -61,6 +61,7 @@ def test_a_wrong_change_is_refused_with_its_reason_and_the_old_value_stays(clien
                 ('tower.floor', float('nan'), 'tower.floor out of range Min: 0.0'),
                 ('separation', -1.0, 'separation out of range Min: 0.0'),
                 ('separation', float('inf'), 'separation out of range Min: 0.0'),
+                ('tracking_margin', -1.0, 'tracking_margin out of range Min: 0.0'),
                 ('geofence', [0.0, 0.0, 20.0, 0.0], 'geofence is ((0.0, 0.0), (20.0, 0.0)); it '
                                                     'must have at least three different'),
                 ('geofence', [1.0], 'an even number'),
@@ -86,7 +87,10 @@ def test_a_mission_that_begins_in_a_zone_is_refused_by_name_and_the_last_plan_st
                  'uav1.start is (100.0, 500.0), outside the geofence; it must be inside'),
                 ('separation', 30.0, 0.0,
                  'separation is 30 m; it must be at most 10 m, the distance between the starts '
-                 'of uav1 and uav2')):
+                 'of uav1 and uav2'),
+                ('tracking_margin', 5000.0, 0.0,
+                 'uav1.start is (100.0, 500.0) at 100 m, inside tower with the tracking_margin of '
+                 '5000 m; it must be outside')):
             assert client.set_parameters('planner', **{name: value})[0].successful
             answer = client.call('planner/plan')
             assert not answer.success
@@ -121,7 +125,7 @@ def test_a_planner_does_not_start_with_a_wrong_airspace(parameters, reason):
 
 
 def test_a_planner_starts_with_the_city_and_has_its_zones(client):
-    with node_process('planner', '--params-file', str(city.FILE)) as process:
+    with node_process('planner', mission_file=city.FILE) as process:
         wait_for_line(process, 'ready')
         of = city.values()
         found = client.get_parameters('planner', 'tower.vertices', 'stadium.ceiling', 'geofence')

@@ -1,13 +1,16 @@
 """Zones and fence in the picture, the page and the markers."""
 
+from dataclasses import replace
+
 import city
 from matplotlib.patches import Polygon
 import numpy as np
 import pytest
 from secure_uav_planner import NoFlyZone, Scenario
+from secure_uav_planner.mission.polygons import grown
+from secure_uav_planner.output.airspace_shapes import altitudes_of, corners_of_map, rims
+from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.ros import messages
-from secure_uav_planner.view.airspace import altitudes_of, corners_of_map
-from secure_uav_planner.view.picture import draw_plan
 import shapely
 from visualization_msgs.msg import Marker
 
@@ -35,7 +38,8 @@ def test_the_city_can_be_flown_with_room_to_spare(plan):
 
 def test_the_picture_has_every_zone_with_its_altitudes_and_the_fence(plan):
     axes = draw_plan(plan).axes[0]
-    shapes = [patch.get_xy()[:-1] for patch in axes.patches if isinstance(patch, Polygon)]
+    shapes = [patch.get_xy()[:-1] for patch in axes.patches
+              if isinstance(patch, Polygon) and patch.get_label() != 'margin']
     wanted = [plan.scenario.geofence, *(zone.vertices for zone in plan.scenario.no_fly_zones)]
     assert len(shapes) == len(wanted) == 4
     for shape, vertices in zip(shapes, wanted):
@@ -43,15 +47,41 @@ def test_the_picture_has_every_zone_with_its_altitudes_and_the_fence(plan):
     texts = {text.get_text() for text in axes.texts}
     assert {'hospital', 'tower\nup to 150 m', 'stadium\nup to 95 m'} <= texts
     legend = {text.get_text() for text in axes.get_legend().get_texts()}
-    assert {'no-fly zone', 'geofence'} <= legend
+    assert {'no-fly zone', 'geofence', 'margin of 3 m'} <= legend
     x, y = axes.get_xlim(), axes.get_ylim()
     for corner in plan.scenario.geofence:
         assert x[0] < corner[0] < x[1] and y[0] < corner[1] < y[1]
 
 
+def check_rims(outlines, scenario):
+    """Assert that outlines are what the margin adds to zones, and what it takes from the fence."""
+    wanted = [shapely.Polygon(vertices).buffer(3, quad_segs=64).difference(
+        shapely.Polygon(vertices)) for vertices in (
+            zone.vertices for zone in scenario.no_fly_zones)]
+    fence = shapely.Polygon(scenario.geofence)
+    wanted.append(fence.difference(fence.buffer(-3)))
+    assert len(outlines) == len(wanted)
+    for outline, rim in zip(outlines, wanted):
+        signed = np.sum(outline[:-1, 0] * outline[1:, 1] - outline[1:, 0] * outline[:-1, 1]) / 2
+        assert abs(signed) == pytest.approx(rim.area, rel=0.02)
+        assert shapely.distance(shapely.points(outline), rim).max() < 0.81 * 3  # Mitred corners.
+
+
+def test_the_margin_is_a_rim_around_zones_and_inside_the_fence(plan):
+    axes = draw_plan(plan).axes[0]
+    check_rims([patch.get_xy() for patch in axes.patches if patch.get_label() == 'margin'],
+               plan.scenario)
+    pytest.importorskip('plotly')
+    from secure_uav_planner.output.page import draw_page
+    traces = [trace for trace in draw_page(plan).data if trace.name == 'margin of 3 m']
+    check_rims([np.stack([trace.x, trace.y], axis=1) for trace in traces], plan.scenario)
+    assert sum(bool(trace.showlegend) for trace in traces) == 1
+    assert not rims(replace(plan.scenario, tracking_margin=0.0))
+
+
 def test_the_page_has_every_zone_with_its_altitudes_and_the_fence(plan):
     pytest.importorskip('plotly')
-    from secure_uav_planner.view.page import draw_page
+    from secure_uav_planner.output.page import draw_page
     traces = {trace.text if trace.name == 'no-fly zone' else trace.name: trace
               for trace in draw_page(plan).data if trace.name in ('no-fly zone', 'geofence')}
     assert set(traces) == {'hospital', 'tower, up to 150 m', 'stadium, up to 95 m', 'geofence'}
@@ -74,6 +104,11 @@ def test_markers_are_prisms_between_floor_and_ceiling(plan):
         roof = points.reshape(-1, 3, 3)[(points.reshape(-1, 3, 3)[..., 2] > 50).all(axis=1)]
         shape = shapely.union_all([shapely.Polygon(corners[:, :2]) for corners in roof])
         assert shape.symmetric_difference(shapely.Polygon(zone.vertices)).area < 1e-6
+    [rim] = [marker for marker in found if marker.ns == 'tracking_margin']
+    corners = {(point.x, point.y) for point in rim.points}
+    assert corners == {*plan.scenario.keep_in, *(
+        place for zone in plan.scenario.no_fly_zones for place in grown(zone.vertices, 3.0)[0])}
+    assert min(point.z for point in rim.points) == 0.0
     [fence] = [marker for marker in found if marker.ns == 'geofence']
     assert {(point.x, point.y) for point in fence.points} == set(plan.scenario.geofence)
     assert [marker.text for marker in found if marker.ns == 'label'][-3:] == [

@@ -6,7 +6,8 @@ from pathlib import Path
 import cvxpy as cp
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, limits, Scenario
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.model import limits
 from secure_uav_planner.optimize import alternating
 from secure_uav_planner.optimize.alternating.powers import PowerProblem
 from secure_uav_planner.optimize.alternating.trajectory import TrajectoryProblem

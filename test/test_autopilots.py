@@ -2,16 +2,18 @@
 
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from secure_uav_planner import fly_hover_fly, Scenario
-from secure_uav_planner.autopilots import (
-    aerostack2, mavros, ned, px4, Setpoint, STACKS, yaw_ned, yaw_of)
-from secure_uav_planner.curve import Curve
-from secure_uav_planner.errors import OptionError
+from secure_uav_planner.errors import OptionError, PoseError
+from secure_uav_planner.model.curve import Curve
+from secure_uav_planner.output.autopilots import (
+    aerostack2, mavros, ned, px4, px4_odometry, Setpoint, STACKS, yaw_ned)
 
 # The columns are east, north and up in north-east-down: a turn, no reflection.
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -43,17 +45,38 @@ def test_a_yaw_points_where_it_pointed(yaw):
     assert math.sin(yaw_ned(yaw)) == pytest.approx(east, abs=1e-9)
 
 
-@given(ANGLE, st.floats(-1.5, 1.5), st.floats(-3.0, 3.0))
-def test_the_yaw_of_an_orientation_is_that_of_the_nose(yaw, pitch, roll):
-    def turn(axis, angle):
-        return np.array([*np.sin(angle / 2) * np.eye(3)[axis], np.cos(angle / 2)])
+@given(VECTOR, VECTOR, VECTOR, st.integers(0, 2**32 - 1), st.sampled_from((1, 3)))
+def test_what_px4_reports_is_turned_to_east_north_up_and_forward_left_up(
+        place, velocity, rates, seed, frame):
+    """The columns of a matrix are where the axes of the body point."""
+    attitude = Rotation.random(random_state=np.random.default_rng(seed))  # of FRD, in NED
+    x, y, z, w = attitude.as_quat()
+    found = px4_odometry(SimpleNamespace(
+        pose_frame=1, position=place, q=np.array([w, x, y, z], np.float32),
+        velocity_frame=frame, velocity=velocity, angular_velocity=rates))
+    pose, twist = found['pose']['pose'], found['twist']['twist']
+    assert tuple(pose['position'].values()) == tuple((NED @ place).tolist())
+    ahead, right, down = attitude.as_matrix().T
+    body = Rotation.from_quat([pose['orientation'][axis] for axis in 'xyzw']).as_matrix().T
+    np.testing.assert_allclose(body, [NED @ ahead, NED @ -right, NED @ -down], atol=1e-6)
+    # The same velocity, whether it came in the frame of the earth or of the body.
+    over_ground = velocity if frame == 1 else attitude.apply(velocity)
+    np.testing.assert_allclose(tuple(twist['linear'].values()) @ body, NED @ over_ground,
+                               atol=2e-6 * max(map(abs, velocity), default=0.0) + 1e-12)
+    assert tuple(twist['angular'].values()) == (rates[0], -rates[1], -rates[2])
+    assert 'header' not in found  # Its clock may be another one.
 
-    def times(p, q):
-        return np.array([*(p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])),
-                         p[3] * q[3] - p[:3] @ q[:3]])
 
-    found = yaw_of(*times(times(turn(2, yaw), turn(1, pitch)), turn(0, roll)))
-    assert math.cos(found - yaw) == pytest.approx(1.0, abs=1e-9)
+@pytest.mark.parametrize('field, value, reason', [
+    ('pose_frame', 2, 'pose_frame is 2'), ('velocity_frame', 0, 'velocity_frame is 0'),
+    ('q', (math.nan, 0.0, 0.0, 0.0), 'q has length nan'),
+    ('q', (0.0, 0.0, 0.0, 0.0), 'q has length 0; it must be a quaternion of length 1')])
+def test_a_report_of_px4_that_says_nothing_is_refused(field, value, reason):
+    report = {'pose_frame': 1, 'position': (0.0,) * 3, 'q': (1.0, 0.0, 0.0, 0.0),
+              'velocity_frame': 1, 'velocity': (0.0,) * 3, 'angular_velocity': (0.0,) * 3}
+    px4_odometry(SimpleNamespace(**report))
+    with pytest.raises(PoseError, match=reason):
+        px4_odometry(SimpleNamespace(**{**report, field: value}))
 
 
 @given(SETPOINTS, st.integers(0, 2**62))
@@ -158,4 +181,3 @@ def test_every_stack_publishes_what_it_makes():
     setpoint = Setpoint('map', 0, (0.0, 0.0, 1.0), 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     for stack in STACKS.values():
         assert set(stack.fields(setpoint, 0)) == set(stack.topics)
-        assert set(stack.heartbeat) <= set(stack.topics)

@@ -4,13 +4,12 @@ import sys
 import numpy as np
 import pytest
 from secure_uav_planner import Scenario, solve
-from secure_uav_planner.bench import __main__ as bench
-from secure_uav_planner.bench import measure, report
-from secure_uav_planner.bench.fatrop import solve_by_fatrop
-from secure_uav_planner.bench.ipopt import solve_by_ipopt
-from secure_uav_planner.bench.missions import random_mission
-from secure_uav_planner.bench.opponent import has_fatrop
-from secure_uav_planner.optimize.baselines import constant_powers, fly_hover_fly_positions
+from secure_uav_planner.apps.bench import __main__ as bench, measure, report
+from secure_uav_planner.apps.bench.fatrop import solve_by_fatrop
+from secure_uav_planner.apps.bench.ipopt import solve_by_ipopt
+from secure_uav_planner.apps.bench.missions import random_mission
+from secure_uav_planner.apps.bench.opponent import has_fatrop
+from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 
 
 def test_missions_are_the_same_for_a_seed_and_of_every_kind():

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import channel, Eavesdropper, fly_hover_fly, Scenario
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
+from secure_uav_planner.model import channel
 from strategies import random_powers, scenarios
 
 # design: duration, error radius, fly-hover-fly with constant and with optimised power

@@ -1,15 +1,20 @@
 """Random missions with all limits at once, checked by dense sampling of the flown curves."""
 
 from dataclasses import replace
+from itertools import count
 import math
 import re
+import threading
 
+import clarabel
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
-from secure_uav_planner.bench.missions import random_city_mission
-from secure_uav_planner.errors import InfeasibleMissionError
-from secure_uav_planner.optimize.fitting import Fitting
+from secure_uav_planner.apps.bench.missions import random_city_mission
+from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
+from secure_uav_planner.model.limits import is_clear
+from secure_uav_planner.optimize.initial import fly_hover_fly_positions, projection
+from secure_uav_planner.ros.worker import Worker
 import shapely
 
 SAMPLES = 40  # In a slot.
@@ -36,8 +41,9 @@ def curve(uav, path, step):
 
 
 def check_flown(plan):
-    """Assert all limits of flights of a plan at many times."""
+    """Assert all limits of flights of a plan at many times, with their margin."""
     scenario = plan.scenario
+    margin = scenario.tracking_margin
     step = scenario.slot_duration
     curves = [curve(uav, path, step) for uav, path in zip(scenario.uavs, plan.positions)]
     seconds = step / SAMPLES
@@ -49,17 +55,18 @@ def check_flown(plan):
             assert change.max() <= uav.max_acceleration * 1.001 + 1e-6 / seconds**2
         points = shapely.points(places)
         for zone in scenario.no_fly_zones:
-            if zone.floor <= uav.altitude <= zone.ceiling:
-                depth = shapely.contains(shapely.Polygon(zone.vertices).buffer(-TOLERANCE), points)
-                assert not depth.any(), f'{uav.name} enters {zone.name}'
+            if zone.floor - margin <= uav.altitude <= zone.ceiling + margin:
+                grown = shapely.Polygon(zone.vertices).buffer(margin - TOLERANCE, quad_segs=64)
+                assert not shapely.contains(grown, points).any(), f'{uav.name} enters {zone.name}'
         if scenario.geofence is not None:
-            fence = shapely.Polygon(scenario.geofence).buffer(TOLERANCE)
+            fence = shapely.Polygon(scenario.geofence).buffer(TOLERANCE - margin)
             assert shapely.contains(fence, points).all(), f'{uav.name} leaves the fence'
     for index, one in enumerate(curves):
         for other in range(index):
             apart = np.hypot(np.linalg.norm(one - curves[other], axis=1),
                              scenario.uavs[index].altitude - scenario.uavs[other].altitude)
-            assert apart.min() >= scenario.separation - TOLERANCE, 'too close'
+            least = scenario.separation + 2 * margin if scenario.separation else 0.0
+            assert apart.min() >= least - TOLERANCE, 'too close'
 
 
 def fly(scenario, method='joint', objective='guaranteed'):
@@ -80,6 +87,12 @@ def rate(plan, objective):
 @pytest.mark.parametrize('seed', range(6))
 def test_a_plan_keeps_all_limits_all_the_time_and_is_not_below_its_baseline(seed):
     fly(random_city_mission(seed, slots=60))
+
+
+@pytest.mark.parametrize('seed, margin', [(4, 8.0), (5, 3.0)])
+def test_a_plan_keeps_its_limits_with_a_margin(seed, margin):
+    plan, _ = fly(replace(random_city_mission(seed, slots=40), tracking_margin=margin))
+    assert plan.clearance.zones_beyond_margin > -TOLERANCE
 
 
 def test_a_mission_too_tight_for_few_slots_starts_on_more():
@@ -169,17 +182,137 @@ def test_what_is_in_the_way_is_named_with_the_shortest_duration_that_is_flown():
     check_flown(solve(replace(walled(200, 450.0), duration=shortest, slots=102)))
 
 
-def test_the_search_for_a_duration_ends_at_the_deadline(monkeypatch):
-    tried = []
-    near = Fitting.near
-    monkeypatch.setattr(Fitting, 'near', lambda *arguments: tried.append(1) or near(*arguments))
-    with pytest.raises(InfeasibleMissionError):
-        solve(walled(102, 450.0))
-    whole = len(tried)
-    tried.clear()
-    with pytest.raises(InfeasibleMissionError, match='in the time for the search'):
-        solve(walled(102, 450.0), time_limit=1e-6)
-    assert len(tried) < whole / 4
+class Clock:
+    """A check that raises an error from some call on."""
+
+    def __init__(self, error=None, calls=math.inf):
+        self.error, self.most, self.calls = error, calls, 0
+
+    def __call__(self):
+        self.calls += 1
+        if self.calls >= self.most:
+            raise self.error
+
+
+def fresh(scenario, snrs=count(70.0, 1e-3)):
+    """Return a mission with the same flights, for which none are remembered yet."""
+    return replace(scenario, reference_snr_db=next(snrs))
+
+
+def checks(scenario):
+    """Return how often the search for first flights asks whether it may go on."""
+    clock = Clock()
+    try:
+        fly_hover_fly_positions(fresh(scenario), clock)
+    except InfeasibleMissionError:
+        pass
+    return clock.calls
+
+
+@pytest.mark.parametrize('error', [StoppedError('stop'), TimeLimitError('late')])
+def test_a_search_for_first_flights_ends_as_soon_as_a_check_says_so(error):
+    scenario = random_city_mission(2, slots=60)
+    whole = checks(scenario)
+    assert whole > 20
+    for calls in range(1, whole + 1, whole // 12):
+        clock = Clock(error, calls)
+        with pytest.raises(type(error)):
+            fly_hover_fly_positions(fresh(scenario), clock)
+        assert clock.calls <= calls + 1  # Clarabel may ask once more as it ends.
+
+
+def test_a_mission_without_flights_is_only_infeasible_when_they_were_searched_in_vain():
+    scenario = walled(102, 450.0)
+    whole, outcomes = checks(scenario), []
+    for calls in np.linspace(1, whole, 12).round().tolist():
+        with pytest.raises((InfeasibleMissionError, TimeLimitError)) as found:
+            fly_hover_fly_positions(fresh(scenario), Clock(TimeLimitError('late'), calls))
+        outcomes.append(type(found.value))
+        if found.type is InfeasibleMissionError:
+            assert str(found.value).endswith('in the time for the search')
+    assert outcomes[0] is TimeLimitError and outcomes[-1] is InfeasibleMissionError
+    assert outcomes == sorted(outcomes, key=[TimeLimitError, InfeasibleMissionError].index)
+
+
+def test_a_deadline_before_first_flights_says_so_and_a_cancel_likewise():
+    scenario = random_city_mission(4, slots=60)
+    with pytest.raises(TimeLimitError, match=r'time_limit is 1e-06 s; it was over before'):
+        solve(scenario, time_limit=1e-6)
+    seen = []
+    with pytest.raises(StoppedError, match='cancelled before flights'):
+        solve(scenario, on_iteration=lambda iteration: seen.append(iteration) or True)
+    assert [(one.number, one.rate) for one in seen] == [(0, 0.0)]
+
+
+def barred(slots, acceleration):
+    """Return a mission whose straight ways are barred by zones."""
+    scenario = Scenario.paper(400.0, slots=slots)
+    uavs = tuple(replace(uav, start=(x, 500.0), goal=(x, -500.0), altitude=100.0,
+                         max_acceleration=acceleration)
+                 for uav, x in zip(scenario.uavs, (100.0, 130.0)))
+    zones = tuple(circle((60.0 * column, 300.0 - 300.0 * row), 40.0, 8)
+                  for row in range(2) for column in range(4))
+    return replace(scenario, uavs=uavs, separation=20.0, no_fly_zones=zones)
+
+
+@pytest.mark.parametrize('acceleration', [None, 3.0])
+def test_first_flights_of_many_slots_are_found_with_few_steps_of_clarabel(
+        acceleration, monkeypatch):
+    sizes, healthy = [], clarabel.DefaultSolver
+    monkeypatch.setattr(clarabel, 'DefaultSolver', lambda *problem: (
+        sizes.append(problem[2].shape[1]) or healthy(*problem)))
+    plan = fly_hover_fly(barred(20000, acceleration))  # A Plan checks all its limits.
+    few = fly_hover_fly(barred(400, acceleration))
+    assert max(sizes) <= 2 * 2 * 500 + 2
+    assert plan.guaranteed_rate == pytest.approx(few.guaranteed_rate, rel=0.03)
+
+
+def test_many_uavs_are_moved_a_few_at_a_time(monkeypatch):
+    sizes, healthy = [], clarabel.DefaultSolver
+    monkeypatch.setattr(clarabel, 'DefaultSolver', lambda *problem: (
+        sizes.append(problem[2].shape[1]) or healthy(*problem)))
+    monkeypatch.setattr(projection, '_MOST_POINTS', 120)
+    scenario = barred(80, 3.0)
+    uavs = tuple(replace(scenario.uavs[0], name=f'uav{index}', start=(30.0 * index, 500.0),
+                         goal=(30.0 * (index ^ 1), -500.0)) for index in range(6))
+    fly_hover_fly(replace(scenario, uavs=uavs))
+    assert max(sizes) <= 2 * 120 + 2 and len(sizes) > 1
+
+
+def test_a_worker_has_progress_and_can_be_cancelled_while_first_flights_are_searched():
+    called = threading.Event()
+    worker = Worker(called.set)
+    scenario = barred(1000, 3.0)
+    uavs = tuple(replace(scenario.uavs[0], name=f'uav{index}', start=(30.0 * index, 500.0),
+                         goal=(30.0 * (index ^ 1), -500.0)) for index in range(16))
+    with worker.reserved():
+        future = worker.start(replace(scenario, uavs=uavs), method='joint')
+        assert called.wait(60.0) and worker.busy
+        assert (worker.progress.number, worker.progress.rate) == (0, 0.0)
+        assert worker.cancel()
+        with pytest.raises(StoppedError, match='cancelled before flights'):
+            future.result(60.0)
+
+
+@pytest.mark.parametrize('fields', [
+    {}, {'max_speed': 1e5}, {'max_speed': 1e5, 'max_acceleration': 2.0}])
+@pytest.mark.parametrize('duration', [200.0, 1e6])
+def test_a_zone_that_is_far_away_changes_nothing(duration, fields):
+    scenario = Scenario.paper(duration, slots=100)
+    scenario = replace(scenario, uavs=tuple(replace(uav, **fields) for uav in scenario.uavs))
+    zone = NoFlyZone(((2000.0, 2000.0), (2100.0, 2000.0), (2050.0, 2100.0)))
+    alone, beside = (solve(one, objective='guaranteed') for one in (
+        scenario, replace(scenario, no_fly_zones=(zone,))))
+    assert beside.guaranteed_rate == pytest.approx(alone.guaranteed_rate, rel=1e-6)
+
+
+def test_a_flight_through_a_zone_that_is_far_away_is_refused():
+    scenario = Scenario.paper(1000.0, slots=100)
+    zone = NoFlyZone(((1500.0, -50.0), (1600.0, -50.0), (1600.0, 50.0), (1500.0, 50.0)))
+    positions = fly_hover_fly_positions(scenario)
+    assert is_clear(replace(scenario, no_fly_zones=(zone,)), positions)
+    positions[0, 40:60] = 1550.0, 0.0
+    assert not is_clear(replace(scenario, no_fly_zones=(zone,)), positions)
 
 
 def test_no_way_at_all_is_named():

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Scenario, Uav
-from secure_uav_planner.clearance import Clearance
-from secure_uav_planner.curve import Curve
 from secure_uav_planner.errors import PlanError
-from secure_uav_planner.quadratics import least_distance
+from secure_uav_planner.model.clearance import Clearance
+from secure_uav_planner.model.curve import Curve
+from secure_uav_planner.model.quadratics import least_distance
 import shapely
 
 SAMPLES = 2001
@@ -280,6 +280,15 @@ def test_the_rest_of_a_plan_that_keeps_its_limits_keeps_them_as_well(seed):
         except PlanError as error:
             raise AssertionError(f'from {point}: {error}') from None
         assert rest.clearance.between_uavs.distance >= nearest - 1e-7
+
+
+def test_a_vertex_that_is_given_twice_changes_no_distance():
+    scenario = Scenario.paper(200.0)
+    corners = ((-150.0, 200.0), (-100.0, 200.0), (-100.0, 250.0))
+    once, twice = (
+        fly_hover_fly(replace(scenario, no_fly_zones=(NoFlyZone(vertices),))).clearance.to_zones
+        for vertices in (corners, (*corners[:2], *corners[1:])))
+    assert twice.distance == pytest.approx(once.distance, abs=1e-6)
 
 
 def test_one_uav_has_no_distance_to_another():

@@ -15,7 +15,7 @@ from secure_uav_planner.ros.graph import free_domain
 def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp('demo') / 'out'
     result = subprocess.run(
-        [sys.executable, '-m', 'secure_uav_planner.demo', '--out', str(out)],
+        [sys.executable, '-m', 'secure_uav_planner.apps.demo', '--out', str(out)],
         capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr
     return out, result.stdout
@@ -65,7 +65,8 @@ def test_the_demo_leaves_no_process_behind(demo):
 
 def test_the_demo_flies_the_city_as_well(tmp_path):
     result = subprocess.run(
-        [sys.executable, '-m', 'secure_uav_planner.demo', '--mission', 'city', '--out', tmp_path],
+        [sys.executable, '-m', 'secure_uav_planner.apps.demo', '--mission', 'city',
+         '--out', tmp_path],
         capture_output=True, text=True, timeout=900)
     assert result.returncode == 0, result.stdout + result.stderr
     plan = Plan.load(tmp_path / 'plan.json')  # which checks every limit along the curve
@@ -78,7 +79,7 @@ def test_the_demo_flies_the_city_as_well(tmp_path):
 @pytest.mark.parametrize('mission, reason', [('village', 'village.yaml'), ('x.yaml', 'x.yaml')])
 def test_a_mission_that_there_is_not_is_refused(tmp_path, mission, reason):
     result = subprocess.run(
-        [sys.executable, '-m', 'secure_uav_planner.demo', '--mission', mission],
+        [sys.executable, '-m', 'secure_uav_planner.apps.demo', '--mission', mission],
         capture_output=True, text=True, timeout=600, cwd=tmp_path)
     assert result.returncode == 1
     assert result.stderr.startswith('demo: ') and reason in result.stderr

@@ -1,13 +1,18 @@
+"""The derivatives in the kernel are those of the plain formulas."""
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+import oracle
 from secure_uav_planner import Scenario
-from secure_uav_planner.channel import guaranteed_rates
-from secure_uav_planner.channel.derivatives import Receivers, SlotRates
-from secure_uav_planner.grid import Grid
+from secure_uav_planner.model.channel import guaranteed_rates
+from secure_uav_planner.model.grid import Grid
+from secure_uav_planner.optimize.joint.barrier import Barrier
+from secure_uav_planner.optimize.joint.schedule import SCHEDULE
 from strategies import random_powers, scenarios
 
 SEEDS = st.integers(0, 2**32 - 1)
+MUS = st.sampled_from([1.0, 1e-2, 1e-4])
 
 
 def around_the_discs(scenario, rng):
@@ -27,29 +32,12 @@ def inner_variables(grid, rng):
     return x
 
 
-def rates_at(receivers, x):
-    rates = SlotRates(receivers, x)
-    return np.concatenate([rates.ground[..., None], rates.leaks], axis=-1)
-
-
-def smooth(receivers, x, step):
-    """Return which slots are farther from a kink of any distance than a step, (N,)."""
-    offset = x[..., None, :, 1:] - receivers.positions[:, None]
-    distance = np.linalg.norm(offset, axis=-1)
-    kink = np.where(receivers.edge < 0, -receivers.edge, 0.0)
-    apart = np.abs(distance - kink) > 4 * step
-    apart |= receivers.edge == 0
-    return (apart & (distance > 0.05)).all(axis=(-2, -1))
-
-
-def changes(function, x, step):
-    """Return the central differences of a function by every variable, last axes (U, 3)."""
-    columns = []
-    for variable in np.ndindex(x.shape[-2:]):
-        move = np.zeros_like(x)
-        move[(..., *variable)] = step
-        columns.append((function(x + move) - function(x - move)) / (2 * step))
-    return np.moveaxis(np.array(columns), 0, -1).reshape(*columns[0].shape, *x.shape[-2:])
+def away_from_kinks(grid, x, step):
+    """Return in which slots the transmitter is not near the edge of any disc, (N,)."""
+    offset = (x[:, 0, 1:] * grid.length + grid.origin)[:, None] - (
+        grid.scenario.eavesdropper_positions)
+    apart = np.linalg.norm(offset, axis=-1) - grid.scenario.error_radii
+    return (np.abs(apart) > 10 * step * grid.length).all(axis=-1)
 
 
 @settings(max_examples=40)
@@ -58,11 +46,14 @@ def test_the_rates_are_those_of_the_channel(scenario, seed):
     rng = np.random.default_rng(seed)
     positions, powers = around_the_discs(scenario, rng), random_powers(scenario, rng)
     grid = Grid.of(scenario)
-    receivers = Receivers.of(grid)
-    slots = SlotRates(receivers, grid.variables(positions[:, 1:-1], powers))
+    x = grid.variables(positions[:, 1:-1], powers)
+    rates = guaranteed_rates(scenario, positions, powers)
     np.testing.assert_allclose(
-        (slots.ground - slots.leaks.max(axis=-1)) / np.log(2),
-        guaranteed_rates(scenario, positions, powers), rtol=1e-9, atol=1e-9)
+        Barrier(grid, x[None], 1.0, SCHEDULE).rates() / np.log(2), np.maximum(rates, 0).mean(),
+        rtol=1e-9, atol=1e-9)
+    ground, leaks = oracle.rates(grid, x)
+    np.testing.assert_allclose((ground - leaks.max(axis=-1)) / np.log(2), rates,
+                               rtol=1e-9, atol=1e-9)
 
 
 @settings(max_examples=40)
@@ -76,44 +67,28 @@ def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
     np.testing.assert_allclose(grid.powers(x), powers, atol=1e-12)
 
 
-@settings(max_examples=40)
-@given(scenarios(), SEEDS)
-def test_gradients_are_the_limits_of_differences(scenario, seed):
-    rng = np.random.default_rng(seed)
+@settings(max_examples=30)
+@given(scenarios(max_eavesdroppers=3, max_slots=6), SEEDS, MUS)
+def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
     grid = Grid.of(scenario)
-    receivers = Receivers.of(grid)
-    x = inner_variables(grid, rng)
-    step = 1e-5
-    kept = smooth(receivers, x, step)
-    differences = changes(lambda at: rates_at(receivers, at), x, step)
-    exact = SlotRates(receivers, x).derivatives().gradients
-    scale = 1 + np.abs(exact).max(axis=(-3, -2, -1), keepdims=True)
-    assert (np.abs(exact - differences) / scale)[kept].max(initial=0) < 1e-5
+    x = inner_variables(grid, np.random.default_rng(seed))
+    _, [found], _ = Barrier(grid, x[None], mu, SCHEDULE).model()
+    exact = oracle.gradient(
+        lambda at: oracle.barrier(grid, at, mu, SCHEDULE.softening), x)
+    np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-7 * (1 + np.abs(exact).max()))
 
 
-@settings(max_examples=40)
-@given(scenarios(), SEEDS)
-def test_hessians_are_the_differences_of_gradients_and_symmetric(scenario, seed):
-    rng = np.random.default_rng(seed)
-    grid = Grid.of(scenario)
-    receivers = Receivers.of(grid)
-    x = inner_variables(grid, rng)
-    step = 1e-6
-    kept = smooth(receivers, x, step)
-    weights = rng.normal(size=(scenario.slots, len(scenario.eavesdroppers) + 1))
-    size = x.shape[-2] * 3
-
-    def gradient(at):
-        gradients = SlotRates(receivers, at).derivatives().gradients
-        return (weights[..., None, None] * gradients).sum(axis=-3)
-
-    slots = SlotRates(receivers, x)
-    exact = slots.derivatives().hessian(weights)
-    differences = changes(gradient, x, step).reshape(scenario.slots, size, size)
+@settings(max_examples=30)
+@given(scenarios(max_eavesdroppers=3), SEEDS, MUS)
+def test_hessians_are_those_of_the_objective(scenario, seed, mu):
+    grid, step = Grid.of(scenario), 1e-6
+    x = inner_variables(grid, np.random.default_rng(seed))
+    _, _, [found] = Barrier(grid, x[None], mu, SCHEDULE).model()
+    exact = oracle.hessians(
+        lambda at: oracle.objective(grid, at, mu, SCHEDULE.softening), x, step)
     scale = 1 + np.abs(exact).max(axis=(-2, -1), keepdims=True)
-    assert (np.abs(exact - differences) / scale)[kept].max(initial=0) < 1e-4
-    np.testing.assert_allclose(exact, np.swapaxes(exact, -1, -2), rtol=1e-9,
-                               atol=1e-12 * scale.max())
+    lower = np.tril(np.abs(found - exact)) / scale
+    assert lower[away_from_kinks(grid, x, step)].max(initial=0) < 1e-4
 
 
 @settings(max_examples=40)
@@ -121,39 +96,16 @@ def test_hessians_are_the_differences_of_gradients_and_symmetric(scenario, seed)
 def test_rounding_the_kink_never_raises_the_guaranteed_rate(scenario, seed, softening):
     rng = np.random.default_rng(seed)
     grid = Grid.of(scenario)
-    receivers = Receivers.of(grid)
     x = grid.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
-    sharp, soft = SlotRates(receivers, x), SlotRates(receivers, x, np.array([softening]))
-    assert (soft.leaks >= sharp.leaks - 1e-12).all()
-    np.testing.assert_array_equal(soft.ground, sharp.ground)
+    (ground, sharp), (same, soft) = oracle.rates(grid, x), oracle.rates(grid, x, softening)
+    assert (soft >= sharp - 1e-12).all()
+    np.testing.assert_array_equal(same, ground)
 
 
 def test_the_gradient_at_the_very_kink_is_finite():
     scenario = Scenario.paper(102.0, slots=3)
     grid = Grid.of(scenario)
-    receivers = Receivers.of(grid)
     above = np.broadcast_to(scenario.eavesdroppers[0].position, (2, 3, 2))
-    slots = SlotRates(receivers, grid.variables(above, np.ones((2, 3))))
-    assert np.isfinite(slots.derivatives().gradients).all()
-    assert np.isfinite(slots.derivatives().hessian(np.ones((3, 2)))).all()
-
-
-@settings(max_examples=20)
-@given(scenarios(), SEEDS)
-def test_the_gradients_change_with_the_places_as_derivatives_say(scenario, seed):
-    rng = np.random.default_rng(seed)
-    grid = Grid.of(scenario)
-    x = inner_variables(grid, rng)
-    places = rng.normal(0, 3, (scenario.slots, 2, 2))
-    guarantee, step = Receivers.of(grid), 1e-5
-
-    def gradients(axis, by):
-        moved = places.copy()
-        moved[..., axis] += by
-        return SlotRates(guarantee.at_places(moved), x).derivatives().gradients[..., 1:, :, :]
-
-    exact = SlotRates(guarantee.at_places(places), x).derivatives().by_places()[..., 1:, :, :]
-    for axis in (0, 1):
-        found = (gradients(axis, step) - gradients(axis, -step)) / (2 * step)
-        assert np.allclose(exact[..., axis], found.reshape(exact.shape[:-1]),
-                           rtol=1e-4, atol=1e-4 * np.abs(exact).max())
+    x = grid.variables(above, 0.5 * np.ones((2, 3)))
+    _, gradient, hessian = Barrier(grid, x[None], 1e-2, SCHEDULE).model()
+    assert np.isfinite(gradient).all() and np.isfinite(hessian).all()

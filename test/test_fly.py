@@ -6,15 +6,16 @@ import math
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav
-from secure_uav_planner.autopilots import Setpoint
-from secure_uav_planner.channel import guaranteed_rates
-from secure_uav_planner.fly import missions, report
-from secure_uav_planner.fly.__main__ import main
-from secure_uav_planner.fly.flight import fly
-from secure_uav_planner.fly.gusts import Gusts
-from secure_uav_planner.fly.picture import save_flight
-from secure_uav_planner.fly.quadrotor import Quadrotor, STEP
-from secure_uav_planner.playback import Playback
+from secure_uav_planner.apps.fly import missions, report
+from secure_uav_planner.apps.fly.__main__ import main
+from secure_uav_planner.apps.fly.events import fly_event
+from secure_uav_planner.apps.fly.flight import fly
+from secure_uav_planner.apps.fly.gusts import Gusts
+from secure_uav_planner.apps.fly.picture import save_event_flight, save_flight
+from secure_uav_planner.apps.fly.quadrotor import Quadrotor, STEP
+from secure_uav_planner.model.channel import guaranteed_rates
+from secure_uav_planner.output.autopilots import Setpoint
+from secure_uav_planner.plan.playback import Playback
 
 
 @pytest.fixture(scope='module')
@@ -117,6 +118,29 @@ def test_gusts_have_the_mean_the_deviation_and_the_memory_that_they_are_given():
     assert (off[lag:] * off[:-lag]).mean() / off.var() == pytest.approx(math.exp(-1), abs=0.12)
     again = Gusts((3.0, 4.0), 5 / 3, 100.0, step, seed=3)
     assert (again.step() == wind[0]).all()
+
+
+def test_no_setpoint_jumps_when_a_flight_is_late_paused_and_pushed_aside(tmp_path):
+    uav = Uav('lone', (-30.0, 0.0), (30.0, 0.0), 60.0, 12.0, max_acceleration=3.0)
+    scenario = Scenario((0.0, 0.0), (Eavesdropper((60.0, 80.0), 10.0),), (uav,), 20.0, 20)
+    event = missions.Event('short', ((2.0, 'replay/start'), (5.0, 'replay/pause'),
+                                     (7.0, 'replay/start')), push=(9.0, 10.0))
+    flown = fly_event(event, scenario)
+    found = report.event_report(flown)
+    print(f'\n{report.event_table([found])}')
+    assert found.is_smooth
+    assert found.replans > 0
+    # It began late, stood in the pause, was pushed aside and came home.
+    assert flown.times[0] == pytest.approx(2.0, abs=0.1)
+    assert np.diff(flown.plan_times).min() == 0.0
+    assert found.error_max > 10.0
+    assert flown.places[0, -1] == pytest.approx((30.0, 0.0, 60.0), abs=2.0)
+    assert found.achieved_rate == pytest.approx(found.planned_rate, rel=0.2)
+    save_event_flight(flown, tmp_path / 'event.png')
+    assert (tmp_path / 'event.png').read_bytes().startswith(b'\x89PNG')
+    # A jump would be found.
+    flown.setpoints[0, 100:] += 0.5
+    assert not report.event_report(flown).is_smooth
 
 
 def test_the_missions_are_those_that_can_be_flown():

@@ -9,7 +9,7 @@ import numpy as np
 from rclpy.time import Time
 from ros_client import Client, node_process, PATIENCE, values_of, wait_for
 from secure_uav_planner import Scenario
-from secure_uav_planner.playback import Playback
+from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from simulation import DEEP, plan_of, received, Simulation
 

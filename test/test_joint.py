@@ -9,15 +9,16 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, optimize, Plan, Scenario, Uav
-from secure_uav_planner.bench.missions import random_mission
+from secure_uav_planner.apps.bench.missions import random_city_mission, random_mission
 from secure_uav_planner.errors import NumericalError
-from secure_uav_planner.grid import Grid
-from secure_uav_planner.limits.reference import reference_flight
-from secure_uav_planner.optimize.baselines import constant_powers, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint import kernel_barrier as kernel
-from secure_uav_planner.optimize.joint import newton
+from secure_uav_planner.model.grid import Grid
+from secure_uav_planner.model.limits.reference import reference_flight
+from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
+from secure_uav_planner.optimize.joint import multistart
+from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.method import improve
-from secure_uav_planner.optimize.joint.schedule import SCHEDULE
+from secure_uav_planner.optimize.joint.starts import hovering_places, several_starts
+from secure_uav_planner.optimize.joint.stepper import Stepper
 from secure_uav_planner.optimize.search import Search
 from strategies import crowded, PLACE, scenarios
 
@@ -59,24 +60,66 @@ def test_the_objective_never_falls_and_beats_the_baseline(scenario):
     assert plan.guaranteed_rate >= baseline - 1e-6
 
 
-def test_where_most_scouts_agree_no_other_start_is_begun():
-    scenario, histories = Scenario.paper(102.0), []
-    for agreed in (SCHEDULE.agreed, 2.0):
+def test_where_the_first_starts_agree_no_other_is_begun(monkeypatch):
+    histories = []
+    for agreed in (multistart.AGREED, 2.0):
+        monkeypatch.setattr(multistart, 'AGREED', agreed)
+        scenario = Scenario.paper(102.0)
         search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
-        improve(search, replace(SCHEDULE, agreed=agreed))
-        assert search.rate == pytest.approx(1.36945, abs=1e-5)
+        assert improve(search) == 'converged'
+        assert search.rate == pytest.approx(1.36945, abs=2e-5)
         histories.append(search.history)
     assert len(histories[0]) < 0.7 * len(histories[1])
 
 
-@pytest.mark.parametrize('seed, before, now', [(4, 1.66, 1.73), (43, 0.286, 0.297)])
-def test_starts_that_were_left_out_have_a_second_chance(seed, before, now):
-    """The competition alone finds the lower of these rates."""
-    scenario = random_mission(seed, slots=60)
-    search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
-    improve(search, replace(SCHEDULE, left_out_starts=1))
-    assert search.rate < before
-    assert solve(scenario).guaranteed_rate > now
+@pytest.mark.parametrize('seed, least', [(4, 1.80), (3028, 0.113), (3063, 0.985), (3068, 0.425)])
+def test_missions_with_many_optima_end_near_the_best_known(seed, least):
+    """Starts that hover in regular patterns, with more jamming, end 4 to 18% lower."""
+    assert solve(random_mission(seed, slots=60)).guaranteed_rate > least
+
+
+@pytest.mark.parametrize('place', [(200.0, 0.0), (0.0, 0.0)])
+def test_hovering_places_turn_and_shift_with_the_map(place):
+    scenario = team(eavesdroppers=(Eavesdropper(place, 5.0), Eavesdropper((50.0, 90.0), 5.0)))
+    quarter, shift = np.array([[0.0, 1.0], [-1.0, 0.0]]), np.array([30.0, -20.0])
+    turned = replace(
+        scenario, ground_node=tuple(shift), eavesdroppers=tuple(
+            replace(eve, position=tuple(np.array(eve.position) @ quarter + shift))
+            for eve in scenario.eavesdroppers))
+    places, elsewhere = hovering_places(scenario, 20), hovering_places(turned, 20)
+    if any(place):
+        np.testing.assert_allclose(elsewhere, places @ quarter + shift, atol=1e-9)
+    assert np.isfinite(elsewhere).all()
+    assert len(np.unique(elsewhere.round(3), axis=0)) == 20
+
+
+def test_starts_keep_all_limits_and_are_the_same_every_time():
+    for scenario in (team(), random_city_mission(3001, 40), random_city_mission(3007, 40)):
+        grid = Grid.of(scenario)
+        batches, again = list(several_starts(grid)), list(several_starts(grid))
+        for (x, mu), (same, _) in zip(batches, again, strict=True):
+            assert len(x) == len(mu) and (x == same).all()
+            for one in x:
+                Plan(scenario, grid.positions(one), grid.powers(one))
+
+
+@pytest.mark.parametrize('failing', [2, 3, 4, 6, 7])
+def test_numbers_that_fail_in_a_part_do_not_spoil_the_plan(monkeypatch, failing):
+    """The parts are first and other starts, two polishes, the finish and two polishes."""
+    calls = []
+
+    def barrier(*arguments):
+        calls.append(arguments)
+        if len(calls) == failing:
+            raise NumericalError('no Newton step could be computed')
+        return make(*arguments)
+
+    make = Stepper.barrier
+    monkeypatch.setattr(Stepper, 'barrier', barrier)
+    scenario = random_mission(4, slots=40)
+    plan = solve(scenario)
+    assert len(calls) >= failing and plan.status == 'converged'
+    assert plan.guaranteed_rate > fly_hover_fly(scenario, 'optimised').guaranteed_rate
 
 
 @pytest.mark.parametrize('slots', [1, 2, 39, 41, 700])
@@ -174,45 +217,24 @@ def test_the_largest_scenarios_end_soon_after_their_deadline(uavs, eavesdroppers
     assert plan.status == 'time_limit'
 
 
-@pytest.fixture
-def numpy_form(monkeypatch):
-    """Have the method use the form of the barrier method whose parts a test can replace."""
-    monkeypatch.setattr(kernel, 'compiled', lambda: None)
-
-
-@pytest.mark.usefixtures('numpy_form')
-@pytest.mark.parametrize('healthy', [0, 3, 40, 100])
+@pytest.mark.parametrize('healthy', [0, 3, 10])
 def test_numbers_that_fail_cost_steps_and_not_the_plan(monkeypatch, healthy):
     calls = []
-    solver = newton.dpbtrs
+    advance = Barrier.advance
 
-    def solve_badly(*arguments, **options):
-        solution, info = solver(*arguments, **options)
-        calls.append(info)
-        return (solution if len(calls) <= healthy else solution * np.nan), info
+    def fail_later(barrier, *arguments):
+        calls.append(arguments)
+        if len(calls) > healthy:
+            raise NumericalError('no Newton step could be computed')
+        return advance(barrier, *arguments)
 
-    monkeypatch.setattr(newton, 'dpbtrs', solve_badly)
+    monkeypatch.setattr(Barrier, 'advance', fail_later)
     scenario = Scenario.paper(102)
     plan = solve(scenario, method='joint')
     assert isinstance(plan, Plan)
-    assert plan.status == 'numerical_trouble'
+    # Once the best plan is finished, only its polish is lost.
+    assert plan.status == 'numerical_trouble' or healthy == 10
     assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
-
-
-@pytest.mark.usefixtures('numpy_form')
-def test_a_factorisation_that_never_succeeds_is_numerical_trouble_and_keeps_the_plan(monkeypatch):
-    monkeypatch.setattr(newton, 'dpbtrf', lambda band, lower: (band, 1))
-    scenario = Scenario.paper(102)
-    plan = solve(scenario, method='joint')
-    assert plan.status == 'numerical_trouble'
-    assert plan.guaranteed_rate >= fly_hover_fly(scenario).guaranteed_rate
-
-
-def test_a_matrix_that_no_shift_can_mend_raises():
-    matrix = newton.BandMatrix(np.full((1, 4, 3, 3), np.nan), 5, np.zeros(1, bool))
-    with pytest.raises(NumericalError):
-        matrix._factor(0)
-    assert np.isnan(matrix.solve(np.ones((1, 12)), np.zeros((1, 12)), np.ones((1, 1)))).all()
 
 
 def test_the_default_method_does_not_import_cvxpy():

@@ -4,16 +4,16 @@ import ast
 from importlib.util import find_spec
 import os
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
 
 import pytest
 from ros_client import Client, PATIENCE
-from secure_uav_planner.autopilots import STACKS
+from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import PLANNER
 from std_srvs.srv import Trigger
-import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / 'launch' / 'secure_uav_planner.launch.py'
@@ -59,7 +59,7 @@ def test_it_is_installed_with_the_files_that_its_arguments_name(packaging):
     assert 'launch/secure_uav_planner.launch.py' in installed['share/secure_uav_planner/launch']
     named = {entry.right.value for entry in ast.walk(TREE) if isinstance(entry, ast.BinOp)
              and ast.unparse(entry.left) == 'CONFIG'}
-    assert named == {'paper.yaml', 'planner.rviz'}
+    assert named == {'planner.rviz'}
     for name in named:
         assert f'config/{name}' in installed['share/secure_uav_planner/config']
 
@@ -73,28 +73,18 @@ def test_every_argument_has_a_default_and_a_description_and_is_used():
     assert ast.literal_eval(arguments['stack']['choices']) == ['', *STACKS]
 
 
-@pytest.mark.parametrize('text, names', [
-    ((ROOT / 'config' / 'paper.yaml').read_text(), ['uav1', 'uav2']),
-    ((ROOT / 'config' / 'city.yaml').read_text(), ['courier', 'escort1', 'escort2']),
-    ('/fleet:\n  replay:\n    ros__parameters: {uavs: [b, a]}\n', ['a', 'b']),
-    ('/**:\n  ros__parameters: {duration: 120.0}\n', PLANNER['uavs'].default),
-    ('', ['uav1', 'uav2'])])
-def test_the_odometry_of_all_uavs_of_a_parameter_file_can_be_moved_away(tmp_path, text, names):
-    (tmp_path / 'params.yaml').write_text(text)
-    # The function itself, without the imports of launch.
-    function, = (entry for entry in TREE.body if getattr(entry, 'name', '') == 'uavs_of')
-    space = {'Path': Path, 'yaml': yaml}
-    exec(compile(ast.Module([function], []), str(FILE), 'exec'), space)
-    assert space['uavs_of'](tmp_path / 'params.yaml') == names
+def launched(folder, *arguments):
+    """Start the launch file in a process group of its own."""
+    if find_spec('launch_ros') is None:
+        pytest.skip('needs launch_ros, which an installed ROS has')
+    return subprocess.Popen(
+        [sys.executable, '-c', RUN, str(FILE), *arguments], text=True, start_new_session=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        env={**os.environ, 'ROS_LOG_DIR': str(folder)})
 
 
 def test_it_starts_the_nodes_in_a_namespace_and_ends_with_them(tmp_path):
-    if find_spec('launch_ros') is None:
-        pytest.skip('needs launch_ros, which an installed ROS has')
-    process = subprocess.Popen(
-        [sys.executable, '-c', RUN, str(FILE), 'namespace:=fleet'], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        env={**os.environ, 'ROS_LOG_DIR': str(tmp_path)})
+    process = launched(tmp_path, 'namespace:=fleet')
     try:
         with Client('member', namespace='/fleet') as member:
             assert member.call('replay/reset', Trigger).success
@@ -109,3 +99,20 @@ def test_it_starts_the_nodes_in_a_namespace_and_ends_with_them(tmp_path):
     finally:
         process.kill()
         process.wait()
+
+
+@pytest.mark.parametrize('arguments, reason', [
+    (['rviz:=true', 'rviz_config:=none.rviz'], "No such file or directory: 'none.rviz'"),
+    (['params_file:=none.yaml'], 'params_file is none.yaml; there is no such file'),
+    (['rviz:=true'], 'rviz2')])
+def test_a_launch_that_fails_leaves_no_node_running(tmp_path, arguments, reason):
+    if arguments == ['rviz:=true'] and shutil.which('rviz2'):
+        pytest.skip('RViz is installed')
+    process = launched(tmp_path, *arguments)
+    try:
+        printed, _ = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 1 and reason in printed, printed
+        assert 'process started' not in printed
+    finally:
+        with pytest.raises(ProcessLookupError):  # Nobody is left in its process group.
+            os.killpg(process.pid, signal.SIGKILL)

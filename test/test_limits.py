@@ -1,17 +1,19 @@
 """Every limit, checked against its own definition; each test covers all limits."""
 
+from dataclasses import replace
+
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
+import oracle
 import pytest
 from secure_uav_planner import PlanningError
-from secure_uav_planner.bench.missions import random_city_mission
-from secure_uav_planner.errors import InfeasibleMissionError
-from secure_uav_planner.grid import Grid
-from secure_uav_planner.limits import LIMITS, limits_of
-from secure_uav_planner.limits.base import ALL_SLOTS, Iterate, Step
-from secure_uav_planner.optimize.baselines import constant_powers, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint.newton import BandMatrix
+from secure_uav_planner.apps.bench.missions import random_city_mission
+from secure_uav_planner.errors import ScenarioError
+from secure_uav_planner.model.grid import Grid
+from secure_uav_planner.model.limits import LIMITS, limits_of
+from secure_uav_planner.model.limits.lines import LineLimit
+from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.starts import strictly_feasible
 from strategies import random_powers, scenarios
 
@@ -20,11 +22,13 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @st.composite
 def cities(draw):
-    """Return missions with zones, fence and separation that can be flown."""
+    """Return missions with zones, fence, separation and perhaps a margin that can be flown."""
     try:
-        scenario = random_city_mission(draw(st.integers(0, 10**6)), draw(st.integers(6, 14)))
+        scenario = replace(
+            random_city_mission(draw(st.integers(0, 10**6)), draw(st.integers(6, 14))),
+            tracking_margin=draw(st.sampled_from([0.0, 2.0])))
         fly_hover_fly_positions(scenario)
-    except InfeasibleMissionError:
+    except ScenarioError:
         assume(False)
     return scenario
 
@@ -41,88 +45,54 @@ def inside(scenario, rng):
     return grid, x[None]
 
 
-def random_step(grid, x, rng, size):
-    change = size * rng.normal(size=x.shape)
-    change[..., 1:] *= ~grid.fixed[:, None]
-    return change
+def moves_of(grid, rng, size):
+    """Return moves of the points of flights in units, (N+2, U, 2)."""
+    moves = np.zeros((grid.slots + 2, len(grid.fixed), 2))
+    moves[1:-1] = size * rng.normal(size=moves[1:-1].shape) * ~grid.fixed[:, None]
+    return moves
+
+
+def answered(scenario, seed, size):
+    """Give each limit of flights with c as a function of a step's length, and its answers."""
+    rng = np.random.default_rng(seed)
+    grid, [x] = inside(scenario, rng)
+    path = np.ascontiguousarray(oracle.path_of(grid, x))
+    moves = moves_of(grid, rng, size)
+    for limit in limits_of(scenario, grid):
+        if limit.of_flights:
+            lines = limit.lines(path) if isinstance(limit, LineLimit) else None
+            yield (lambda by: oracle.slacks(limit, path + by * moves, lines).ravel(),
+                   limit.compiled.answers(path, moves, 0.99))
 
 
 @settings(max_examples=40)
 @given(MISSIONS, SEEDS)
-def test_margins_change_as_their_derivatives_say(scenario, seed):
-    rng = np.random.default_rng(seed)
-    grid, x = inside(scenario, rng)
-    step = random_step(grid, x, rng, 1e-5)
-    for limit in limits_of(scenario, grid):
-        iterate = Iterate(grid, x)
-        found = limit.change(iterate, Step(step))
-        before, after = (limit.margin(iterate.moved(x + sign * step)) for sign in (-1, 1))
-        scale = np.abs(found).max(initial=1e-9)
-        np.testing.assert_allclose((after - before) / 2, found, atol=1e-6 * scale)
-
-
-@settings(max_examples=40)
-@given(MISSIONS, SEEDS)
-def test_gradients_are_those_of_the_margins(scenario, seed):
-    rng = np.random.default_rng(seed)
-    grid, x = inside(scenario, rng)
-    step = random_step(grid, x, rng, 1.0)
-    for limit in limits_of(scenario, grid):
-        iterate = Iterate(grid, x)
-        force = rng.uniform(0, 1, limit.margin(iterate).shape)
-        gradient = np.zeros_like(x)
-        limit.add_gradient(iterate, force, gradient)
-        change = limit.change(iterate, Step(step))
-        assert (gradient * step).sum() == pytest.approx(-(force * change).sum(), rel=1e-9,
-                                                        abs=1e-9 * np.abs(change).sum())
-
-
-@settings(max_examples=40)
-@given(MISSIONS, SEEDS)
-def test_curvature_is_that_of_the_barrier_function(scenario, seed):
-    # With central duals, the primal-dual Hessian is the barrier function's own.
-    rng = np.random.default_rng(seed)
-    grid, x = inside(scenario, rng)
-    size = 3 * x.shape[2]
-    for limit in limits_of(scenario, grid):
-        if limit.reach == ALL_SLOTS:
-            continue
-        matrix = BandMatrix(np.zeros((1, x.shape[1], size, size)), max(size, limit.height(size)),
-                            np.zeros(x.shape[2], bool))
-        iterate = Iterate(grid, x)
-        margin = limit.margin(iterate)
-        limit.add_curvature(iterate, 1 / margin, margin, matrix)
-        step = random_step(grid, x, rng, 1e-5 * margin.min())
-
-        def gradient(at):
-            found = np.zeros_like(at)
-            moved = iterate.moved(at)
-            limit.add_gradient(moved, 1 / limit.margin(moved), found)
-            return found.ravel()
-
-        expected = (gradient(x + step) - gradient(x - step)) / 2
-        found = matrix.dense(0) @ step.ravel()
-        np.testing.assert_allclose(
-            found, expected, atol=1e-4 * np.abs(expected).max(initial=1e-12))
+def test_slacks_and_their_derivatives_are_those_of_the_definition(scenario, seed):
+    for slacks, found in answered(scenario, seed, 1.0):
+        here = slacks(0.0)
+        slopes, bends = (slacks(1.0) - slacks(-1.0)) / 2, slacks(1.0) - 2 * here + slacks(-1.0)
+        scale = np.abs([slopes, bends]).max()
+        np.testing.assert_allclose(found['slacks'], here, atol=1e-12)
+        np.testing.assert_allclose(found['slopes'], slopes, atol=1e-10 * scale)
+        here = np.array(found['slacks'])  # Where there is all but no slack, rounding matters.
+        shares = slopes / here
+        assert found['slope'] == pytest.approx(
+            -shares.sum(), rel=1e-7, abs=1e-7 * np.abs(shares).sum())
+        # With duals 1 / c, the primal-dual Hessian is that of -sum log c.
+        parts = shares**2 - bends / here
+        assert found['curvature'] == pytest.approx(
+            parts.sum(), rel=1e-7, abs=1e-7 * np.abs(parts).sum())
 
 
 @settings(max_examples=40)
 @given(MISSIONS, SEEDS)
 def test_the_longest_step_stays_inside_and_is_not_needlessly_short(scenario, seed):
-    rng = np.random.default_rng(seed)
-    grid, x = inside(scenario, rng)
-    step = random_step(grid, x, rng, 10.0)
-    iterate = Iterate(grid, x)
-    for limit in limits_of(scenario, grid):
-        margin = limit.margin(iterate)
-        reach = limit.longest_step(
-            iterate, Step(step), margin, limit.change(iterate, Step(step)), 0.99)
-        by = reach.min()
-        there = limit.margin(iterate.moved(x + by * step))
-        assert (there >= 0.0099 * margin - 1e-9).all()
-        lines = iterate.lines.get(limit)
-        if by < 1 and (lines is None or lines.room is None):  # what has no line stops it, too
-            assert limit.margin(iterate.moved(x + 1.02 * by * step)).min() < 0.012 * margin.max()
+    for slacks, found in answered(scenario, seed, 10.0):
+        by = min(found['longest'])
+        assert 0 < by <= 1
+        assert (slacks(by) >= 0.0099 * slacks(0.0) - 1e-9).all()
+        if by < 1 and not found['has_room']:  # what has no line stops it, too
+            assert slacks(1.02 * by).min() < 0.012 * slacks(0.0).max()
 
 
 @settings(max_examples=40)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from secure_uav_planner import fly_hover_fly, Scenario
-from secure_uav_planner.curve import Curve
+from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.ros import cdr, messages
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 

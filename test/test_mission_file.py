@@ -8,21 +8,16 @@ import pickle
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from secure_uav_planner import NoFlyZone, Scenario
-from secure_uav_planner.cli.nodes import NODES
-from secure_uav_planner.errors import MissionFileError
-from secure_uav_planner.mission import parameters
-from secure_uav_planner.mission.documents import MOST_BYTES
-from secure_uav_planner.mission.schema import UNITS
-from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, uav_parameters)
-from secure_uav_planner.ros.zone_parameters import zone_parameters
+from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Scenario, Uav
+from secure_uav_planner.errors import MissionFileError, ScenarioError
+from secure_uav_planner.mission.formats.documents import MOST_BYTES
+from secure_uav_planner.mission.formats.schema import UNITS
 from strategies import scenarios
 import yaml
 
-PAPER = Path(__file__).resolve().parents[1] / 'config' / 'paper.yaml'
+ROOT = Path(__file__).resolve().parents[1]
 ZONE = NoFlyZone(((150.0, 0.0), (160.0, 0.0), (150.0, 10.0)), 5.0, 120.0, 'tower')
-RICH = replace(Scenario.paper(), separation=5.0, no_fly_zones=(
+RICH = replace(Scenario.paper(), separation=5.0, tracking_margin=1.5, no_fly_zones=(
     ZONE, NoFlyZone(((170.0, 0.0), (180.0, 0.0), (170.0, 10.0)))),
     geofence=((-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0)))
 
@@ -139,6 +134,114 @@ separation: -3
         assert line == known_line and part in text, (line, text, part)
 
 
+def test_what_does_not_fit_together_is_told_beside_wrong_values(tmp_path):
+    found = problems(written(tmp_path, """\
+ground_node: [0, 0]
+eavesdroppers: [{position: [200, 0]}]
+uavs:
+  - {name: odd, start: [0], goal: [0, 0], altitude: 100, max_speed: 10}
+  - name: a
+    start: [0, 0]
+    goal: [0, 900]
+    altitude: 100
+    max_speed: 10
+    average_power: 5
+  - name: a
+    start: [5, 0]
+    goal: [50, 0]
+    altitude: 100
+    max_speed: fast
+  - name: b
+    start: [3, 0]
+    goal: [900, 0]
+    altitude: 100
+    max_speed: 10
+    max_acceleration: -1
+geofence: [[-100, -100], [800, -100], [800, 950], [-100, 950]]
+duration: 60
+slots: 60
+separation: 20
+tracking: 1
+"""))
+    expected = [
+        (4, 'odd.start is [0]'),
+        (5, 'a.peak_power is 4.0; it must be at least average_power'),
+        (15, "a.max_speed is 'fast'; it must be a number"),
+        (18, 'b.goal is (900.0, 0.0), outside the geofence'),
+        (21, 'b.max_acceleration is -1'),
+        (23, 'duration is 60 s; a needs at least 8'),
+        (23, 'duration is 60 s; b needs at least 8'),
+        (25, 'separation is 20 m; it must be at most 3 m, the distance between the starts of a '
+         'and b'),
+        (26, "no field 'tracking'")]
+    assert len(found) == len(expected), found
+    for (line, text), (known_line, part) in zip(found, expected):
+        assert line == known_line and part in text, (line, text, part)
+
+
+def test_what_a_mission_leaves_out_takes_the_defaults_of_its_class(tmp_path):
+    scenario = Scenario.load(written(tmp_path, """
+ground_node: [0, 0]
+duration: 200
+slots: 1e2
+eavesdroppers: [{position: [200, 0]}]
+uavs: [{name: one, start: [0, 0], goal: [100, 0], altitude: 100, max_speed: 10}]
+no_fly_zones: [{vertices: [[150, 0], [160, 0], [150, 10]]}]
+"""))
+    assert scenario == Scenario((0, 0), (Eavesdropper((200, 0)),), (
+        Uav('one', (0, 0), (100, 0), 100, 10),), 200, 100, no_fly_zones=(
+        NoFlyZone(((150, 0), (160, 0), (150, 10))),))
+
+
+@pytest.mark.parametrize('value, words', [
+    ('true', 'is true'), ('null', 'is null'), ('{a: [false]}', "is {'a': [false]}"),
+    ('7', 'must be a list')])
+def test_values_are_told_in_the_words_of_the_file(tmp_path, value, words):
+    text = yaml.safe_dump({**Scenario.paper().to_dict(), 'eavesdroppers': 'X'})
+    [(_, told)] = problems(written(tmp_path, text.replace('X', value)))
+    assert words in told
+    for word in ('True', 'None', 'False', 'tuple', 'dict', 'float'):
+        assert word not in told
+
+
+def test_an_error_of_python_has_the_words_of_python():
+    with pytest.raises(ScenarioError, match='max_speed is True'):
+        Uav('a', (0, 0), (0, 0), 100, True)
+
+
+@pytest.mark.parametrize('change, field', [
+    ({'duration': 'long'}, 'duration'), ({'duration': 1}, 'duration'),
+    ({'uavs/1/max_speed': -1}, 'uavs[1].max_speed'), ({'uavs/0/start': [0, 1e9]}, 'uavs[0].start'),
+    ({'uavs/1/start': [155.0, 2.0], 'uavs/1/altitude': 50.0}, 'uavs[1].start'),
+    ({'uavs/1/name': 'uav1'}, 'uavs[1].name'), ({'uavs/1/wings': 2}, 'uavs[1].wings'),
+    ({'uavs/1/peak_power': 0.5}, 'uavs[1].peak_power'), ({'uavs': 3}, 'uavs'),
+    ({'no_fly_zones/1/vertices/2': ['x']}, 'no_fly_zones[1].vertices[2]'),
+    ({'no_fly_zones/0/floor': 900}, 'no_fly_zones[0].floor'),
+    ({'eavesdroppers/0/error_radius': None}, 'eavesdroppers[0].error_radius'),
+    ({'geofence/0': None}, 'geofence[0]'), ({'separation': 500.0}, 'separation'),
+    ({'slots': 1.5}, 'slots'), ({'slots': 20000, 'uavs/1/max_speed': 1.0}, 'duration')])
+def test_an_error_knows_the_path_of_its_field(change, field):
+    data = json.loads(json.dumps(RICH.to_dict()))
+    for path, value in change.items():
+        *owners, last = [int(part) if part.isdigit() else part for part in path.split('/')]
+        inner = data
+        for owner in owners:
+            inner = inner[owner]
+        inner[last] = value
+    with pytest.raises(ScenarioError) as error:
+        Scenario.from_dict(data)
+    assert error.value.field == field
+    assert pickle.loads(pickle.dumps(error.value)).field == field
+
+
+def test_other_files_of_the_package_are_no_missions_in_one_line(tmp_path):
+    fly_hover_fly(Scenario.paper()).save(tmp_path / 'plan.json')
+    [(_, text)] = problems(tmp_path / 'plan.json')
+    assert text == 'it is a plan, whose field scenario is its mission'
+    [(_, text)] = problems(ROOT / 'config' / 'paper.yaml')
+    assert text.startswith('it is a parameter file of nodes')
+
+
 def test_a_uav_that_starts_in_a_zone_is_told_with_the_line_of_its_start(tmp_path):
     data = RICH.to_dict()
     data['uavs'][1]['start'] = (152.0, 2.0)
@@ -154,8 +257,8 @@ def test_a_uav_that_starts_in_a_zone_is_told_with_the_line_of_its_start(tmp_path
 
 @pytest.mark.parametrize('field', [
     'ground_node', 'duration', 'slots', 'reference_snr_db', 'separation', 'geofence',
-    'eavesdroppers', 'uavs', 'no_fly_zones', 'uavs/start', 'uavs/goal', 'uavs/name',
-    'uavs/altitude', 'uavs/max_speed', 'uavs/average_power', 'uavs/peak_power',
+    'tracking_margin', 'eavesdroppers', 'uavs', 'no_fly_zones', 'uavs/start', 'uavs/goal',
+    'uavs/name', 'uavs/altitude', 'uavs/max_speed', 'uavs/average_power', 'uavs/peak_power',
     'uavs/max_acceleration', 'uavs/start_velocity', 'uavs/goal_velocity',
     'eavesdroppers/position', 'eavesdroppers/error_radius', 'eavesdroppers/name',
     'no_fly_zones/vertices', 'no_fly_zones/floor', 'no_fly_zones/ceiling', 'no_fly_zones/name'])
@@ -188,7 +291,7 @@ SYNTAX = [
     ('a: *b', 'undefined alias'), ('a: !!python/object:os.system x', 'could not determine'),
     ('a: 1\n---\nb: 2\n', 'single document'), ('a: \x01', 'special characters'),
     ('[' * 30 + ']' * 30, 'levels'), ('{' * 1500 + '}' * 1500, 'levels'),
-    ('a: &a [*a]', 'levels'), ('uavs: ' + '9' * 5000, ''), ('[1]: 2', 'must be a string'),
+    ('a: &a [*a]', 'levels'), ('uavs: ' + '9' * 5000, ''), ('[1]: 2', 'must be text'),
     ('a: &a [' + '1, ' * 20 + ']\n' + ''.join(
         f'{chr(98 + n)}: &{chr(98 + n)} [{", ".join(["*" + chr(97 + n)] * 20)}]\n'
         for n in range(8)), 'values')]
@@ -227,95 +330,6 @@ def test_the_error_of_a_file_survives_a_pickle(tmp_path):
         Scenario.load(written(tmp_path, 'a: 1'))
     copy = pickle.loads(pickle.dumps(error.value))
     assert str(copy) == str(error.value) and copy.problems == error.value.problems
-
-
-# Parameter files
-
-
-def test_the_papers_parameter_file_is_the_papers_mission_if_it_has_the_places_of_topics(tmp_path):
-    assert Scenario.load(PAPER) == Scenario.paper()
-    found = problems(written(tmp_path, of_the_node(PAPER)))
-    assert [text.partition(' is ')[0] for _, text in found] == [
-        'ground_node', 'eavesdropper.position']
-
-
-def of_the_node(file):
-    """Return the text of a parameter file up to the places that topics give the node."""
-    return file.read_text().partition('/**/mission:')[0]
-
-
-def test_what_a_parameter_file_leaves_out_is_as_in_the_node(tmp_path):
-    file = written(tmp_path, """
-fleet:
-  planner:
-    ros__parameters:
-      ground_node: [1, 2]
-      uavs: [a, b, c]
-      eavesdroppers: [e]
-      e: {position: [3, 4]}
-      c.max_acceleration: 2.0
-      c: {goal_velocity: [], max_speed: 20}
-      time_limit: 5.0
-      qos_overrides./x.publisher.depth: 3
-""")
-    scenario, paper = Scenario.load(file), Scenario.paper()
-    assert scenario == replace(
-        paper, ground_node=(1, 2), eavesdroppers=(
-            replace(paper.eavesdroppers[0], name='e', position=(3, 4)),),
-        uavs=(replace(paper.uavs[0], name='a'), replace(paper.uavs[1], name='b'),
-              replace(paper.uavs[1], name='c', max_acceleration=2.0, goal_velocity=None,
-                      max_speed=20)))
-
-
-def test_wrong_parameters_are_told_with_their_lines(tmp_path):
-    found = problems(written(tmp_path, """\
-planner:
-  ros__parameters:
-    ground_node: [1, 2]
-    eavesdropper: {position: [3, 4]}
-    durration: 200.0
-    uav1:
-      altitude: high
-      max_sped: 3.0
-    uav2.start: [1.0]
-"""))
-    assert [line for line, _ in found] == [5, 7, 8, 9]
-    for (_, text), part in zip(found, ['did you mean duration?', "uav1.altitude is 'high'",
-                                       'did you mean uav1.max_speed?', 'uav2.start is [1.0]']):
-        assert part in text
-    found = problems(written(
-        tmp_path, 'planner: {ros__parameters: {uavs: 3, ground_node: [0, 0]}}'))
-    assert 'uavs is 3; it must be a list of names' in [text for _, text in found]
-
-
-def test_parameter_files_know_all_parameters_of_the_node():
-    known = parameters.OF_THE_NODE | parameters.OF_THE_MISSION | {
-        'uavs', 'eavesdroppers', 'no_fly_zones'}
-    assert set(PLANNER) <= known and known - set(PLANNER) == {'ground_node'}
-    assert {name[2:] for name in uav_parameters('a', 0)} == parameters.OF_A_UAV
-    assert {name[2:] for name in eavesdropper_parameters('e')} | {
-        'position'} == parameters.OF_AN_EAVESDROPPER
-    assert {name[2:] for name in zone_parameters('z')} == parameters.OF_A_ZONE
-    assert {'planner', *parameters.OTHER_NODES} == set(NODES)
-
-
-def test_zones_and_fence_of_a_parameter_file_are_read(tmp_path):
-    added = of_the_node(PAPER) + """
-/**/mission:
-  ros__parameters:
-    ground_node: [0.0, 0.0]
-    eavesdropper.position: [200, 0]
-    separation: 5.0
-    geofence: [-900, -900, 900, -900, 900, 900, -900, 900]
-    no_fly_zones: [tower, zone2]
-    tower: {vertices: [150.0, 0, 160, 0, 150, 10], floor: 5, ceiling: 120}
-    zone2: {vertices: [170.0, 0, 180, 0, 170, 10]}
-"""
-    found = Scenario.load(written(tmp_path, added))
-    assert found == replace(RICH, no_fly_zones=(
-        RICH.no_fly_zones[0], replace(RICH.no_fly_zones[1], name='zone2')))
-    assert 'even number' in problems(written(
-        tmp_path, added.replace('900, -900, 900]', '900, -900, 900, 3]')))[0][1]
 
 
 def test_every_field_that_has_a_unit_is_known_with_it():

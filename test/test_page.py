@@ -9,7 +9,7 @@ from urllib.request import url2pathname
 
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario, upper_bound
-from secure_uav_planner.view.page import save_page
+from secure_uav_planner.output.page import save_page
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains

@@ -5,8 +5,8 @@ from matplotlib.image import imread
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.optimize.baselines import fly_hover_fly_positions
-from secure_uav_planner.view.picture import draw_plan, power_level, save_picture
+from secure_uav_planner.optimize.initial import fly_hover_fly_positions
+from secure_uav_planner.output.picture import draw_plan, power_level, save_picture
 from strategies import random_powers, scenarios
 
 

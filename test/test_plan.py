@@ -1,8 +1,10 @@
 import copy
 from dataclasses import replace
 import json
+import os
 import pathlib
 import pickle
+import re
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.errors import PlanError, PlanFileError
-from secure_uav_planner.plan import STATUS_TEXTS, STATUSES
+from secure_uav_planner.plan.plan import STATUS_TEXTS, STATUSES
 from strategies import scenarios
 
 OLD = pathlib.Path(__file__).parent / 'data' / 'plan_0.1.0.json'
@@ -138,8 +140,8 @@ def test_a_file_of_a_newer_version_says_so(tmp_path):
     ({'start_ns': 10**30}, 'start_ns is'), ({'start_ns': -5}, 'start_ns is'),
     ({'wind': 1}, "Plan has no field 'wind'"), ({'powrs': 1}, 'did you mean powers'),
     ({'history': 5}, 'history is 5'), ({'history': [{'number': 'one'}]}, 'Iteration lacks'),
-    ({'solve_time': 'long'}, "solve_time is 'long'"), ({'scenario': None}, 'Scenario is None'),
-    ({'positions': None}, 'positions'), ({'version': True}, 'its version is True')])
+    ({'solve_time': 'long'}, "solve_time is 'long'"), ({'scenario': None}, 'Scenario is null'),
+    ({'positions': None}, 'positions'), ({'version': True}, 'its version is true')])
 def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):
     path = tmp_path / 'wrong.json'
     path.write_text(json.dumps({**json.loads(OLD.read_text()), **change}))
@@ -155,6 +157,42 @@ def test_a_number_of_four_hundred_digits_is_refused_in_a_short_line(tmp_path):
     with pytest.raises(PlanFileError, match='slots is') as error:
         Plan.load(path)
     assert len(str(error.value)) < 300
+
+
+@pytest.mark.parametrize('value', ['0.5', True, None, {}])
+@pytest.mark.parametrize('field, place', [('powers', (1, 7)), ('positions', (0, 3, 1))])
+def test_what_is_no_number_in_a_file_is_named_with_its_place(tmp_path, field, place, value):
+    document = json.loads(OLD.read_text())
+    *outer, last = place
+    inner = document[field]
+    for index in outer:
+        inner = inner[index]
+    inner[last] = value
+    path = tmp_path / 'wrong.json'
+    path.write_text(json.dumps(document))
+    name = re.escape(field + ''.join(f'[{index}]' for index in place))
+    shown = re.escape(repr(value) if isinstance(value, (str, dict)) else json.dumps(value))
+    with pytest.raises(PlanFileError, match=f'{name} is {shown}; it must be a number') as error:
+        Plan.load(path)
+    assert re.escape(error.value.field) == name
+
+
+@pytest.mark.parametrize('mode', [0o600, 0o640, 0o666])
+def test_a_replaced_file_keeps_its_permissions(tmp_path, plan, mode):
+    path = tmp_path / 'plan.json'
+    plan.save(path)
+    path.chmod(mode)
+    plan.save(path)
+    assert path.stat().st_mode & 0o777 == mode
+
+
+def test_a_new_file_has_the_permissions_that_the_umask_leaves(tmp_path, plan):
+    before = os.umask(0o027)
+    try:
+        plan.save(tmp_path / 'plan.json')
+    finally:
+        os.umask(before)
+    assert (tmp_path / 'plan.json').stat().st_mode & 0o777 == 0o640
 
 
 @pytest.mark.parametrize('device', ['/dev/zero', '/dev/full'])

@@ -4,9 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import channel, fly_hover_fly, Scenario
-from secure_uav_planner.curve import Curve, flown
-from secure_uav_planner.playback import Playback, Player
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.model import channel
+from secure_uav_planner.model.curve import Curve, flown
+from secure_uav_planner.plan.playback import Playback
 from strategies import scenarios
 
 
@@ -95,76 +96,6 @@ def test_rates_along_the_curve_are_those_of_dense_samples(plan):
         dense.append(channel.guaranteed_rates(plan.scenario, positions, plan.powers))
     assert playback.guaranteed_rates == pytest.approx(np.mean(dense, axis=0), abs=1e-4)
     assert playback.guaranteed_rates.mean() == pytest.approx(plan.guaranteed_rate, abs=2e-2)
-
-
-def play(player, step, eavesdropper=None):
-    player.start()
-    while not player.finished:
-        player.advance(step, eavesdropper)
-    return player.delivered
-
-
-@pytest.mark.parametrize('step', [0.05, 0.73, 40.0])
-def test_what_is_delivered_does_not_depend_on_the_playback_speed(plan, step):
-    player = Player()
-    player.load(plan)
-    place = (195.0, 0.0)
-    rates = channel.secrecy_rates(plan.scenario, plan.positions, plan.powers, place)
-    # Positions move on within a slot, so the sum over slots is only close.
-    assert play(player, step, place) == pytest.approx(np.maximum(rates, 0).sum(), rel=0.01)
-
-
-def test_the_largest_step_is_that_of_the_fastest_uav(plan):
-    player = Player()
-    player.load(plan)
-    play(player, 0.25)
-    assert player.largest_step == pytest.approx(2.5, rel=1e-6)
-
-
-def test_pause_holds_reset_returns_and_start_goes_on(plan):
-    player = Player()
-    player.load(plan)
-    assert not player.streaming
-    player.start()
-    player.advance(10.0)
-    player.pause()
-    held = player.advance(10.0)
-    assert player.time == 10.0 and player.streaming
-    assert held.positions == pytest.approx(plan.positions[:, 10])
-    player.start()
-    player.advance(5.0)
-    assert player.time == 15.0
-    player.reset()
-    assert player.time == 0.0 and not player.streaming
-
-
-def test_a_new_plan_takes_over_when_its_time_has_come_and_joins_continuously(plan):
-    plan = replace(plan, start_ns=10**18)
-    player = Player()
-    player.load(plan)
-    player.start()
-    player.advance(20.0)
-    player.load(plan.tail(30))
-    assert player.playback.plan is plan  # not yet
-    last, largest = player.advance(0.0), 0.0
-    while not player.finished:
-        moment = player.advance(0.5)
-        largest = max(largest, np.linalg.norm(moment.positions - last.positions, axis=-1).max())
-        last = moment
-    assert player.playback.plan.scenario.slots == 72
-    assert largest <= 5.0 + 1e-6
-    assert last.positions == pytest.approx(plan.positions[:, -1])
-
-
-def test_a_plan_whose_time_has_passed_takes_over_at_the_right_moment(plan):
-    plan = replace(plan, start_ns=10**18)
-    player = Player()
-    player.load(plan)
-    player.start()
-    player.advance(40.0)
-    player.load(plan.tail(30))
-    assert player.playback.plan.scenario.slots == 72
-    assert player.time == pytest.approx(10.0)
 
 
 @settings(max_examples=60)

@@ -9,7 +9,7 @@ from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from ros_client import node_process, values_of, wait_for
-from secure_uav_planner.ros.poses import error_radius
+from secure_uav_planner.ros.poses import error_radius, PoseBook
 from visualization_msgs.msg import MarkerArray
 
 
@@ -81,7 +81,10 @@ def test_the_height_of_a_uavs_pose_does_not_matter(client, planner):
 
 def test_frames_of_any_length_are_shown_in_a_few_words(client, planner):
     client.send_paper()
-    assert client.set_parameters('planner', frame_id='f' * 5000)[0].successful
+    result, = client.set_parameters('planner', frame_id='f' * 256)
+    assert not result.successful and 'a string of at most 255 characters' in result.reason
+    client.send_pose('uav1/pose', 0.0, 0.0, frame_id='f' * 5000, until_known=False)
+    assert client.set_parameters('planner', frame_id='f' * 255)[0].successful
     answer = client.call('planner/plan')
     assert not answer.success and len(answer.message) < 1000
     result, = client.set_parameters('planner', method='m' * 10**5)
@@ -127,3 +130,27 @@ def test_an_error_radius_is_computed_where_squares_overflow():
     for scale in (1e-300, 1e-9, 1.0, 1e300):
         assert error_radius(scale * np.eye(2), 0.95) == pytest.approx(factor * np.sqrt(scale))
     assert error_radius(np.zeros((2, 2)), 0.95) == 0.0
+
+
+def taken(*poses):
+    """Return x of the pose that is kept of some, each (stamp, time of reception, x), in s."""
+    book = PoseBook()
+    for stamp, now, x in poses:
+        message = raised(PoseStamped, x, 0.0)
+        message.header.stamp = Time(sec=stamp)
+        book.take('uav1/pose', message, 'map', now)
+    return book.get('uav1/pose').position[0]
+
+
+def test_an_older_pose_that_comes_later_does_not_replace_a_newer_one():
+    assert taken((100, 100.1, 1.0), (98, 100.2, 2.0)) == 1.0
+    assert taken((100, 100.1, 1.0), (98, 100.2, 2.0), (101, 101.1, 3.0)) == 3.0
+
+
+@pytest.mark.parametrize('poses', [
+    [(100, 100.1, 1.0), (2, 2.1, 2.0)],  # the node's clock
+    [(900, 100.1, 1.0), (101, 101.1, 2.0)],  # a publisher's, which was ahead
+    [(100, 100.1, 1.0), *[(second, 100.0 + second, 2.0) for second in range(1, 12)]],
+    [(100, 100.1, 1.0), *[(97 + second, 100.0 + second, 2.0) for second in range(1, 5)]]])
+def test_after_a_clock_was_set_back_poses_are_taken_again(poses):
+    assert taken(*poses) == 2.0

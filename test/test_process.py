@@ -4,6 +4,8 @@ from collections import Counter
 from pathlib import Path
 import random
 import signal
+import subprocess
+import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -74,6 +76,19 @@ def test_a_signal_while_the_modules_load_ends_the_node_quietly(node, number):
         if 'ready' not in output_of(process):  # or else the signal came too late
             break
     assert output_of(process) == ''
+
+
+@pytest.mark.parametrize('module', ['', '.ros', '.ros.start', '.errors', '.ros.qos'])
+def test_a_signal_when_a_module_is_imported_ends_the_executable_quietly(module):
+    script = Path(__file__).parents[1] / 'scripts' / 'planner'
+    program = (
+        'import os, runpy, signal, sys\n'
+        'sys.addaudithook(lambda event, about: event == "import" and about[0] == '
+        f'"secure_uav_planner{module}" and os.kill(os.getpid(), signal.SIGINT))\n'
+        f'sys.argv = ["planner"]; runpy.run_path({str(script)!r}, run_name="__main__")')
+    ended = subprocess.run([sys.executable, '-c', program], stdout=subprocess.PIPE,
+                           stderr=subprocess.STDOUT, timeout=PATIENCE)
+    assert (ended.returncode, ended.stdout) == (0, b'')
 
 
 @pytest.mark.soak

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import channel, Plan, reference_snr_db, Scenario, solve, upper_bound
-from secure_uav_planner.cli.main import main
+from secure_uav_planner import Plan, reference_snr_db, Scenario, solve, upper_bound
+from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.errors import OptionError, ScenarioError
+from secure_uav_planner.model import channel
 from strategies import random_powers, scenarios
 
 PAPER = Scenario.paper(120.0, 30.0, slots=40)
@@ -136,8 +137,8 @@ def test_the_advantage_is_part_of_a_saved_plan_and_zero_in_older_ones(tmp_path):
 
 
 def test_pictures_name_the_advantage(tmp_path):
-    from secure_uav_planner.view.page import save_page
-    from secure_uav_planner.view.picture import draw_plan
+    from secure_uav_planner.output.page import save_page
+    from secure_uav_planner.output.picture import draw_plan
     for advantage, shown in ((6.0, True), (0.0, False)):
         plan = solve(heard(Scenario.paper(120.0, slots=10), advantage))
         texts = [text.get_text() for text in draw_plan(plan).axes[0].texts]

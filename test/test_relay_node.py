@@ -1,17 +1,22 @@
 """The relay node in a process of its own, with real messages of the stacks over DDS."""
 
+from dataclasses import replace
 from importlib import import_module, invalidate_caches
 import inspect
 import math
 import os
 import time
 
+from geometry_msgs.msg import PoseStamped, TwistStamped
 import message_package
+from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
 from rclpy.node import NodeNameNonExistentError
-from ros_client import Client, node_process, PATIENCE, wait_for, wait_for_line
-from secure_uav_planner.autopilots import STACKS
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros_client import Client, node_process, PATIENCE, values_of, wait_for, wait_for_line
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
 from test_security import policy_of, used
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -54,6 +59,17 @@ DEFINITIONS = {
         bool body_rate
         bool thrust_and_torque
         bool direct_actuator
+        """, 'VehicleOdometry': """
+        uint64 timestamp
+        uint64 timestamp_sample
+        uint8 pose_frame
+        uint8 POSE_FRAME_NED = 1
+        float32[3] position
+        float32[4] q
+        uint8 velocity_frame
+        uint8 VELOCITY_FRAME_NED = 1
+        float32[3] velocity
+        float32[3] angular_velocity
         """},
     'as2_msgs': {'TrajectoryPoint': """
         string id
@@ -96,21 +112,42 @@ class Source:
     """A program that streams the setpoints of a UAV, like the replay."""
 
     def __init__(self, client, uav, velocity=(3.0, 4.0), acceleration=(0.5, -0.25)):
+        self._clock = client.node.get_clock()
         self.message = messages.trajectory_setpoint(
-            uav, 'map', client.node.get_clock().now().to_msg(),
+            uav, 'map', self._clock.now().to_msg(),
             ((10.0, 20.0, 30.0), 0.3, velocity, acceleration))
+        self.place = self.message.points[0].transforms[0].translation
         self._publisher = client.publisher(
             MultiDOFJointTrajectory, f'{uav}/setpoint/trajectory', 10)
-        self.sent = 0
+        self.stamps = []
 
     def until(self, condition):
         """Send until a condition holds."""
         def holds():
+            self.message.header.stamp = self._clock.now().to_msg()
+            self.stamps.append(self.message.header.stamp)
             self._publisher.publish(self.message)
-            self.sent += 1
             time.sleep(0.02)
             return condition()
         return wait_for(holds)
+
+
+def reported(client, kind, topic, fill, odometry, known=lambda: True):
+    """Send what a vehicle reports, as its stack does, until odometry is known; return that."""
+    qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT,
+                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher, message = client.publisher(kind, topic, qos), kind()
+    fill(message)
+
+    def come():
+        publisher.publish(message)
+        time.sleep(0.02)
+        return odometry and known() and odometry[-1]
+    return wait_for(come, what='odometry')
+
+
+def numbers(of, names='xyz'):
+    return [getattr(of, name) for name in names]
 
 
 @pytest.mark.parametrize('stack', STACKS)
@@ -121,7 +158,9 @@ def test_without_the_message_package_it_says_in_one_line_what_is_missing_and_how
     line, = process.lines
     assert line.startswith(f'cannot start: parameter stack is {stack}: its message package '
                            f'{STACKS[stack].package} is missing')
-    assert STACKS[stack].source in line
+    assert (STACKS[stack].debian or STACKS[stack].source) in line
+    # ROS from apt says its name in the environment; beside ROS from wheels nothing can be built.
+    assert ('ROS from wheels cannot have it' in line) == ('ROS_DISTRO' not in os.environ)
 
 
 @pytest.mark.parametrize('parameters, reason', [
@@ -135,17 +174,19 @@ def test_a_wrong_parameter_ends_it_with_the_reason(parameters, reason):
     assert reason in ''.join(process.lines)
 
 
-def test_mavros_gets_position_velocity_acceleration_and_yaw(packages, client):
+def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_moved(
+        packages, client):
     kind = packages('mavros_msgs', 'PositionTarget')
     found = client.listen(kind, 'uav2/mavros/setpoint_raw/local', 1000)
+    odometry = client.listen(Odometry, 'uav2/odom', 10)
     with node_process('relay', stack='mavros', uav2__origin='[1.0, 2.0, 3.0]'):
         source = Source(client, 'uav2')
         source.until(lambda: found)
         target = found[0]
-        assert target.header == source.message.header
+        assert target.header.frame_id == 'map' and target.header.stamp in source.stamps
         assert target.coordinate_frame == kind.FRAME_LOCAL_NED
         assert target.type_mask == kind.IGNORE_YAW_RATE
-        assert [getattr(target.position, axis) for axis in 'xyz'] == [9.0, 18.0, 27.0]
+        assert numbers(target.position) == [9.0, 18.0, 27.0]
         assert (target.velocity.x, target.velocity.y) == (3.0, 4.0)
         assert target.acceleration_or_force.y == -0.25
         assert target.yaw == pytest.approx(0.3)
@@ -157,8 +198,21 @@ def test_mavros_gets_position_velocity_acceleration_and_yaw(packages, client):
             getattr(kind, f'IGNORE_{name}') for name in (
                 'VX', 'VY', 'VZ', 'AFX', 'AFY', 'AFZ', 'YAW_RATE'))
 
+        def fill(message):
+            message.header.frame_id, message.child_frame_id = 'map', 'base_link'
+            message.header.stamp.sec = 77
+            message.pose.pose.position.x, message.pose.covariance[0] = 9.0, 0.5
+            message.twist.twist.linear.x = 3.0
 
-def test_px4_gets_ned_and_the_heartbeat_outlives_setpoints_only_for_a_moment(packages, client):
+        there = reported(client, Odometry, 'uav2/mavros/local_position/odom', fill, odometry)
+        assert (there.header.frame_id, there.child_frame_id) == ('map', 'uav2/base_link')
+        assert there.header.stamp.sec == 77 and there.pose.covariance[0] == 0.5
+        assert numbers(there.pose.pose.position) == [10.0, 2.0, 3.0]
+        assert there.twist.twist.linear.x == 3.0
+
+
+def test_px4_gets_ned_and_a_stream_that_stops_is_held_without_speed_and_then_ends(
+        packages, client):
     targets = client.listen(packages('px4_msgs', 'TrajectorySetpoint'),
                             'px4_1/fmu/in/trajectory_setpoint', 1000)
     modes = client.listen(packages('px4_msgs', 'OffboardControlMode'),
@@ -166,7 +220,7 @@ def test_px4_gets_ned_and_the_heartbeat_outlives_setpoints_only_for_a_moment(pac
     with node_process('relay', stack='px4', vehicles='[px4_1, px4_2]',
                       setpoint_timeout=3.0) as process:
         source = Source(client, 'uav1')
-        assert not modes  # nothing keeps PX4 in a mode that nobody flies in
+        assert not modes  # Nothing keeps PX4 in a mode that nobody flies in.
         source.until(lambda: targets and modes)
         target = targets[0]
         assert target.position.tolist() == [20.0, 10.0, -30.0]
@@ -177,11 +231,16 @@ def test_px4_gets_ned_and_the_heartbeat_outlives_setpoints_only_for_a_moment(pac
         assert any(mode.timestamp == one.timestamp for mode in modes for one in targets)
         assert modes[0].position and modes[0].velocity and modes[0].acceleration
         assert not modes[0].attitude
-        # Setpoints stop; the heartbeat goes on for a while and ends.
-        wait_for_line(process, 'no setpoint of uav1 has come for')
-        last = max(target.timestamp for target in targets)
-        assert sum(mode.timestamp > last for mode in modes) >= 2
-        assert len(targets) <= source.sent  # an old setpoint is never sent again
+        # Setpoints stop: the last place is held for a while, and then nothing comes any more.
+        wait_for_line(process, 'no setpoint of uav1 has come for 3 s; nothing more is sent')
+        flown = sum(target.velocity.any() for target in targets)
+        assert flown <= len(source.stamps)
+        assert len(targets) - flown >= 5
+        for held in list(targets)[flown:]:
+            assert held.position.tolist() == target.position.tolist()
+            assert held.velocity.tolist() == held.acceleration.tolist() == [0.0, 0.0, 0.0]
+        # The heartbeat comes with them, for PX4 more often than at 2 Hz.
+        assert 0.9 * len(targets) <= len(modes) <= 1.1 * len(targets)
         count = len(modes)
         time.sleep(1.0)
         assert len(modes) <= count + 1
@@ -189,36 +248,130 @@ def test_px4_gets_ned_and_the_heartbeat_outlives_setpoints_only_for_a_moment(pac
         source.until(lambda: len(modes) > count + 3)
 
 
-def test_aerostack2_gets_one_point_in_the_frame_of_the_setpoint(packages, client):
+def test_a_planner_plans_from_where_px4_says_that_its_vehicle_is(packages, client):
+    """From PX4 to the relay to the planner; the pose of another UAV comes to the planner."""
+    kind = packages('px4_msgs', 'VehicleOdometry')
+    odometry = client.listen(Odometry, 'uav1/odom', 10)
+    paths = {name: client.listen(Path, f'{name}/path') for name in ('uav1', 'uav2')}
+
+    def fill(message):
+        message.pose_frame, message.velocity_frame = kind.POSE_FRAME_NED, kind.VELOCITY_FRAME_NED
+        message.position = [4.0, -3.0, -20.0]
+        message.q = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # The nose to the east.
+        message.velocity = [0.0, 2.0, 0.0]
+
+    with node_process('relay', stack='px4', vehicles='[px4_1, px4_2]',
+                      uav1__origin='[90.0, 480.0, 5.0]'), \
+            node_process('planner', duration=150.0, slots=30, uav2__origin='[0.0, 490.0, 0.0]'):
+        status = client.status_of('planner')
+        there = reported(
+            client, kind, 'px4_1/fmu/out/vehicle_odometry', fill, odometry,
+            lambda: status and values_of(status[-1]).get('pose_age.uav1/odom', 'none') != 'none')
+        assert numbers(there.pose.pose.position) == [87.0, 484.0, 25.0]
+        assert numbers(there.pose.pose.orientation) == pytest.approx([0.0, 0.0, 0.0])
+        assert numbers(there.twist.twist.linear) == pytest.approx([2.0, 0.0, 0.0])
+        assert (there.header.frame_id, there.child_frame_id) == ('map', 'uav1/base_link')
+        now = client.node.get_clock().now().nanoseconds * 1e-9
+        assert abs(there.header.stamp.sec - now) < PATIENCE  # Not PX4's own clock.
+        client.send_pose('uav2/pose', 110.0, 10.0)
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: all(paths.values()))
+        starts = {name: numbers(found[-1].poses[0].pose.position, 'xy')
+                  for name, found in paths.items()}
+        assert starts == {'uav1': [87.0, 484.0], 'uav2': [110.0, 500.0]}
+
+
+def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packages, client):
     found = client.listen(packages('as2_msgs', 'TrajectorySetpoints'),
                           'drone0/motion_reference/trajectory', 1000)
-    with node_process('relay', stack='aerostack2', vehicles='[drone0, drone1]'):
+    odometry = client.listen(Odometry, 'uav1/odom', 10)
+    with node_process('relay', stack='aerostack2', vehicles='[drone0, drone1]',
+                      frame_id='earth'):
         source = Source(client, 'uav1')
         source.until(lambda: found)
-        assert found[0].header == source.message.header
+        assert found[0].header.frame_id == 'map' and found[0].header.stamp in source.stamps
         point, = found[0].setpoints
-        assert (point.position.x, point.position.y, point.position.z) == (10.0, 20.0, 30.0)
+        assert numbers(point.position) == [10.0, 20.0, 30.0]
         assert (point.twist.x, point.twist.y) == (3.0, 4.0)
         assert (point.acceleration.x, point.acceleration.y) == (0.5, -0.25)
         assert point.yaw_angle == pytest.approx(0.3)
+        twist = TwistStamped()
+        twist.twist.linear.x = 3.0
+        client.publisher(TwistStamped, 'drone0/self_localization/twist').publish(twist)
+
+        def fill(message):
+            message.header.stamp.sec, message.pose.position.y = 77, 8.0
+            client.publisher(TwistStamped, 'drone0/self_localization/twist').publish(twist)
+
+        there = reported(client, PoseStamped, 'drone0/self_localization/pose', fill, odometry)
+        assert (there.header.frame_id, there.header.stamp.sec) == ('earth', 77)
+        assert there.pose.pose.position.y == 8.0 and there.twist.twist.linear.x == 3.0
 
 
-def test_what_is_no_setpoint_is_not_relayed_and_said_once_in_a_while(packages, client):
+def test_what_is_no_setpoint_or_jumps_is_not_relayed_and_said_once_in_a_while(packages, client):
     found = client.listen(packages('mavros_msgs', 'PositionTarget'),
                           'uav1/mavros/setpoint_raw/local', 1000)
     with node_process('relay', stack='mavros') as process:
         source = Source(client, 'uav1')
-        source.message.points[0].transforms[0].translation.x = math.nan
-        source.until(lambda: any('position is' in line for line in process.lines))
+
+        def until_said(text):
+            source.until(lambda: any(text in line for line in process.lines))
+
+        source.place.x = math.nan
+        until_said('position is')
+        source.place.x = 10.0
         point = source.message.points[0]
         source.message.points = [point, point]
-        source.until(lambda: any('it has 2 points; it must have one' in line
-                                 for line in process.lines))
-        assert not found
-        point.transforms[0].translation.x = 1.0
+        until_said('it has 2 points; it must have one')
         source.message.points = [point]
+        turn = point.transforms[0].rotation
+        turn.z, turn.w = 0.0, 0.0
+        until_said('rotation has length 0; it must be a quaternion of length 1')
+        assert not found
+        turn.w = 1.0
         source.until(lambda: found)
-        assert sum('is not relayed' in line for line in process.lines) < 20
+        # A jump, such as that of another source, 400 m away: the last place is held.
+        source.place.x = 410.0
+        until_said('a setpoint of uav1 is not relayed: it is 400.0 m from the last one')
+        source.until(lambda: not numbers(found[-1].velocity, 'xy')[0])
+        assert {target.position.x for target in found} == {10.0}
+        # It follows again from there.
+        source.place.x = 12.0
+        source.until(lambda: found[-1].position.x == 12.0)
+        assert found[-1].velocity.x == 3.0
+        assert sum('is not relayed' in line for line in process.lines) < 40
+
+
+def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(
+        packages, client, tmp_path):
+    scenario = Scenario.paper(slots=16)
+    scenario = replace(scenario, duration=8.0, uavs=tuple(
+        replace(uav, goal=(100.0, 460.0), max_acceleration=4.0) for uav in scenario.uavs))
+    fly_hover_fly(scenario).save(tmp_path / 'plan.json')
+    found = client.listen(packages('mavros_msgs', 'PositionTarget'),
+                          'uav1/mavros/setpoint_raw/local', 1000)
+    # However slow this machine is, the stream has not ended in between.
+    with node_process('relay', stack='mavros', setpoint_timeout=60.0) as relay, \
+            node_process('replay', plan_file=tmp_path / 'plan.json') as replay:
+        assert client.call('replay/start').success
+        wait_for(lambda: found and found[-1].velocity.y < -5.0)
+        assert client.call('replay/pause').success
+        wait_for(lambda: found[-1].velocity.y == 0.0)
+        assert client.call('replay/start').success
+        wait_for_line(replay, 'end of the plan')
+        wait_for(lambda: numbers(found[-1].position, 'xy') == [100.0, 460.0])
+        assert not any('is not relayed' in line for line in relay.lines)
+
+
+def test_a_second_node_with_the_odometry_of_a_uav_is_warned_of(packages, client):
+    odometry = client.listen(Odometry, 'uav1/odom', 10)
+    client.node.create_publisher(Odometry, 'uav1/odom', 10)
+    with node_process('relay', stack='mavros') as process:
+        reported(client, Odometry, 'uav1/mavros/local_position/odom', lambda message: None,
+                 odometry)
+        odometry.clear()
+        wait_for_line(process, 'another node publishes /uav1/odom, too; set vehicle_odometry')
 
 
 def test_the_policy_allows_what_the_relay_uses_and_nothing_else(packages, client):

@@ -5,7 +5,8 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from ros_client import Client, node_process, PATIENCE, values_of, wait_for
-from secure_uav_planner import channel, Scenario
+from secure_uav_planner import Scenario
+from secure_uav_planner.model import channel
 from simulation import plan_of, received, Simulation
 
 

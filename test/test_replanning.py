@@ -5,17 +5,19 @@ import threading
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+import numpy as np
 import pytest
+from rclpy.time import Time
 from ros_client import PATIENCE, wait_for
 from secure_uav_planner import Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, LateError, OptionError
-from secure_uav_planner.playback import Playback
-from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, uav_parameters)
+from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
+from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.replanning import check_in_time, Replanning
-from secure_uav_planner.ros.whereabouts import Whereabouts
 from secure_uav_planner.ros.worker import Worker
+from sensor_msgs.msg import TimeReference
 
 DEFAULTS = {name: spec.default for specs in (
     PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
@@ -33,18 +35,20 @@ class Bench:
     def __init__(self, plan, last=None):
         self.plan, self.last = plan, last or plan
         self.poses = PoseBook()
-        self.whereabouts = Whereabouts(self.poses)
-        self.whereabouts.follow(plan)
-        self.worker = Worker(lambda: None)
+        self.tracking = PlanTracking(self.poses)
+        self.tracking.follow(plan)
+        self.states = []  # Whether the worker was busy, and had made progress, at every report.
+        self.worker = Worker(lambda: self.states.append(
+            (self.worker.busy, self.worker.progress is not None)))
         self.published, self.refused, self.superseded = [], [], []
         self.now_ns = 0  # When a new plan is ready.
         self.replanning = Replanning(
-            self.worker, self.poses, self.whereabouts, self._publish, self.refused.append,
+            self.worker, self.poses, self.tracking, self._publish, self.refused.append,
             lambda: self.superseded.append(self.worker.busy))
 
-    def _publish(self, plan, continued, effect_ns):
-        check_in_time(self.last, continued, effect_ns, self.now_ns)
-        self.published.append((plan, effect_ns * 1e-9 - START))
+    def _publish(self, plan, continued, effect):
+        check_in_time(self.last, continued, effect, self.tracking.flight(self.now_ns * 1e-9))
+        self.published.append((plan, effect))
 
     def know(self, kind, topic, x, y, now):
         message = kind()
@@ -85,6 +89,11 @@ def test_a_replan_that_comes_second_is_reported_once_the_solver_is_free(plan):
     bench.check(5.0, replan_period=1.0)
     assert (bench.superseded, bench.published, bench.refused) == ([False], [], [])
     assert bench.worker.close(PATIENCE)
+
+
+def test_a_replan_is_reported_before_its_first_iteration(bench):
+    bench.check(5.0, replan_period=1.0)
+    assert bench.states[0] == (True, False) and set(bench.states[1:]) == {(True, True)}
 
 
 def test_a_deviation_is_a_reason_to_plan_again_once_in_every_lead(bench):
@@ -139,3 +148,59 @@ def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
     bench.now_ns = 0
     bench.check(35.4, (160.0, 0.0), replan_distance=5.0)
     assert len(bench.published) == 1 and len(bench.refused) == 2
+
+
+def report(bench, clock, time):
+    """Let a follower say to what time of the plan it has come at a time of the clock, in s."""
+    stamp, reached = (Time(nanoseconds=round((START + at) * 1e9)).to_msg() for at in (clock, time))
+    message = TimeReference(source=bench.plan.identity, time_ref=reached)
+    message.header.stamp = stamp
+    bench.tracking.hear(message)
+
+
+def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(bench, plan):
+    settings = {**DEFAULTS, 'replan_deviation': 5.0}
+    for clock in np.arange(0.0, 60.0, 0.25):
+        # Released 4 s late, and held at 30 s.
+        time = min(max(0.0, clock - 4.0), 30.0)
+        report(bench, clock, time)
+        place = Playback(plan).at(time).positions[0]
+        bench.know(Odometry, 'uav1/odom', *place, START + clock)
+        bench.check(clock, **settings)
+    assert not bench.published and not bench.refused
+    flight = bench.tracking.flight(START + 59.75)
+    assert (flight.time, flight.rate, flight.state) == (pytest.approx(30.0), 0.0, 'held')
+    assert bench.tracking.distances(settings, START + 59.75)['uav1'] < 1e-6
+
+
+def test_a_replan_of_a_later_flight_takes_effect_by_the_time_of_its_plan(bench, plan):
+    for clock in (39.5, 40.0):
+        report(bench, clock, clock - 7.0)
+    bench.now_ns = (START + 41) * 10**9
+    bench.check(40.0, (160.0, 0.0), replan_distance=5.0)
+    (found, effect), = bench.published
+    assert effect == 39.0  # The point at or after 33 + 5 s.
+    assert (found.positions[:, :14] == plan.positions[:, :14]).all()
+
+
+def test_a_follower_that_falls_silent_is_not_believed_to_fly_on(bench):
+    for clock in (39.5, 40.0):
+        report(bench, clock, clock)
+    assert bench.tracking.flight(START + 40.5).rate == 1.0
+    silent = bench.tracking.flight(START + 50.0)
+    assert silent.rate == 0.0 and not silent.is_reported
+    bench.check(50.0, (160.0, 0.0), replan_distance=5.0)
+    assert not bench.published
+
+
+def test_a_plan_that_is_not_taken_up_is_reported(bench, plan):
+    report(bench, 40.0, 40.0)
+    newer = replace(plan, start_ns=plan.start_ns + 40 * 10**9)
+    bench.tracking.follow(newer)
+    for clock in (40.5, 41.0, 41.5, 42.0, 42.5):
+        report(bench, clock, clock)
+    assert bench.tracking.flight(START + 42.5).playback.plan is plan
+    problems, values = bench.tracking.report(DEFAULTS, START + 42.5)
+    assert problems == [f'plan {newer.identity} is not flown: the follower has not taken it up '
+                        f'and flies {plan.identity}']
+    assert values['track.plan'] == plan.identity and values['track.state'] == 'flying'

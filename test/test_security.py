@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from ros_client import Client, node_process, output_of, PATIENCE, wait_for
 from secure_uav_planner import Scenario
-from secure_uav_planner.scenario import LIMITS, MAX_MEMBERS
+from secure_uav_planner.mission.scenario import LIMITS, MAX_MEMBERS
 
 POLICY = Path(__file__).parents[1] / 'config' / 'sros2_policy.xml'
 NODES = ('planner', 'replay')

@@ -13,11 +13,12 @@ import time
 import joblib
 from matplotlib.image import imread
 import pytest
-from secure_uav_planner import METHODS, Plan, study
-from secure_uav_planner.campaign.run import JOURNAL
-from secure_uav_planner.campaign.tasks import plan_file
-from secure_uav_planner.study.claims import check_claims, write_claims
-from secure_uav_planner.study.figures import write_figures
+from secure_uav_planner import METHODS, Plan
+from secure_uav_planner.apps import study
+from secure_uav_planner.apps.campaign.run import JOURNAL
+from secure_uav_planner.apps.campaign.tasks import plan_file
+from secure_uav_planner.apps.study.claims import check_claims, write_claims
+from secure_uav_planner.apps.study.figures import write_figures
 
 ROOT = pathlib.Path(__file__).parents[1]
 
@@ -154,7 +155,7 @@ def test_rows_say_what_the_plans_do(plans, folder):
 
 def test_a_point_that_fails_is_a_row_and_told_of(tmp_path, monkeypatch, capsys):
     short = study.points(quick=True)[0]
-    monkeypatch.setattr('secure_uav_planner.study.__main__.points', lambda quick: [
+    monkeypatch.setattr('secure_uav_planner.apps.study.__main__.points', lambda quick: [
         replace(short, scenario=replace(short.scenario, reference_snr_db=70.0)),
         replace(short, scheme='unheard of')])
     assert study.main(['--out', str(tmp_path), '--jobs', '1']) == 1
@@ -170,7 +171,7 @@ def test_another_scenario_scheme_or_code_is_another_row(monkeypatch):
               replace(point, scenario=replace(point.scenario, reference_snr_db=81.0))]
     keys = {point.task['key'], *(other.task['key'] for other in others)}
     assert replace(point, experiment='elsewhere', x=3.0).task['key'] in keys and len(keys) == 3
-    monkeypatch.setattr('secure_uav_planner.study.experiments.code_version',
+    monkeypatch.setattr('secure_uav_planner.apps.study.experiments.code_version',
                         lambda bounded: 'other')
     assert replace(point).task['key'] not in keys
 
@@ -207,7 +208,8 @@ def group(process):
 @pytest.mark.skipif(not pathlib.Path('/proc').is_dir(), reason='needs /proc')
 def test_interrupted_it_keeps_what_is_finished_and_leaves_neither_process_nor_traceback(tmp_path):
     process = subprocess.Popen(
-        [sys.executable, '-m', 'secure_uav_planner.study', '--out', str(tmp_path), '--jobs', '2'],
+        [sys.executable, '-m', 'secure_uav_planner.apps.study', '--out', str(tmp_path),
+         '--jobs', '2'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
         # As in a terminal, wherever the tests run: what a script runs with & ignores it.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),

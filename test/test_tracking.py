@@ -9,8 +9,9 @@ import pytest
 from secure_uav_planner import NoFlyZone, Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, OptionError
 from secure_uav_planner.optimize.rejoin import first_point, rejoined
-from secure_uav_planner.playback import Playback, Player
-from secure_uav_planner.tracking import (
+from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.plan.player import Player
+from secure_uav_planner.plan.tracking import (
     departing, deviation, expected, GAIN, predicted, Sighting, Track)
 
 LEAD, TOLERANCE = 2.0, 1.0

@@ -6,27 +6,17 @@ import time
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
+import oracle
 import pytest
-from secure_uav_planner import channel, Eavesdropper, Scenario, solve, Uav
-from secure_uav_planner.channel import disc_search, kernel_search, rates
-from secure_uav_planner.channel.inverse_sinr import Pairs, Sectors
-from secure_uav_planner.kernel import compiled
+from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
+from secure_uav_planner.model import channel
+from secure_uav_planner.model.channel import rates, worst_case
+from secure_uav_planner.model.kernel import core
 from strategies import random_powers, scenarios
 
 SEEDS = st.integers(0, 2**32 - 1)
 # Mean worst-case rate of the joint plans for the paper's scenario: duration and rate.
 PAPER = [(102, 1.458634), (120, 2.049430), (200, 3.055482)]
-
-
-@pytest.fixture(scope='module', autouse=True, params=['compiled', 'NumPy'])
-def form(request):
-    """Let every test run with the compiled kernel, if it is there, and without."""
-    with pytest.MonkeyPatch.context() as patch:
-        if request.param == 'NumPy':
-            patch.setattr(kernel_search, 'compiled', lambda: None)
-        elif compiled() is None:
-            pytest.skip('the package was installed without its compiled kernel')
-        yield request.param
 
 
 def random_plan(scenario, rng):
@@ -40,25 +30,6 @@ def random_plan(scenario, rng):
     above = rng.random((uavs, slots + 2)) < 0.2
     positions[above] = rng.choice(scenario.eavesdropper_positions, np.count_nonzero(above))
     return positions, random_powers(scenario, rng)
-
-
-def sampled_leaks(scenario, positions, powers, rng, count=300):
-    """Return the largest leak at random places in the discs, on edges and by the worst, (N,)."""
-    worst = channel.worst_case_places(scenario, positions, powers)
-    largest = np.full(scenario.slots, -np.inf)
-    for centre, radius, advantage in zip(
-            scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages):
-        angles = rng.uniform(0, 2 * np.pi, count)
-        rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        inside = centre + radius * np.sqrt(rng.random((count, 1))) * rays
-        near = worst[:, None] + radius * 10**rng.uniform(-8, 0, (count, 1)) * rays - centre
-        distance = np.linalg.norm(near, axis=-1, keepdims=True)
-        near = centre + near * np.minimum(1.0, radius / np.maximum(distance, 1e-300))
-        for places in (inside, centre + radius * rays, near):
-            leaks = rates.leakage_rates(scenario, positions[:, 1:-1], powers, np.broadcast_to(
-                places, (scenario.slots, count, 2)), advantage)
-            largest = np.maximum(largest, leaks.max(axis=1))
-    return largest
 
 
 def proven_leaks(scenario, positions, powers):
@@ -82,7 +53,8 @@ def check(scenario, positions, powers, rng, margin=1e-11):
     proven = proven_leaks(scenario, positions, powers)
     places = channel.worst_case_places(scenario, positions, powers)
     there = leaks_at(scenario, positions, powers, places)
-    assert (sampled_leaks(scenario, positions, powers, rng) <= proven + margin).all()
+    sampled = oracle.sampled_leaks(scenario, positions, powers, places, rng)
+    assert (sampled <= proven + margin).all()
     assert (there <= proven + margin).all() and (there >= proven - 1e-6).all()
     assert (channel.guaranteed_rates(scenario, positions, powers)
             <= channel.worst_case_rates(scenario, positions, powers)).all()
@@ -156,7 +128,7 @@ def test_it_holds_for_all_that_a_scenario_allows_without_a_warning(seed):
 @pytest.mark.parametrize('apart', [0.0, 1e-6, 1.0])
 def test_uavs_at_one_place_take_few_sectors(altitudes, radius, apart, monkeypatch):
     # Where the leak is flat, or largest all along a circle, little can be dropped.
-    monkeypatch.setattr(disc_search, 'MOST_SECTORS', 5000)
+    monkeypatch.setattr(worst_case, 'MOST_SECTORS', 5000)
     rng = np.random.default_rng(0)
     scenario = Scenario(
         (0.0, 0.0), (Eavesdropper((0.0, 0.0), radius),),
@@ -167,45 +139,51 @@ def test_uavs_at_one_place_take_few_sectors(altitudes, radius, apart, monkeypatc
     check(scenario, positions, rng.uniform(0.1, 2, (len(altitudes), 12)), rng)
 
 
+def bounded(pairs, **sectors):
+    """Return a lower bound of v in one sector of every pair, and v at a place of it, (P,)."""
+    bound, value = np.empty((2, len(pairs['noise'])))
+    core.bound_sectors(pairs, sectors, bound, value)
+    return bound, value
+
+
 @given(SEEDS, st.integers(1, 4), st.floats(-4, 4), st.sampled_from([0.0, 1e-3, 100.0]))
 def test_no_place_of_a_sector_is_below_its_bound(seed, uavs, decades, apart):
     rng = np.random.default_rng(seed)
     count = 50
     radius = np.full(count, 10**decades)
     x, y = rng.normal(0, apart, (2, uavs, count)) + radius * rng.normal(0, 1, (2, 1, count))
-    altitudes = rng.choice([0.5, 1.0, 1.2], (uavs, 1))
-    pairs = Pairs(x, y, altitudes**2, 10**rng.uniform(-9, 3, count),
-                  10**rng.uniform(-3, 3, (uavs - 1, count)), radius)
+    pairs = {'x': x, 'y': y, 'squared_altitudes': rng.choice([0.5, 1.0, 1.2], (uavs, 1))**2,
+             'noise': 10**rng.uniform(-9, 3, count), 'radius': radius,
+             'jamming': 10**rng.uniform(-3, 3, (uavs - 1, count))}
     inner = radius * rng.random(count)
     outer = inner + (radius - inner) * 10**rng.uniform(-6, 0, count)
     half = 0.5 * np.pi * 10**rng.uniform(-6, 0, count)
     middle = rng.uniform(-np.pi, np.pi, count)
-    discs = Sectors.of(np.arange(count), outer)
-    for sectors in (discs, Sectors(np.arange(count), inner, outer, middle, half)):
-        bound, value, _, _ = pairs.least_in(sectors)
+    zero, whole = np.zeros(count), np.full(count, np.pi)
+    for begin, centre, angles in ((zero, zero, whole), (inner, middle, half)):
+        bound, value = bounded(pairs, inner=begin, outer=outer, middle=centre, half=angles)
         assert (bound <= value).all()
         for _ in range(100):
-            distance = sectors.inner + (sectors.outer - sectors.inner) * rng.choice(
-                [0.0, 1.0, rng.random()], count)
-            angle = sectors.middle + sectors.half * np.clip(rng.uniform(-1.5, 1.5, count), -1, 1)
-            found = pairs.at(distance * np.cos(angle), distance * np.sin(angle))
+            distance = begin + (outer - begin) * rng.choice([0.0, 1.0, rng.random()], count)
+            angle = centre + angles * np.clip(rng.uniform(-1.5, 1.5, count), -1, 1)
+            found = oracle.inverse_sinr(
+                pairs, distance * np.cos(angle), distance * np.sin(angle))
             assert (found >= bound * (1 - 1e-13)).all()
 
 
 def test_bounds_approach_the_least_value_with_the_square_of_the_size():
-    pairs = Pairs(np.array([[0.3], [-1.0]]), np.array([[0.2], [0.4]]), np.array([[1.0], [1.2]]),
-                  np.array([0.1]), np.array([[2.0]]), np.array([10.0]))
-    _, x, y = disc_search.likely_places(pairs)
-    least = pairs.at(x, y)
+    pairs = {'x': np.array([[0.3], [-1.0]]), 'y': np.array([[0.2], [0.4]]),
+             'squared_altitudes': np.array([[1.0], [1.2]]), 'noise': np.array([0.1]),
+             'jamming': np.array([[2.0]]), 'radius': np.array([10.0])}
+    found = np.empty((3, 1))
+    core.likely_places(pairs, found)
+    least, x, y = found
+    assert least == pytest.approx(oracle.inverse_sinr(pairs, x, y), rel=1e-12)
     for size in (0.1, 0.01, 1e-3):
-        around = Sectors(np.array([0]), np.hypot(x, y) - size, np.hypot(x, y) + size,
-                         np.arctan2(y, x), size / np.hypot(x, y))
-        bound, _, _, _ = pairs.least_in(around)
+        distance = np.hypot(x, y)
+        bound, _ = bounded(pairs, inner=distance - size, outer=distance + size,
+                           middle=np.arctan2(y, x), half=size / distance)
         assert 0 <= least - bound <= 20 * size**3
-
-
-def start_badly(pairs):
-    return disc_search._found(pairs, -0.5 * pairs.radius, 0.3 * pairs.radius)
 
 
 def difficult_plan():
@@ -218,44 +196,15 @@ def difficult_plan():
     return scenario, rng.uniform(-300, 300, (3, 62, 2)), rng.uniform(0, 2, (3, 60)), rng
 
 
-@pytest.fixture
-def search_badly(monkeypatch):
-    """Let the NumPy form search for nothing better than where it starts."""
-    monkeypatch.setattr(kernel_search, 'compiled', lambda: None)
-    for name in ('nearest_places', 'likely_places'):
-        monkeypatch.setattr(disc_search, name, start_badly)
-    monkeypatch.setattr(disc_search, 'descend', lambda pairs, start: start)
-
-
-def test_the_proof_does_not_need_a_good_search(search_badly):
-    check(*difficult_plan())
-
-
-@pytest.mark.parametrize('weaken', [
-    lambda bound, value: value,  # as if the place of a sector were its worst
-    lambda bound, value: 0.5 * (bound + value),
-    lambda bound, value: bound * 1.1], ids=['value', 'mean', 'percent'])
-def test_a_bound_that_is_none_is_noticed(weaken, search_badly, monkeypatch):
-    least_in = Pairs.least_in
-
-    def wrong(self, sectors):
-        bound, value, x, y = least_in(self, sectors)
-        return weaken(bound, value), value, x, y
-
-    monkeypatch.setattr(Pairs, 'least_in', wrong)
-    with pytest.raises(AssertionError):
-        check(*difficult_plan())
-
-
 @pytest.mark.parametrize('most', [1, 50])
 def test_it_is_sure_also_where_it_ends_early(most, monkeypatch):
     scenario, positions, powers, rng = difficult_plan()
     whole = proven_leaks(scenario, positions, powers)
-    for name in ('nearest_places', 'likely_places'):
-        monkeypatch.setattr(disc_search, name, start_badly)
-    monkeypatch.setattr(disc_search, 'MOST_SECTORS', most)
+    worst = channel.worst_case_places(scenario, positions, powers)
+    monkeypatch.setattr(worst_case, 'MOST_SECTORS', most)
     proven = proven_leaks(scenario, positions, powers)
-    assert (sampled_leaks(scenario, positions, powers, rng) <= proven + 1e-11).all()
+    sampled = oracle.sampled_leaks(scenario, positions, powers, worst, rng)
+    assert (sampled <= proven + 1e-11).all()
     assert (proven >= whole - 1e-6).all() and (proven > whole + 1e-3).any()
 
 

@@ -6,26 +6,31 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 import time
+from typing import Any
 
 import numpy as np
 
-from . import arguments, reference
-from .bound import Bound, Progress
-from .certificate import certify
-from .conjugate import Array
-from .guess import Guess
-from .newton import Point
-from .nodes import multipliers
-from .rounding import negative_power
-from .search import Search
-from .stages import MOST_STAGES
-from .team import MOST_JAMMERS, Team
-from .witnesses import Witnesses
-from ..plan import Plan, POWER_TOLERANCE
-from ..scenario import Scenario
+from .proof.certificate import certify
+from .proof.conjugate import Array
+from .proof.rounding import negative_power
+from .proof.stages import MOST_STAGES
+from .proof.subset import EavesdropperSubset
+from .proof.team import MOST_JAMMERS, Team
+from .search import reference
+from .search.breakpoints import breakpoint_multipliers, second_breakpoint
+from .search.initial_multipliers import InitialMultipliers
+from .search.multiplier_search import MultiplierSearch
+from .search.newton import DualPoint
+from ..errors import OptionError, shown
+from ..mission.scenario import Scenario
+from ..plan.bound import Bound, checked_objective, checked_plan, checked_scenario, Progress
+from ..plan.plan import Plan, POWER_TOLERANCE
 
-MOST_WITNESSES = 3
-"""Eavesdroppers that are counted with at most; one where two jammers are followed."""
+MOST_EAVESDROPPERS = {0: 3, 1: 3, 2: 2}
+"""Eavesdroppers that are counted with at most, by the number of jammers that are followed."""
+
+FEW_STAGES = 80
+"""Stages where two jammers meet several eavesdroppers: each takes as long as five others."""
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
 """
@@ -78,8 +83,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 
     It holds for everything that a Plan accepts, with its tolerances. It does not use limits of
     acceleration, zones, a geofence or separation: they only lower what plans can reach.
-    The bound is close for at most one jammer and one or two eavesdroppers, and for two jammers
-    and one eavesdropper; it is only valid for more.
+    The bound is close for at most one jammer, and for two jammers and one eavesdropper; it is
+    looser for two jammers and several eavesdroppers, and only valid for more jammers.
 
     :param scenario: a Scenario.
     :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
@@ -94,12 +99,12 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         another scenario.
     """
     started = time.monotonic()
-    arguments.checked_scenario(scenario)
-    arguments.checked_objective(objective)
-    limit = arguments.checked_time_limit(time_limit)
-    arguments.checked_callback(on_progress)
+    checked_scenario(scenario)
+    checked_objective(objective)
+    limit = _checked_time_limit(time_limit)
+    _checked_callback(on_progress)
     if plan is not None:
-        arguments.checked_plan(plan, scenario)
+        checked_plan(plan, scenario)
     run = _Run(scenario, started, limit, on_progress)
     run.offer(plain_bound(scenario))
     # Where nothing but infinity is true, or where the plain bound is nothing, no search helps.
@@ -143,6 +148,30 @@ def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     return tuple(name for name, given in has.items() if given)
 
 
+def _checked_time_limit(time_limit: Any) -> float | None:
+    """
+    Return the time limit in s as a float, or None without one.
+
+    :raises OptionError: unless it is above 0 s.
+    """
+    if time_limit is None:
+        return None
+    try:
+        number = float(time_limit)
+    except (TypeError, ValueError):
+        number = math.nan
+    if isinstance(time_limit, bool) or not number > 0:
+        raise OptionError(f'time_limit is {shown(time_limit)}; it must be above 0 s, or None')
+    return number if number < math.inf else None
+
+
+def _checked_callback(on_progress: Any) -> Any:
+    """Return the callback; raise OptionError unless it is None or can be called."""
+    if on_progress is not None and not callable(on_progress):
+        raise OptionError(f'on_progress is {shown(on_progress)}; it must be callable, or None')
+    return on_progress
+
+
 class _Run:
     """The clock, the callback and the best bound of one call."""
 
@@ -182,10 +211,10 @@ class _Run:
             return self.stop()
         return stop
 
-    def prove(self, search: Search) -> None:
+    def prove(self, search: MultiplierSearch) -> None:
         """Offer what a search's multipliers prove, in the time that is left."""
         before = time.monotonic()
-        self.offer(certify(search.team, multipliers(search), self.stop).rate)
+        self.offer(certify(search.team, breakpoint_multipliers(search), self.stop).rate)
         self._proving = time.monotonic() - before
 
     def offer(self, rate: float) -> None:
@@ -218,37 +247,34 @@ class _Run:
 def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
     scenario = run.scenario
-    if len(scenario.uavs) == 1 + MOST_JAMMERS and len(scenario.eavesdroppers) > 1:
-        # Where two jammers are followed, only one eavesdropper can be. With more jammers it
-        # matters little which one.
-        scenario, plan = reference.hardest(scenario, run.time_left, objective), None
     positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
         return
-    everyone = Witnesses.of(scenario, objective)
+    everyone = EavesdropperSubset.of(scenario, objective)
     # A few hundred slots tell who counts.
     some = np.unique(np.linspace(1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
     some_positions = positions[:, [0, *some, scenario.slots + 1]]
     leaks = everyone.leaks(scenario, some_positions, powers[:, some - 1])
     order = reference.by_use(scenario, everyone, some_positions, powers[:, some - 1])
-    most = 1 if len(order) >= MOST_JAMMERS else MOST_WITNESSES
-    chosen = everyone.best(leaks, most)
+    chosen = everyone.best(leaks, MOST_EAVESDROPPERS[min(len(order), MOST_JAMMERS)])
     uavs = [0, *order[:MOST_JAMMERS]]
     path, watts = positions[uavs], powers[uavs]
-    slots = min(scenario.slots, MOST_STAGES)
+    several = len(order) >= MOST_JAMMERS and len(chosen.places) > 1
+    slots = min(scenario.slots, FEW_STAGES if several else MOST_STAGES)
     coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
     team = Team.of(scenario, chosen, order, slots)
-    guess = Guess.of(coarse, path, watts)
-    search = Search(coarse, guess, None, run.keeping(0.7))
+    initial = InitialMultipliers.of(coarse, path, watts)
+    search = MultiplierSearch(coarse, initial, None, run.keeping(0.7))
     _follow(search, COARSE)
     if run.limited:
         run.prove(search)
-    point = _finer(search.point, coarse, guess.weight, team, path, watts)
-    search = Search(team, Guess.of(team, path, watts), point, run.keeping(0.0, SLOTS_A_STAGE))
+    point = _finer(search.point, coarse, initial.weight, team, path, watts)
+    search = MultiplierSearch(team, InitialMultipliers.of(team, path, watts), point,
+                              run.keeping(0.0, SLOTS_A_STAGE))
     if search.stop():
         return
     _follow(search, FINE)
-    if team.jammers == 2 or (team.stages.count > 1).any():
+    if team.jammers > 1 or (team.stages.count > 1).any():
         _follow(search, LINEAR)
         run.prove(search)
         return
@@ -258,7 +284,7 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     _closer(run, search, reference.rate(chosen, scenario, positions, powers))
 
 
-def _closer(run: _Run, search: Search, rate: float) -> None:
+def _closer(run: _Run, search: MultiplierSearch, rate: float) -> None:
     """
     Repeat the last steps of a search while that pays.
 
@@ -270,7 +296,7 @@ def _closer(run: _Run, search: Search, rate: float) -> None:
         if gap <= ENOUGH[search.team.jammers] * rate or search.stop():
             return
         if number == 0:
-            search.second_node()
+            second_breakpoint(search)
         for step in MORE:
             search.sharpen(SHARPNESS)
             _follow(search, (step,))
@@ -279,7 +305,7 @@ def _closer(run: _Run, search: Search, rate: float) -> None:
             return
 
 
-def _follow(search: Search, schedule: tuple[tuple[float, int], ...]) -> None:
+def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:
     """Take a search through temperatures."""
     for tau, times in schedule:
         for _ in range(times):
@@ -288,15 +314,15 @@ def _follow(search: Search, schedule: tuple[tuple[float, int], ...]) -> None:
             search.minimise(tau, ITERATIONS)
 
 
-def _finer(point: Point, team: Team, weight: Array, finer: Team, positions: Array,
-           powers: Array) -> Point:
+def _finer(point: DualPoint, team: Team, weight: Array, finer: Team, positions: Array,
+           powers: Array) -> DualPoint:
     """Return the multipliers of a team for the same team in shorter stages."""
     old, new = team.stages, finer.stages
     x = point.potentials.reshape(len(old.edges), -1)
     potentials = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
     stage = np.searchsorted(old.last, (new.first + new.last) // 2)
     # What matters is w0 - s, which may be tiny: it is kept.
-    weights = Guess.of(finer, positions, powers).weight
+    weights = InitialMultipliers.of(finer, positions, powers).weight
     v = point.shares[:, stage]
     total = v.sum(-1)
     wanted = np.clip(weights - (weight[stage] - total), 0.02, weights * (1 - 1e-7))

@@ -1,5 +1,1 @@
-"""Missions as files: YAML, JSON, and parameter files of the planner node."""
-
-from .files import load, save
-
-__all__ = ['load', 'save']
+"""What is asked: the mission, its participants and their limits, and its files."""

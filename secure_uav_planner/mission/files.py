@@ -1,42 +1,71 @@
-"""From a file to a mission and back."""
+"""Files that exist whole or not at all."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import os
-from typing import Any
-
-from . import parameters
-from .diagnosis import diagnosed
-from .documents import read, refusal, text_of
-from .schema import Schema
-from ..files import atomic_file
-
-_HEAD = """\
-# A mission of secure_uav_planner. Positions are (x, y) in m, x east and y north of the origin;
-# heights in m above the ground node, speeds in m/s, powers in W, times in s.
-"""
+from pathlib import Path
+import stat
+from typing import Any, IO
+import uuid
 
 
-def load(path: str | os.PathLike[str], schema: Schema) -> Any:
+@contextmanager
+def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[IO[Any]]:
     """
-    Return the Scenario in a file: YAML, JSON, or a parameter file of the planner node.
+    Open a file for writing such that a reader sees the old content or the new, never a part.
 
-    :raises OSError: when the file cannot be read, is no regular file or is too large.
-    :raises MissionFileError: with all that is wrong, each with its line where it is known.
+    A symbolic link is followed: what it points to is replaced. The new file has the permissions
+    of the old one, or those that the umask leaves.
+
+    :raises OSError: when the file cannot be written, or is a folder or a device. An old file is
+        left as it was, as it also is when the body of the with statement raises.
     """
-    document = read(path)
-    if parameters.is_parameter_file(document.data):
-        document = parameters.mission(document, schema)
-    scenario, problems = diagnosed(document, schema)
-    if problems:
-        raise refusal(path, problems)
-    return scenario
+    path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        raise OSError(f'{path} is not a regular file and cannot be replaced')
+    part = path.with_name(f'{path.name}.{uuid.uuid4().hex}.part')
+    is_new = not path.exists()
+    mode = 0o666 if is_new else path.stat().st_mode & 0o777
+    try:
+        with open(part, 'xb' if binary else 'x', encoding=None if binary else 'utf-8',
+                  opener=lambda name, flags: os.open(name, flags, mode)) as file:
+            if not is_new:
+                os.fchmod(file.fileno(), mode)  # Without the umask.
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
 
 
-def save(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
+def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:
     """
-    Write the plain values of a mission, as JSON if the name ends with .json, otherwise as YAML.
+    Return the text of a regular file.
 
-    :raises OSError: when the file cannot be written; an old one is left as it was.
+    :raises OSError: when it cannot be read, is not a regular file, or is larger than most_bytes.
+    :raises UnicodeDecodeError: when it is not UTF-8.
     """
-    text = text_of(path, data)
-    with atomic_file(path) as file:
-        file.write(text if text.startswith('{') else _HEAD + text)
+    known = os.stat(path)  # Before opening: opening a pipe would wait for its other end.
+    if not stat.S_ISREG(known.st_mode):
+        raise OSError(f'{path} is not a regular file')
+    if known.st_size > most_bytes:
+        raise OSError(f'{path} has {known.st_size} bytes; at most {most_bytes} are read')
+    with open(path, encoding='utf-8') as file:
+        return file.read(most_bytes)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the new name last through a loss of power, where the file system can."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError:
+        pass
+    finally:
+        os.close(descriptor)

@@ -1,20 +1,16 @@
 """Make numbers that are nearly feasible, or were feasible for another scenario, feasible."""
 
-from collections.abc import Callable
 import math
 
 import numpy as np
 
-from .baselines import fly_hover_fly_positions
-from .detours import fitted
-from ..channel import guaranteed_rates, worst_case_rates
+from .initial import Check, flights_near, fly_hover_fly_positions
 from ..errors import OptionError
-from ..grid import resampled
-from ..limits import is_clear, repaired
-from ..plan import Objective, Plan
-from ..scenario import Array, Point, Scenario
-
-_SHARE = 1e-3  # Of its slack that a flight which is bent aside leaves, where it can.
+from ..mission.scenario import Array, Point, Scenario
+from ..model.channel import guaranteed_rates, worst_case_rates
+from ..model.grid import resampled
+from ..model.limits import is_clear, repaired
+from ..plan.plan import Objective, Plan
 
 
 def without_losing_slots(scenario: Scenario, positions: Array, powers: Array,
@@ -54,14 +50,14 @@ def _landmarks(scenario: Scenario) -> list[Point]:
 
 
 def adapted(scenario: Scenario, plan: Plan,
-            is_over: Callable[[], bool] = lambda: False) -> tuple[Array, Array]:
+            check: Check = lambda: None) -> tuple[Array, Array]:
     """
     Return the positions and powers of a plan for another scenario, bent to be feasible in it.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole way.
     Where zones, fence or separation allow no flights near those, fly-hover-fly takes their place.
 
-    :param is_over: as for fly_hover_fly_positions.
+    :param check: as for fly_hover_fly_positions.
     :raises OptionError: when the number of UAVs differs.
     """
     if len(plan.scenario.uavs) != len(scenario.uavs):
@@ -75,6 +71,6 @@ def adapted(scenario: Scenario, plan: Plan,
     powers = resampled(plan.powers.T, scenario.slots, inner=True).T
     positions, powers = repaired(scenario, positions, powers)
     if not is_clear(scenario, positions):
-        found = fitted(scenario, positions, _SHARE)
-        positions = fly_hover_fly_positions(scenario, is_over) if found is None else found
+        found = flights_near(scenario, positions, check)
+        positions = fly_hover_fly_positions(scenario, check) if found is None else found
     return positions, powers

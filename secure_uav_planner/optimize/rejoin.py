@@ -16,11 +16,11 @@ import numpy as np
 
 from .feasible import without_losing_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
-from ..kinematics import shortened, Vehicle
-from ..plan import Plan
-from ..playback import Playback
-from ..scenario import Array, Eavesdropper, Point, Scenario, Uav
-from ..tracking import deviation, predicted, Sighting
+from ..mission.kinematics import shortened, Vehicle
+from ..mission.scenario import Array, Eavesdropper, Point, Scenario, Uav
+from ..plan.plan import Plan
+from ..plan.playback import Playback
+from ..plan.tracking import deviation, predicted, Sighting
 
 _GROWTH = 1.25  # Of the numbers of slots that are tried for the way to the UAVs.
 

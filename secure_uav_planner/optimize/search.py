@@ -1,18 +1,13 @@
-"""The state of one call of solve: its clock, its callback and the best feasible iterate."""
-
-from collections.abc import Callable
-import time
-from typing import TypeAlias
+"""The state of one call of solve: the best feasible iterate, and what was reported of it."""
 
 import numpy as np
 
 from .feasible import without_losing_slots
-from ..channel import guaranteed_rates
-from ..limits import is_clear, repaired, repaired_powers
-from ..plan import Iteration, Objective, Plan, Status
-from ..scenario import Array, Scenario
-
-OnIteration: TypeAlias = Callable[[Iteration], object]
+from .termination import Termination
+from ..mission.scenario import Array, Scenario
+from ..model.channel import guaranteed_rates
+from ..model.limits import is_clear, repaired, repaired_powers
+from ..plan.plan import Iteration, Objective, Plan, Status
 
 _NEGLIGIBLE_RATE = 1e-7
 """A slot with a lower rate, in bit/s/Hz, is not worth any power."""
@@ -32,27 +27,24 @@ class Search:
     :param scenario: what to plan.
     :param positions: feasible start, (U, N+2, 2) in m.
     :param powers: feasible start, (U, N) in W.
-    :param on_iteration: called with every Iteration; stops the search by returning True.
-    :param time_limit: in s from `started`, or None.
-    :param started: reading of time.monotonic() from which time counts; by default now.
+    :param termination: says when the search must end, and hears of every Iteration; by default
+        it never must.
     :param warm: whether the start is an earlier plan rather than a guess.
     :param objective: which rate is to be raised.
+    :param parent: a search of which this one is a part, and which reports in its place.
     :ivar rate: that of the present iterate, in bit/s/Hz.
     """
 
     def __init__(self, scenario: Scenario, positions: Array, powers: Array,
-                 on_iteration: OnIteration | None = None, time_limit: float | None = None,
-                 started: float | None = None, warm: bool = False,
-                 objective: Objective = 'guaranteed') -> None:
+                 termination: Termination | None = None, warm: bool = False,
+                 objective: Objective = 'guaranteed', parent: 'Search | None' = None) -> None:
         self.scenario = scenario
         self.objective: Objective = objective
         self.warm = warm
         self.solver_time = 0.0
         self.history: list[Iteration] = []
-        self._started = time.monotonic() if started is None else started
-        self._on_iteration = on_iteration
-        self._time_limit = time_limit
-        self._cancelled = False
+        self.termination = Termination() if termination is None else termination
+        self._parent = parent
         self.positions = positions
         self.powers, self._rates = without_losing_slots(
             scenario, positions, powers, objective)
@@ -60,20 +52,13 @@ class Search:
         self.report('start')
 
     @property
-    def elapsed(self) -> float:
-        """Time since the search started, in s."""
-        return time.monotonic() - self._started
-
-    @property
     def time_left(self) -> float:
         """Time until the deadline in s, infinite without one."""
-        return np.inf if self._time_limit is None else self._time_limit - self.elapsed
+        return self.termination.time_left
 
     def stop_reason(self) -> Status | None:
         """Return the status in which the search must end now, or None."""
-        if self._cancelled:
-            return 'cancelled'
-        return 'time_limit' if self.time_left <= 0 else None
+        return self.termination.reason()
 
     def try_improve(self, positions: Array | None = None, powers: Array | None = None) -> float:
         """
@@ -119,23 +104,21 @@ class Search:
         """
         Return a search for another objective, from the present iterate.
 
-        It shares this one's clock and reports to it, so that both stop together.
+        It is a part of this one, which reports its steps.
         """
-        def report(iteration: Iteration) -> bool:
-            self.solver_time = iteration.solver_time
-            if iteration.number:  # 0 is the present iterate.
-                self.report(iteration.step)
-            return self.stop_reason() is not None
-
-        return Search(self.scenario, self.positions, self.powers, report, self._time_limit,
-                      self._started, self.warm, objective)
+        return Search(self.scenario, self.positions, self.powers, self.termination, self.warm,
+                      objective, parent=self)
 
     def report(self, step: str) -> None:
         """Add the present iterate to the history and call the callback."""
-        iteration = Iteration(len(self.history), step, self.rate, self.elapsed, self.solver_time)
+        iteration = Iteration(len(self.history), step, self.rate, self.termination.elapsed,
+                              self.solver_time)
         self.history.append(iteration)
-        if self._on_iteration is not None and self._on_iteration(iteration):
-            self._cancelled = True
+        if self._parent is None:
+            self.termination.tell(iteration)
+        elif iteration.number:  # 0 is the present iterate of the parent.
+            self._parent.solver_time = self.solver_time
+            self._parent.report(step)
 
     def plan(self, method: str, status: Status) -> Plan:
         """Return the best iterate as a Plan, with jammers silent where nothing is transmitted."""
@@ -144,7 +127,8 @@ class Search:
             self.report(last.step)
         powers = np.where(self._rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
         return Plan(self.scenario, self.positions, powers, method, status,
-                    tuple(self.history), self.elapsed, objective=self.objective)
+                    tuple(self.history), self.termination.elapsed,
+                    objective=self.objective)
 
 
 def powers_without_jamming(scenario: Scenario, positions: Array,

@@ -1,17 +1,18 @@
 """From a scenario to a plan: the methods and the baselines."""
 
 from collections.abc import Callable
-import time
 from typing import get_args
 
 from . import joint
-from .baselines import constant_powers, fly_hover_fly_positions
 from .feasible import adapted
-from .search import OnIteration, Search
-from ..choices import Method, METHODS, Objective, OBJECTIVES, Power
+from .initial import constant_powers, fly_hover_fly_positions
+from .search import Search
+from .termination import OnIteration, Termination
 from ..errors import OptionError, shown
-from ..plan import Plan, Status
-from ..scenario import Scenario
+from ..mission.choices import Method, METHODS, Objective, OBJECTIVES, Power
+from ..mission.scenario import Scenario
+from ..model.limits import is_open
+from ..plan.plan import Plan, Status
 
 __all__ = ['METHODS', 'Method', 'Power', 'checked_objective', 'fly_hover_fly', 'solve']
 
@@ -45,6 +46,9 @@ def solve(scenario: Scenario, method: Method = 'joint',
     :param method: one of METHODS: 'joint', positions and powers together from several starts, or
         'alternating', the paper's Section III.
     :param on_iteration: called with an Iteration after every step; returning True stops the run.
+        Where flights go around zones or keep a separation, it is also called between steps, some
+        times a second from the beginning on, with the last Iteration, before the first with one of
+        rate 0.
     :param time_limit: in s; past it the best feasible plan so far is returned.
     :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be
         for another scenario with as many UAVs; it is then bent to be feasible in this one.
@@ -58,18 +62,21 @@ def solve(scenario: Scenario, method: Method = 'joint',
         of UAVs.
     :raises InfeasibleMissionError: when zones, fence or separation leave no flights in the
         duration, naming the UAV, what is in its way, and the shortest duration that was found.
+    :raises StoppedError: when the run is stopped before flights around zones or apart from each
+        other were found.
+    :raises TimeLimitError: when the time limit is over before that.
     """
     if objective is None and initial is not None and initial.method == method:
         objective = initial.objective
     objective = checked_objective(method, objective)
     _check_size(scenario, method)
     _check_time_limit(time_limit)
-    started = time.monotonic()
-    is_over = _deadline(started, time_limit)
-    positions, powers = (fly_hover_fly_positions(scenario, is_over), constant_powers(scenario)
-                         ) if initial is None else adapted(scenario, initial, is_over)
-    search = Search(scenario, positions, powers, on_iteration, time_limit, started,
-                    warm=initial is not None, objective=objective)
+    termination = Termination(on_iteration, time_limit, not is_open(scenario))
+    positions, powers = (
+        fly_hover_fly_positions(scenario, termination.check), constant_powers(scenario)
+        ) if initial is None else adapted(scenario, initial, termination.check)
+    search = Search(scenario, positions, powers, termination, warm=initial is not None,
+                    objective=objective)
     return search.plan(method, _improve_by(method)(search))
 
 
@@ -88,19 +95,19 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     :param time_limit: as for solve.
     :return: a Plan.
     :raises OptionError: for another power, or a time limit that is not positive.
-    :raises InfeasibleMissionError: as for solve.
+    :raises InfeasibleMissionError: as for solve, as StoppedError and TimeLimitError are.
     """
     if power not in get_args(Power):
         raise OptionError(f"power is {shown(power)}; it must be 'constant' or 'optimised'")
     _check_time_limit(time_limit)
     method = f'fly_hover_fly_{power}'
-    started = time.monotonic()
-    positions = fly_hover_fly_positions(scenario, _deadline(started, time_limit))
+    termination = Termination(on_iteration, time_limit, not is_open(scenario))
+    positions = fly_hover_fly_positions(scenario, termination.check)
     powers = constant_powers(scenario)
     if power == 'constant':
         return Plan(scenario, positions, powers, method, 'converged')
     from .alternating import optimise_powers  # CVXPY, as above
-    search = Search(scenario, positions, powers, on_iteration, time_limit, started)
+    search = Search(scenario, positions, powers, termination)
     return search.plan(method, optimise_powers(search))
 
 
@@ -133,11 +140,6 @@ def _check_size(scenario: Scenario, method: Method) -> None:
         raise OptionError(
             f"method is 'alternating'; it takes at most {MAX_GAINS} slots * uavs * eavesdroppers, "
             f"and this scenario has {gains}: use 'joint'")
-
-
-def _deadline(started: float, time_limit: float | None) -> Callable[[], bool]:
-    """Return a function that says whether the time limit in s is over."""
-    return lambda: time_limit is not None and time.monotonic() - started > time_limit
 
 
 def _check_time_limit(time_limit: float | None) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from ..curve import Curve, flown
 from ..errors import PlanError, shown
-from ..plan import Plan
-from ..scenario import Array, Eavesdropper, LIMITS, Point, Scenario, Uav
+from ..mission.scenario import Array, Eavesdropper, LIMITS, Point, Scenario, Uav
+from ..model.curve import Curve, flown
+from ..plan.plan import Plan
 
 _SETTLING_NS = 100_000_000
 _PATIENCE_NS = 2_000_000_000
@@ -70,6 +70,18 @@ class Assembly:
     def is_whole(self) -> bool:
         """Return whether there is a message of every topic, of which at least one is new."""
         return self._received is not None and self._is_complete()
+
+    def is_arriving(self) -> bool:
+        """Return whether some messages of a plan have come and others are still waited for."""
+        return self._received is not None and not self._is_complete()
+
+    @property
+    def problem(self) -> str:
+        """Why the messages that have come do not make a newer plan yet, or an empty string."""
+        new = self._new
+        if not (new.paths or new.powers):
+            return ''
+        return f'nothing new has come on {", ".join(self._missing(new))}'
 
     def plan(self, ground_node: Point, reference_snr_db: float, eavesdropper: Point | None
              ) -> tuple[Plan, str]:

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 from .latest import Latest
 from .text import with_type
-from ..bound import Bound, Progress, upper_bound
-from ..plan import Plan
+from ..bound import upper_bound
+from ..plan.bound import Bound, Progress
+from ..plan.plan import Plan
 
 
 class Bounding:

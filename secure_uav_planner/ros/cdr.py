@@ -1,7 +1,8 @@
 """
 The large messages of a plan, serialised in CDR by NumPy.
 
-As Python objects, the points of 60,000 slots take five seconds to create and to serialise. CDR is
+As Python objects, those of two UAVs and 20,000 slots take 3.5 s instead of 0.07 s, and those of
+200 slots 45 ms instead of 2 ms: longer than there may be between a deadline and the answer. CDR is
 the format that every ROS 2 middleware sends, and rclpy can publish and deserialise it.
 """
 
@@ -10,9 +11,9 @@ import struct
 
 import numpy as np
 
-from ..curve import Curve, Motion
-from ..plan import Plan
-from ..scenario import Array
+from ..mission.scenario import Array
+from ..model.curve import Curve, Motion
+from ..plan.plan import Plan
 
 _LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 _STAMP = [('sec', '<i4', ()), ('nanosec', '<u4', ())]

@@ -13,7 +13,7 @@ import sys
 
 from .latest import Latest
 from .text import brief
-from ..plan import Plan
+from ..plan.plan import Plan
 
 
 class Drawing:
@@ -64,7 +64,7 @@ def main() -> None:
     os.nice(10)  # Setpoints are more important.
     plan = pickle.load(sys.stdin.buffer)
     try:
-        from ..view.picture import save_picture  # Here, because Matplotlib is optional.
+        from ..output.picture import save_picture  # Here, because Matplotlib is optional.
         save_picture(plan, sys.argv[1])
     except (ImportError, OSError, ValueError) as error:
         sys.exit(brief(error))

@@ -1,10 +1,11 @@
 """Poses of other frames, moved into the planner's own frame by tf2 where that is installed."""
 
+from contextlib import suppress
 from copy import deepcopy
 from importlib import import_module
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, Quaternion, Transform
+from geometry_msgs.msg import PoseStamped, Transform
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.node import Node
@@ -13,7 +14,8 @@ from rclpy.time import Time
 from .poses import Message, refusal
 from .text import brief, with_type
 from ..errors import PoseError, WrongFrameError
-from ..scenario import Array
+from ..mission.scenario import Array
+from ..output.autopilots import rotation
 
 _LONGEST_LAG = 1.0  # s, by which the last transform may be older than a pose.
 
@@ -97,50 +99,32 @@ def moved(message: Message, transform: Transform, frame_id: str) -> Message:
     :param frame_id: the other frame.
     :raises PoseError: if the rotation is not a quaternion of length 1.
     """
-    turn = rotation(transform.rotation)
+    turn = rotation(_vector(transform.rotation, 'xyzw'), 'the rotation of the transform')
     new = deepcopy(message)
     new.header.frame_id = frame_id
     pose = new.pose if isinstance(new, PoseStamped) else new.pose.pose
-    shift = [transform.translation.x, transform.translation.y, transform.translation.z]
     # What overflows or is not a number is refused by those who check poses.
     with np.errstate(all='ignore'):
-        _set(pose.position, turn @ _vector(pose.position) + shift)
-        pose.orientation = product(transform.rotation, pose.orientation)
+        _set(pose.position, turn.apply(_vector(pose.position)) + _vector(transform.translation))
         if not isinstance(new, PoseStamped):
-            both = np.kron(np.eye(2), turn)
+            both = np.kron(np.eye(2), turn.as_matrix())
             new.pose.covariance = (
                 both @ np.reshape(new.pose.covariance, (6, 6)) @ both.T).ravel()
         # A velocity is in the frame of the child, which moves along with the pose, but for this.
         if isinstance(new, Odometry) and message.child_frame_id == message.header.frame_id:
             new.child_frame_id = frame_id
-            _set(new.twist.twist.linear, turn @ _vector(new.twist.twist.linear))
-            _set(new.twist.twist.angular, turn @ _vector(new.twist.twist.angular))
+            for vector in (new.twist.twist.linear, new.twist.twist.angular):
+                _set(vector, turn.apply(_vector(vector)))
+    with suppress(PoseError):  # An orientation that is none is refused by those who need it.
+        facing = turn * rotation(_vector(pose.orientation, 'xyzw'))
+        _set(pose.orientation, facing.as_quat(), 'xyzw')
     return new
 
 
-def rotation(quaternion: Quaternion) -> Array:
-    """Return the rotation matrix of a quaternion of length 1, (3, 3)."""
-    x, y, z, w = (quaternion.x, quaternion.y, quaternion.z, quaternion.w)
-    length = np.sqrt(x * x + y * y + z * z + w * w)
-    if not abs(length - 1.0) < 1e-3:
-        raise PoseError(f'the rotation of the transform has length {length:g}; it must be 1')
-    x, y, z, w = (part / length for part in (x, y, z, w))
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+def _vector(of: Any, axes: str = 'xyz') -> Array:
+    return np.array([getattr(of, axis) for axis in axes])
 
 
-def product(first: Quaternion, second: Quaternion) -> Quaternion:
-    """Return the quaternion that turns as the second one and then as the first one."""
-    a, b = _vector(first), _vector(second)
-    x, y, z = first.w * b + second.w * a + np.cross(a, b)
-    return Quaternion(x=float(x), y=float(y), z=float(z), w=float(first.w * second.w - a @ b))
-
-
-def _vector(of: Any) -> Array:
-    return np.array([of.x, of.y, of.z])
-
-
-def _set(target: Any, values: Array) -> None:
-    target.x, target.y, target.z = (float(value) for value in values)
+def _set(target: Any, values: Array, axes: str = 'xyz') -> None:
+    for axis, value in zip(axes, values.tolist(), strict=True):
+        setattr(target, axis, value)

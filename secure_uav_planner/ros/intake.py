@@ -10,10 +10,11 @@ from rclpy.node import Node
 from .node_parameters import Parameters
 from .poses import PoseBook
 from .qos import OVERRIDABLE, SENSOR
-from .scenarios import GROUND_NODE_TOPIC, odometry_topic, pose_topic
+from .scenarios import GROUND_NODE_TOPIC, odometry_topic, pose_topic, uav_topics
 from .text import brief
 from ..errors import PoseError
 
+_NO_SHIFT = (0.0, 0.0, 0.0)
 _MOST_WARNINGS = 5  # For each topic, until a valid pose arrives on it.
 
 
@@ -31,6 +32,8 @@ class Intake:
                  on_first: Callable[[], None]) -> None:
         self._node, self._settings, self._poses = node, settings, poses
         self._on_first = on_first
+        self._origins = {topic: f'{name}.origin'
+                         for name in settings['uavs'] for topic in uav_topics(name)}
         self._warned: set[tuple[str, str]] = set()
         group = MutuallyExclusiveCallbackGroup()
         for topic, kind in _kinds(settings['uavs'], settings['eavesdroppers']).items():
@@ -42,8 +45,9 @@ class Intake:
               ) -> None:
         first = self._poses.get(topic) is None
         now = self._node.get_clock().now().nanoseconds * 1e-9
+        origin = self._settings[self._origins[topic]] if topic in self._origins else _NO_SHIFT
         try:
-            self._poses.take(topic, message, self._settings['frame_id'], now)
+            self._poses.take(topic, message, self._settings['frame_id'], now, origin)
         except PoseError as error:
             reason = brief(error)
             if (topic, reason) not in self._warned and (

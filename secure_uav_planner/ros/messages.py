@@ -20,19 +20,20 @@ from nav_msgs.msg import Odometry, Path
 import numpy as np
 from rclpy.serialization import deserialize_message
 from rclpy.time import Time
+from sensor_msgs.msg import TimeReference
 from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from . import cdr
-from ..autopilots import Setpoint, yaw_of
 from ..errors import OptionError
-from ..members import NoFlyZone
-from ..plan import Plan
-from ..polygons import convex_parts, Vertices
-from ..scenario import Scenario
-from ..view.airspace import middle_of
-from ..view.colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, NO_FLY_ZONE, uav_color
+from ..mission.participants import NoFlyZone
+from ..mission.polygons import convex_parts, grown, Vertices
+from ..mission.scenario import Scenario
+from ..output.airspace_shapes import middle_of
+from ..output.autopilots import rotation, Setpoint
+from ..output.colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, uav_color
+from ..plan.plan import Plan
 
 
 _OF_MESSAGES = re.compile(r'sequence<(\w+)/(\w+)>')
@@ -41,7 +42,21 @@ _MOST_POINTS = 1000  # Largest number of points of a path marker.
 
 def stamp_at(plan: Plan, seconds: float = 0.0) -> Stamp:
     """Return the builtin_interfaces/Time some seconds after point 0 of a plan."""
-    return Time(nanoseconds=plan.start_ns + round(seconds * 1e9)).to_msg()
+    # A plan of a file may have no time.
+    return Time(nanoseconds=max(0, (plan.start_ns or 0) + round(seconds * 1e9))).to_msg()
+
+
+def plan_time(plan: Plan, seconds: float, stamp: Stamp) -> TimeReference:
+    """
+    Return what a follower of a plan says of its time.
+
+    :param seconds: to which time of the plan the flight has come, in s from point 0.
+    :param stamp: when it has, by the clock.
+    """
+    message = TimeReference(source=plan.identity)
+    message.header.stamp = stamp
+    message.time_ref = stamp_at(plan, seconds)
+    return message
 
 
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:
@@ -122,6 +137,7 @@ def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
     A rate of yaw of zero counts as not given.
 
     :raises OptionError: if the message has not one point with a transform, or for a wrong value.
+    :raises PoseError: if the rotation is not a quaternion of length 1.
     """
     if len(message.points) != 1 or not message.points[0].transforms:
         raise OptionError(f'it has {len(message.points)} points; it must have one, with a '
@@ -132,9 +148,10 @@ def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
         [(of.linear.x, of.linear.y, of.linear.z) for of in kind[:1]]
         for kind in (at.velocities, at.accelerations))
     stamp = message.header.stamp
+    east, north, _ = rotation((turn.x, turn.y, turn.z, turn.w), 'rotation').apply((1.0, 0.0, 0.0))
     return Setpoint(
         message.header.frame_id, stamp.sec * 10**9 + stamp.nanosec, (place.x, place.y, place.z),
-        yaw_of(turn.x, turn.y, turn.z, turn.w), velocity[0] if velocity else None,
+        math.atan2(north, east), velocity[0] if velocity else None,
         acceleration[0] if acceleration else None,
         (at.velocities[0].angular.z or None) if at.velocities else None)
 
@@ -174,7 +191,7 @@ def status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
 
 def markers(plan: Plan, frame_id: str) -> MarkerArray:
     """
-    Return a MarkerArray with paths, ground node, eavesdroppers' discs, no-fly zones and geofence.
+    Return a MarkerArray with paths, ground node, eavesdroppers' discs, zones, fence and margin.
 
     Of paths with very many points only some are shown, because markers are for display only.
     """
@@ -219,9 +236,11 @@ def slot_markers(frame_id: str, stamp: Stamp, places: Iterable[Sequence[float]],
 
 
 def _airspace(scenario: Scenario) -> list[Marker]:
-    """Return a prism, its edges and its name for every zone, and the edges of the geofence."""
+    """Return prism, edges and name of every zone, and edges of the geofence and the margin."""
     high = 1.2 * max(uav.altitude for uav in scenario.uavs)
-    found = []
+    margin = scenario.tracking_margin
+    rim = _marker('tracking_margin', 0, Marker.LINE_LIST, MARGIN, (1.0, 0.0, 0.0))
+    found = [rim] if margin else []
     for index, (zone, name) in enumerate(
             zip(scenario.no_fly_zones, scenario.zone_names, strict=True)):
         floor = zone.floor
@@ -231,11 +250,14 @@ def _airspace(scenario: Scenario) -> list[Marker]:
         prism.points = _faces(zone, floor, top)
         edges = _marker('no_fly_zone_edges', index, Marker.LINE_LIST, NO_FLY_ZONE, (1.5, 0.0, 0.0))
         edges.points = _edges(zone.vertices, floor, top)
+        rim.points += _edges(grown(zone.vertices, margin)[0], max(0.0, floor - margin),
+                             top + margin)
         found += [prism, edges,
                   _label(300 + index, name, (*middle_of(zone), top), NO_FLY_ZONE)]
     if scenario.geofence is not None:
         fence = _marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0))
         fence.points = _edges(scenario.geofence, 0.0, high)
+        rim.points += _edges(scenario.keep_in, 0.0, high)
         found.append(fence)
     return found
 

@@ -5,19 +5,23 @@ import difflib
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from .mission_parameters import of_mission
 from .spec import Spec
 from .text import brief
-from ..errors import ParameterError, PlanningError
-from ..mission.parameters import OF_ROS
+from ..errors import PlanningError
+
+# What the parameters that every node of ROS has begin with.
+_OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 
 
 class Parameters:
     """
     The declared parameters of a node; a change is validated as a whole, then applied as a whole.
+
+    What is not set is as in the mission of the parameter `mission_file`, or else by default.
 
     :param node: a Node.
     :param specs: a Spec for each parameter name.
@@ -32,20 +36,25 @@ class Parameters:
         self._check = check
         self._values: dict[str, Any] = {}
         self._node = node
+        self._of_mission: dict[str, Any] = {}
         self.declare(specs)
         check(self._values)
         node.add_on_set_parameters_callback(self._on_set)
 
     def declare(self, specs: Mapping[str, Spec]) -> None:
         """Declare further parameters."""
-        values = {}
+        given, values = _given(self._node), {}
         for name, spec in specs.items():
-            try:
-                self._node.declare_parameter(name, spec.default, spec.descriptor())
-            except ParameterException as error:
-                raise ParameterError(f'parameter {brief(name, 100)}: {brief(error.args[0])}; it '
-                                     f'must be {spec.allowed}') from None
-            values[name] = spec.checked(f'parameter {name}', self._node.get_parameter(name).value)
+            value = self._of_mission.get(name, spec.default)
+            if name in given:
+                value = given[name].value
+                if value is None and isinstance(spec.default, list):
+                    value = []  # Which rcl does not tell from no value.
+            values[name] = spec.checked(name, value, 'parameter ')
+            self._node.declare_parameter(
+                name, values[name], spec.descriptor(), ignore_override=True)
+            if name == 'mission_file' and value:  # It is the first one.
+                self._of_mission = of_mission(value)
         self._specs.update(specs)
         self._values = {**self._values, **values}
 
@@ -64,7 +73,7 @@ class Parameters:
     def warn_of_unknown(self) -> None:
         """Log every given parameter that does not exist, with the nearest name that does."""
         for name in sorted(_given(self._node)):
-            if self._node.has_parameter(name) or name.startswith(OF_ROS):
+            if self._node.has_parameter(name) or name.startswith(_OF_ROS):
                 continue
             near = difflib.get_close_matches(name[:200], self._specs, 1)
             hint = f'; did you mean {near[0]}?' if near else ''
@@ -72,12 +81,14 @@ class Parameters:
                 f'there is no parameter {brief(name, 100)}, it is ignored{hint}')
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        ours = [parameter for parameter in parameters if parameter.name in self._specs]
+        if not ours:  # rclpy declares many for each topic and calls this for every one.
+            return SetParametersResult(successful=True)
         values = dict(self._values)
         try:
-            for parameter in parameters:
-                if parameter.name in self._specs:
-                    values[parameter.name] = self._specs[parameter.name].checked(
-                        parameter.name, parameter.value)
+            for parameter in ours:
+                values[parameter.name] = self._specs[parameter.name].checked(
+                    parameter.name, parameter.value)
             self._check(values)
         except PlanningError as error:
             return SetParametersResult(successful=False, reason=brief(error))
@@ -85,7 +96,6 @@ class Parameters:
         return SetParametersResult(successful=True)
 
 
-def _given(node: Node) -> list[str]:
-    """Return the names of all parameters from the command line and parameter files of a node."""
-    # rclpy has no public access to them. Without it, misspelt names would go unnoticed.
-    return list(getattr(node, '_parameter_overrides', {}))
+def _given(node: Node) -> dict[str, Parameter]:
+    """Return all parameters from the command line and parameter files of a node by name."""
+    return node._parameter_overrides  # rclpy has no public access to them.

@@ -4,26 +4,32 @@ from collections.abc import Mapping
 from typing import Any
 
 from .spec import Spec
-from ..autopilots import STACKS
+from ..mission.polygons import MAX_VERTICES
+from ..mission.scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario, Uav
 from ..optimize import METHODS
 from ..optimize.solve import checked_objective
-from ..plan import Objective, OBJECTIVES
-from ..polygons import MAX_VERTICES
-from ..scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario, Uav
+from ..output.autopilots import STACKS
+from ..plan.plan import Objective, OBJECTIVES
 
 _PAPER = Scenario.paper()
 _OWN = 'default'  # The method's own objective.
 
+_MISSION_FILE = Spec(
+    '', 'Mission file (YAML or JSON) that gives the names of UAVs, eavesdroppers and zones, and '
+    'what is not set of the mission; empty for none.', read_only=True)
 _NAMES = (1, MAX_MEMBERS)
 _UAVS = Spec([uav.name for uav in _PAPER.uavs],
              'Names of the UAVs; the first one transmits, the others jam.',
              length=_NAMES, read_only=True)
 
 PLANNER = {
+    'mission_file': _MISSION_FILE,
     'uavs': _UAVS,
     'eavesdroppers': Spec(['eavesdropper'], 'Names of the eavesdroppers.', length=_NAMES,
                           read_only=True),
-    'frame_id': Spec('map', 'Frame of all poses and paths, z up (REP-103, REP-105).'),
+    # A path carries it once for every point.
+    'frame_id': Spec('map', 'Frame of all poses and paths, z up (REP-103, REP-105).',
+                     length=(0, 255)),
     'duration': Spec(_PAPER.duration, 'T, mission duration in s.', LIMITS['duration']),
     'slots': Spec(_PAPER.slots, 'N, number of slots of the duration.', LIMITS['slots']),
     'reference_snr_db': Spec(_PAPER.reference_snr_db,
@@ -35,6 +41,10 @@ PLANNER = {
     'geofence': Spec([], 'Vertices of a polygon that no UAV leaves in m, one after the other as '
                      '[x1, y1, x2, y2, ...]; empty for none.', LIMITS['coordinate'],
                      length=(0, 2 * MAX_VERTICES)),
+    'tracking_margin': Spec(
+        _PAPER.tracking_margin, 'Largest error of a vehicle on its plan in m, by which zones grow '
+        'and the geofence shrinks for the plan, and a separation grows by twice it.',
+        LIMITS['tracking_margin']),
     'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
     'objective': Spec(_OWN, 'Rate that is maximised: the lower bound by formula (guaranteed), or '
                       'the true worst case over the discs (worst_case), which only the method '
@@ -53,7 +63,8 @@ PLANNER = {
                              (0.0, LIMITS['altitude'][1])),
     'start_delay': Spec(0.0, 'How far ahead of a request on ~/plan in s the new plan starts, from '
                         'where the UAVs will be then; also the deadline of its solve; 0 to start '
-                        'from where they are, when it has been solved.', (0.0, 3600.0)),
+                        'from where they are when it has been solved, or in flight after '
+                        'replan_lead.', (0.0, 3600.0)),
     'track_tolerance': Spec(5.0, 'Distance in m from its plan beyond which a UAV is reported; '
                             'nearer, it counts as on its plan.', (0.01, 1e7)),
     'plan_file': Spec('', 'File (JSON) that keeps the last plan over a restart; empty for none.',
@@ -67,12 +78,12 @@ PLANNER = {
     'replan_deviation': Spec(0.0, 'Plan the rest of the mission again, from where the UAVs will '
                              'be, when one is farther from its plan than this distance in m; 0 '
                              'for never.', (0.0, 1e7)),
-    'replan_lead': Spec(2.0, 'How far ahead in s a new plan of the rest takes effect; also '
-                        'the deadline of its solve.', (0.01, 3600.0)),
+    'replan_lead': Spec(2.0, 'How far ahead in s a new plan takes effect in flight; also the '
+                        'deadline of its solve.', (0.01, 3600.0)),
 }
 """Parameters of the planner that do not belong to one UAV or eavesdropper."""
 
-_FIELDS = {
+UAV_FIELDS = {
     'start': 'Start (x, y) in m, used until a pose or odometry of the UAV has arrived.',
     'goal': 'Goal (x, y) in m.',
     'altitude': 'Flying height H above the ground node in m; also the z of published '
@@ -86,6 +97,8 @@ _FIELDS = {
     'goal_velocity': 'Velocity (x, y) in m/s at the goal, used only with an acceleration limit; '
                      'empty if it is free.',
 }
+"""Meanings of the parameters of a UAV that are fields of Uav."""
+
 NO_LIMIT = 0.0
 
 
@@ -93,10 +106,14 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     """Return the parameters of one UAV by name; the paper's values are the defaults."""
     uav = _PAPER.uavs[min(index, len(_PAPER.uavs) - 1)]
     return {**{f'{name}.{field}': _uav_spec(getattr(uav, field), text, field)
-               for field, text in _FIELDS.items()},
+               for field, text in UAV_FIELDS.items()},
             f'{name}.use_pose': Spec(
                 True, 'Whether to plan from the last odometry or pose of the UAV, if one has '
-                'arrived, instead of from its start.')}
+                'arrived, instead of from its start.'),
+            f'{name}.origin': Spec(
+                [0.0, 0.0, 0.0], 'What is added to the positions (x, y, z) of the odometry and '
+                'poses of the UAV in m: the origin of its local frame; zero where the relay, '
+                'which adds it, publishes the odometry.', LIMITS['coordinate'], length=(3, 3))}
 
 
 def _uav_spec(default: Any, text: str, field: str) -> Spec:
@@ -132,15 +149,22 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
 
 
 REPLAY = {
+    'mission_file': _MISSION_FILE,
     'uavs': _UAVS,
     'plan_file': Spec('', 'Saved plan to replay; empty to replay the plan of the topics.',
                       read_only=True),
-    'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.'),
-    'picture_file': Spec('', 'PNG file in which every new plan is drawn; empty for none.'),
+    'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.', length=(0, 255)),
+    'picture_file': Spec('', 'PNG file in which every new plan is drawn; empty for none.',
+                         read_only=True),
     'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
     'speed': Spec(1.0, 'Playback speed; 1 is real time.', (0.001, 10000.0)),
-    'loop': Spec(False, 'Start again at the end.'),
-    'autostart': Spec(False, 'Start as soon as there is a plan, without ~/start.'),
+    'loop': Spec(False, 'Start again at the end, as after ~/reset and ~/start.'),
+    'autostart': Spec(False, 'Start every plan at its time, without ~/start.'),
+    'vehicle_odometry': Spec(False, 'Listen to <uav>/odom of real UAVs, and start when each is at '
+                             'its start; false to publish <uav>/odom of UAVs that follow the plan '
+                             'exactly.', read_only=True),
+    'start_tolerance': Spec(5.0, 'Distance in m within which a UAV counts as at its start.',
+                            (0.01, 1e7)),
     'ground_node': Spec(list(_PAPER.ground_node), 'Position (x, y) of the ground node in m, for '
                         'the rates of a plan from the topics.', LIMITS['coordinate'],
                         length=(2, 2)),
@@ -152,26 +176,38 @@ REPLAY = {
 """Parameters of the replay node."""
 
 RELAY = {
+    'mission_file': _MISSION_FILE,
     'uavs': _UAVS,
     'stack': Spec('mavros', 'Whose messages to publish.', choices=tuple(STACKS), read_only=True),
     'vehicles': Spec([], 'Namespaces of the vehicles, one for each UAV; empty for the names of '
                      'the UAVs.', length=(0, MAX_MEMBERS), read_only=True),
-    'setpoint_timeout': Spec(1.0, 'Age in s of the last setpoint beyond which the heartbeat that '
-                             'a stack needs is no longer sent.', (0.1, 60.0)),
+    'frame_id': Spec('map', 'Frame of the plan, and so of the odometry that is published.'),
+    'publish_odometry': Spec(True, 'Publish where the vehicles are, as their autopilots report '
+                             'it, in the frame of the plan.', read_only=True),
+    'setpoint_timeout': Spec(1.0, 'Age in s beyond which a setpoint is not relayed; also the time '
+                             'without setpoints after which nothing more is sent.', (0.1, 60.0)),
+    'max_jump': Spec(1.0, 'Distance in m by which a setpoint may be farther from the last one '
+                     'relayed than <uav>.max_speed allows since then; beyond it, the last place '
+                     'is held.', (0.0, 1e7)),
+    'start_tolerance': Spec(5.0, 'Largest distance in m of a vehicle whose odometry is known from '
+                            'the first setpoint that is relayed to it, and from one after a jump.',
+                            (0.01, 1e7)),
 }
 """Parameters of the relay that do not belong to one UAV."""
 
 
-def relay_parameters(name: str) -> dict[str, Spec]:
+def relay_parameters(name: str, index: int) -> dict[str, Spec]:
     """Return the parameters of the relay for one UAV by name."""
-    return {f'{name}.origin': Spec(
-        [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
-        'setpoints in m; often where it was switched on.', LIMITS['coordinate'], length=(3, 3))}
+    return {
+        f'{name}.origin': Spec(
+            [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
+            'plan in m; often where it was switched on.', LIMITS['coordinate'], length=(3, 3)),
+        f'{name}.max_speed': uav_parameters(name, index)[f'{name}.max_speed']}
 
 
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:
     """Return the Uav that the parameter values describe."""
-    fields = {field: values[f'{name}.{field}'] for field in _FIELDS}
+    fields = {field: values[f'{name}.{field}'] for field in UAV_FIELDS}
     fields['max_acceleration'] = fields['max_acceleration'] or None
     for field in ('start_velocity', 'goal_velocity'):
         fields[field] = fields[field] or None

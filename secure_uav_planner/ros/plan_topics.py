@@ -12,7 +12,7 @@ from visualization_msgs.msg import MarkerArray
 
 from . import cdr, messages
 from .qos import LATCHED, OVERRIDABLE
-from ..plan import Plan
+from ..plan.plan import Plan
 
 
 class Outgoing(NamedTuple):
@@ -39,6 +39,11 @@ class PlanTopics:
         self._trajectories = [
             latched(MultiDOFJointTrajectory, f'{name}/trajectory') for name in uavs]
         self._markers = latched(MarkerArray, '~/markers')
+
+    def is_followed(self) -> bool:
+        """Return whether anybody receives paths or trajectories, and so may fly by them."""
+        return any(publisher.get_subscription_count()
+                   for publisher in (*self._paths, *self._trajectories))
 
     def made(self, plan: Plan, frame_id: str) -> list[Outgoing]:
         """Return all messages of a plan; publish() then sends all of them."""

@@ -11,32 +11,33 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
 
 from . import messages
 from .bounding import Bounding
-from .departure import Departure
 from .frames import Frames
 from .intake import Intake
 from .latest import Latest
 from .node_parameters import Parameters
-from .parameters import (
-    eavesdropper_parameters, objective_from, PLANNER, uav_from, uav_parameters)
+from .parameters import eavesdropper_parameters, objective_from, PLANNER, uav_from, uav_parameters
 from .plan_topics import PlanTopics, publish
+from .plan_tracking import check_goes_on, PlanTracking
 from .poses import PoseBook
-from .qos import LATCHED, OVERRIDABLE
+from .qos import LATCHED, OVERRIDABLE, SENSOR
 from .replanning import check_in_time, Replanning
 from .scenarios import pose_problems, scenario_from
+from .start_time import StartTime
 from .status import level_and_text, log_at, State, values
 from .text import brief, with_type
-from .whereabouts import Whereabouts
 from .worker import Worker
 from .zone_parameters import airspace_from, zone_parameters
-from ..bound import Bound
 from ..errors import ParameterError, PlanFileError, PlanningError, StoppedError
+from ..mission.scenario import Scenario
 from ..optimize.feasible import similar
-from ..plan import Plan
-from ..scenario import Scenario
+from ..plan.bound import Bound
+from ..plan.plan import Plan
+from ..plan.tracking import Flight
 
 _STATUS_PERIOD = 0.1
 _CHECK_PERIOD = 0.1  # Of where the UAVs are, and whether a replan is due.
@@ -61,7 +62,7 @@ class Planner(Node):
         self._eavesdroppers = self._settings['eavesdroppers']
         self._declare_members()
         self._poses = PoseBook(Frames(self).moved)
-        self._whereabouts = Whereabouts(self._poses)
+        self._tracking = PlanTracking(self._poses)
         self._state = State()
         self._closed = False
         self._progress_sent = 0.0
@@ -70,7 +71,7 @@ class Planner(Node):
         self._publishing = threading.Lock()
         self._worker = Worker(self._on_iteration)
         self._replanning = Replanning(
-            self._worker, self._poses, self._whereabouts, self._publish_replan,
+            self._worker, self._poses, self._tracking, self._publish_replan,
             self._refuse_replan, self._publish_status)
         self._evaluation = Latest(self._evaluate)
         self._bounding = Bounding(self._add_bound, self.get_logger().error)
@@ -108,6 +109,9 @@ class Planner(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, callback_group=services, clock=steady)
         self.create_timer(_CHECK_PERIOD, self._on_check, callback_group=checks, clock=steady)
+        self.create_subscription(
+            TimeReference, 'plan_time', self._tracking.hear, SENSOR,
+            callback_group=MutuallyExclusiveCallbackGroup(), qos_overriding_options=OVERRIDABLE)
         self._intake = Intake(self, self._settings, self._poses, self._publish_status)
 
     def close(self) -> bool:
@@ -136,29 +140,50 @@ class Planner(Node):
     def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         began = time.monotonic()
         settings = self._settings.snapshot()
-        departure = Departure.of(settings, self._now_ns())
-        limit = departure.time_limit(settings['time_limit'] or None)
+        now_ns = self._now_ns()
+        now = now_ns * 1e-9
+        flight = self._flight(now)
+        is_flying = flight is not None and flight.state == 'flying'
+        start = StartTime.of(settings, now_ns, is_flying)
+        limit = start.time_limit(settings['time_limit'] or None)
         try:
-            scenario = scenario_from(settings, self._poses, departure, self._state.plan)
+            scenario = scenario_from(
+                settings, self._poses, start, self._tracking.sightings(flight, settings, now),
+                flight)
             # This stops a replan, and no other one starts before this request is answered.
             with self._worker.reserved(limit):
                 self._bounding.cancel()  # Only now: a request that is refused leaves it alone.
                 left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
-                plan = self._worker.start(
-                    scenario, method=settings['method'], objective=objective_from(settings),
-                    time_limit=left,
-                    initial=self._initial(scenario)).result()
+                plan = self._worker.start(lambda: (scenario, {
+                    'method': settings['method'], 'objective': objective_from(settings),
+                    'time_limit': left, 'initial': self._initial(scenario)})).result()
                 if plan.status == 'cancelled':
                     raise StoppedError('cancelled')
+
+                def still_wanted() -> None:
+                    start.check_in_time(self._now_ns())
+                    check_goes_on(flight, self._flight(self._now()), self._now() - now)
+
                 text = self._publish_plan(
-                    replace(plan, start_ns=departure.start_of(self._now_ns())), 'plans',
-                    still_wanted=lambda: departure.check_in_time(self._now_ns()))
+                    replace(plan, start_ns=start.start_of(self._now_ns())), 'plans',
+                    still_wanted=still_wanted)
             self._publish_status()  # Now the request has been answered.
         except Exception as error:
             response.success, response.message = False, self._refuse(error, 'the solve failed')
         else:
             response.success, response.message = True, text
+            if flight is not None and flight.state in ('flying', 'held'):
+                response.message += (f'; it goes on from plan {flight.playback.plan.identity}, '
+                                     f'which is {flight.state}')
         return response
+
+    def _flight(self, now: float) -> Flight | None:
+        """Return the flight from which a new plan goes on, or None."""
+        flight = self._tracking.flight(now)
+        if flight is None or flight.is_reported or flight.state == 'flying' and (
+                self._topics.is_followed()):
+            return flight
+        return None
 
     def _initial(self, scenario: Scenario) -> Plan | None:
         """Return the last plan if it is a good start for the scenario, or None."""
@@ -201,12 +226,12 @@ class Planner(Node):
 
     def _on_check(self) -> None:
         settings, now = self._settings.snapshot(), self._now()
-        self._whereabouts.observe(settings, now)
+        self._tracking.observe(settings, now)
         self._replanning.start_when_due(lambda: self._state.plan, settings, now)
 
-    def _publish_replan(self, plan: Plan, continued: Plan, start_ns: int) -> None:
+    def _publish_replan(self, plan: Plan, continued: Plan, effect: float) -> None:
         self._publish_plan(plan, 'replans', still_wanted=lambda: check_in_time(
-            self._state.plan, continued, start_ns, self._now_ns()))
+            self._state.plan, continued, effect, self._tracking.flight(self._now())))
 
     def _refuse_replan(self, error: Exception) -> None:
         stopped = isinstance(error, StoppedError)
@@ -251,7 +276,7 @@ class Planner(Node):
             with self._lock:
                 text = self._state.publish(plan, count, 'restored: ' if restored else '')
                 level = self._state.outcome.level
-            self._whereabouts.follow(plan)
+            self._tracking.follow(plan)
             self._replanning.planned(self._now())
             if self._settings['bound'] == 'after' and plan.bound is None:
                 self._bounding.start(plan)
@@ -298,7 +323,7 @@ class Planner(Node):
         now, settings = self._now(), self._settings.snapshot()
         with self._lock:
             busy, progress = self._worker.busy, self._worker.progress
-            problems, tracks = self._whereabouts.report(settings, now)
+            problems, tracks = self._tracking.report(settings, now)
             level, text = level_and_text(
                 self._state.outcome,
                 [*pose_problems(settings, self._poses, now), *problems], progress)
@@ -311,8 +336,10 @@ class Planner(Node):
             self._status.publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
-        message = DiagnosticArray(status=[self._status_message()])
-        if self._whereabouts.distances(self._settings.snapshot(), self._now()):
+        message, now = DiagnosticArray(status=[self._status_message()]), self._now()
+        flight = self._tracking.flight(now)
+        if flight is not None and flight.is_reported or (
+                self._tracking.distances(self._settings.snapshot(), now)):
             self._publish_status()
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

@@ -1,21 +1,26 @@
 """The last valid pose of every topic, on which the planner bases its scenarios."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 import threading
 from typing import Any, TypeVar
 
-from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 
 from ..errors import PoseError, PoseMissingError, PoseStaleError, shown, WrongFrameError
-from ..scenario import Array, LIMITS, Point
+from ..mission.scenario import Array, LIMITS, Point
+from ..output.autopilots import rotation
 
 # Positions over so many seconds give the velocity of a UAV that sends no odometry.
 _SHORTEST_BASE, _LONGEST_BASE = 0.2, 1.0
 _LEAST_SPACING = 0.02  # Of those that are kept, in s, so that they are few at any rate.
+
+# For so long in s after a pose has come, an older one does not replace it. One that comes later
+# may be of a publisher whose clock has been set back.
+_KEPT_BEFORE_OLDER = 10.0
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,11 @@ class KnownPose:
         """Return the age in s at a time in s, or 0 if the clock has jumped back."""
         return max(0.0, now - self.time)
 
+    def is_late_after(self, other: 'KnownPose') -> bool:
+        """Return whether a pose that came before is newer, and both are of the same clock."""
+        return self.time < other.time and (
+            0.0 <= self.received - other.received < _KEPT_BEFORE_OLDER)
+
 
 Message = TypeVar('Message', PoseStamped, PoseWithCovarianceStamped, Odometry)
 
@@ -68,13 +78,14 @@ class PoseBook:
         self._lock = threading.Lock()
 
     def take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped | Odometry,
-             frame_id: str, now: float) -> None:
+             frame_id: str, now: float, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         """
-        Check a pose and keep it.
+        Check a pose and keep it, unless a newer one has just come.
 
         :param message: a PoseStamped, PoseWithCovarianceStamped or Odometry.
         :param frame_id: the frame in which it must be, or into which it can be moved.
         :param now: the node's time in s.
+        :param origin: what is added to its position, (x, y, z) in m.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
         header = message.header
@@ -94,16 +105,19 @@ class PoseBook:
             velocity = _velocity(message)
         # Without rclpy's Time, which raises an error for times before 1970.
         stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
-        place = (pose.position.x, pose.position.y)
+        x, y, height = (getattr(pose.position, axis) + shift
+                        for axis, shift in zip('xyz', origin, strict=True))
+        new = KnownPose(frame_id, (x, y), height, covariance, stamp, now, velocity)
         with self._lock:
+            self._foreign.pop(topic, None)
             last = self._poses.get(topic)
             if last is not None and last.frame_id != frame_id:
                 self._recent.pop(topic, None)  # Places in another frame.
+            elif last is not None and new.is_late_after(last):
+                return
             if isinstance(message, PoseStamped):
-                velocity = self._difference(topic, stamp, place)
-            self._poses[topic] = KnownPose(
-                frame_id, place, pose.position.z, covariance, stamp, now, velocity)
-            self._foreign.pop(topic, None)
+                new = replace(new, velocity=self._difference(topic, stamp, new.position))
+            self._poses[topic] = new
 
     def _difference(self, topic: str, stamp: float, place: Point) -> Point | None:
         """Note a position; return the mean velocity of the last second in m/s, if it is known."""
@@ -218,23 +232,9 @@ def _velocity(message: Odometry) -> Point:
     # REP-105 and nav_msgs: a twist is in the child frame, whatever that is.
     if message.child_frame_id == message.header.frame_id:
         return (speed.x, speed.y)
-    x, y, _ = _rotated(message.pose.pose.orientation, (speed.x, speed.y, speed.z))
-    return (x, y)
-
-
-def _rotated(orientation: Quaternion, vector: tuple[float, float, float]) -> tuple[float, ...]:
-    """Return a vector of a body's own frame in the frame in which it has an orientation."""
-    parts = np.array([getattr(orientation, field) for field in 'xyzw'])
-    scale = np.abs(parts).max()
-    if scale < 1e-6:
-        raise PoseError('orientation is zero; it must be a quaternion of length 1, with which '
-                        'the velocity is rotated')
-    axis, real = parts[:3] / scale, parts[3] / scale
-    length = axis @ axis + real**2
-    across = np.cross(axis, vector)
-    turned: tuple[float, ...] = tuple(
-        (vector + 2 / length * (real * across + np.cross(axis, across))).tolist())
-    return turned
+    turn = message.pose.pose.orientation
+    x, y, _ = rotation((turn.x, turn.y, turn.z, turn.w)).apply((speed.x, speed.y, speed.z))
+    return (float(x), float(y))
 
 
 def _horizontal_covariance(values: Any) -> Array:

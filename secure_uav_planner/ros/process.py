@@ -34,10 +34,6 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause
     :param pause: a pause after every callback, in s. It leaves time for other threads, which share
         the interpreter, and for services when very many messages arrive.
     """
-    stop = threading.Event()
-    # rclpy's own signal handlers race with the executor's wait set; an event does not.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
@@ -52,6 +48,10 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause
         print(f'cannot start: {with_type(error)}', file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
+    stop = threading.Event()
+    # rclpy's own signal handlers race with the executor's wait set; an event does not.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
     finished, failure = _spin(node, stop, pause)
     if failure is not None:
         node.get_logger().fatal(with_type(failure))

@@ -15,12 +15,12 @@ from rclpy.serialization import serialize_message
 
 from . import messages
 from .approaches import approaches_values
-from .. import channel
 from ..errors import OptionError, shown
-from ..files import atomic_file
-from ..plan import Plan
-from ..playback import Playback
-from ..scenario import Point
+from ..mission.files import atomic_file
+from ..mission.scenario import Point
+from ..model import channel
+from ..plan.plan import Plan
+from ..plan.playback import Playback
 
 _PRIMITIVES = {
     'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',

@@ -14,11 +14,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from .parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters)
 from .planner_node import Planner
-from .qos import STREAM
+from .qos import SENSOR, STREAM
 from .replay_node import Replay
 from .spec import Spec
 from .zone_parameters import zone_parameters
-from ..autopilots import STACKS
+from ..output.autopilots import STACKS
 
 _NAMESPACE = '/reference'
 _NAMES = {'uav1': '<uav>', 'uav2': '<uav>', 'eavesdropper': '<eavesdropper>'}
@@ -29,6 +29,7 @@ _MEANINGS = {
         'the estimated position; its covariance gives the error radius',
     ('planner', '<uav>/odom'): 'optional: where the UAV is and how fast; used before its pose',
     ('planner', '<uav>/pose'): 'optional: where the UAV is',
+    ('planner', 'plan_time'): 'to what time of which plan the flight has come, from a follower',
     ('planner', '<uav>/path'): 'every point of the plan with its time',
     ('planner', '<uav>/power'): 'the power of every slot in W',
     ('planner', '<uav>/trajectory'):
@@ -46,14 +47,17 @@ _MEANINGS = {
     ('replay', '<uav>/setpoint/trajectory'):
         'position, velocity, acceleration and yaw of the UAV now, for autopilots',
     ('replay', '<uav>/setpoint/power'): 'the power of the current slot in W',
-    ('replay', '<uav>/odom'): 'a UAV that follows the plan exactly',
+    ('replay', '<uav>/odom'):
+        'a UAV that follows the plan exactly; with `vehicle_odometry` where the real UAV is',
+    ('replay', 'plan_time'): 'to what time of which plan the flight has come',
     ('replay', '~/secrecy_rate'): 'the present rate in bit/s/Hz, if `true_eavesdropper` is set',
     ('replay', '~/markers'): 'the present positions of the UAVs',
-    ('replay', '~/start'): 'start, or continue after a pause',
-    ('replay', '~/pause'): 'hold the setpoint and continue to stream it',
-    ('replay', '~/reset'): 'go back to the start and stop streaming',
+    ('replay', '~/start'): 'fly the plan at its time, or go on after a pause',
+    ('replay', '~/pause'): 'slow down, hold the setpoint and continue to stream it',
+    ('replay', '~/reset'): 'end the setpoints; the newest plan waits at its start',
     ('relay', '<uav>/setpoint/trajectory'):
         'one point: position, yaw and, where known, velocity and acceleration',
+    ('relay', '<uav>/odom'): 'what the autopilot reports, in the frame of the plan',
 }
 
 
@@ -87,11 +91,15 @@ def interfaces() -> list[Interface]:
 
 def _of_relay() -> list[Interface]:
     """Return the relay's: it runs only where the messages of a stack are installed."""
+    stream, sensor = _in_words(STREAM), _in_words(SENSOR)
     found = [Interface('relay', 'sub', '<uav>/setpoint/trajectory',
-                       'trajectory_msgs/msg/MultiDOFJointTrajectory', _in_words(STREAM))]
+                       'trajectory_msgs/msg/MultiDOFJointTrajectory', stream),
+             Interface('relay', 'pub', '<uav>/odom', 'nav_msgs/msg/Odometry', stream)]
     for stack in STACKS.values():
         found += [Interface('relay', 'pub', f'<vehicle>/{topic}', f'{stack.package}/msg/{kind}',
-                            _in_words(STREAM)) for kind, topic in stack.topics.items()]
+                            stream) for kind, topic in stack.topics.items()]
+        found += [Interface('relay', 'sub', f'<vehicle>/{topic}', kind.replace('/', '/msg/'),
+                            sensor) for kind, topic in stack.reports.items()]
     return found
 
 
@@ -100,7 +108,7 @@ def parameters() -> dict[str, dict[str, Spec]]:
     of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
               **zone_parameters('<zone>')}
     return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY,
-            'relay': {**RELAY, **relay_parameters('<uav>')}}
+            'relay': {**RELAY, **relay_parameters('<uav>', 0)}}
 
 
 def markdown() -> str:
@@ -123,8 +131,11 @@ def markdown() -> str:
 
 def _meaning(one: Interface) -> str:
     for name, stack in STACKS.items():
-        if one.kind.startswith(f'{stack.package}/'):
+        topic = one.name.removeprefix('<vehicle>/')
+        if topic in stack.topics.values():
             return f'with `stack` {name}'
+        if topic in stack.reports.values():
+            return f'with `stack` {name}: where the vehicle is'
     return _MEANINGS[one.node, one.name]
 
 
@@ -148,8 +159,8 @@ def _general(topic: str, node: str) -> str:
     """Return the name in the code for a resolved name, with `<uav>` for the name of any UAV."""
     if not topic.startswith(_NAMESPACE + '/'):
         return topic
-    first, rest = topic[len(_NAMESPACE) + 1:].split('/', 1)
-    return f'{"~" if first == node else _NAMES.get(first, first)}/{rest}'
+    first, *rest = topic[len(_NAMESPACE) + 1:].split('/', 1)
+    return '/'.join(['~' if first == node else _NAMES.get(first, first), *rest])
 
 
 def _in_words(qos: QoSProfile | None) -> str:

@@ -1,28 +1,36 @@
-"""The relay node: setpoints in the messages of an autopilot's stack."""
+"""The relay node: setpoints in the messages of an autopilot's stack, and odometry back from it."""
 
 from collections.abc import Mapping
 from importlib import import_module
+import math
+from operator import add
+from pathlib import Path
+import sys
 from typing import Any
 
+from nav_msgs.msg import Odometry
+import rclpy
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from .guard import Guard, Limits
 from .messages import filled, setpoint_of
 from .node_parameters import Parameters
 from .parameters import RELAY, relay_parameters
-from .qos import OVERRIDABLE, STREAM
+from .qos import OVERRIDABLE, SENSOR, STREAM
+from .scenarios import odometry_topic
 from .text import brief
-from ..autopilots import Stack, STACKS
-from ..errors import ParameterError, PlanningError, shown
+from ..errors import ParameterError, PlanningError, PoseError, shown
+from ..output.autopilots import Stack, STACKS, Vector
 
-_HEARTBEAT = 0.1  # s; PX4 asks for more than 2 Hz.
+_HOLD_PERIOD = 0.1  # s
 _WARN_AGAIN = 5.0  # s
 
 
 class Relay(Node):
     """
-    Publishes setpoints as the messages of a stack; docs/reference.md describes its interface.
+    Passes on setpoints and odometry; docs/reference.md describes its interface.
 
     :raises PlanningError: for a wrong parameter, or when the stack's message package is missing.
     """
@@ -31,22 +39,19 @@ class Relay(Node):
         super().__init__('relay', **options)
         self._settings = Parameters(self, RELAY, _check)
         uavs = self._settings['uavs']
-        for name in uavs:
-            self._settings.declare(relay_parameters(name))
+        for index, name in enumerate(uavs):
+            self._settings.declare(relay_parameters(name, index))
         self._stack = STACKS[self._settings['stack']]
         self._kinds = _kinds_of(self._settings['stack'], self._stack)
-        vehicles = self._settings['vehicles'] or uavs
-        self._outputs = {name: self._outputs_of(vehicle)
-                         for name, vehicle in zip(uavs, vehicles, strict=True)}
-        # Of each UAV the fields of its last messages, and when they were sent, in ns.
-        self._last: dict[str, tuple[dict[str, dict[str, Any]], int]] = {}
-        for name in uavs:
-            self.create_subscription(
-                MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
-                lambda message, name=name: self._on_setpoint(name, message), STREAM,
-                qos_overriding_options=OVERRIDABLE)
-        if self._stack.heartbeat:
-            self.create_timer(_HEARTBEAT, self._on_heartbeat)
+        self._guard_of = {name: Guard() for name in uavs}
+        # A logger for each UAV, as what one of them repeats must not hide what another one says.
+        self._logger_of = {name: self.get_logger().get_child(name) for name in uavs}
+        self._outputs: dict[str, dict[str, Publisher]] = {}
+        self._reports: dict[str, dict[str, Any]] = {name: {} for name in uavs}
+        self._odometry: dict[str, Publisher] = {}
+        for name, vehicle in zip(uavs, self._settings['vehicles'] or uavs, strict=True):
+            self._connect(name, vehicle)
+        self.create_timer(_HOLD_PERIOD, self._on_timer)
         self._settings.warn_of_unknown()
         self.get_logger().info(brief(
             f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings["stack"]}'))
@@ -55,51 +60,127 @@ class Relay(Node):
         """Return whether nothing is left running."""
         return True
 
-    def _outputs_of(self, vehicle: str) -> dict[str, Publisher]:
-        return {kind: self.create_publisher(
+    def _connect(self, name: str, vehicle: str) -> None:
+        self._outputs[name] = {kind: self.create_publisher(
             self._kinds[kind], f'{vehicle}/{topic}', STREAM, qos_overriding_options=OVERRIDABLE)
             for kind, topic in self._stack.topics.items()}
+        self.create_subscription(
+            MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
+            lambda message: self._on_setpoint(name, message), STREAM,
+            qos_overriding_options=OVERRIDABLE)
+        for kind, topic in self._stack.reports.items():
+            self.create_subscription(
+                self._kinds[kind], f'{vehicle}/{topic}',
+                lambda message, kind=kind: self._on_report(name, kind, message), SENSOR,
+                qos_overriding_options=OVERRIDABLE)
+        if self._settings['publish_odometry']:
+            self._odometry[name] = self.create_publisher(
+                Odometry, odometry_topic(name), STREAM, qos_overriding_options=OVERRIDABLE)
+
+    @property
+    def _now(self) -> int:
+        return self.get_clock().now().nanoseconds
+
+    def _limits_of(self, name: str) -> Limits:
+        return Limits(self._settings[f'{name}.max_speed'], self._settings['max_jump'],
+                      self._settings['start_tolerance'], self._settings['setpoint_timeout'])
 
     def _on_setpoint(self, name: str, message: MultiDOFJointTrajectory) -> None:
-        now = self.get_clock().now().nanoseconds
+        now = self._now
         try:
+            # Guarded as it is sent, so that a change of the origin counts as a jump, too.
             setpoint = setpoint_of(message).seen_from(self._settings[f'{name}.origin'])
             fields = self._stack.fields(setpoint, now)
+            self._guard_of[name].take(setpoint, now, self._limits_of(name))
         except PlanningError as error:
-            self.get_logger().warning(
+            self._logger_of[name].warning(
                 f'a setpoint of {name} is not relayed: {brief(error)}',
                 throttle_duration_sec=_WARN_AGAIN)
-            return
-        self._last[name] = fields, now
-        self._publish(name, fields)
+        else:
+            self._publish(name, fields)
 
-    def _on_heartbeat(self) -> None:
-        now = self.get_clock().now().nanoseconds
-        for name, (fields, sent) in list(self._last.items()):
-            # An autopilot must notice that setpoints have stopped.
-            if not 0 <= now - sent < self._settings['setpoint_timeout'] * 1e9:
-                del self._last[name]
-                self.get_logger().warning(
-                    f'no setpoint of {name} has come for {(now - sent) * 1e-9:.1f} s; the '
-                    'heartbeat ends')
-                continue
-            self._publish(name, {kind: {**fields[kind], 'timestamp': now // 1000}
-                                 for kind in self._stack.heartbeat})
+    def _on_timer(self) -> None:
+        now = self._now
+        for name, guard in self._guard_of.items():
+            if guard.has_ended(now, self._limits_of(name)):
+                self._logger_of[name].warning(
+                    f'no setpoint of {name} has come for {self._settings["setpoint_timeout"]:g} '
+                    's; nothing more is sent, so that its autopilot notices')
+            elif (held := guard.hold(now)) is not None:
+                self._logger_of[name].warning(
+                    f'no setpoint of {name} can be relayed now; its last place is held',
+                    throttle_duration_sec=_WARN_AGAIN)
+                self._publish(name, self._stack.fields(held, now))
 
     def _publish(self, name: str, fields: Mapping[str, Mapping[str, Any]]) -> None:
         for kind, values in fields.items():
             self._outputs[name][kind].publish(filled(self._kinds[kind](), values))
 
+    def _on_report(self, name: str, kind: str, message: Any) -> None:
+        """Take where a vehicle is from each of the first kind of its reports."""
+        reports = self._reports[name]
+        reports[kind] = message
+        kinds = list(self._stack.reports)
+        if kind != kinds[0] or len(reports) < len(kinds):
+            return
+        try:
+            odometry = filled(Odometry(), self._stack.odometry(*map(reports.get, kinds)))
+            place = _place_of(odometry)
+        except PlanningError as error:
+            self._logger_of[name].warning(
+                f'what {name} reports of itself is not used: {brief(error)}',
+                throttle_duration_sec=_WARN_AGAIN)
+            return
+        self._guard_of[name].see(place, self._now)
+        if name in self._odometry:
+            self._publish_odometry(name, odometry, place)
+
+    def _publish_odometry(self, name: str, odometry: Odometry, place: Vector) -> None:
+        header, position = odometry.header, odometry.pose.pose.position
+        position.x, position.y, position.z = map(add, place, self._settings[f'{name}.origin'])
+        header.frame_id = self._settings['frame_id']
+        odometry.child_frame_id = f'{name}/base_link'
+        if not (header.stamp.sec or header.stamp.nanosec):
+            header.stamp = self.get_clock().now().to_msg()
+        publisher = self._odometry[name]
+        publisher.publish(odometry)
+        if self.count_publishers(publisher.topic_name) > 1:
+            self._logger_of[name].warning(
+                f'another node publishes {publisher.topic_name}, too; set vehicle_odometry of '
+                'the replay, or unset publish_odometry of the relay',
+                throttle_duration_sec=_WARN_AGAIN)
+
+
+def _place_of(odometry: Odometry) -> Vector:
+    position = odometry.pose.pose.position
+    place = (position.x, position.y, position.z)
+    if not all(map(math.isfinite, place)):
+        raise PoseError(f'its position is {shown(place)}; it must be finite')
+    return place
+
 
 def _kinds_of(name: str, stack: Stack) -> dict[str, type]:
-    """Return the message classes of a stack by their names."""
+    """Return the message classes of a stack by what it calls them."""
     try:
-        package = import_module(f'{stack.package}.msg')
-        return {kind: getattr(package, kind) for kind in stack.topics}
+        found = {kind: getattr(import_module(f'{stack.package}.msg'), kind)
+                 for kind in stack.topics}
+        for report in stack.reports:
+            package, kind = report.split('/')
+            found[report] = getattr(import_module(f'{package}.msg'), kind)
+        return found
     except (ImportError, AttributeError) as error:
         raise ParameterError(
             f'parameter stack is {name}: its message package {stack.package} is missing '
-            f'({brief(error, 100)}); {stack.source}') from None
+            f'({brief(error, 100)}); {_advice(stack)}') from None
+
+
+def _advice(stack: Stack) -> str:
+    """Return how to get the message package of a stack beside the ROS that is installed."""
+    way = (f'apt install {stack.debian}' if stack.debian else
+           f'build {stack.source} in your workspace with colcon, and source that')
+    if Path(rclpy.__file__).is_relative_to(sys.prefix):
+        return f'ROS from wheels cannot have it; run the relay with ROS from apt: {way}'
+    return way
 
 
 def _check(values: Mapping[str, Any]) -> None:

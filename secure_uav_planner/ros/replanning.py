@@ -6,16 +6,16 @@ import math
 from typing import Any
 
 from .parameters import objective_from
+from .plan_tracking import PlanTracking
 from .poses import PoseBook
 from .scenarios import has_moved, updated
-from .whereabouts import Whereabouts
 from .worker import Worker
 from ..errors import (
     BusyError, InfeasibleMissionError, LateError, PlanningError, StoppedError, SupersededError)
+from ..mission.scenario import Scenario
 from ..optimize.rejoin import first_point, Rejoin, rejoined
-from ..plan import Plan
-from ..scenario import Scenario
-from ..tracking import Sighting
+from ..plan.plan import Plan
+from ..plan.tracking import Flight, Sighting
 
 _REASONS = ('period', 'distance', 'deviation')
 
@@ -26,21 +26,21 @@ class Replanning:
 
     :param worker: the Worker that solves.
     :param poses: the PoseBook.
-    :param whereabouts: the Whereabouts.
+    :param tracking: the PlanTracking.
     :param publish: called in the solver's thread with the new plan of the whole mission, the plan
-        that it continues, and the time in ns at which it takes effect; it raises a PlanningError
+        that it continues, and when it takes effect in s from point 0; it raises a PlanningError
         if that is too late.
     :param refuse: called with the error if there is no new plan.
     :param superseded: called when another plan came first, which has been reported already.
     """
 
-    def __init__(self, worker: Worker, poses: PoseBook, whereabouts: Whereabouts,
-                 publish: Callable[[Plan, Plan, int], None],
+    def __init__(self, worker: Worker, poses: PoseBook, tracking: PlanTracking,
+                 publish: Callable[[Plan, Plan, float], None],
                  refuse: Callable[[Exception], None],
                  superseded: Callable[[], None]) -> None:
         self._worker = worker
         self._poses = poses
-        self._whereabouts = whereabouts
+        self._tracking = tracking
         self._publish = publish
         self._refuse = refuse
         self._superseded = superseded
@@ -63,10 +63,11 @@ class Replanning:
         if self._worker.busy or not any(settings[f'replan_{reason}'] for reason in _REASONS):
             return
         plan = last_plan()  # Only now: a solve that was under way may have published another.
-        if plan is None:
-            return
-        elapsed = now - plan.start_ns * 1e-9
-        first = first_point(plan.scenario, elapsed + settings['replan_lead'])
+        flight = self._tracking.flight(now)
+        if plan is None or flight is None or flight.playback.plan is not plan or not flight.rate:
+            return  # The last plan is not flown yet, or its time stands.
+        ahead = settings['replan_lead'] * flight.rate
+        first = first_point(plan.scenario, flight.time + ahead)
         if first >= plan.scenario.slots:
             return  # The mission ends before a new plan could take effect.
         try:
@@ -74,25 +75,27 @@ class Replanning:
         except PlanningError:
             return  # Poses are missing or too old; the diagnostics report it.
         is_due = self._is_due(plan, known, settings, now)
-        is_off = 0 < elapsed and self._is_off(settings, now)
+        is_off = flight.state == 'flying' and self._is_off(settings, now)
         if not (is_due or is_off):
             return
-        sightings = self._whereabouts.sightings(plan, settings, now)
+        sightings = self._tracking.sightings(flight, settings, now)
+        begun: list[Rejoin] = []
+
+        def task() -> tuple[Scenario, dict[str, Any]]:
+            rejoin = self._rejoin(plan, first, sightings, settings, known, must_meet=not is_due)
+            begun.append(rejoin)
+            return rejoin.scenario, {
+                'method': settings['method'], 'objective': objective_from(settings),
+                'initial': rejoin.tail, 'time_limit': settings['replan_lead']}
 
         def refuse(error: Exception) -> None:
             self._failed = is_due
             self._refuse(error)
 
         try:
-            rejoin = self._rejoin(plan, first, sightings, settings, known, must_meet=not is_due)
-            self._worker.start(
-                rejoin.scenario, lambda future: self._finish(future, rejoin, refuse),
-                method=settings['method'], objective=objective_from(settings),
-                initial=rejoin.tail, time_limit=settings['replan_lead'])
+            self._worker.start(task, lambda future: self._finish(future, begun, refuse))
         except (BusyError, StoppedError):
             return  # A request was faster.
-        except PlanningError as error:
-            refuse(error)
         self._last_planned = now
 
     def _is_due(self, plan: Plan, known: Scenario, settings: Mapping[str, Any],
@@ -116,7 +119,7 @@ class Replanning:
         if not most or 0 <= now - self._last_planned < settings['replan_lead']:
             return False
         return any(distance > most and settings[f'{name}.use_pose']
-                   for name, distance in self._whereabouts.distances(settings, now).items())
+                   for name, distance in self._tracking.distances(settings, now).items())
 
     def _rejoin(self, plan: Plan, first: int, sightings: Sequence[Sighting | None],
                 settings: Mapping[str, Any], known: Scenario, must_meet: bool) -> Rejoin:
@@ -129,33 +132,35 @@ class Replanning:
                 raise
             return rejoined(plan, first, [None] * len(sightings), *arguments)
 
-    def _finish(self, future: 'Future[Plan]', rejoin: Rejoin,
+    def _finish(self, future: 'Future[Plan]', begun: Sequence[Rejoin],
                 refuse: Callable[[Exception], None]) -> None:
         """Continue a plan with the result of a replan, in the solver's thread."""
         try:
             found = future.result()
             if found.status == 'cancelled':
                 raise StoppedError('the replan was cancelled')
-            effect_ns = rejoin.plan.start_ns + round(rejoin.effect * 1e9)
-            self._publish(rejoin.continued(found), rejoin.plan, effect_ns)
+            rejoin, = begun
+            self._publish(rejoin.continued(found), rejoin.plan, rejoin.effect)
         except SupersededError:
             self._superseded()
         except Exception as error:
             refuse(error)
 
 
-def check_in_time(plan: Plan | None, continued: Plan, start_ns: int, now_ns: int) -> None:
+def check_in_time(plan: Plan | None, continued: Plan, effect: float, flight: Flight | None
+                  ) -> None:
     """
     Check that a replan may take effect.
 
     :param plan: the last plan that was published.
     :param continued: the plan that the replan continues.
-    :param start_ns: when the replan takes effect.
+    :param effect: when the replan takes effect, in s from point 0.
+    :param flight: of the plan, now.
     :raises SupersededError: if another plan has been published in the meantime.
     :raises LateError: if the time at which it takes effect has passed.
     """
-    if plan is not continued:
+    if plan is not continued or flight is None or flight.playback.plan is not continued:
         raise SupersededError('replan: another plan came in between')
-    if now_ns > start_ns:
+    if flight.time > effect:
         raise LateError('replan: the new plan came after the moment it was to take effect; '
                         'a longer replan_lead gives it more time')

@@ -1,7 +1,8 @@
-"""The replay node: UAVs that follow a plan exactly."""
+"""The replay node: it plays plans by their time, as setpoints that never jump."""
 
 from collections.abc import Mapping
 import math
+import time
 from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
@@ -10,6 +11,7 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -20,14 +22,19 @@ from .assembly import Assembly
 from .drawing import Drawing
 from .node_parameters import Parameters
 from .parameters import REPLAY
-from .qos import LATCHED, OVERRIDABLE, STREAM
+from .qos import LATCHED, OVERRIDABLE, SENSOR, STREAM
 from .text import brief
-from ..errors import ParameterError, PlanningError, shown
-from ..plan import Plan
-from ..playback import Moment, Player
-from ..scenario import Point
+from ..errors import OptionError, ParameterError, PlanningError, shown
+from ..mission.scenario import Point
+from ..plan.plan import Plan
+from ..plan.playback import Moment
+from ..plan.player import Place, Player
 
 _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
+_LONGEST_WAIT = 10.0  # For a subscriber of simulated UAVs, in s.
+_LONGEST_SIMULATED_TICK = 2.0  # s
+_CLOCK_ERROR = 0.25  # s; of the node's clock between two ticks.
+_FRESH = 1.0  # Largest age in s of the odometry from which a vehicle may start.
 
 
 class Replay(Node):
@@ -42,32 +49,37 @@ class Replay(Node):
         self._settings = Parameters(self, REPLAY, _check)
         self._uavs = self._settings['uavs']
         self._frame_id = self._settings['frame_id']
-        self._player = Player()
-        self._last_tick: int | None = None
+        self._player = Player(self._refuse)
+        self._released_ns, self._ticked = 0, time.monotonic()
+        self._waits: list[str] = []
+        self._places: dict[str, tuple[int, Place]] = {}
         self._trajectory_topics: dict[str, str] = {}
         self._assembly = Assembly(self._uavs, lambda name: self.count_publishers(
             self._trajectory_topics[name]) > 0)
         self._warned: set[str] = set()
+        self._starts_next = False  # Whether ~/start was for the plan whose messages arrive.
+        self._problem = ''  # Of the last messages that made no plan.
         self._drawing = Drawing(lambda reason: self.get_logger().warning(
             f'picture_file: {reason}; the replay goes on without'))
-        self._announced_end = False
         # All callbacks use the same player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
-        if self._settings['plan_file']:
-            self._load_file(self._settings['plan_file'])
-        else:
+        plan = self._saved_plan(self._settings['plan_file'])
+        if plan is None:
             self._subscribe()
+        else:
+            self._uavs = [uav.name for uav in plan.scenario.uavs]
         self._make_interface()
+        if plan is not None:
+            self._take(plan)
         self._settings.warn_of_unknown()
         self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
 
-    def _load_file(self, file: str) -> None:
+    @staticmethod
+    def _saved_plan(file: str) -> Plan | None:
         try:
-            plan = Plan.load(file)
+            return Plan.load(file) if file else None
         except (OSError, ValueError) as error:
             raise ParameterError(f'parameter plan_file: {brief(error)}') from None
-        self._uavs = [uav.name for uav in plan.scenario.uavs]
-        self._take(plan)
 
     def _subscribe(self) -> None:
         for name in self._uavs:
@@ -89,7 +101,16 @@ class Replay(Node):
         self._trajectories = [stream(MultiDOFJointTrajectory, f'{name}/setpoint/trajectory')
                               for name in self._uavs]
         self._watts = [stream(Float64, f'{name}/setpoint/power') for name in self._uavs]
-        self._odometry = [stream(Odometry, f'{name}/odom') for name in self._uavs]
+        if self._settings['vehicle_odometry']:
+            self._odometry: list[Publisher] = []
+            for name in self._uavs:
+                self.create_subscription(
+                    Odometry, f'{name}/odom',
+                    lambda message, name=name: self._on_odometry(name, message), SENSOR,
+                    callback_group=self._group, qos_overriding_options=OVERRIDABLE)
+        else:
+            self._odometry = [stream(Odometry, f'{name}/odom') for name in self._uavs]
+        self._plan_time = stream(TimeReference, 'plan_time')
         self._rate = stream(Float64, '~/secrecy_rate')
         self._markers = stream(MarkerArray, '~/markers')
         for name, action in (('start', self._on_start), ('pause', self._on_pause),
@@ -109,11 +130,13 @@ class Replay(Node):
                 self._settings['ground_node'], self._settings['reference_snr_db'],
                 self._eavesdropper)
         except PlanningError as error:
-            reason = brief(error)
+            reason = self._problem = brief(error)
+            self._starts_next = False
             if reason not in self._warned and len(self._warned) < _MOST_WARNINGS:
                 self._warned.add(reason)
                 self.get_logger().warning(f'the plan of the topics is not used: {reason}')
             return reason
+        self._problem = ''
         self._warned.clear()
         self._frame_id = frame_id
         self._take(plan)
@@ -125,36 +148,56 @@ class Replay(Node):
         return ''
 
     def _take(self, plan: Plan) -> None:
-        self._player.load(plan)
-        self._announced_end = False
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
-                               f'{", ".join(self._uavs)}')
-        if self._settings['autostart']:
-            self._player.start()
+                               f'{", ".join(self._uavs)}: {plan.identity}')
+        if self._player.load(plan) and (self._starts_next or self._settings['autostart']):
+            self._start()
+        self._starts_next = False
         if self._settings['picture_file']:
             self._drawing.draw(plan, self._settings['picture_file'])
+
+    def _refuse(self, reason: str) -> None:
+        self.get_logger().warning(brief(f'the new plan is not played: {reason}'))
 
     @property
     def _eavesdropper(self) -> Point | None:
         return tuple(self._settings['true_eavesdropper']) or None
 
+    def _on_odometry(self, name: str, message: Odometry) -> None:
+        at = message.pose.pose.position
+        self._places[name] = self.get_clock().now().nanoseconds, (at.x, at.y, at.z)
+
+    # Services
+
+    def _start(self) -> str:
+        """Release the plan; return in words what follows."""
+        self._player.start()
+        now = self.get_clock().now().nanoseconds
+        self._released_ns = now
+        self._waits = [] if self._player.streaming else self._waits_for(now)
+        ahead = ((self._player.due_ns or 0) - now) * 1e-9
+        follows = [f'waits for {wait}' for wait in self._waits] + (
+            [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
+        return f'plan {self._player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
+
     def _on_start(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
-        reason = self._assemble() if self._assembly.is_whole() else ''
-        response.success = self._player.playback is not None
-        if response.success:
-            self._player.start()
-            self._announced_end = False
-            response.message = 'playing'
-        else:
-            response.message = 'there is no plan yet' + (f': {reason}' if reason else '')
+        reason = self._assemble() if self._assembly.is_whole() else (
+            self._assembly.problem or self._problem)
+        self._starts_next = self._assembly.is_arriving()
+        try:
+            response.success, response.message = True, (
+                f'waits for the rest of the plan: {reason}' if self._starts_next
+                else self._start())
+        except OptionError as error:
+            response.success = False
+            response.message = f'{error}{reason and ": "}{reason}'
         return response
 
     def _on_pause(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
-        response.success = self._player.playing
+        response.success = self._player.pause()
         response.message = 'paused' if response.success else 'nothing is playing'
-        self._player.pause()
         return response
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
@@ -163,25 +206,65 @@ class Replay(Node):
         response.success, response.message = True, 'back at the start'
         return response
 
+    # Time
+
     def _on_tick(self) -> None:
-        clock = self.get_clock().now()
+        longest, clock = self._longest_tick(), self.get_clock().now()
         now = clock.nanoseconds
         if self._assembly.is_due(now):
             self._assemble()
-        # If the clock jumps back, time stands still for one tick and the flight continues.
-        seconds = 0.0 if self._last_tick is None else max(0, now - self._last_tick) * 1e-9
-        self._last_tick = now
-        if not self._player.streaming:
-            return
-        moment = self._player.advance(
-            seconds * self._settings['speed'], self._eavesdropper)
-        self._publish(moment, clock.to_msg())
-        if self._player.finished and not self._announced_end:
+        player, playback = self._player, self._player.playback
+        if player.playing and not player.streaming:
+            self._report(self._waits_for(now))
+        running = player.playing
+        moment = player.tick(now, self._settings['speed'], self._eavesdropper,
+                             is_ready=not self._waits, longest=longest)
+        if playback is not None:
+            self._publish_time(clock.to_msg())
+        if moment is not None:
+            self._publish(moment, clock.to_msg())
+        if running and player.ended:
             self._announce_end()
+
+    def _longest_tick(self) -> float:
+        """Return what can have passed since the last tick in s, whatever the clock says."""
+        before, self._ticked = self._ticked, time.monotonic()
+        if self.get_clock().ros_time_is_active:
+            return _LONGEST_SIMULATED_TICK
+        return self._ticked - before + _CLOCK_ERROR
+
+    def _waits_for(self, now_ns: int) -> list[str]:
+        """Return in words what the first setpoint waits for."""
+        settings, simulated = self._settings, not self._settings['vehicle_odometry']
+        known = {name: place for name, (received, place) in self._places.items()
+                 if 0 <= now_ns - received <= _FRESH * 1e9}
+        waits = [] if simulated else [
+            f'odometry of {name}' for name in self._uavs if name not in known]
+        waits += self._player.away(now_ns, [known.get(name) for name in self._uavs],
+                                   settings['start_tolerance'], settings['speed'])
+        # Who only watches simulated UAVs need not subscribe to each of them.
+        if simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
+            return waits
+        return waits + [f'a subscriber of the setpoints of {name}'
+                        for index, name in enumerate(self._uavs)
+                        if not any(streams[index].get_subscription_count() for streams in (
+                            self._poses, self._trajectories, self._odometry) if streams)]
+
+    def _report(self, waits: list[str]) -> None:
+        """Note and log what is waited for, when that is something else than before."""
+        def kinds(of: list[str]) -> list[str]:
+            return [wait.partition(',')[0] for wait in of]  # Without the distance.
+        if waits and kinds(waits) != kinds(self._waits):
+            self.get_logger().info(brief(f'waiting for {", ".join(waits)}'))
+        self._waits = waits
+
+    def _publish_time(self, stamp: Stamp) -> None:
+        """Say to what time of which plan the flight has come."""
+        plan = self._player.playback.plan
+        self._plan_time.publish(messages.plan_time(plan, self._player.time, stamp))
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
         scenario = self._player.playback.plan.scenario
-        speed = self._settings['speed'] if self._player.playing else 0.0
         places = []
         for index, (uav, (x, y), yaw) in enumerate(
                 zip(scenario.uavs, moment.positions, moment.headings)):
@@ -189,12 +272,13 @@ class Replay(Node):
             self._poses[index].publish(
                 messages.pose_stamped(self._frame_id, stamp, *places[-1], yaw))
             self._watts[index].publish(messages.float64(moment.powers[index]))
-            velocity = moment.velocities[index] * speed
-            self._odometry[index].publish(messages.odometry(
-                self._frame_id, f'{uav.name}/base_link', stamp, places[-1], yaw, velocity))
+            velocity = moment.velocities[index]
+            if self._odometry:
+                self._odometry[index].publish(messages.odometry(
+                    self._frame_id, f'{uav.name}/base_link', stamp, places[-1], yaw, velocity))
             self._trajectories[index].publish(messages.trajectory_setpoint(
                 uav.name, self._frame_id, stamp,
-                (places[-1], yaw, velocity, moment.accelerations[index] * speed**2)))
+                (places[-1], yaw, velocity, moment.accelerations[index])))
         self._markers.publish(
             messages.slot_markers(self._frame_id, stamp, places, moment.powers))
         if self._eavesdropper is not None:
@@ -202,19 +286,17 @@ class Replay(Node):
                 self._player.playback.secrecy_rate(moment, self._eavesdropper)))
 
     def _announce_end(self) -> None:
-        delivered, step = self._player.delivered, self._player.largest_step
+        delivered, jump = self._player.delivered, self._player.largest_jump
         what = ('delivered' if self._eavesdropper is None else 'delivered in secret')
         detail = (' to the ground node, whatever leaked (true_eavesdropper is not set)'
                   if self._eavesdropper is None else
                   f', {delivered / self._player.playback.duration:.4f} bit/s/Hz on average')
         self.get_logger().info(
-            f'end of the plan: {what} {delivered:.2f} bit/Hz{detail}; largest deviation between '
-            f'consecutive setpoints {step:.3f} m')
+            f'end of the plan: {what} {delivered:.2f} bit/Hz{detail}; largest jump between '
+            f'consecutive setpoints {jump:.3f} m')
         if self._settings['loop']:
-            self._player.start()
-        else:
-            self._player.pause()
-            self._announced_end = True
+            self._player.reset()
+            self._start()
 
 
 def _check(values: Mapping[str, Any]) -> None:

@@ -1,19 +1,17 @@
 """Construction of the scenario to solve from parameters and poses."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import math
 from typing import Any
 
-from .departure import Departure
 from .parameters import uav_from
 from .poses import error_radius, KnownPose, PoseBook
+from .start_time import StartTime
 from .zone_parameters import airspace_from
-from ..errors import PoseError
-from ..plan import Plan
-from ..playback import Playback
-from ..scenario import Eavesdropper, Scenario, Uav
-from ..tracking import departing, expected, Sighting
+from ..errors import PoseError, ScenarioError
+from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
+from ..plan.tracking import departing, expected, Flight, Sighting
 
 GROUND_NODE_TOPIC = 'ground_node/pose'
 
@@ -66,15 +64,11 @@ def known_of(name: str, parameters: Mapping[str, Any], poses: PoseBook, now: flo
         uav_topics(name), parameters['frame_id'], now, parameters['pose_timeout'])
 
 
-def sighting_of(name: str, parameters: Mapping[str, Any], poses: PoseBook, now: float,
-                origin: float) -> Sighting | None:
-    """
-    Return the last usable state of a UAV, or None.
-
-    :param origin: the time in s from which times of the Sighting count.
-    """
+def sighting_of(name: str, parameters: Mapping[str, Any], poses: PoseBook, now: float
+                ) -> Sighting | None:
+    """Return the last usable state of a UAV, at a time in s of the clock, or None."""
     known = known_of(name, parameters, poses, now)
-    return known and Sighting(known.time - origin, known.position, known.velocity)
+    return known and Sighting(known.time, known.position, known.velocity)
 
 
 def raise_first(problems: list[PoseError]) -> None:
@@ -83,47 +77,74 @@ def raise_first(problems: list[PoseError]) -> None:
         raise type(problems[0])('; '.join(map(str, problems)))
 
 
-def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, departure: Departure,
-                  last: Plan | None = None) -> Scenario:
+def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, start: StartTime,
+                  sightings: Sequence[Sighting | None] = (), flight: Flight | None = None
+                  ) -> Scenario:
     """
     Return the Scenario of a new mission, from where the UAVs are or will be, if that is known.
 
     :param parameters: values of the planner's parameters by name.
     :param poses: the planner's PoseBook.
-    :param departure: when the mission begins.
-    :param last: the last Plan, along which UAVs may fly until the new one begins.
+    :param start: when the mission begins.
+    :param sightings: where each UAV is, in the time of the flight or else in s of the clock; None
+        for one that is not known.
+    :param flight: the Flight from which it goes on, or None.
     :raises PoseError: if poses cannot be used; the text names every such topic.
     :raises ScenarioError: for a mission that cannot be flown, or a wrong combination of values.
     """
-    raise_first(pose_problems(parameters, poses, departure.asked_ns * 1e-9))
+    raise_first(pose_problems(parameters, poses, start.asked_ns * 1e-9))
+    uavs = [uav_from(parameters, name) for name in parameters['uavs']]
+    for index, sighting in enumerate(sightings):
+        uavs[index] = _begun(uavs[index], index, sighting, parameters, start, flight)
     return Scenario(
         ground_node=poses.get(GROUND_NODE_TOPIC).position,
-        eavesdroppers=_eavesdroppers(parameters, poses),
-        uavs=_uavs(parameters, poses, departure, last),
+        eavesdroppers=_eavesdroppers(parameters, poses), uavs=tuple(uavs),
         duration=parameters['duration'], slots=parameters['slots'],
         reference_snr_db=parameters['reference_snr_db'], **airspace_from(parameters))
 
 
-def _uavs(parameters: Mapping[str, Any], poses: PoseBook, departure: Departure,
-          last: Plan | None) -> tuple[Uav, ...]:
-    """Return the UAVs with the places, and for a delayed start the velocities, they start with."""
-    playback = Playback(last) if last is not None and departure.is_delayed else None
-    origin_ns = 0 if playback is None else last.start_ns
-    found = []
-    for index, name in enumerate(parameters['uavs']):
-        uav = uav_from(parameters, name)
-        sighting = sighting_of(
-            name, parameters, poses, departure.asked_ns * 1e-9, origin_ns * 1e-9)
-        if sighting is None or not parameters[f'{name}.use_pose']:
-            pass
-        elif not departure.is_delayed:
-            uav = replace(uav, start=sighting.position)
+def _begun(uav: Uav, index: int, sighting: Sighting | None, parameters: Mapping[str, Any],
+           start: StartTime, flight: Flight | None) -> Uav:
+    """Return a UAV with the place, and where it flies the velocity, with which it starts."""
+    ahead = (start.effect_ns - start.asked_ns) * 1e-9
+    if flight is None:
+        if sighting is None or not start.is_delayed:
+            return uav if sighting is None else replace(uav, start=sighting.position)
+        state = expected(sighting, start.effect_ns * 1e-9)
+    else:
+        time = flight.time + flight.rate * ahead
+        is_streamed = flight.is_reported and flight.state in ('flying', 'held')
+        if sighting is None and flight.state == 'waiting':
+            return uav
+        if is_streamed or sighting is None:
+            state = _planned(uav, index, flight, time)
+        elif flight.is_reported or start.is_delayed:
+            state = expected(sighting, time, flight.playback, index, parameters['track_tolerance'])
         else:
-            state = expected(sighting, (departure.effect_ns - origin_ns) * 1e-9, playback, index,
-                             parameters['track_tolerance'])
-            uav = departing(uav, *state, parameters['duration'] / parameters['slots'])
-        found.append(uav)
-    return tuple(found)
+            return replace(uav, start=sighting.position)
+    return departing(uav, *state, parameters['duration'] / parameters['slots'])
+
+
+def _planned(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
+    """
+    Return where a UAV will be on the plan that is flown, and how fast.
+
+    :raises ScenarioError: if it flies at another altitude, or faster than it may from now on.
+    """
+    flown = flight.playback.plan.scenario.uavs[index]
+    if uav.altitude != flown.altitude:
+        raise ScenarioError(
+            f'{uav.name}.altitude is {uav.altitude:g} m and {uav.name} flies at '
+            f'{flown.altitude:g} m; it can change when the flight has ended')
+    moment = flight.playback.at(time)
+    (x, y), (u, v) = moment.positions[index].tolist(), moment.velocities[index].tolist()
+    if flight.rate == 0.0:
+        u = v = 0.0
+    if uav.max_acceleration is not None and math.hypot(u, v) > uav.max_speed * (1 + 1e-6):
+        raise ScenarioError(
+            f'{uav.name}.max_speed is {uav.max_speed:g} m/s and {uav.name} flies at '
+            f'{math.hypot(u, v):.1f} m/s; it can be lower when the flight has ended')
+    return (x, y), (u, v)
 
 
 def updated(scenario: Scenario, parameters: Mapping[str, Any], poses: PoseBook,

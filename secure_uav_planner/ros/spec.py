@@ -8,7 +8,10 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import NameValidationException
 from rclpy.validate_topic_name import validate_topic_name
 
+from .text import brief
 from ..errors import ParameterError, shown
+
+_MOST_IN_NAME = 100  # ROS allows about 240 in a topic, of which a name is one part.
 
 
 @dataclass(frozen=True)
@@ -18,8 +21,8 @@ class Spec:
 
     :param default: the default value; its type is the parameter's type.
     :param limits: the smallest and the largest allowed number, for numbers and lists of numbers.
-    :param length: the smallest and the largest allowed length, for lists.
-    :param choices: the allowed strings.
+    :param length: the smallest and the largest allowed length, for lists and strings.
+    :param choices: the allowed strings. YAML's `off`, which is false, counts as the string.
     """
 
     default: Any
@@ -36,10 +39,13 @@ class Spec:
                 list: 'a list'}[type(self.default)]
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
-        if self.length:
+        if self.length and isinstance(self.default, str):
+            noun += f' of at most {self.length[1]} characters'
+        elif self.length:
             low, high = self.length
             noun += f' of {low}' if low == high else f' of {low} to {high}'
-            noun += ' names' if self._of_names else ' numbers'
+            noun += (f' names of letters, digits and _, at most {_MOST_IN_NAME} each'
+                     if self._of_names else ' numbers')
         if self.limits:
             noun += f' from {self.limits[0]:g} to {self.limits[1]:g}'
         return noun
@@ -48,13 +54,17 @@ class Spec:
     def _of_names(self) -> bool:
         return isinstance(self.default, list) and self.limits is None
 
-    def checked(self, name: str, value: Any) -> Any:
-        """Return the value in the parameter's type, or raise ParameterError."""
+    def checked(self, name: str, value: Any, what: str = '') -> Any:
+        """
+        Return the value in the parameter's type, or raise ParameterError.
+
+        :param what: what the error puts before the name.
+        """
         try:
             return self._converted(value)
         except (TypeError, ValueError, OverflowError, NameValidationException):
-            raise ParameterError(
-                f'{name} is {shown(value)}; it must be {self.allowed}') from None
+            raise ParameterError(f'{what}{brief(name, 100)} is {shown(value)}; it must be '
+                                 f'{self.allowed}', (name,)) from None
 
     def _converted(self, value: Any) -> Any:
         kind = type(self.default)
@@ -67,13 +77,19 @@ class Spec:
                 self._number(one, float) for one in values]
         if kind in (int, float):
             return self._number(value, kind)
+        if value is False and 'off' in (self.choices or ()):
+            return 'off'
         if not isinstance(value, kind) or (self.choices and value not in self.choices):
+            raise ValueError
+        if kind is str and self.length and len(value) > self.length[1]:
             raise ValueError
         return value
 
     def _number(self, value: Any, kind: type) -> float:
-        # An integer is accepted as a float, as in `duration: 150` in YAML.
-        if isinstance(value, bool) or not isinstance(value, (int, kind)):
+        # An integer is accepted as a float, as in `duration: 150` in YAML, and 1e2 as an integer.
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise ValueError
+        if kind is int and value != int(value):
             raise ValueError
         if not math.isfinite(value) or not self.limits[0] <= value <= self.limits[1]:
             raise ValueError
@@ -97,7 +113,8 @@ class Spec:
 
 def _name(value: Any) -> str:
     """Return a name that can be part of a topic and of a parameter."""
-    if not isinstance(value, str) or '/' in value or '~' in value:
+    if not isinstance(value, str) or '/' in value or '~' in value or (
+            len(value) > _MOST_IN_NAME):
         raise ValueError
     validate_topic_name(value)
     return value

@@ -1,5 +1,5 @@
 """
-The first step of the executables: while modules load, a signal ends the process at once.
+The first step of the executables: until the node is there, a signal ends the process at once.
 
 This module imports nothing that takes time. Before it runs, Python's own handlers are active.
 """
@@ -7,10 +7,9 @@ This module imports nothing that takes time. Before it runs, Python's own handle
 from importlib import import_module
 import os
 import signal
-from typing import Any
 
 
-def run(module: str, node: str, args: list[str] | None = None, **options: Any) -> None:
+def run(module: str, node: str, args: list[str] | None = None, **options: object) -> None:
     """
     Import a node, run it until a signal, and exit the process.
 

@@ -11,9 +11,9 @@ from .approaches import approaches_text, approaches_values
 from .poses import PoseBook
 from .scenarios import GROUND_NODE_TOPIC, odometry_topic, pose_topic
 from .text import brief
-from ..bound import Bound
 from ..errors import PlanningError
-from ..plan import Iteration, Plan
+from ..plan.bound import Bound
+from ..plan.plan import Iteration, Plan
 
 LAST_PLAN_STANDS = '; the last plan stands'
 
@@ -35,21 +35,36 @@ class Outcome(NamedTuple):
 @dataclass
 class State:
     """
-    The last plan, the outcome of the last request or replan, and counts.
+    The last plan, whether the last request or replan was refused, and counts.
 
     :ivar plan: the last plan that was published, or None.
+    :ivar prefix: what its summary begins with.
     :ivar evaluated: the last plan whose worst-case rate has been evaluated, or None.
     :ivar bound: the Bound of the last plan, or None.
     :ivar upcoming: a plan whose worst-case rate is known and that is not published yet, or None.
+    :ivar refusal: the Outcome of the last request or replan if it led to no plan, or None.
     """
 
     plan: Plan | None = None
+    prefix: str = ''
     evaluated: Plan | None = None
     bound: Bound | None = None
     upcoming: Plan | None = None
-    outcome: Outcome = Outcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
+    refusal: Outcome | None = None
     counts: dict[str, int] = field(
         default_factory=lambda: {'plans': 0, 'replans': 0, 'refusals': 0})
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return how the last request or replan ended, with what is known of its plan now."""
+        plan = self.plan
+        if self.refusal is not None:
+            return self.refusal
+        if plan is None:
+            return Outcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
+        good = plan.status == 'converged' and not plan.clearance.is_close
+        return Outcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
+                       self.prefix + summary(plan, self.evaluated is plan, self.bound))
 
     def publish(self, plan: Plan, count: str, prefix: str = '') -> str:
         """
@@ -58,14 +73,10 @@ class State:
         :param count: the name of the count to increase.
         :param prefix: put before the summary.
         """
-        self.plan, self.bound = plan, plan.bound
+        self.plan, self.bound, self.prefix, self.refusal = plan, plan.bound, prefix, None
         self.evaluated = plan if self.upcoming is plan else None
         self.counts[count] += 1
-        good = plan.status == 'converged' and not plan.clearance.is_close
-        level = DiagnosticStatus.OK if good else DiagnosticStatus.WARN
-        text = prefix + summary(plan, self.evaluated is plan, self.bound)
-        self.outcome = Outcome(level, 'ok', text)
-        return text
+        return self.outcome.text
 
     def evaluate(self, plan: Plan) -> None:
         """Note that the worst-case rate of a plan is known; the plan may not be published yet."""
@@ -73,29 +84,19 @@ class State:
             self.evaluated = plan
         else:
             self.upcoming = plan
-        before = summary(plan, False, self.bound)
-        # The outcome may have changed since the plan was published.
-        if self.plan is plan and self.outcome.text.endswith(before):
-            text = self.outcome.text.removesuffix(before) + summary(plan, True, self.bound)
-            self.outcome = self.outcome._replace(text=text)
 
     def take_bound(self, plan: Plan, bound: Bound) -> bool:
         """Take up the bound of the last plan; return whether it still is the last."""
         if self.plan is not plan:
             return False
-        self.evaluate(plan)
-        before = summary(plan, True, self.bound)
-        self.bound = bound
-        if self.outcome.text.endswith(before):
-            text = self.outcome.text.removesuffix(before) + summary(plan, True, bound)
-            self.outcome = self.outcome._replace(text=text)
+        self.evaluated, self.bound = plan, bound
         return True
 
     def refuse(self, error: Exception, reason: str, level: bytes) -> str:
         """Note why there is no new plan; return the reason, and whether the last plan remains."""
         text = reason + (LAST_PLAN_STANDS if self.plan is not None else '')
         self.counts['refusals'] += 1
-        self.outcome = Outcome(level, getattr(error, 'code', PlanningError.code), text)
+        self.refusal = Outcome(level, getattr(error, 'code', PlanningError.code), text)
         return text
 
 
@@ -123,18 +124,18 @@ def level_and_text(outcome: Outcome, problems: Sequence[object],
 
     ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or the
     last request was refused, or its plan has not converged or lets UAVs come close without a
-    separation. OK: none of these. STALE is not used, because tools take it for a node that has
-    stopped reporting.
+    separation. OK: none of these. While a solve is under way, its progress stands for the last
+    outcome. STALE is not used, because tools take it for a node that has stopped reporting.
 
     :param problems: errors of poses that prevent planning, and texts about UAVs off their plan.
     :param progress: the latest Iteration of the solve that is under way, or None.
     """
+    texts = [str(problem) for problem in problems]
     if progress is not None:
-        return DiagnosticStatus.OK, (f'solving: iteration {progress.number}, '
-                                     f'{progress.rate:.4f} bit/s/Hz')
-    if outcome.level == DiagnosticStatus.OK and problems:
-        return DiagnosticStatus.WARN, '; '.join(map(str, problems))
-    return outcome.level, outcome.text
+        texts.insert(0, f'solving: iteration {progress.number}, {progress.rate:.4f} bit/s/Hz')
+    elif outcome.level != DiagnosticStatus.OK or not problems:
+        return outcome.level, outcome.text
+    return DiagnosticStatus.WARN if problems else DiagnosticStatus.OK, '; '.join(texts)
 
 
 def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
@@ -166,7 +167,7 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
     plan = state.plan
     if plan is not None:
         found.update({
-            'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
+            'plan.identity': plan.identity, 'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
             'plan.age': now - plan.start_ns * 1e-9,
             'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
             **approaches_values(plan)})

@@ -8,9 +8,9 @@ import time
 from typing import Any
 
 from ..errors import BusyError, StoppedError, SupersededError
+from ..mission.scenario import Scenario
 from ..optimize import solve
-from ..plan import Iteration, Plan
-from ..scenario import Scenario
+from ..plan.plan import Iteration, Plan
 
 _POLL = 0.02
 
@@ -32,7 +32,7 @@ class Worker:
     A request reserves the worker. This stops a solve in the background, and no other one starts in
     the background while the worker is reserved.
 
-    :param on_iteration: called in the solver's thread after every iteration.
+    :param on_iteration: called in the solver's thread at its beginning and after every iteration.
     """
 
     def __init__(self, on_iteration: Callable[[], None]) -> None:
@@ -77,14 +77,15 @@ class Worker:
         finally:
             self._reservation.release()
 
-    def start(self, scenario: Scenario, then: Callable[['Future[Plan]'], None] | None = None,
-              **options: Any) -> 'Future[Plan]':
+    def start(self, task: Callable[[], tuple[Scenario, dict[str, Any]]],
+              then: Callable[['Future[Plan]'], None] | None = None) -> 'Future[Plan]':
         """
         Start a solve for the reservation, or in the background if `then` is given.
 
+        :param task: called in the solver's thread; returns the scenario and further arguments of
+            solve.
         :param then: called with the future at the end of the solver's thread, except when the node
             is stopping. A join of the thread therefore also waits for this call.
-        :param options: arguments of solve: method, time_limit, initial.
         :return: a concurrent.futures.Future of the Plan.
         :raises BusyError: if a solve is under way, or if `then` is given while the worker is
             reserved.
@@ -101,16 +102,16 @@ class Worker:
                 raise StoppedError('cancelled')
             # A daemon thread does not keep a stopped node running.
             job.thread = threading.Thread(
-                target=self._run, args=(job, scenario, then, options), daemon=True,
+                target=self._run, args=(job, task, then), daemon=True,
                 name='solver')
             self._job = job
             job.thread.start()
             return job.future
 
     def cancel(self) -> bool:
-        """Ask the solve that is under way to stop; return whether there is one."""
+        """Stop the solve or the request that is under way; return whether there is one."""
         with self._lock:
-            busy = self._solving
+            busy = self.busy
             self._request_cancel.set()
             if self._job is not None:
                 self._job.cancel.set()
@@ -145,8 +146,8 @@ class Worker:
             if until is not None and time.monotonic() > until:
                 raise BusyError('the solve of a replan has not stopped in time; ask again')
 
-    def _run(self, job: _Job, scenario: Scenario,
-             then: Callable[['Future[Plan]'], None] | None, options: dict[str, Any]) -> None:
+    def _run(self, job: _Job, task: Callable[[], tuple[Scenario, dict[str, Any]]],
+             then: Callable[['Future[Plan]'], None] | None) -> None:
         def on_iteration(iteration: Iteration) -> bool:
             if not job.cancel.is_set():
                 job.progress = iteration
@@ -154,6 +155,8 @@ class Worker:
             return job.cancel.is_set()
 
         try:
+            self._on_iteration()
+            scenario, options = task()
             plan = solve(scenario, on_iteration=on_iteration, **options)
         except Exception as error:
             _settle(job.future.set_exception, error)

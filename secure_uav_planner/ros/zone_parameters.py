@@ -1,4 +1,4 @@
-"""Parameters of the airspace: separation, no-fly zones and the geofence."""
+"""Parameters of the airspace: separation, no-fly zones, the geofence and their margin."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -7,9 +7,9 @@ from typing import Any
 from .parameters import NO_LIMIT
 from .spec import Spec
 from ..errors import ParameterError, shown
-from ..members import NoFlyZone
-from ..polygons import checked_polygon, MAX_VERTICES
-from ..scenario import LIMITS, Point
+from ..mission.participants import NoFlyZone
+from ..mission.polygons import checked_polygon, MAX_VERTICES
+from ..mission.scenario import LIMITS, Point
 
 _POLYGON = (6, 2 * MAX_VERTICES)  # How many numbers it has.
 
@@ -29,13 +29,14 @@ def zone_parameters(name: str) -> dict[str, Spec]:
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Return separation, no-fly zones and geofence of a Scenario, as the parameter values say.
+    Return separation, margin, zones and geofence of a Scenario, as the parameter values say.
 
     :raises PlanningError: for a zone or a fence that is no polygon; the text names the parameter.
     """
     fence = values['geofence']
     return {
         'separation': values['separation'],
+        'tracking_margin': values['tracking_margin'],
         'no_fly_zones': tuple(_zone(values, name) for name in values['no_fly_zones']),
         'geofence': checked_polygon('', 'geofence', _points('geofence', fence)) if fence else None}
 

@@ -6,7 +6,7 @@ from .powers import PowerProblem
 from .schedule import Schedule
 from .trajectory import TrajectoryProblem
 from ..search import Search
-from ...plan import Status
+from ...plan.plan import Status
 
 _Problem = PowerProblem | TrajectoryProblem
 

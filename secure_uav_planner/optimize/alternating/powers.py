@@ -6,10 +6,10 @@ import cvxpy as cp
 import numpy as np
 
 from . import clarabel
-from ...channel import ground_gains, guaranteed_gains
-from ...limits import limits_of
-from ...limits.base import ConvexVariables
-from ...scenario import Array, Scenario
+from ...mission.scenario import Array, Scenario
+from ...model.channel import ground_gains, guaranteed_gains
+from ...model.limits import limits_of
+from ...model.limits.base import ConvexVariables
 
 
 class PowerProblem:

@@ -12,11 +12,11 @@ import cvxpy as cp
 import numpy as np
 
 from . import clarabel
-from ...channel import ground_squared_distances, guaranteed_squared_distances
-from ...channel.links import FreeSpace
-from ...limits import limits_of
-from ...limits.base import ConvexVariables
-from ...scenario import Array, Eavesdropper, Scenario
+from ...mission.scenario import Array, Eavesdropper, Scenario
+from ...model.channel import ground_squared_distances, guaranteed_squared_distances
+from ...model.channel.links import FreeSpace
+from ...model.limits import limits_of
+from ...model.limits.base import ConvexVariables
 
 
 class TrajectoryProblem:
@@ -151,7 +151,8 @@ class TrajectoryProblem:
         :param advantages: of the receivers, likewise.
         :return: (..., U, N) in 1/W and (..., U, N) in 1/m^2.
         """
-        gains, slopes, _ = self._link.for_receivers(advantages).derivatives(squared)
+        link = self._link.for_receivers(advantages)
+        gains, slopes = link.gain(squared), link.slope(squared)
         return gains, -slopes / gains
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from .kernel_barrier import make_barrier
+from .barrier import Barrier
 from .starts import strictly_feasible
 from .stepper import Stepper, Stop
 from .worst_places import WorstPlaces
-from ...plan import Status
+from ...plan.plan import Status
 
 
 def improve_against_places(stepper: Stepper) -> Status:
@@ -24,9 +24,10 @@ def _improve_once(stepper: Stepper, steps: int) -> tuple[Status, bool]:
     """Improve the present plan once; return also whether places came to rest."""
     schedule, search = stepper.schedule, stepper.search
     grid = stepper.grid
-    x = strictly_feasible(grid, search.positions, search.powers, share=schedule.warm_share)
+    x = strictly_feasible(grid, search.positions, search.powers, share=schedule.warm_share,
+                          check=stepper.check)
     places = WorstPlaces(grid, x)
-    barrier = make_barrier(
+    barrier = Barrier(
         grid, x[None], schedule.warm_mu if search.warm else schedule.places_mu, schedule,
         stepper.check, places)
     # Only what seems better than the present plan is worth a proof of its worst case.

@@ -3,15 +3,14 @@
 import numpy as np
 
 from .barrier import Barrier
-from .kernel_barrier import make_barrier
 from .schedule import Schedule
 from .starts import refined
 from ..search import Search
 from ...errors import NumericalError
-from ...grid import Grid
-from ...limits import is_open
-from ...plan import Status
-from ...scenario import Array
+from ...mission.scenario import Array
+from ...model.grid import Grid
+from ...model.limits import is_open
+from ...plan.plan import Status
 
 
 class Stop(Exception):
@@ -38,7 +37,7 @@ class Stepper:
 
     def barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
         """Return a Barrier that stops when the search must end."""
-        return make_barrier(grid, x, mu, self.schedule, self.check)
+        return Barrier(grid, x, mu, self.schedule, self.check)
 
     def check(self) -> None:
         """Raise Stop where the search must end."""
@@ -67,7 +66,7 @@ class Stepper:
                 x, mu = middle.x, middle.mu
             grids = int(np.ceil(np.log(full / grid.slots) / np.log(schedule.refinement)))
             finer = grid.divided(round(grid.slots * (full / grid.slots)**(1 / grids)))
-            found = [refined(grid, one, finer) for one in x]
+            found = [refined(grid, one, finer, self.check) for one in x]
             inside = [one is not None for one in found]
             if not any(inside):
                 raise NumericalError('no flight strictly inside the limits was found')

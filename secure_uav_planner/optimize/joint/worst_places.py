@@ -5,16 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...channel import leak_maximisers
-from ...channel.derivatives import Receivers, SlotDerivatives, SlotRates
-from ...grid import Grid
-from ...scenario import Array
+from ...mission.scenario import Array
+from ...model.channel import leak_maximisers
+from ...model.channel.receivers import Receivers
+from ...model.grid import Grid
 
 _ANGLES = (0.0, 2.0, 4.0)  # Of the first places of a disc, from the worst one, in rad.
 _NEAR = 0.5  # In radii of the disc.
-_ON_EDGE = 1 - 1e-6  # Distance from the centre, in radii, of a place that the edge holds.
-_FLATTEST = 0.01  # Least curvature with which a place follows, as a share of the largest.
-_TINY = 1e-300
 PER_DISC = len(_ANGLES)
 
 
@@ -47,7 +44,7 @@ class WorstPlaces:
         self._largest: NDArray[np.bool_] = np.zeros(self._places.shape[:-1], bool)
         self._largest[..., 0] = True
         self.receivers = self._made()
-        self.rate = self._rate(SlotRates(self.receivers, x), leaks)
+        self.rate = self._rate(*self.receivers.rates(x), leaks)
 
     def exchange(self, x: Array, tolerance: float) -> bool:
         """
@@ -62,9 +59,9 @@ class WorstPlaces:
         :return: whether any was worse.
         """
         worst, leaks = self._worst(x)
-        rates = SlotRates(self.receivers, x)
-        self.rate = self._rate(rates, leaks)
-        known = np.moveaxis(rates.leaks.reshape(len(x), len(worst), PER_DISC), 1, 0)
+        ground, leaks_known = self.receivers.rates(x)
+        self.rate = self._rate(ground, leaks_known, leaks)
+        known = np.moveaxis(leaks_known.reshape(len(x), len(worst), PER_DISC), 1, 0)
         # Only what is worse than all places of all discs matters.
         worse = leaks > known.max(axis=(0, 2)) + tolerance
         apart = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
@@ -93,43 +90,6 @@ class WorstPlaces:
         """Whether a place moves along with the UAVs, (N, E PER_DISC)."""
         return self._by_slots(self._largest) & (self.radii > 0)
 
-    def curvature(self, derivatives: SlotDerivatives, shares: Array) -> Array:
-        """
-        Return what the Hessian of the leaks gains as places follow the UAVs, (..., N, 3 U, 3 U).
-
-        For f(x) = max_w g(x, w) it is -g_xw g_ww^-1 g_wx at the worst place w, which is on top of
-        g_xx; for a place on the edge, that along the edge, whose curvature counts too. Without
-        it, places and UAVs that follow each other in turn may swing ever further.
-
-        :param derivatives: at the x at which places were exchanged.
-        :param shares: weights of the leaks to all places, (..., N, E PER_DISC).
-        """
-        mixed = derivatives.by_places()[..., 1:, :, :]
-        of_positions = mixed.reshape(*mixed.shape[:-2], -1, 3, 2)[..., 1:, :]
-        bend = of_positions.sum(axis=-3)  # -g_ww
-        slope = -derivatives.gradients[..., 1:, :, 1:].sum(axis=-2)
-        radii, offset = self.radii, self.offsets
-        distance = np.linalg.norm(offset, axis=-1)
-        out = offset / np.maximum(distance, _TINY)[..., None]
-        along = np.stack([-out[..., 1], out[..., 0]], axis=-1)
-        least = _FLATTEST * np.abs(bend).max(axis=(-2, -1)) + _TINY
-        # On the edge:
-        on_edge = (bend @ along[..., None])[..., 0]
-        bend_along = (on_edge * along).sum(axis=-1) + (
-            slope * out).sum(axis=-1) / np.maximum(radii, _TINY)
-        row = (mixed @ along[..., None]) / np.sqrt(
-            np.maximum(bend_along, least))[..., None, None]
-        # Inside:
-        bends, axes = np.linalg.eigh(bend)
-        rows = (mixed @ axes) / np.sqrt(np.maximum(bends, least[..., None]))[..., None, :]
-        edge = (distance >= _ON_EDGE * radii)[..., None, None]
-        rows = np.where(edge, np.concatenate([row, np.zeros_like(row)], axis=-1), rows)
-        weights = shares * self.followed
-        rows = rows * np.sqrt(weights)[..., None, None]
-        rows = np.moveaxis(rows, -3, -2).reshape(*rows.shape[:-3], rows.shape[-2], -1)
-        curvature: Array = rows @ np.swapaxes(rows, -1, -2)
-        return curvature
-
     def _worst(self, x: Array) -> tuple[Array, Array]:
         """Return the worst places (E, N, 2) in m, and their leaks (E, N) in nats."""
         places, leaks = leak_maximisers(
@@ -147,6 +107,6 @@ class WorstPlaces:
         return values.reshape(len(values), -1, *values.shape[3:])
 
     @staticmethod
-    def _rate(rates: SlotRates, leaks: Array) -> float:
-        most = np.maximum(leaks.max(axis=0), rates.leaks.max(axis=-1))
-        return float(np.maximum(rates.ground - most, 0.0).mean())
+    def _rate(ground: Array, known: Array, leaks: Array) -> float:
+        most = np.maximum(leaks.max(axis=0), known.max(axis=-1))
+        return float(np.maximum(ground - most, 0.0).mean())

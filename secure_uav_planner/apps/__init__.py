@@ -1,0 +1,1 @@
+"""Programs: the command, campaigns, study, benchmark, flights in physics, demo."""

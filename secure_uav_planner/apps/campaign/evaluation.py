@@ -1,0 +1,71 @@
+"""One task of a campaign, in a worker process: plan a mission, return a row of results."""
+
+import math
+import time
+from typing import Any
+
+from .tasks import Task
+from ...errors import PlanningError
+from ...mission.scenario import Scenario
+from ...plan.plan import Plan
+
+COLUMNS = ('key', 'sample', 'method', 'objective', 'outcome', 'reason', 'rate', 'guaranteed_rate',
+           'worst_case_rate', 'bound', 'gap', 'status', 'iterations', 'solve_time', 'time')
+"""What every row has beside the fields that are varied; rates in bit/s/Hz, times in s."""
+
+ERROR, WORKER_LOST = 'error', 'worker_lost'
+"""Outcomes that say nothing of the mission: memory, a disk or a worker failed. It is planned again
+when the campaign is started again. All other outcomes are results, also those of refusals."""
+
+
+def row_of(task: Task) -> dict[str, Any]:
+    """
+    Return the row of a task; a failure is a row with its reason.
+
+    :return: COLUMNS and 'fields', the varied fields by name, all plain values; and 'plan', the
+        Plan, if the task has 'plans'.
+    """
+    started = time.monotonic()
+    row = empty_row(task)
+    try:
+        row.update(_results(task), outcome='ok')
+    except PlanningError as error:
+        row.update(outcome=error.code, reason=str(error))
+    except Exception as error:  # Whatever it is, the other missions go on.
+        row.update(outcome=ERROR, reason=f'{type(error).__name__}: {error}'[:500])
+    row['time'] = time.monotonic() - started
+    return row
+
+
+def empty_row(task: Task) -> dict[str, Any]:
+    """Return the row of a task without any result."""
+    return {**dict.fromkeys(COLUMNS), **{
+        name: task[name] for name in ('key', 'sample', 'method', 'objective', 'fields')}}
+
+
+def _results(task: Task) -> dict[str, Any]:
+    from ...bound import upper_bound
+    scenario = Scenario.from_dict(task['mission'])
+    plan = _plan(scenario, task)
+    objective, limit = task['objective'], task['bound_time_limit']
+    found: dict[str, Any] = {
+        'guaranteed_rate': plan.guaranteed_rate, 'worst_case_rate': plan.worst_case_rate,
+        'status': plan.status,
+        'iterations': max(0, len(plan.history) - 1),  # The first entry is the start.
+        'solve_time': plan.solve_time}
+    found['rate'] = found[f'{objective}_rate']
+    if limit is not None:
+        bound = upper_bound(scenario, objective=objective, plan=plan, time_limit=limit)
+        gap = bound.gap(plan)
+        found.update(bound=bound.rate if math.isfinite(bound.rate) else None,
+                     gap=gap if math.isfinite(gap) else None)
+        plan = plan.with_bound(bound)
+    return {**found, 'plan': plan} if task.get('plans') else found
+
+
+def _plan(scenario: Scenario, task: Task) -> Plan:
+    from ...optimize import fly_hover_fly, METHODS, solve
+    method, limit = task['method'], task['time_limit']
+    if method in METHODS:
+        return solve(scenario, method, time_limit=limit, objective=task['objective'])
+    return fly_hover_fly(scenario, method.rpartition('_')[2], time_limit=limit)

@@ -1,0 +1,92 @@
+"""A campaign from its file to its results; a campaign that was stopped goes on."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from . import workers
+from .evaluation import ERROR, WORKER_LOST
+from .journal import Journal
+from .tasks import HasTasks, plan_file, Task
+from ...errors import OptionError
+
+JOURNAL = 'results.jsonl'
+
+
+def run(campaign: HasTasks, folder: Path, jobs: int | None = -1, scheduler: str | None = None,
+        backend: str | None = None, title: str = 'sweep') -> list[dict[str, Any]]:
+    """
+    Return the rows of all missions of a campaign; only those are planned that have none.
+
+    Missions that failed for reasons outside of them, and those whose plan was to be kept and is
+    gone, are planned again. Every finished mission is written to the journal in the folder at
+    once; there, the last row of a mission counts.
+
+    :param folder: where the journal and the kept plans are, or will be.
+    :param jobs: processes on this computer; -1 for as many as there are cores, None for joblib's
+        setting.
+    :param scheduler: address of a Dask scheduler, whose workers are used instead.
+    :param backend: a backend of joblib, by default its own setting.
+    :param title: of the progress bar.
+    :raises OSError: when a row cannot be written; what is finished is kept.
+    :raises OptionError: for a wrong number of jobs, or a journal that another process writes.
+    :raises PlanningError: when the scheduler cannot be reached, or workers are lost.
+    """
+    from tqdm import tqdm
+    if jobs is not None and jobs < 1 and jobs != -1:
+        raise OptionError(f'jobs is {jobs}; it must be at least 1, or -1 for all cores')
+    with Journal(folder / JOURNAL) as journal:
+        kept = {row['key']: row for row in journal.rows()}
+        # Two places of a grid may be the same mission, which is then planned once.
+        rows = {task['key']: _finished(kept.get(task['key']), task, folder)
+                for task in campaign.tasks()}
+        missing = sum(row is None for row in rows.values())
+        with tqdm(total=len(rows), initial=len(rows) - missing, unit='mission',
+                  desc=title, disable=None) as bar:
+            tasks = _missing(campaign.tasks(), rows)
+            for row in _new(tasks, missing, jobs, scheduler, backend):
+                _keep_plan(row, folder)
+                journal.add(row)
+                rows[row['key']] = row
+                bar.update()
+    return [row for row in rows.values() if row is not None]
+
+
+def failed(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of missions that failed for reasons outside of them."""
+    return [row for row in rows if row['outcome'] in (ERROR, WORKER_LOST)]
+
+
+def _finished(row: dict[str, Any] | None, task: Task, folder: Path) -> dict[str, Any] | None:
+    """Return a row from the journal, or None if its mission is to be planned again."""
+    if row is None or failed([row]):
+        return None
+    lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_file(
+        folder, row['key']).exists()
+    return None if lacks_plan else row
+
+
+def _keep_plan(row: dict[str, Any], folder: Path) -> None:
+    """Move the plan of a row, if it has one, to its file."""
+    plan = row.pop('plan', None)
+    if plan is not None:
+        file = plan_file(folder, row['key'])
+        file.parent.mkdir(exist_ok=True)
+        plan.save(file)
+
+
+def _missing(tasks: Iterable[Task], rows: dict[str, Any]) -> Iterator[Task]:
+    """Yield the tasks without a row, each once."""
+    seen = set()
+    for task in tasks:
+        if rows[task['key']] is None and task['key'] not in seen:
+            seen.add(task['key'])
+            yield task
+
+
+def _new(tasks: Iterator[Task], count: int, jobs: int | None, scheduler: str | None,
+         backend: str | None) -> Iterator[dict[str, Any]]:
+    if not count:
+        return iter(())
+    return workers.on_cores(tasks, jobs, backend) if scheduler is None else workers.on_cluster(
+        tasks, scheduler)

@@ -1,0 +1,47 @@
+"""The part `sweep`: plan all missions of a campaign."""
+
+import argparse
+from collections import Counter
+import logging
+from pathlib import Path
+import sys
+
+from .folders import writable
+from .status import BAD_INPUT, DONE, FAILED
+from ..campaign.results import save_figure, save_tables
+from ..campaign.run import failed, run as run_campaign
+from ..campaign.specification import load
+from ...errors import OptionError
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run a campaign; return the exit status."""
+    try:
+        campaign = load(options.mission)
+    except OSError as error:
+        raise OptionError(
+            f'{options.mission} cannot be read: {error.strerror or error}') from None
+    out = writable(Path(options.out))
+    # What it says of lost connections is said here in a line.
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)
+    try:
+        rows = run_campaign(campaign, out, options.jobs, options.scheduler)
+    except ModuleNotFoundError as error:
+        print(f'secure_uav_planner: {error.name} is not installed; pip install '
+              '"secure_uav_planner[campaign]"', file=sys.stderr)
+        return BAD_INPUT
+    written = save_tables(rows, out)
+    try:
+        save_figure(rows, out / 'summary.png')
+        written.append(out / 'summary.png')
+    except ModuleNotFoundError as error:
+        print(f'{error.name} is not installed, so there is no figure', file=sys.stderr)
+    outcomes = Counter(row['outcome'] for row in rows)
+    print(', '.join(f'{outcomes[outcome]} {outcome}'
+                    for outcome in sorted(outcomes, key=lambda name: (name != 'ok', name))))
+    print(f'written: {", ".join(map(str, written))}')
+    if again := failed(rows):
+        print(f'secure_uav_planner: {len(again)} missions failed for reasons outside of them, and '
+              f'the same command plans them again: {again[0]["reason"]}', file=sys.stderr)
+        return FAILED
+    return DONE

@@ -1,0 +1,81 @@
+"""The missions that are flown, and what happens on the way."""
+
+from dataclasses import dataclass, replace
+from itertools import count, islice
+
+from ament_index_python import get_package_share_path
+
+from ..bench.missions import random_mission
+from ...errors import InfeasibleMissionError
+from ...mission.scenario import Scenario
+
+_RANDOM_LIMIT = 3.0
+
+AT_ONCE = ((-1.0, 'replay/start'),)
+"""The call that releases a plan so early that it begins at its time."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """
+    What happens on a flight.
+
+    :param name: in the table.
+    :param calls: times in s from point 0 of the first plan, and services that are called then.
+    :param push: from when to when a squall takes the first UAV aside, likewise, or None.
+    """
+
+    name: str
+    calls: tuple[tuple[float, str], ...] = AT_ONCE
+    push: tuple[float, float] | None = None
+
+
+EVENTS = {
+    'release': Event('released 4 s late', ((4.0, 'replay/start'),)),
+    'pause': Event('paused at 30 s for 8 s', (
+        *AT_ONCE, (30.0, 'replay/pause'), (38.0, 'replay/start'))),
+    'push': Event('uav1 pushed 60 m aside at 30 s', push=(30.0, 33.5)),
+    'plan': Event('new plan at 40 s', (*AT_ONCE, (40.0, 'planner/plan'))),
+}
+
+
+def limited(scenario, most):
+    """Return a scenario whose UAVs have a limit of acceleration in m/s^2, at rest at both ends."""
+    return replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=most, start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0))
+        for uav in scenario.uavs))
+
+
+def paper_missions():
+    """Yield names and Scenarios of the paper's mission."""
+    for duration in (120.0, 200.0):
+        for most in (2.0, 3.0):
+            yield (f"the paper's, T = {duration:g} s, {most:g} m/s^2",
+                   limited(Scenario.paper(duration), most))
+
+
+def city_missions():
+    """Yield the name and the Scenario of `config/city.yaml`."""
+    yield 'city', Scenario.load(
+        get_package_share_path('secure_uav_planner') / 'config' / 'city.yaml')
+
+
+def random_missions(number):
+    """Yield names and Scenarios of random missions, those of the first seeds that can be flown."""
+    yield from islice(filter(None, map(_random, count())), number)
+
+
+def _random(seed):
+    """Return the name and the Scenario of a random mission, or None if it cannot be flown."""
+    try:
+        scenario = limited(random_mission(seed), _RANDOM_LIMIT)
+    except InfeasibleMissionError:
+        return None
+    speeds = max(uav.max_speed for uav in scenario.uavs)
+    return (f'random {seed}, {len(scenario.uavs)} UAVs, up to {speeds:.0f} m/s, '
+            f'{_RANDOM_LIMIT:g} m/s^2', scenario)
+
+
+def event_mission():
+    """Return the Scenario of the flights with events."""
+    return limited(Scenario.paper(120.0), 2.0)

@@ -1,0 +1,170 @@
+"""What a flight was worth: errors, rates and distances, from where the UAVs really were."""
+
+from dataclasses import dataclass
+import itertools
+import math
+
+import numpy as np
+
+from .link import RATE
+from ...mission.polygons import depth
+from ...model import channel
+from ...plan.playback import Playback
+from ...plan.player import POSITION_JUMP, VELOCITY_JUMP
+
+
+@dataclass(frozen=True)
+class Report:
+    """
+    One line of the table.
+
+    :param mission: its name.
+    :param error_rms: distance from the planned curve, in 3-D, of all UAVs and times, in m.
+    :param error_max: the largest, in m.
+    :param arrival: the largest distance from a goal at the time of arrival, in m.
+    :param planned_rate: the mean guaranteed rate along the planned curve, in bit/s/Hz.
+    :param flown_rate: the same along the flown path, with its heights, in bit/s/Hz.
+    :param planned_apart: the smallest distance between two UAVs on the curve, in m.
+    :param flown_apart: as flown, in m.
+    :param planned_clear: the smallest distance on the map from a zone at a UAV's height, or from
+        outside the geofence, on the curve in m; negative inside, infinite without any.
+    :param flown_clear: as flown, in m.
+    """
+
+    mission: str
+    error_rms: float
+    error_max: float
+    arrival: float
+    planned_rate: float
+    flown_rate: float
+    planned_apart: float
+    flown_apart: float
+    planned_clear: float
+    flown_clear: float
+
+
+def report(mission, flight):
+    """Return the Report of a Flight."""
+    plan = flight.plan
+    playback = Playback(plan)
+    planned = flight.planned
+    errors = np.linalg.norm(flight.places - planned, axis=-1)
+    arrival = np.array([[*uav.goal, uav.altitude] for uav in plan.scenario.uavs])
+    last = np.argmin(np.abs(flight.times - playback.duration))
+    return Report(
+        mission, float(np.sqrt((errors**2).mean())), float(errors.max()),
+        float(np.linalg.norm(flight.places[:, last] - arrival, axis=-1).max()),
+        mean_rate(plan, flight.times, planned), mean_rate(plan, flight.times, flight.places),
+        smallest_distance(planned), smallest_distance(flight.places),
+        clearance(plan.scenario, planned), clearance(plan.scenario, flight.places))
+
+
+def mean_rate(plan, times, places):
+    """Return the mean guaranteed rate over the slots, from places (U, K, 3), in bit/s/Hz."""
+    slots, step = plan.scenario.slots, plan.scenario.slot_duration
+    slot = np.floor(times / step + 1e-9).astype(int)
+    sending = (slot >= 1) & (slot <= slots)
+    places, powers = places[:, sending], plan.powers[:, slot[sending] - 1]
+    level = np.pad(places[..., :2], ((0, 0), (1, 1), (0, 0)))
+    return float(channel.guaranteed_rates(
+        plan.scenario, level, powers, altitudes=places[..., 2]).mean())
+
+
+def smallest_distance(places):
+    """Return the smallest distance between two UAVs at a time, in m; infinite for one."""
+    return min((float(np.linalg.norm(one - other, axis=-1).min())
+                for one, other in itertools.combinations(places, 2)), default=math.inf)
+
+
+def clearance(scenario, places):
+    """Return the smallest distance from what is forbidden, in m; negative inside of it."""
+    points, heights = places[..., :2], places[..., 2]
+    found = [math.inf]
+    for zone in scenario.no_fly_zones:
+        at = (zone.floor <= heights) & (heights <= zone.ceiling)
+        found.append(-depth(zone.vertices, points[at]).max(initial=-math.inf))
+    if scenario.geofence is not None:
+        found.append(depth(scenario.geofence, points).min())
+    return float(min(found))
+
+
+def table(reports):
+    """Return a Markdown table."""
+    lines = ['| mission | error RMS, max (m) | goal missed by (m) | rate planned, flown '
+             '(bit/s/Hz) | lost | UAVs apart, planned, flown (m) | '
+             'clear of zones, planned, flown (m) |',
+             '| --- | --- | --- | --- | --- | --- | --- |']
+    lines += [
+        f'| {one.mission} | {one.error_rms:.2f}, {one.error_max:.2f} | {one.arrival:.2f} | '
+        f'{one.planned_rate:.4f}, {one.flown_rate:.4f} | '
+        f'{100 * (1 - one.flown_rate / one.planned_rate):.2f}% | '
+        f'{_pair(one.planned_apart, one.flown_apart)} | '
+        f'{_pair(one.planned_clear, one.flown_clear)} |' for one in reports]
+    return '\n'.join(lines)
+
+
+@dataclass(frozen=True)
+class EventReport:
+    """
+    One line of the table of events.
+
+    :param event: its name.
+    :param jump: by how much a setpoint at most moved beyond speed times step, in m.
+    :param kick: by how much its acceleration was at most beyond the limit, in m/s^2.
+    :param error_rms: distance from the setpoints, in 3-D, of all UAVs and times, in m.
+    :param error_max: the largest, in m.
+    :param replans: how many the planner made.
+    :param refusals: how many plans and replans it refused.
+    :param achieved_rate: by the planner's status at the end, in bit/s/Hz.
+    :param planned_rate: likewise.
+    :param warnings: how many times the planner's status was not OK after the landing.
+    """
+
+    event: str
+    jump: float
+    kick: float
+    error_rms: float
+    error_max: float
+    replans: int
+    refusals: int
+    achieved_rate: float
+    planned_rate: float
+    warnings: int
+
+    @property
+    def is_smooth(self):
+        """Return whether no setpoint jumped, but for rounding."""
+        return self.jump <= POSITION_JUMP and self.kick <= VELOCITY_JUMP * RATE
+
+
+def event_report(flight):
+    """Return the EventReport of an EventFlight."""
+    scenario, steps = flight.scenario, np.diff(flight.times)
+    moves = np.linalg.norm(np.diff(flight.setpoints, axis=1), axis=-1)
+    changes = np.linalg.norm(np.diff(flight.velocities, axis=1), axis=-1)
+    errors = np.linalg.norm(flight.places - flight.setpoints, axis=-1)
+    status = flight.status
+    return EventReport(
+        flight.event.name,
+        float((moves - scenario.max_speeds[:, None] * steps).max(initial=0.0)),
+        float((changes / steps - scenario.max_accelerations[:, None]).max(initial=0.0)),
+        float(np.sqrt((errors**2).mean())), float(errors.max()),
+        int(status['replans']), int(status['refusals']), float(status['track.rate']),
+        float(status['track.planned_rate']), sum(flight.warnings.values()))
+
+
+def event_table(reports):
+    """Return a Markdown table."""
+    lines = ['| event | jump of a setpoint beyond speed times step (m) | acceleration beyond the '
+             'limit (m/s^2) | error RMS, max (m) | replans made, refused | rate planned, achieved '
+             '(bit/s/Hz) | WARN after landing |',
+             '| --- | --- | --- | --- | --- | --- | --- |']
+    lines += [
+        f'| {one.event} | {one.jump:.3f} | {one.kick:.3f} | {one.error_rms:.2f}, '
+        f'{one.error_max:.2f} | {one.replans}, {one.refusals} | {one.planned_rate:.4f}, '
+        f'{one.achieved_rate:.4f} | {one.warnings} |' for one in reports]
+    return '\n'.join(lines)
+
+
+def _pair(planned, flown):
+    return f'{planned:.1f}, {flown:.1f}' if math.isfinite(planned) else '-'

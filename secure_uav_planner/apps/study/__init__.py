@@ -1,0 +1,13 @@
+"""The study of the paper's scenario: a campaign, its figures and what the paper claims."""
+
+from .experiments import code_version, Point, points, PROPOSED
+from .plans import plans_of, run
+
+__all__ = ['PROPOSED', 'Point', 'code_version', 'main', 'plans_of', 'points', 'run']
+
+
+def main(argv=None):
+    """Run the study as a program; return the exit status."""
+    # Imported here, because the worker processes need neither figures nor claims.
+    from .__main__ import main as run_study
+    return run_study(argv)

@@ -1,0 +1,106 @@
+"""The points of the study: the scenarios that are planned for each figure."""
+
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+import hashlib
+import inspect
+import math
+import pathlib
+
+from ..campaign.specification import BASELINES
+from ..campaign.tasks import task_of
+from ... import METHODS, Scenario, solve, Uav
+
+PROPOSED = inspect.signature(solve).parameters['method'].default
+"""The method that represents the paper's proposed design."""
+
+_DURATIONS = (102, 104, 106, 108, 110, 115, 120, 130, 140, 150, 160, 170, 180, 190, 200)
+_RADII = (0, 5, 10, 15, 20, 30, 40, 50, 60)
+_SNRS = (60, 65, 70, 75, 80, 85, 90, 95, 100)
+_NOT_PLANNING = ('bench', 'cli', 'export', 'fly', 'ros', 'study', 'view', 'demo.py')
+_SOURCES = ('.py', '.cpp', '.hpp')
+
+
+@dataclass(frozen=True)
+class Point:
+    """
+    One point of the study, for which one plan is made.
+
+    :param experiment: the figure to which it belongs.
+    :param x: its coordinate on the figure's horizontal axis.
+    :param scheme: a method of solve, or one of BASELINES.
+    :param scenario: the Scenario to plan.
+    :param objective: what a method of solve maximises; the paper's is 'guaranteed'.
+    :param bounded: whether the plan gets its upper bound.
+    """
+
+    experiment: str
+    x: float
+    scheme: str
+    scenario: Scenario
+    objective: str = 'guaranteed'
+    bounded: bool = False
+
+    @cached_property
+    def task(self):
+        """Task of the campaign, whose key is the same for the same scenario, scheme and code."""
+        scenario = self.scenario
+        return task_of(scenario.to_dict(), self.scheme, self.objective, {
+            'time_limit': None, 'bound_time_limit': math.inf if self.bounded else None,
+            'plans': True, 'code': code_version(self.bounded)}, {
+                'duration': scenario.duration,
+                'error_radius': scenario.eavesdroppers[0].error_radius,
+                'reference_snr_db': scenario.reference_snr_db,
+                'jammers': len(scenario.uavs) - 1})
+
+
+def points(quick=False):
+    """Return the Points of the study, or a few of every experiment if quick."""
+    paper = Scenario.paper()
+    found = []
+
+    def add(experiment, x, scenario, schemes=(*BASELINES, PROPOSED)):
+        found.extend(Point(experiment, float(x), scheme, scenario) for scheme in schemes)
+
+    for duration in (102, 104, 200) if quick else _DURATIONS:
+        add('duration', duration, Scenario.paper(duration))
+        add('duration, radius 0', duration, Scenario.paper(duration, error_radius=0.0),
+            (PROPOSED,))
+        # A bound takes a hundred times as long as a plan.
+        found.append(Point('duration, worst case', float(duration), PROPOSED,
+                           Scenario.paper(duration), 'worst_case', not quick or duration == 200))
+    for radius in (0, 10, 60) if quick else _RADII:
+        add('radius', radius, Scenario.paper(error_radius=radius))
+    for snr in (70, 80, 90) if quick else _SNRS:
+        add('snr', snr, replace(paper, reference_snr_db=float(snr)))
+    for jammers in (0, 1, 2) if quick else (0, 1, 2, 3):
+        add('jammers', jammers, _with_jammers(paper, jammers))
+    for duration in (102,) if quick else (102, 200):
+        add('convergence', duration, Scenario.paper(duration), tuple(METHODS))
+    return found
+
+
+def _with_jammers(scenario, count):
+    """Return the scenario with a number of jammers like its own, each 10 m above the last."""
+    transmitter, jammer = scenario.uavs
+    return replace(scenario, uavs=(transmitter, *(
+        Uav(f'uav{index + 2}', jammer.start, jammer.goal, jammer.altitude + 10.0 * index,
+            jammer.max_speed, jammer.average_power, jammer.peak_power)
+        for index in range(count))))
+
+
+@cache
+def code_version(bounded=False):
+    """
+    Return a digest of the package's code, so that plans of other code are not reused.
+
+    :param bounded: whether the code of the bound counts.
+    """
+    package = pathlib.Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(path for path in package.rglob('*') if path.suffix in _SOURCES):
+        # The nodes, the views and the programs do not change a plan.
+        part = path.relative_to(package).parts[0]
+        if part not in _NOT_PLANNING and (bounded or part != 'bound'):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

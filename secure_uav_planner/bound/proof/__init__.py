@@ -1,0 +1,1 @@
+"""What must be right: from any multipliers to a bound, with nothing taken on trust."""

@@ -1,0 +1,118 @@
+"""
+Lemma 5: the maximum of one UAV's term over its reachable set and its powers.
+
+The branch and bound is compiled: kernel/bound_boxes.cpp has its bounds and derives them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .conjugate import Array
+from .reachable_set import ReachableSet
+from ...model.kernel import core
+
+Index = NDArray[np.intp]
+
+BUDGET = 20000
+"""Boxes for one function; what is left then counts with the bound it has."""
+
+TOGETHER = 256
+"""Functions that are searched before `stop` is asked again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """
+    M functions of one UAV's place, and a jammer's power, each with the reachable set of its stage.
+
+    :param region: of the UAV.
+    :param stage: of every function, (M,).
+    :param weight: w0, for a jammer times its theta, (M,).
+    :param shares: v, for a jammer times its rho, (M, E).
+    :param slope: linear part of the potential, (M, 2) in nats per unit.
+    :param bend: quadratic part as (S_11, S_12, S_22), (M, 3) in nats per unit^2.
+    :param tilt: a term f |u + S q| as (f, u_1, u_2, S_11, S_12, S_22), (M, 6); zeros for none.
+    :param margin: for rounding, added to every bound, (M,).
+    :param price: lam in nats per W.
+    :param log_gain: logarithm of the SNR at one unit and 1 W, for a jammer times how many jam.
+    :param powers: lower and upper limit of a jammer's log p, or None where no power counts.
+    """
+
+    region: ReachableSet
+    stage: Index
+    weight: Array
+    shares: Array
+    slope: Array
+    bend: Array
+    tilt: Array
+    margin: Array
+    price: float = 0.0
+    log_gain: float = 0.0
+    powers: tuple[float, float] | None = None
+
+    def __len__(self) -> int:
+        return len(self.stage)
+
+    def maxima(self, known: Array, tolerance: Array, budget: float = BUDGET,
+               stop: Callable[[], bool] = lambda: False) -> Array:
+        """
+        Return an upper bound of every function's maximum, (M,) in nats.
+
+        A box is dropped when it misses one of the reachable set's discs or when its bound is below
+        the best value known plus the tolerance: if none is left, the maximum is not above that.
+
+        :param known: values that the functions come close to, (M,); any are valid.
+        :param tolerance: what the bound may be too large, (M,) in nats.
+        :param budget: boxes for each function.
+        :param stop: asked now and then; True leaves all others with bounds of their first boxes.
+        """
+        return self.search(known, tolerance, budget, stop)[0]
+
+    def search(self, known: Array, tolerance: Array, budget: float = BUDGET,
+               stop: Callable[[], bool] = lambda: False) -> tuple[Array, Array]:
+        """
+        Return the bounds of `maxima` and the best points that were met, (M, 2 or 3).
+
+        A point is NaN where none was better than what was known.
+        """
+        best = np.array(known, float)
+        points = np.full((len(self), 2 if self.powers is None else 3), np.nan)
+        for first in range(0, len(self), TOGETHER):
+            budget = 0.0 if stop() else budget
+            core.bound_maxima(self.fields, first, first + TOGETHER, best,
+                              np.array(tolerance, float), budget, points)
+        return best, points
+
+    @cached_property
+    def fields(self) -> dict[str, Any]:
+        """Return what the kernel reads."""
+        region = self.region
+        low, high = region.sides
+        arrays = {name: getattr(region, name) for name in (
+            'ground', 'eavesdroppers', 'radii', 'log_advantages', 'from_start', 'to_goal',
+            'corner')}
+        arrays |= {name: getattr(self, name) for name in (
+            'weight', 'shares', 'slope', 'bend', 'tilt', 'margin')}
+        return {
+            **{name: np.ascontiguousarray(array, float)
+               for name, array in (*arrays.items(), ('low', low), ('high', high))},
+            'stage': np.ascontiguousarray(self.stage, np.int64), 'altitude': region.altitude,
+            'distance': region.distance, 'price': float(self.price),
+            'log_gain': float(self.log_gain), 'powers': self.powers}
+
+    def bounds(self, function: int, centre: Array, half: Array) -> tuple[float, float]:
+        """
+        Return a function's value at the centre of a box, and its bound over the box in the set.
+
+        :param centre: (2,), or (3,) with log p.
+        :param half: half the sides, alike.
+        """
+        value, bound = core.bound_box(self.fields, function, centre, half)
+        return value, bound

@@ -1,0 +1,218 @@
+"""
+The certificate: from multipliers to a bound, with nothing taken on trust.
+
+With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
+
+    (1/N) [ sum over slots of B + sum over UAVs of Potential.ends ] + sum_i lam_i average_i,
+    B   = max over w0 of H(w0) - H(s) + m(w0 - s) + M(w0, v),   s = sum_e v_e, v = v(w0),
+    M   = M_0 + sum over jammers of M_j,
+    M_0 = max over q of w0 A_0(q) - sum_e v_e A_e(q) + potential(q),
+    M_j = max over q, p of -w0 log(1 + b_0(q) p) + sum_e v_e log(1 + b_e(q) p) - lam p
+          + potential(q),
+
+A being the logarithm of a gain of the transmitter, b a gain of a jammer, m that of
+transmit_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few breakpoints w0.
+
+Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
+interpolated linearly between the breakpoints it lies below the chord from breakpoint to
+breakpoint. The entropies and m are known exactly and are therefore taken on PIECES finer pieces:
+there, the convex part -H(s) + m + chord lies below its own chord, and max over w0 of slope w0 +
+H(w0) is attained at w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0. A
+breakpoint that is not needed is put on the chord of its neighbours, where M is below that chord.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from .boxes import Index, Terms
+from .chords import interpolated, on_chords, over_pieces
+from .conjugate import Array, entropy, softplus
+from .jammer_shares import corners, over_boxes, share_boxes
+from .multipliers import Multipliers
+from .potential import Potential
+from .reachable_set import ReachableSet
+from .rounding import margin
+from .team import Team
+from ...plan.plan import POWER_TOLERANCE
+
+FLOOR = 1e-6
+"""Received SNR below which a jammer's power counts by the most that it can do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """
+    A proven bound, and what it is made of.
+
+    :param rate: mean over the slots that no plan exceeds, in bit/s/Hz.
+    :param stages: B of every stage, (G,) in nats.
+    :param offset: the rest, so that rate log 2 = (sum of count B + offset) / N.
+    :param potentials: of every UAV.
+    :param prices: lam, of those that are followed, then of the helpers, in nats per W.
+    """
+
+    rate: float
+    stages: Array
+    offset: float
+    potentials: tuple[Potential, ...]
+    prices: Array
+
+
+def certify(team: Team, given: Multipliers,
+            stop: Callable[[], bool] = lambda: False) -> Certificate:
+    """
+    Return the bound that the multipliers prove, whatever they are.
+
+    :param team: the UAVs of the scenario.
+    :param given: the multipliers.
+    :param stop: asked now and then; True ends the search, and the bound is valid but larger.
+    """
+    potentials = tuple(Potential(slope, bend, team.stages, region)
+                       for slope, bend, region in zip(given.slope, given.bend, team.regions))
+    prices, helper_prices = np.maximum(given.prices, 0.0), np.maximum(given.helpers, 0.0)
+    if not given.needed[-1].all():
+        raise AssertionError('the last breakpoint of w0 is always needed')
+    if (np.diff(given.weights, axis=0) < 0).any() or (given.weights[-1] != 1).any():
+        raise AssertionError('the breakpoints of w0 must rise to 1')
+    weights = np.clip(given.weights, 1e-12, 1.0)
+    shares = np.maximum(given.shares, 0.0)
+    total = shares.sum(-1, keepdims=True)
+    shares = shares * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
+    shares = on_chords(weights, shares, given.needed)
+    # A jammer's silence is part of all of its maxima, the transmitter's only of one.
+    still = [_still(potential, price, known, given.slack.min(0) if i else given.slack[0], stop)
+             for i, (potential, price, known) in enumerate(zip(potentials, prices, given.still))]
+    k, g = np.nonzero(given.needed)
+    joint = np.zeros(weights.shape)
+    joint[k, g] = _maxima(team, potentials[0], 0, still[0], g, weights[k, g], shares[k, g],
+                          prices[0], given.known[0][k, g], given.slack[k + 1, g], stop)
+    joint += team.spill * weights + sum(
+        (_help(region, shares.sum(-1), price)
+         for region, price in zip(team.helpers, helper_prices)),
+        np.zeros(weights.shape))
+    if team.jammers:
+        joint += _jammed(team, potentials, prices, still, weights, shares, given, stop)
+    silent = sum(still) + team.negative + helper_prices.sum() * POWER_TOLERANCE
+    joint = interpolated(joint[None], silent, weights, given.needed)[0]
+    pieces = over_pieces(team, silent, joint, weights, shares.sum(-1), prices[0])
+    slots = np.maximum(silent, pieces.max((0, 1)))
+    slots = slots + 4 * sum(margin(p.region.altitude, p.size()) for p in potentials) + 4 * sum(
+        margin(region.altitude, np.zeros(1)) for region in team.helpers)
+    ends = sum(potential.ends() for potential in potentials)
+    powers = [team.stages.slots * price * region.average for price, region in zip(
+        [*prices, *helper_prices], [*team.regions, *team.helpers])]
+    offset = math.fsum([ends, *powers])
+    terms = [*(team.stages.count * slots), ends, *powers]
+    total = math.fsum(terms) + 1e-14 * math.fsum(map(abs, terms))
+    rate = total / team.stages.slots / math.log(2.0) * (1 + 1e-14)
+    return Certificate(rate if not math.isnan(rate) else math.inf, slots, offset, potentials,
+                       np.concatenate([prices, helper_prices]))
+
+
+def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still: list[Array],
+            weights: Array, shares: Array, given: Multipliers,
+            stop: Callable[[], bool]) -> Array:
+    """Return what the jammers' terms are at most together, (K, G): lemma 8 for two."""
+
+    def maxima(jammer: int, theta: Array, rho: Array, at: tuple[Index, ...]) -> Array:
+        b, vertex, k, g = at
+        return _maxima(team, potentials[jammer], jammer, still[jammer], g, weights[k, g] * theta,
+                       shares[k, g] * rho, prices[jammer], given.known[jammer][b, vertex, k, g],
+                       given.box_slack[b, k, g], stop)
+
+    # One jammer has all shares: a single corner of a single box.
+    low, high = share_boxes(given.splits, team.eavesdroppers)
+    rho = corners(low, high)
+    theta = given.theta[:, None] + (rho * given.theta_slope[:, None]).sum(2)
+    if team.jammers == 1:
+        rho, theta = np.ones_like(rho[:, :1]), np.ones_like(theta[:, :1])
+    if (theta < 0).any() or (theta > 1).any():
+        raise AssertionError('theta must be from 0 to 1 in every box')
+    at = np.nonzero(np.broadcast_to(given.needed, theta.shape))
+    b, vertex, k, g = at
+    values = np.zeros(theta.shape)
+    values[at] = maxima(1, theta[at], rho[b, vertex, :, k, g], at)
+    if team.jammers == 1:
+        return values[0, 0]
+    values[at] = values[at] + maxima(2, 1.0 - theta[at], 1.0 - rho[b, vertex, :, k, g], at)
+    values -= weights * (entropy(theta) - math.log(2.0))
+    return np.asarray(np.where(
+        given.needed, over_boxes(values, low, high, shares).max(0), 0.0))
+
+
+def _help(region: ReachableSet, total: Array, price: float) -> Array:
+    """Return max over p of s log(1 + b p) - lam p, b the gain from the nearest place, (K, G)."""
+    gain = np.max([region.log_gain + advantage - np.log(
+        (region.nearest(place) + radius)**2 + region.altitude**2)
+        for place, radius, advantage in zip(
+            region.eavesdroppers, region.radii, region.log_advantages)], axis=0)
+    power = np.clip(total / max(price, 1e-300) - np.exp(-gain), 0.0, region.peak)
+    return np.asarray(total * softplus(gain + np.log(np.maximum(power, 1e-300)))
+                      - price * power + price * POWER_TOLERANCE)
+
+
+def _still(potential: Potential, price: float, known: Array, tolerance: Array,
+           stop: Callable[[], bool]) -> Array:
+    """Return the maximum of a UAV's potential less lam p over its places and powers, (G,)."""
+    region = potential.region
+    slope, bend = potential.change
+    index = np.arange(len(slope))
+    extra = potential.constant() + price * POWER_TOLERANCE
+    spare = margin(region.altitude, potential.size())
+    if not potential.curved:
+        return np.asarray(region.support(slope, index) + extra + spare)
+    none = np.zeros(len(slope))
+    terms = Terms(region, index, none, np.zeros((len(slope), len(region.radii))), slope, bend,
+                  potential.tilt(), spare)
+    return np.asarray(terms.maxima(known - extra, tolerance, stop=stop) + extra)
+
+
+def terms_of(team: Team, potential: Potential, uav: int, stage: Index, weights: Array,
+             shares: Array, price: float) -> tuple[Terms, Array]:
+    """
+    Return M functions whose maxima are M_i at breakpoints, but for a constant, and that.
+
+    :param stage: of every function, (M,).
+    :param weights: w0 or w0 theta, (M,).
+    :param shares: v or v rho, (M, E).
+    :return: the functions, and what to add to each, (M,).
+    """
+    region = potential.region
+    slope, bend = potential.change
+    spare = margin(region.altitude, potential.size() + price * region.peak)
+    gain, powers = region.log_gain, None
+    if uav:
+        gain += math.log(team.copies)
+        top = math.log(region.peak)
+        largest = gain + max(0.0, float(region.log_advantages.max()))
+        powers = (min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top)
+    terms = Terms(region, stage, weights, shares, slope[stage], bend[stage],
+                  potential.tilt()[stage], spare[stage],
+                  price, gain, powers)
+    return terms, potential.constant()[stage]
+
+
+def _maxima(team: Team, potential: Potential, uav: int, still: Array, stage: Index, weights: Array,
+            shares: Array, price: float, known: Array, tolerance: Array,
+            stop: Callable[[], bool]) -> Array:
+    """
+    Return M_i of (w0, v), (M,), in given stages.
+
+    A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
+    potential is at most `still`, and the rates' part at most v log(1 + FLOOR) for a positive
+    power and -w0 log(1 - delta) for one of -POWER_TOLERANCE.
+    """
+    terms, extra = terms_of(team, potential, uav, stage, weights, shares, price)
+    least = np.full(len(terms), -np.inf)
+    if uav:
+        below = team.copies * team.delta[uav]
+        least = (still[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin
+                 + (-terms.weight * math.log1p(-below) if below < 1 else math.inf))
+    wanted = np.maximum(known, least - tolerance) - extra
+    found = terms.maxima(wanted, tolerance, stop=stop) + extra
+    return np.asarray(np.maximum(found, least))

@@ -1,0 +1,222 @@
+"""Where one UAV can be in every stage of the mission, in its own frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .conjugate import Array
+from .rounding import COORDINATE_ROUNDING, position_tolerance
+from .stages import Stages
+from .subset import EavesdropperSubset
+from ...plan.plan import POWER_TOLERANCE
+
+if TYPE_CHECKING:
+    from ...mission.scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class ReachableSet:
+    """
+    One UAV in its own frame: its reachable set in every stage, its channel and its powers.
+
+    The origin is the start, the first axis points to the goal, and lengths are divided by
+    `unit`, so that everything that matters lies within a few units. In slot n a UAV is within n
+    steps of its start and N + 1 - n steps of its goal: a reachable set, the part that two discs
+    share.
+
+    :param unit: length of one unit in m.
+    :param origin: of the frame, (2,) in m.
+    :param axes: rows are the frame's axes, (2, 2).
+    :param distance: from start to goal, in units.
+    :param step: largest move from one point to the next, tolerance included, in units.
+    :param steps: the same from every edge between stages on, (G + 1,).
+    :param from_start: radius of the disc about the start in every stage, (G,) in units.
+    :param to_goal: radius of the disc about the goal in every stage, (G,) in units.
+    :param altitude: in units.
+    :param log_gain: logarithm of the SNR at one unit and 1 W.
+    :param ground: the ground node, (2,) in units.
+    :param eavesdroppers: centres of the discs, (E, 2) in units.
+    :param radii: error radii, (E,) in units.
+    :param log_advantages: logarithms of the eavesdroppers' advantages, (E,).
+    :param transmits: whether this is UAV 0; the others jam.
+    :param peak: largest power, tolerance included, in W.
+    :param average: largest mean power, tolerance included, in W.
+    """
+
+    unit: float
+    origin: Array
+    axes: Array
+    distance: float
+    step: float
+    steps: Array
+    from_start: Array
+    to_goal: Array
+    altitude: float
+    log_gain: float
+    ground: Array
+    eavesdroppers: Array
+    radii: Array
+    log_advantages: Array
+    transmits: bool
+    peak: float
+    average: float
+
+    @classmethod
+    def of(cls, scenario: Scenario, index: int, stages: Stages,
+           subset: EavesdropperSubset) -> ReachableSet:
+        """Return that of UAV `index` of a scenario, with all that a Plan tolerates."""
+        uav = scenario.uavs[index]
+        start, goal = np.array(uav.start), np.array(uav.goal)
+        people = np.concatenate([[scenario.ground_node], subset.places])
+        places = np.concatenate([people, [start, goal]])
+        unit = max(float(np.hypot(*np.ptp(places, axis=0))) / 2, uav.altitude)
+        offset = goal - start
+        length = float(np.hypot(*offset))
+        along = offset / length if length > 1e-9 * unit else np.array([1.0, 0.0])
+        axes = np.array([along, [-along[1], along[0]]])
+        tolerance, ends = position_tolerance(scenario)
+        step = float(scenario.max_step[index]) + tolerance
+        frame = (people - start) @ axes.T / unit
+        return cls(
+            unit=unit, origin=start, axes=axes, distance=length / unit, step=step / unit,
+            steps=np.full(len(stages.edges), step / unit),
+            from_start=np.asarray(
+                (stages.last * step + ends) / unit * (1 + COORDINATE_ROUNDING), float),
+            to_goal=np.asarray(((scenario.slots + 1 - stages.first) * step + ends) / unit * (
+                1 + COORDINATE_ROUNDING), float),
+            altitude=uav.altitude / unit,
+            log_gain=float(np.log(scenario.reference_snr) - 2 * np.log(unit)),
+            ground=frame[0], eavesdroppers=frame[1:],
+            radii=subset.radii / unit,
+            log_advantages=np.log(subset.advantages),
+            transmits=index == 0,
+            peak=uav.peak_power + POWER_TOLERANCE,
+            average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE)
+
+    def local(self, positions: Array) -> Array:
+        """Return positions (..., 2) in m in the frame, in units."""
+        return np.asarray((positions - self.origin) @ self.axes.T / self.unit)
+
+    @cached_property
+    def sides(self) -> tuple[Array, Array]:
+        """
+        Return the lower and the upper corner of a rectangle about each reachable set, (G, 2).
+
+        Across, the reachable set is widest at a centre or where the circles cross, if they do so
+        between the centres. The crossing at a has the half width sqrt(r1^2 - a^2); with 0 <= a <=
+        D the radicand's error is below 16 eps (r1^2 + D^2), which is added.
+        """
+        near, far, distance = self.from_start, self.to_goal, self.distance
+        first = self._crossing()
+        between = (first >= 0) & (first <= distance)
+        first = np.where(between, first, 0.0)
+        half = np.where(between, np.sqrt(
+            np.maximum((near - first) * (near + first), 0.0) + 1e-14 * (near**2 + distance**2)),
+            np.minimum(near, far))
+        slack = COORDINATE_ROUNDING * (near + far + distance)
+        return (np.stack([np.maximum(-near, distance - far) - slack, -half - slack], -1),
+                np.stack([np.minimum(near, distance + far) + slack, half + slack], -1))
+
+    def _crossing(self) -> Array:
+        """Return the first coordinate of the two circles' crossings, (G,), NaN for none."""
+        near, far, distance = self.from_start, self.to_goal, self.distance
+        if distance < 1e-9:
+            return np.full(len(near), np.nan)
+        first = (distance + (near - far) * (near + far) / distance) / 2
+        return np.where(np.abs(first) < near, first, np.nan)
+
+    @cached_property
+    def corner(self) -> Array:
+        """Return the upper crossing of the circles, (G, 2), or zeros where there is none."""
+        first = self._crossing()
+        across = np.sqrt(np.maximum((self.from_start - first) * (self.from_start + first), 0.0))
+        found = np.isfinite(first) & (across > 0)
+        return np.where(found[:, None], np.stack([first, across], -1), 0.0)
+
+    def inside(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Return whether places (..., 2) are in the reachable set of their stage (...)."""
+        across = place[..., 1]**2
+        return np.asarray(
+            (place[..., 0]**2 + across <= self.from_start[stage]**2)
+            & ((place[..., 0] - self.distance)**2 + across <= self.to_goal[stage]**2))
+
+    def nearest(self, place: Array) -> Array:
+        """Return at most the distance from a place (2,) to every reachable set, (G,)."""
+        from_start = np.hypot(*place) - self.from_start
+        from_goal = np.hypot(place[0] - self.distance, place[1]) - self.to_goal
+        nearest = np.maximum(from_start, from_goal) - 4 * COORDINATE_ROUNDING
+        return np.asarray(np.maximum(nearest, 0.0))
+
+    def drawn_in(self, place: Array, stage: NDArray[np.integer[Any]]) -> Array:
+        """Return places (..., 2) drawn into one disc and then into the other, if they can be."""
+        for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):
+            offset = place - [centre, 0.0]
+            length = np.sqrt((offset * offset).sum(-1))
+            reach = radius[stage] * (1 - 1e-9)
+            ratio = np.minimum(1.0, reach / np.maximum(length, 1e-300))
+            place = [centre, 0.0] + offset * ratio[..., None]
+        return np.asarray(place)
+
+    def farthest(self, direction: Array) -> Array:
+        """Return the reachable set's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
+        norm = np.hypot(direction[..., 0], direction[..., 1])[..., None]
+        unit = np.where(norm > 0, direction / np.maximum(norm, 1e-300), [1.0, 0.0])
+        goal = np.array([self.distance, 0.0])
+        one = self.from_start[:, None, None] * unit
+        two = goal + self.to_goal[:, None, None] * unit
+        corner = self.corner[:, None] * np.stack(
+            [np.ones_like(unit[..., 1]), np.sign(unit[..., 1])], -1)
+        at_one = ((one - goal)**2).sum(-1) <= self.to_goal[:, None]**2
+        at_two = (two**2).sum(-1) <= self.from_start[:, None]**2
+        return np.where(at_one[..., None], one, np.where(at_two[..., None], two, corner))
+
+    def log_squares(self, place: Array) -> tuple[Array, Array]:
+        """
+        Return log(d0^2 + H^2) and log((de^2 + H^2) / a_e) at places (..., 2): (...), (..., E).
+
+        a_e is the eavesdropper's advantage, so that log_gain less either is a gain's logarithm.
+        The distances to eavesdroppers are the guarantee's: [d - radius]^+ for the transmitter,
+        d + radius for a jammer.
+        """
+        square = self.altitude**2
+        ground = np.log(((place - self.ground)**2).sum(-1) + square)
+        distance = np.hypot(place[..., None, 0] - self.eavesdroppers[:, 0],
+                            place[..., None, 1] - self.eavesdroppers[:, 1])
+        distance = (np.maximum(distance - self.radii, 0.0) if self.transmits
+                    else distance + self.radii)
+        return ground, np.log(distance**2 + square) - self.log_advantages
+
+    def support(self, direction: Array, stage: NDArray[np.integer[Any]]) -> Array:
+        """
+        Return at least the maximum of direction . q over the set, exact but for rounding.
+
+        Lemma 6. For any split direction = g1 + g2 the maximum over both discs is at most
+        r1 |g1| + r2 |g2| + g2 . goal, the sum of the two discs' maxima. It is attained by g2 = 0
+        or g1 = 0 where the maximum lies on one disc's arc, and else by the multiples of the
+        normals at a corner. The split is computed from the corner, so that a badly rounded
+        corner makes the bound larger, never wrong.
+
+        :param direction: (M, 2).
+        :param stage: of each direction, (M,).
+        """
+        near, far = self.from_start[stage], self.to_goal[stage]
+        across = self.corner[stage]
+        norm = np.hypot(direction[:, 0], direction[:, 1])
+        best = np.minimum(near * norm, far * norm + direction[:, 0] * self.distance)
+        at = np.flatnonzero(across[:, 1] > 0)
+        if len(at):
+            g, c = direction[at], across[at]
+            share = np.maximum((c[:, 0] * np.abs(g[:, 1]) / c[:, 1] - g[:, 0]) / self.distance, 0)
+            second = share[:, None] * np.stack(
+                [c[:, 0] - self.distance, c[:, 1] * np.sign(g[:, 1])], -1)
+            first = g - second
+            split = (near[at] * np.hypot(first[:, 0], first[:, 1])
+                     + far[at] * np.hypot(second[:, 0], second[:, 1])
+                     + second[:, 0] * self.distance)
+            best[at] = np.minimum(best[at], split)
+        return np.asarray(best)

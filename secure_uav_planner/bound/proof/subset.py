@@ -1,0 +1,90 @@
+"""Who listens, and who jams: fewer eavesdroppers leave every bound valid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .conjugate import Array
+
+if TYPE_CHECKING:
+    from ...mission.scenario import Scenario
+
+RAYS = 16
+"""Points on every disc's circle, to choose from; its centre is one more."""
+
+
+@dataclass(frozen=True, eq=False)
+class EavesdropperSubset:
+    """
+    Eavesdroppers that the bound counts with.
+
+    The leak is the largest over all eavesdroppers, so leaving some out lowers no plan's rate. And
+    the leak to the worst point of a disc is at least that to any chosen point: for problem (P1)
+    eavesdroppers without an error radius at chosen points do as well, and with them the
+    objectives of (P1) and (P2) are the same.
+
+    :param places: (E, 2) in m.
+    :param radii: (E,) in m.
+    :param advantages: by what factor the SNR is larger than at the ground node's receiver, (E,).
+    """
+
+    places: Array
+    radii: Array
+    advantages: Array
+
+    @classmethod
+    def of(cls, scenario: Scenario, objective: str) -> EavesdropperSubset:
+        """Return all that there are: discs for 'guaranteed', points for 'worst_case'."""
+        places = np.array([eve.position for eve in scenario.eavesdroppers])
+        radii = np.array([eve.error_radius for eve in scenario.eavesdroppers])
+        if objective == 'guaranteed':
+            return cls(places, radii, scenario.receiver_advantages)
+        angle = np.arange(RAYS) * 2 * np.pi / RAYS
+        circle = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], -1)])
+        # A little inside, so that rounding puts no point outside.
+        within = np.maximum(radii * (1 - 1e-9) - 1e-15 * np.abs(places).max(1), 0.0)
+        points = [place + reach * circle if reach > 0 else place[None]
+                  for place, reach in zip(places, within)]
+        every = np.concatenate(points)
+        copies = [len(some) for some in points]
+        return cls(every, np.zeros(len(every)), np.repeat(scenario.receiver_advantages, copies))
+
+    def leaks(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
+        """
+        Return the leak to every eavesdropper by the guarantee's formula, (E, N) in nats.
+
+        :param positions: of a plan, (U, N + 2, 2) in m.
+        :param powers: of the plan, (U, N) in W.
+        """
+        offset = positions[None, :, 1:-1] - self.places[:, None, None]
+        distance = np.hypot(offset[..., 0], offset[..., 1])
+        distance[:, 0] = np.maximum(distance[:, 0] - self.radii[:, None], 0.0)
+        distance[:, 1:] += self.radii[:, None, None]
+        altitude = np.array([[uav.altitude] for uav in scenario.uavs])
+        snr = scenario.reference_snr * self.advantages[:, None, None]
+        received = snr * np.maximum(powers, 0.0) / (distance**2 + altitude**2)
+        return np.asarray(np.log1p(received[:, 0] / (1.0 + received[:, 1:].sum(1))))
+
+    def best(self, leaks: Array, most: int) -> EavesdropperSubset:
+        """
+        Return at most `most` of them.
+
+        First the one to whom a plan leaks most over all slots, then whoever hears most beyond
+        what those chosen hear.
+
+        :param leaks: of the plan, (E, N).
+        """
+        if len(self.places) <= most:
+            return self
+        chosen: list[int] = []
+        heard = np.zeros(leaks.shape[1])
+        for _ in range(most):
+            gain = np.maximum(leaks, heard).sum(1)
+            gain[chosen] = -np.inf
+            chosen.append(int(gain.argmax()))
+            heard = np.maximum(heard, leaks[chosen[-1]])
+        keep = sorted(chosen)
+        return EavesdropperSubset(self.places[keep], self.radii[keep], self.advantages[keep])

@@ -1,0 +1,1 @@
+"""What may be wrong: the search for multipliers with which the proof is tight."""

@@ -1,0 +1,341 @@
+"""The search for multipliers: columns, branches and temperatures around Newton's method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import columns as candidates
+from .columns import Columns
+from .descent import Descent, golden
+from .dual import Branch, curved, Dual
+from .initial_multipliers import InitialMultipliers
+from .newton import DualPoint
+from ..proof.certificate import terms_of
+from ..proof.conjugate import Array, mixing
+from ..proof.potential import Potential
+from ..proof.reachable_set import ReachableSet
+from ..proof.team import Team
+
+MODES = 5
+"""The rho that the multipliers have to be good for, beside the plan's."""
+
+FEW = ([0, 4], [0, 1, 4, 7, 9, 10, 11, 12])
+"""Of a jammer's powers those that are kept at the coarse places: alone, and among several."""
+
+THETAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 1.0)
+RHOS = {1: (0.0, 0.1, 0.5, 0.9, 1.0), 2: (0.0, 0.5, 1.0), 3: (0.0, 1.0)}
+"""For each of these theta and rho the best column of a jammer is kept."""
+
+GRIDS = {1: (0.01, 0.1, 0.5, 0.9, 0.99), 2: (0.02, 0.5, 0.98), 3: (0.02, 0.98)}
+"""Where the multipliers may have to be good, by how many eavesdroppers there are."""
+
+KEEP = 45
+"""Columns that are kept in every branch."""
+
+LATEST = 8
+"""
+From how many of the latest lists of columns theta and v are chosen.
+
+Measured: with one list, theta goes to and fro between two answers, and bounds with two jammers
+are 5 to 50% higher. With more than eight, nothing is gained.
+"""
+
+ROUND = 16
+"""Places on the reachable set's rim that are always kept, where a jammer is silent."""
+
+FRESH, OLD = 5, 15
+"""Columns of every branch that are improved by a compass search, and earlier ones that stay."""
+
+SILENT = 24
+"""Places to be silent at that are kept, beside the fixed ones."""
+
+
+class MultiplierSearch:
+    """
+    The state of a search for one team.
+
+    :param team: the UAVs.
+    :param initial: where to begin.
+    :param point: multipliers to begin with, by default the initial ones.
+    :param stop: asked now and then; True ends the search.
+    """
+
+    def __init__(self, team: Team, initial: InitialMultipliers, point: DualPoint | None = None,
+                 stop: Callable[[], bool] = lambda: False) -> None:
+        self.team, self.initial, self.stop = team, initial, stop
+        count, uavs = len(team.stages.count), len(team.regions)
+        self.point = point if point is not None else DualPoint(
+            np.zeros((count + 1, uavs, 2)), initial.shares[None], initial.prices)
+        self.weights = [initial.weight]
+        self.tables: list[Columns] = []
+        self.grids: list[Array] = []
+        self.base: list[Columns] = []
+        self.places: list[Array] = []
+        for i, region in enumerate(team.regions):
+            place = np.concatenate(
+                [candidates.grid(region, *candidates.GRID),
+                 candidates.rings(region, initial.places[i])], 1)
+            coarse = candidates.grid(region, *candidates.COARSE)
+            power = (np.zeros((count, 1)) if region.transmits
+                     else candidates.levels(region, initial.powers[i]))
+            few = power if region.transmits else power[:, FEW[team.jammers > 1]]
+            self.tables.append(Columns.product(region, place, power, team.copies))
+            self.grids.append(place)
+            rim = region.farthest(_compass(ROUND)[None])
+            self.base.append(Columns.joined([
+                Columns.product(region, coarse, few, team.copies),
+                Columns.of(region, rim, np.zeros(rim.shape[:2]), team.copies)]))
+            self.places.append(np.concatenate(
+                [region.farthest(_compass(candidates.RIM)[None]),
+                 candidates.grid(region, *candidates.STILL)], 1))
+        self.found: list[list[Columns]] = [[] for _ in team.regions]
+        self.columns: list[Columns] = []
+        self._latest: list[list[Columns]] = []
+        self._seen: list[Columns] = []
+        self._descent = Descent()
+
+    # -- what the present multipliers ask for
+
+    def branches(self) -> list[Branch]:
+        """Return the branches that the multipliers have to be good for."""
+        result = []
+        for k, weight in enumerate(self.weights):
+            result.append(Branch(weight, k, self.initial.theta, self.initial.rho))
+            if self.team.jammers > 1 and self.seen:
+                result += [Branch.of_two(weight, k, *mode) for mode in self.modes(
+                    weight, self.point.shares[k], self.candidates)]
+        return result
+
+    def modes(self, weight: Array, v: Array,
+              columns: list[Columns]) -> list[tuple[Array, Array]]:
+        """
+        Return theta (G,) and rho (G, E) of the first of two jammers where a slot's bound is best.
+
+        They are the best of GRIDS, at most MODES, by given columns.
+        """
+        row = np.arange(len(v))
+        rho = np.array([np.zeros_like(v) + np.array(shares)
+                        for shares in product(GRIDS[v.shape[1]], repeat=v.shape[1])])
+        theta, value = self.best_theta(weight, v, rho, columns)
+        order = np.argsort(-value, axis=0)[:MODES]
+        return [(theta[best, row].clip(1e-4, 1 - 1e-4), rho[best, row]) for best in order]
+
+    @property
+    def seen(self) -> list[Columns]:
+        """Return the latest columns of every UAV together; none before the first ones."""
+        if not self._seen:
+            self._seen = [Columns.joined([*same]) for same in zip(*self._latest)]
+        return self._seen
+
+    @property
+    def candidates(self) -> list[Columns]:
+        """Return of the latest columns those that may matter, of every UAV."""
+        dual = Dual(self.team, [], [], [], 1e-9)
+        return [self.seen[0], *(self.few(dual, j) for j in (1, 2))]
+
+    def few(self, dual: Dual, uav: int) -> Columns:
+        """Return the columns of a jammer that are best for some theta and some shares."""
+        columns, v = self.seen[uav], self.point.shares[0]
+        branches = [(self.weights[0] * theta, v * rho)
+                    for theta in THETAS
+                    for rho in product(RHOS[v.shape[-1]], repeat=v.shape[-1])]
+        return columns.take(dual.values(uav, self.point, columns, branches).argmax(2).T)
+
+    def best_theta(self, weight: Array, v: Array, rho: Array,
+                   columns: list[Columns]) -> tuple[Array, Array]:
+        """Return theta (B, G) that nearly minimises a slot's bound at rho (B, G, E), and it."""
+        dual = Dual(self.team, [], [], [], 1e-9)
+        fixed = (v * mixing(np.stack([rho, 1.0 - rho]))).sum(-1)
+
+        def value(theta: Array) -> Array:
+            one, two = np.stack([theta, 1.0 - theta]), np.stack([rho, 1.0 - rho])
+            return np.asarray(fixed - weight * mixing(one) + sum(
+                dual.values(j, self.point, columns[j], [
+                    (weight * share, v * part) for share, part in zip(one[j - 1], two[j - 1])]
+                ).max(2) for j in (1, 2)))
+        shape = rho.shape[:2]
+        theta = golden(value, np.zeros(shape), np.ones(shape), 16)
+        return theta, value(theta)
+
+    def dual(self, tau: float) -> Dual:
+        """Return the dual function on the columns that the present multipliers ask for."""
+        branches = self.branches()
+        dual = Dual(self.team, [], [], branches, tau)
+        self.columns = [self._priced(dual, i, branches) for i in range(len(self.team.regions))]
+        self._latest = [*self._latest, self.columns][-LATEST:]
+        self._seen = []
+        silent = []
+        for i in range(len(self.team.regions)):
+            self._look_for_silence(dual, i)
+            silent.append(self.silent(i))
+        dual.columns = (self.columns, silent)
+        return dual
+
+    def silent(self, i: int) -> Columns:
+        """Return the places of UAV i at which nothing is sent."""
+        none = np.zeros(self.places[i].shape[:2])
+        return Columns(self.places[i], none, none,
+                       np.zeros(none.shape + self.point.shares.shape[2:]))
+
+    def _look_for_silence(self, dual: Dual, i: int) -> None:
+        """Add the best places at which to be silent; the latest ones stay."""
+        region, place = self.team.regions[i], self.places[i]
+        if not curved(self.point.potentials.shape[2]):
+            pull = np.diff(self.point.potentials[:, i, :2], axis=0)
+            new = region.farthest(pull[:, None])
+        else:
+            pool = self.silent(i)
+            start = pool.take(_apart(region, pool, dual.values(i, self.point, pool)[0]))
+            new = self._improved(dual, i, start, pool.ground[:, 0], pool.leaks[:, 0]).place
+        fixed = candidates.RIM + candidates.STILL[0] * candidates.STILL[1]
+        latest = np.concatenate([place[:, fixed:], new], 1)[:, -SILENT:]
+        self.places[i] = np.concatenate([place[:, :fixed], latest], 1)
+
+    def _priced(self, dual: Dual, i: int, branches: list[Branch]) -> Columns:
+        """Return the columns of UAV i that are best for the present multipliers."""
+        region = self.team.regions[i]
+        # To be silent somewhere else is worth it even where the other UAV sends.
+        rim = Columns.of(region, self.places[i], np.zeros(self.places[i].shape[:2]),
+                         self.team.copies)
+        pool = Columns.joined([self.tables[i], rim, *self.found[i]])
+        chosen: list[Columns] = [self.base[i]]
+        fresh: list[Columns] = []
+        done: set[int] = set()
+        for branch in branches:
+            if i == 0 and branch.group in done:
+                continue
+            done.add(branch.group)
+            ground, parts = branch.parts(i)
+            weight, v = branch.weight * ground, self.point.shares[branch.group] * parts
+            value = dual.values(i, self.point, pool, [(weight, v)])[0]
+            few = min(KEEP if len(chosen) == 1 else KEEP // 3, value.shape[1])
+            chosen.append(pool.take(np.argpartition(value, -few, axis=1)[:, -few:]))
+            if len(fresh) < 3:
+                # Of every place of the table only its best power.
+                table = value[:, :self.tables[i].power.shape[1]]
+                places = self.grids[i].shape[1]
+                powers = table.shape[1] // places
+                best = table.reshape(len(table), places, powers).argmax(2)
+                best = np.concatenate(
+                    [best + powers * np.arange(places),
+                     np.broadcast_to(np.arange(table.shape[1], value.shape[1]),
+                                     (len(value), value.shape[1] - table.shape[1]))], 1)
+                listed, worth = pool.take(best), np.take_along_axis(value, best, 1)
+                start = listed.take(_apart(region, listed, worth))
+                fresh.append(self._improved(dual, i, start, weight, v))
+        self.found[i] = [Columns.joined([*self.found[i], *fresh])]
+        extra = self.found[i][0].power.shape[1] - OLD - FRESH * len(fresh)
+        if extra > 0:
+            keep = np.arange(extra, self.found[i][0].power.shape[1])
+            self.found[i] = [self.found[i][0].take(np.broadcast_to(
+                keep, (len(pool.power), len(keep))))]
+        return Columns.joined([*chosen, *fresh])
+
+    def _improved(self, dual: Dual, i: int, start: Columns, weight: Array, v: Array) -> Columns:
+        """Return columns after a compass search from others, all of them at once."""
+        region = self.team.regions[i]
+        count, many = start.power.shape
+        low, high = region.sides
+        step = np.repeat(((high - low).max(1) / 12)[:, None], many, 1)
+        ratio = np.full((count, many), 0.4)
+        place, power = start.place, start.power
+        moves = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0],
+                          [0, 0, 1], [0, 0, -1]][:5 if region.transmits else 7], float)
+        stage = np.arange(count)[:, None, None]
+        for _ in range(8):
+            trial = place[:, :, None] + step[..., None, None] * moves[:, :2]
+            trial = region.drawn_in(trial, stage)
+            trial = np.where(region.inside(trial, stage)[..., None], trial, place[:, :, None])
+            watts = np.minimum(power[..., None] * np.exp(ratio[..., None] * moves[:, 2]),
+                               region.peak)
+            flat = Columns.of(region, trial.reshape(count, -1, 2), watts.reshape(count, -1),
+                              self.team.copies)
+            value = dual.values(i, self.point, flat, [(weight, v)])[0]
+            pick = value.reshape(count, many, -1).argmax(-1)[..., None]
+            place = np.take_along_axis(trial, pick[..., None], 2)[:, :, 0]
+            power = np.take_along_axis(watts, pick, 2)[..., 0]
+            stay = pick[..., 0] == 0
+            step, ratio = (np.where(stay, size / 2.5, size) for size in (step, ratio))
+        return Columns.of(region, place, power, self.team.copies)
+
+    def sharpen(self, tolerance: float) -> None:
+        """
+        Find columns by branch and bound: nothing that pays is then overlooked.
+
+        :param tolerance: how far from the largest a column may be, in nats.
+        """
+        branches = self.branches()
+        dual = Dual(self.team, [], [], branches, 1e-9)
+        row = np.arange(len(self.team.stages.count))
+        for i, region in enumerate(self.team.regions):
+            columns, price = self.columns[i], self.point.prices[i]
+            parts = [branch.parts(i) for branch in branches]
+            weights = np.array([branch.weight * part[0] for branch, part in zip(branches, parts)])
+            shares = np.array([self.point.shares[branch.group] * part[1]
+                               for branch, part in zip(branches, parts)])
+            potential = self.potential(i)
+            terms, _ = terms_of(self.team, potential, i, np.tile(row, len(weights)),
+                                weights.ravel(), shares.reshape(-1, shares.shape[-1]), price)
+            value = dual.values(i, self.point, columns, list(zip(weights, shares)))
+            best, known = value.argmax(2), value.max(2).ravel()
+            _, points = terms.search(known, np.full(len(terms), tolerance), 2000, self.stop)
+            points = points.T.reshape(-1, *best.shape)
+            met = np.isfinite(points[0])
+            place = np.where(met[..., None], np.moveaxis(points[:2], 0, -1),
+                             columns.place[row, best])
+            power = columns.power[row, best]
+            if len(points) == 3:
+                power = np.where(met, np.exp(np.where(met, points[2], 0.0)), power)
+            self.found[i].append(Columns.of(region, place.transpose(1, 0, 2), power.T,
+                                            self.team.copies))
+
+    def curve(self) -> None:
+        """Give the potentials a quadratic part, at first none."""
+        x = self.point.potentials
+        none = np.zeros(x.shape[:2] + (3,))
+        self.point = replace(self.point, potentials=np.concatenate(
+            [x[..., :2], none, x[..., 2:]], 2))
+
+    def potential(self, uav: int) -> Potential:
+        """Return the present potential of a UAV."""
+        x = self.point.potentials[:, uav]
+        bend = x[:, 2:5] if curved(x.shape[1]) else np.zeros((len(x), 3))
+        return Potential(x[:, :2], bend, self.team.stages, self.team.regions[uav])
+
+    # -- Newton's method
+
+    def minimise(self, tau: float, iterations: int) -> None:
+        """Take Newton steps at one temperature, on the columns that are best now."""
+        dual = self.dual(tau)
+        for _ in range(iterations):
+            if self.stop():
+                break
+            value, derivatives = dual.derivatives(self.point)
+            self.point, slope = self._descent.damped(dual, self.point, value, derivatives)
+            if -slope < 1e-3 * tau * self.team.stages.slots**0.5:
+                break
+
+
+def _compass(count: int) -> Array:
+    angle = np.arange(count) * 2 * np.pi / count
+    return np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
+def _apart(region: ReachableSet, pool: Columns, value: Array) -> NDArray[np.intp]:
+    """Return the indices of the best columns that lie apart from one another, (G, FRESH)."""
+    low, high = region.sides
+    far = ((high - low).max(1) / 8)[:, None]
+    value = value.copy()
+    row = np.arange(len(value))
+    found = []
+    for _ in range(FRESH):
+        best = value.argmax(1)
+        found.append(best)
+        offset = np.abs(pool.place - pool.place[row, best][:, None])
+        value[(offset[..., 0] < far) & (offset[..., 1] < far)] = -np.inf
+    return np.stack(found, 1)

@@ -1,0 +1,62 @@
+"""The plan from which a search begins, and what it tells: who counts, and its rate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from ..proof.conjugate import Array
+from ..proof.stages import MOST_STAGES
+from ..proof.subset import EavesdropperSubset
+from ...mission.scenario import Scenario
+from ...optimize import solve
+from ...plan.plan import Plan
+
+
+def start(scenario: Scenario, time_left: float, objective: str,
+          plan: Plan | None) -> tuple[Array, Array]:
+    """Return positions (U, N + 2, 2) and powers (U, N) to start from."""
+    if plan is not None:
+        return plan.positions, plan.powers
+    slots = min(scenario.slots, MOST_STAGES)
+    left = None if math.isinf(time_left) else max(time_left / 2, 1e-3)
+    try:
+        short = scenario if slots == scenario.slots else replace(scenario, slots=slots)
+        found: Plan = solve(short, time_limit=left, objective=objective)  # type: ignore
+        positions, powers = found.positions, found.powers
+    except ValueError:
+        # A mission that cannot be flown in so few slots.
+        start = np.array([[uav.start] for uav in scenario.uavs])
+        goal = np.array([[uav.goal] for uav in scenario.uavs])
+        positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
+        powers = np.array([[uav.average_power] * slots for uav in scenario.uavs])
+    if slots == scenario.slots:
+        return positions, powers
+    point = np.round(np.linspace(0, slots + 1, scenario.slots + 2)).astype(int)
+    return positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
+
+
+def rate(subset: EavesdropperSubset, scenario: Scenario, positions: Array, powers: Array) -> float:
+    """Return about the mean rate of a plan against some eavesdroppers, in bit/s/Hz."""
+    altitude = np.array([[uav.altitude] for uav in scenario.uavs])
+    offset = positions[:, 1:-1] - np.array(scenario.ground_node)
+    received = scenario.reference_snr * np.maximum(powers, 0.0) / (
+        (offset**2).sum(-1) + altitude**2)
+    rates = np.log1p(received[0] / (1.0 + received[1:].sum(0)))
+    leaks = subset.leaks(scenario, positions, powers).max(0)
+    return float((rates - leaks).mean() / math.log(2.0))
+
+
+def by_use(scenario: Scenario, subset: EavesdropperSubset, positions: Array,
+           powers: Array) -> tuple[int, ...]:
+    """Return the jammers' indices, those first whose absence would leak most."""
+    if len(scenario.uavs) == 1:
+        return ()
+    harm = []
+    for i in range(1, len(scenario.uavs)):
+        without = powers.copy()
+        without[i] = 0.0
+        harm.append(subset.leaks(scenario, positions, without).max(0).sum())
+    return tuple(1 + int(i) for i in np.argsort(-np.array(harm), kind='stable'))

@@ -1,0 +1,150 @@
+"""All that is wrong with the values of a mission at once, not only the first."""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import fields, MISSING, replace
+from typing import Any
+
+from .documents import Document, Problem
+from .schema import Schema, UNITS
+from ..validation import checked_fields
+from ...errors import Place, ScenarioError, shown
+
+
+def diagnosed(document: Document, schema: Schema) -> tuple[Any, list[Problem]]:
+    """
+    Return the scenario that a document describes, and what is wrong with it.
+
+    :return: a Scenario, or None where there are problems; and these in the order of the lines.
+    """
+    work = _Diagnosis(document, schema)
+    scenario = work.scenario()
+    found = [*document.problems, *work.problems]
+    return (None if found else scenario), sorted(found, key=lambda one: one.line or 0)
+
+
+class _Diagnosis:
+    """Goes through a document, and keeps what is wrong."""
+
+    def __init__(self, document: Document, schema: Schema) -> None:
+        self.problems: list[Problem] = []
+        self._document = document
+        self._schema = schema
+
+    def scenario(self) -> Any:
+        """Return the Scenario, or None if something is wrong."""
+        neutral, data = self._schema.scenario, self._document.data
+        if data is None:
+            self._add((), 'the file is empty; it must have the fields of a mission')
+            return None
+        known = self._known_fields(neutral, data, (), '')
+        values = {name: value for name, value in known.items() if name not in self._schema.members
+                  and self._is_right(neutral, name, value, (name,))}
+        numbers: dict[str | int, list[int]] = {}
+        for name in [name for name in known if name in self._schema.members]:
+            found = list(self._members(name, known[name]))
+            if found or known[name] == []:
+                numbers[name] = [number for number, _ in found]
+                values[name] = tuple(member for _, member in found)
+        try:
+            return _completed(neutral, values, known.keys() - values.keys())
+        except ScenarioError as error:
+            for one in (error, *error.others):
+                field, *inner = one.place
+                if inner and field in numbers:
+                    inner[0] = numbers[field][int(inner[0])]
+                if field in values:  # Otherwise a neutral value is to blame.
+                    self._add((field, *inner), str(one))
+            return None
+
+    def _add(self, place: Place, text: str) -> None:
+        self.problems.append(Problem(self._document.line(place), text))
+
+    def _known_fields(self, neutral: Any, data: Any, place: Place, owner: str) -> dict[str, Any]:
+        """Return the fields that there are; note the others, and those that are missing."""
+        kind = type(neutral)
+        names = {field.name for field in fields(kind)}
+        if not isinstance(data, dict):
+            self._add(place, f'{owner}{_misfit(kind, data)}')
+            return {}
+        known = {name: value for name, value in data.items() if name in names}
+        for name in data.keys() - names:
+            self._add((*place, name), f'{owner}{_misfit(kind, {name: None})}')
+        if (lacking := _misfit(kind, known)):
+            self._add(place, f'{owner}{lacking}')
+        return known
+
+    def _members(self, field: str, values: Any) -> Iterator[tuple[int, Any]]:
+        """Yield the members of a list with which the mission can be judged, and their numbers."""
+        if not isinstance(values, list):
+            self._add((field,), f'{field} is {shown(values)}; it must be a list')
+            return
+        for number, data in enumerate(values):
+            member = self._member(field, number, data)
+            if member is not None:
+                yield number, member
+
+    def _member(self, field: str, number: int, data: Any) -> Any:
+        """Return a member of a list, or None if what is wrong with it could hide other things."""
+        neutral, place = self._schema.members[field], (field, number)
+        before = len(self.problems)
+        known = self._known_fields(neutral, data, place, f'{field}[{number}]: ')
+        if 'name' in known:
+            if self._is_right(neutral, 'name', known['name'], (*place, 'name')):
+                neutral = replace(neutral, name=known['name'])
+            else:
+                del known['name']
+        wrong = {
+            name for name, value in known.items() if name != 'name'
+            and not self._is_right(neutral, name, value, (*place, name))}
+        while True:
+            try:
+                member = _completed(neutral, known, wrong)
+                break
+            except ScenarioError as error:
+                self._add((*place, *error.place), str(error))
+                wrong.add(str(error.place[0]))
+        # Of a UAV that has its places, altitude and speed, the rest can be neutral.
+        is_judged = field == 'uavs' and _needed(type(neutral)) <= known.keys() - wrong
+        return member if is_judged or len(self.problems) == before else None
+
+    def _is_right(self, neutral: Any, field: str, value: Any, place: Place) -> bool:
+        """Return whether a field may have a value whatever the others are; note why not."""
+        try:
+            replace(neutral, **{field: value})
+        except ScenarioError as error:
+            # Otherwise the value does not fit to the neutral ones, which says nothing.
+            if error.place[:1] == (field,):
+                self._add((*place, *error.place[1:]), f'{error}{_unit(field, value)}')
+                return False
+        return True
+
+
+def _completed(neutral: Any, values: Mapping[str, Any], wrong: Collection[str]) -> Any:
+    """Return an object of the class of another, which stands in for what is wrong or missing."""
+    kind = type(neutral)
+    neutrals = {name: getattr(neutral, name) for name in {*_needed(kind), *wrong}}
+    right = {name: value for name, value in values.items() if name not in wrong}
+    return kind(**{**neutrals, **right})
+
+
+def _needed(kind: type[Any]) -> set[str]:
+    """Return the names of the fields of a class that have no default."""
+    return {field.name for field in fields(kind) if field.default is MISSING}
+
+
+def _misfit(kind: type[Any], data: object) -> str:
+    """Return why data cannot be the fields of a class, '' if they can."""
+    try:
+        checked_fields(kind, data)
+    except ScenarioError as error:
+        return str(error)
+    return ''
+
+
+def _unit(field: str, value: Any) -> str:
+    """Return what to add to a message about a wrong value of a field."""
+    if field not in UNITS:
+        return ''
+    if isinstance(value, str):
+        return f', in {UNITS[field]}, without its unit'
+    return '' if isinstance(value, list) else f' {UNITS[field]}'

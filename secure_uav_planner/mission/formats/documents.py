@@ -1,0 +1,230 @@
+"""YAML and JSON files as plain values, with the line of each."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import json
+import os
+from pathlib import Path
+import re
+from typing import Any, NamedTuple
+
+import yaml
+
+from ..files import read_text
+from ...errors import MissionFileError, Place, shown
+
+MOST_BYTES = 2**20
+"""The largest file that is read: a mission with all it may have takes a fifth of it."""
+
+MOST_VALUES = 200_000
+"""The most values of a document: an alias of YAML can stand for many."""
+
+_MOST_LEVELS = 20
+
+
+class Problem(NamedTuple):
+    """
+    What is wrong in a document.
+
+    :ivar line: counts from 1; None where it is not known.
+    """
+
+    line: int | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Document:
+    """
+    What a file holds.
+
+    :param data: dictionaries, lists, strings, numbers, true, false and None.
+    :param lines: the line of each value by its place, as far as it is known.
+    :param problems: what is wrong with the file itself, such as a field that comes twice.
+    """
+
+    data: Any
+    lines: Mapping[Place, int]
+    problems: tuple[Problem, ...] = ()
+
+    def line(self, place: Place) -> int | None:
+        """Return the line of a value, or else of what it is in."""
+        while place and place not in self.lines:
+            place = place[:-1]
+        return self.lines.get(place)
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """
+    YAML's safe types with the numbers and words of its version 1.2.
+
+    There `1e3` is a number, `1:30` and `yes` are none of what version 1.1 makes of them.
+    """
+
+    yaml_implicit_resolvers: dict[str, Any] = {}
+
+
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
+    """Quotes what either version of YAML would take for something else than a string."""
+
+
+_WORDS = (
+    ('null', r'~|null|Null|NULL|', '~nN\0'),
+    ('bool', 'true|True|TRUE|false|False|FALSE', 'tTfF'),
+    ('int', r'[-+]?[0-9]+|0x[0-9a-fA-F]+|0o[0-7]+', '-+0123456789'),
+    ('float', r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|'
+     r'\.(nan|NaN|NAN)', '-+.0123456789'),
+    ('merge', '<<', '<'),
+)
+for _kind, _text, _first in _WORDS:
+    for _class in (_Loader, _Dumper):
+        _class.add_implicit_resolver(f'tag:yaml.org,2002:{_kind}', re.compile(f'^({_text})$'),
+                                     ['' if one == '\0' else one for one in _first])
+
+
+def _whole(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    text = loader.construct_scalar(node)
+    return int(text, 0) if text[:2] in ('0x', '0o') else int(text)
+
+
+_Loader.add_constructor('tag:yaml.org,2002:int', _whole)
+_Loader.add_constructor('tag:yaml.org,2002:float', lambda loader, node: float(
+    re.sub(r'\.(?=[iInN])', '', loader.construct_scalar(node))))
+_Dumper.add_representer(tuple, _Dumper.represent_list)
+
+
+def read(path: str | os.PathLike[str]) -> Document:
+    """
+    Return what a YAML or JSON file holds.
+
+    :param path: a file; one whose name ends with .json is read as JSON, any other as YAML.
+    :raises OSError: when it cannot be read, is no regular file, or is larger than MOST_BYTES.
+    :raises MissionFileError: for a wrong syntax, with the line.
+    """
+    try:
+        text = read_text(path, MOST_BYTES)
+        return _of_json(text) if _is_json(path) else _of_yaml(text)
+    except json.JSONDecodeError as error:
+        problem = Problem(error.lineno, f'{error.msg} at column {error.colno}')
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        words = ', '.join(filter(None, (error.context, error.problem)))
+        problem = Problem(mark and mark.line + 1, f'{words}'.replace('\n', ' '))
+    except yaml.reader.ReaderError as error:
+        problem = Problem(None, f'{error.reason} at character {error.position}')
+    except RecursionError:
+        problem = Problem(None, f'it must have at most {_MOST_LEVELS} levels')
+    except UnicodeDecodeError as error:
+        problem = Problem(None, f'it is not UTF-8 text: {error.reason} at byte {error.start}')
+    except ValueError as error:  # such as a number of more digits than Python converts
+        problem = Problem(None, str(error)[:200])
+    raise refusal(path, [problem])
+
+
+def refusal(path: str | os.PathLike[str], problems: Sequence[Problem]) -> MissionFileError:
+    """Return the error of a file in which something is wrong; its text is one line."""
+    line, text = problems[0]
+    more = f' (and {len(problems) - 1} more)' if len(problems) > 1 else ''
+    where = f'{path}' if line is None else f'{path}:{line}'
+    return MissionFileError(f'{where}: {text}{more}', tuple(problems))
+
+
+def text_of(path: str | os.PathLike[str], data: Any) -> str:
+    """Return the text of a file with such data: JSON where its name ends so, otherwise YAML."""
+    if _is_json(path):
+        return json.dumps(data, indent=2, allow_nan=False) + '\n'
+    # Lists of numbers, such as places, on one line.
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None,
+                     allow_unicode=True, width=95)
+
+
+def _is_json(path: str | os.PathLike[str]) -> bool:
+    return Path(path).suffix.lower() == '.json'
+
+
+def _of_yaml(text: str) -> Document:
+    loader = _Loader(text)
+    try:
+        reader = _Reader(loader)
+        node = loader.get_single_node()
+        data = None if node is None else reader.value(node, ())
+        return Document(data, reader.lines, tuple(reader.problems))
+    finally:
+        loader.dispose()
+
+
+def _of_json(text: str) -> Document:
+    twice: list[str] = []
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        names = [name for name, _ in pairs]
+        twice.extend(name for name in set(names) if names.count(name) > 1)
+        return dict(pairs)
+
+    data = json.loads(text, object_pairs_hook=once)
+    try:
+        # Most of JSON is YAML, which tells the lines.
+        known = _of_yaml(text)
+    except (yaml.YAMLError, ValueError, MissionFileError):
+        known = Document(None, {})
+    problems = known.problems or tuple(
+        Problem(None, f'{shown(name)} comes twice') for name in twice)
+    return Document(data, known.lines, problems)
+
+
+class _Reader:
+    """Makes plain values of YAML's nodes, and notes the line of each."""
+
+    def __init__(self, loader: _Loader) -> None:
+        self.lines: dict[Place, int] = {}
+        self.problems: list[Problem] = []
+        self._loader = loader
+        self._count = 0
+
+    def value(self, node: yaml.Node, place: Place) -> Any:
+        """Return the value of a node that is at a place."""
+        self._count += 1
+        line = node.start_mark.line + 1
+        if self._count > MOST_VALUES or len(place) > _MOST_LEVELS:
+            raise yaml.MarkedYAMLError(
+                problem=f'it must have at most {MOST_VALUES} values in {_MOST_LEVELS} levels',
+                problem_mark=node.start_mark)
+        self.lines.setdefault(place, line)
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, place)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.value(one, (*place, number)) for number, one in enumerate(node.value)]
+        try:
+            return self._loader.construct_object(node)
+        except (ValueError, OverflowError) as error:
+            raise yaml.MarkedYAMLError(problem=str(error)[:100],
+                                       problem_mark=node.start_mark) from None
+
+    def _mapping(self, node: yaml.MappingNode, place: Place) -> dict[str, Any]:
+        own: dict[str, Any] = {}
+        merged: dict[str, Any] = {}
+        for key, value in node.value:
+            line = key.start_mark.line + 1
+            if key.tag.endswith(':merge'):
+                for other in self._merged(value, place):
+                    merged = {**other, **merged}
+                continue
+            name = self._loader.construct_object(key) if isinstance(key, yaml.ScalarNode) else None
+            if not isinstance(name, str):
+                self.problems.append(Problem(
+                    line, f'the name of a field is {shown(name)}; it must be text'))
+                continue
+            if name in own:
+                self.problems.append(Problem(line, f'{shown(name)} comes twice'))
+            self.lines[(*place, name)] = line
+            own[name] = self.value(value, (*place, name))
+        return {**merged, **own}
+
+    def _merged(self, node: yaml.Node, place: Place) -> list[dict[str, Any]]:
+        """Return the mappings that `<<` names, whose fields those beside it replace."""
+        found = self.value(node, (*place, '<<'))
+        found = found if isinstance(found, list) else [found]
+        if not all(isinstance(one, dict) for one in found):
+            raise yaml.MarkedYAMLError(problem='<< must name a mapping',
+                                       problem_mark=node.start_mark)
+        return found

@@ -1,0 +1,56 @@
+"""From a file to a mission and back."""
+
+import os
+from typing import Any
+
+from .diagnosis import diagnosed
+from .documents import Problem, read, refusal, text_of
+from .schema import Schema
+from ..files import atomic_file
+from ...errors import words_of_files
+
+_HEAD = """\
+# A mission of secure_uav_planner. Positions are (x, y) in m, x east and y north of the origin;
+# heights in m above the ground node, speeds in m/s, powers in W, times in s.
+"""
+
+# What else users may have at hand: a field by which it is known, and what it is.
+_OTHERS = {
+    'powers': 'a plan, whose field scenario is its mission',
+    'ros__parameters': 'a parameter file of nodes, which has a mission in the file that its '
+                       'parameter mission_file names'}
+
+
+def load(path: str | os.PathLike[str], schema: Schema) -> Any:
+    """
+    Return the Scenario in a file: YAML, or JSON if its name ends with .json.
+
+    :raises OSError: when the file cannot be read, is no regular file or is too large.
+    :raises MissionFileError: with all that is wrong, each with its line where it is known.
+    """
+    document = read(path)
+    for field, kind in _OTHERS.items():
+        if _has(document.data, field):
+            raise refusal(path, [Problem(None, f'it is {kind}')])
+    with words_of_files():
+        scenario, problems = diagnosed(document, schema)
+    if problems:
+        raise refusal(path, problems)
+    return scenario
+
+
+def _has(data: Any, field: str) -> bool:
+    """Return whether nested mappings have a field."""
+    return isinstance(data, dict) and (
+        field in data or any(_has(value, field) for value in data.values()))
+
+
+def save(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
+    """
+    Write the plain values of a mission, as JSON if the name ends with .json, otherwise as YAML.
+
+    :raises OSError: when the file cannot be written; an old one is left as it was.
+    """
+    text = text_of(path, data)
+    with atomic_file(path) as file:
+        file.write(text if text.startswith('{') else _HEAD + text)

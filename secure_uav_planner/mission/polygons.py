@@ -1,0 +1,199 @@
+"""Geometry of simple polygons in the plane: their check, convex parts, and depth of points."""
+
+from functools import lru_cache
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+import shapely
+
+from .validation import Array, checked_point, Point, read_only
+from ..errors import ScenarioError, shown
+
+Vertices: TypeAlias = tuple[Point, ...]
+
+MAX_VERTICES = 256
+"""The most vertices of a polygon."""
+
+_THINNEST = 1e-9  # Of area to the square of the perimeter; a polygon with less has no area.
+_MITRE_LIMIT = 1.5  # Where a sharp corner of a grown polygon is cut off, in margins.
+_MISSING = 1e-7  # Of a margin, for rounding, in m.
+_ROUNDING = 1e-12  # Of twice the area of a triangle to the square of its polygon's size.
+
+
+def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
+    """
+    Return the vertices of a simple polygon, in either order, as a tuple of points.
+
+    A last vertex that repeats the first is left out.
+
+    :raises ScenarioError: for fewer than three vertices or too many, for a wrong coordinate, for
+        an outline that crosses or touches itself, and for a polygon without area.
+    """
+    if isinstance(values, (str, bytes)) or not hasattr(values, '__len__'):
+        raise ScenarioError(f'{owner}{field} is {shown(values)}; it must be a list of vertices',
+                            (field,))
+    if len(values) > MAX_VERTICES:
+        raise ScenarioError(f'{owner}{field} has {len(values)} vertices; it must have at most '
+                            f'{MAX_VERTICES}', (field,))
+    vertices = tuple(checked_point(owner, field, value, index)
+                     for index, value in enumerate(values))
+    if len(vertices) > 3 and vertices[0] == vertices[-1]:
+        vertices = vertices[:-1]
+    if len(set(vertices)) < 3:
+        raise ScenarioError(f'{owner}{field} is {shown(vertices)}; it must have at least three '
+                            'different vertices', (field,))
+    ring = shapely.Polygon(vertices)
+    if ring.convex_hull.area <= _THINNEST * ring.length**2:
+        raise ScenarioError(f'{owner}{field} is {shown(vertices)}, which has no area; its '
+                            'vertices must not lie on one line', (field,))
+    if not ring.is_valid:
+        place = shapely.is_valid_reason(ring).partition('[')[2].rstrip(']').replace(' ', ', ')
+        raise ScenarioError(f'{owner}{field} is {shown(vertices)}, whose outline crosses or '
+                            f'touches itself near ({place}); it must not', (field,))
+    return vertices
+
+
+@lru_cache(maxsize=1024)
+def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
+    """
+    Return convex polygons that make up a simple polygon, each (K, 2), counter-clockwise.
+
+    Their vertices are those of the polygon. There are at most four times as many as necessary
+    (Hertel and Mehlhorn, "Fast triangulation of simple polygons", 1983).
+    """
+    corners = _corners(vertices)
+    parts, diagonals = _triangles(corners)
+    for first, second in diagonals:
+        # A part that has the diagonal as an edge in one direction, and one in the other.
+        left = next((part for part in parts if _follows(part, first, second)), None)
+        right = next((part for part in parts if _follows(part, second, first)), None)
+        if left is None or right is None:
+            continue
+        at, to = left.index(second), right.index(first)
+        merged = left[at:] + left[:at] + (right[to:] + right[:to])[1:-1]
+        if _turns(corners[merged]).min() >= -_rounding(corners):
+            parts = [part for part in parts if part not in (left, right)] + [merged]
+    return tuple(read_only(corners[part]) for part in parts)
+
+
+@lru_cache(maxsize=64)
+def pockets(vertices: Vertices) -> tuple[Vertices, ...]:
+    """Return what the convex hull of a polygon has and the polygon has not, as polygons."""
+    polygon = shapely.Polygon(vertices)
+    return _outlines(polygon.convex_hull.difference(polygon))
+
+
+@lru_cache(maxsize=1024)
+def grown(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
+    """
+    Return a polygon that has all places within a margin of another one, and few more.
+
+    Its edges are at the margin from those of the other. Its corners are mitred and not round: one
+    of 90 degrees is 1.42 margins away, and none more than 1.81. It also has what it surrounds.
+
+    :param margin: in m. What a negative one leaves is at least that far inside; it may be several
+        polygons, or none.
+    """
+    if margin == 0:
+        return (vertices,)
+    polygon, wide = shapely.Polygon(vertices), margin
+    while True:
+        found = polygon.buffer(wide, join_style='mitre', mitre_limit=_MITRE_LIMIT)
+        # The buffer leaves out small bends, by which it may be too near.
+        missing = abs(margin) - shapely.distance(found.boundary, polygon.boundary)
+        if found.is_empty or missing <= _MISSING:
+            break
+        wide += math.copysign(missing, margin)
+    return _outlines(found)
+
+
+def _outlines(shape: Any) -> tuple[Vertices, ...]:
+    """Return the outlines of the polygons of a shape that have an area."""
+    return tuple(
+        tuple((x, y) for x, y in part.exterior.coords[:-1]) for part in shapely.get_parts(shape)
+        if part.geom_type == 'Polygon' and part.area > _THINNEST * part.length**2)
+
+
+def half_planes(vertices: Vertices) -> tuple[Array, Array]:
+    """
+    Return the convex hull of a polygon as n.x <= b.
+
+    :return: unit normals n that point outwards, (K, 2), and b, (K,) in m.
+    """
+    corners = _corners(tuple(
+        (x, y) for x, y in shapely.Polygon(vertices).convex_hull.exterior.coords[:-1]))
+    edges = np.roll(corners, -1, axis=0) - corners
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return read_only(normals), read_only((normals * corners).sum(axis=1))
+
+
+def depth(vertices: Vertices, points: ArrayLike) -> Array:
+    """
+    Return how far in m points are inside a polygon; negative is their distance outside.
+
+    :param points: (..., 2) in m.
+    :return: (...).
+    """
+    polygon, places = shapely.Polygon(vertices), shapely.points(points)
+    distance = shapely.distance(polygon.exterior, places)
+    return np.where(shapely.contains(polygon, places), distance, -distance)
+
+
+def _corners(vertices: Vertices) -> Array:
+    """Return the vertices counter-clockwise, (K, 2), without those that are no corners."""
+    corners = np.array(vertices)
+    x, y = (corners - corners[0]).T
+    if x @ np.roll(y, -1) < y @ np.roll(x, -1):
+        corners = corners[::-1]
+    while len(corners) > 3:
+        flat = np.abs(_turns(corners)) <= _rounding(corners)
+        if not flat.any():
+            break
+        corners = np.delete(corners, flat.argmax(), axis=0)
+    return corners
+
+
+def _turns(corners: Array) -> Array:
+    """Return twice the area of the triangle at every vertex, positive where it is convex."""
+    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+
+
+def _rounding(corners: Array) -> float:
+    return float(_ROUNDING * np.ptp(corners, axis=0).max()**2)
+
+
+def _triangles(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
+    """Return triangles by indices of their corners, and the diagonals, by cutting off ears."""
+    left, small = list(range(len(corners))), _rounding(corners)
+    triangles, diagonals = [], []
+    while len(left) > 3:
+        turns = _turns(corners[left])
+        reflex = corners[left][turns <= small]
+        for at in np.flatnonzero(turns > small).tolist():
+            ear = [left[at - 1], left[at], left[(at + 1) % len(left)]]
+            if not _holds(corners[ear], reflex, small):
+                triangles.append(ear)
+                diagonals.append((ear[0], ear[2]))
+                break
+        else:  # Rounding leaves none: what is cut off has next to no area.
+            at = int(np.abs(turns).argmin())
+        del left[at]
+    return [*triangles, left], diagonals
+
+
+def _holds(triangle: Array, points: Array, small: float) -> bool:
+    """Return whether a triangle has one of the points, other than its corners, in it."""
+    edges = np.roll(triangle, -1, axis=0) - triangle
+    to = points[:, None] - triangle
+    inside = (edges[:, 0] * to[..., 1] - edges[:, 1] * to[..., 0] >= -small).all(axis=1)
+    corner = (to == 0).all(axis=2).any(axis=1)
+    return bool((inside & ~corner).any())
+
+
+def _follows(part: list[int], first: int, second: int) -> bool:
+    """Return whether one index follows another in a part."""
+    return first in part and part[(part.index(first) + 1) % len(part)] == second

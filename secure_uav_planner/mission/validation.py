@@ -1,0 +1,124 @@
+"""Checks of the fields of what is asked: ranges, numbers, places, names and mappings."""
+
+from collections.abc import Mapping
+from dataclasses import fields, MISSING
+import difflib
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ScenarioError, shown
+
+Array: TypeAlias = NDArray[np.float64]
+Point: TypeAlias = tuple[float, float]
+
+LIMITS = {
+    'coordinate': (-1e7, 1e7),
+    'error_radius': (0.0, 1e7),
+    'receiver_advantage_db': (-100.0, 100.0),
+    'altitude': (1e-3, 1e6),
+    'max_speed': (1e-6, 1e6),
+    'max_acceleration': (1e-6, 1e6),
+    'average_power': (1e-9, 1e6),
+    'peak_power': (1e-9, 1e6),
+    'duration': (1e-6, 1e8),
+    'slots': (1, 20000),
+    'reference_snr_db': (-200.0, 300.0),
+    'separation': (0.0, 1e6),
+    'tracking_margin': (0.0, 1e6),
+    'floor': (0.0, 1e6),
+    'ceiling': (0.0, math.inf),
+}
+"""Smallest and largest value of every field; beyond them squares lose their accuracy."""
+
+
+def read_only(values: ArrayLike) -> Array:
+    """Return values as an array of floats of its own that cannot be written to."""
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+def checked_fields(kind: type[Any], data: object) -> dict[str, Any]:
+    """
+    Return data, a mapping, as the arguments of a dataclass.
+
+    :raises ScenarioError: naming an unknown field and the nearest known one, or a missing field.
+    """
+    if not isinstance(data, Mapping):
+        raise ScenarioError(f'{kind.__name__} is {shown(data)}; it must be a mapping of fields')
+    known = {field.name: field for field in fields(kind)}
+    for name in data:
+        if name not in known:
+            near = difflib.get_close_matches(str(name), known, 1)
+            hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(known)}'
+            raise ScenarioError(f'{kind.__name__} has no field {shown(name)}{hint}', (name,))
+    missing = [name for name, field in known.items() if name not in data
+               and field.default is MISSING and field.default_factory is MISSING]
+    if missing:
+        raise ScenarioError(f'{kind.__name__} lacks {", ".join(missing)}')
+    return dict(data)
+
+
+def checked_members(field: str, values: object, kind: type[Any],
+                    least: int, most: int) -> tuple[Any, ...]:
+    """Return values, a tuple or list of so many of a kind, as a tuple."""
+    if (not isinstance(values, (tuple, list)) or not least <= len(values) <= most
+            or not all(isinstance(value, kind) for value in values)):
+        raise ScenarioError(f'{field} is {shown(values)}; it must be a list of '
+                            f'{least} to {most} {kind.__name__}', (field,))
+    return tuple(values)
+
+
+def checked_name(what: str, name: object) -> str:
+    """Return a non-empty string, or raise ScenarioError."""
+    if not isinstance(name, str) or not name:
+        raise ScenarioError(
+            f'{what} name is {shown(name)}; it must be text that is not empty', ('name',))
+    return name
+
+
+def checked_number(owner: str, field: str, value: Any) -> float:
+    """Return value as a float, or raise ScenarioError with field, value and what is allowed."""
+    low, high = LIMITS[field]
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if isinstance(value, (bool, str)) or not low <= number <= high:
+        raise ScenarioError(
+            f'{owner}{field} is {shown(value)}; it must be a number from {low:g} to {high:g}',
+            (field,))
+    return number
+
+
+def checked_point(owner: str, field: str, value: Any, index: int | None = None) -> Point:
+    """
+    Return value as a tuple of two floats, or raise ScenarioError with field and value.
+
+    :param index: where the value is in the field, if that is a list of points.
+    """
+    low, high = LIMITS['coordinate']
+    try:
+        x, y = (math.nan if isinstance(one, (bool, str)) else float(one) for one in value)
+    except (TypeError, ValueError, OverflowError):
+        x = y = math.nan
+    if not (low <= x <= high and low <= y <= high):
+        name, place = (field, ()) if index is None else (f'{field}[{index}]', (index,))
+        raise ScenarioError(f'{owner}{name} is {shown(value)}; it must be two coordinates '
+                            f'(x, y) from {low:g} to {high:g} m', (field, *place))
+    return (x, y)
+
+
+def told_apart(names: list[str]) -> tuple[str, ...]:
+    """Return names, each followed by a number where several are the same."""
+    found: list[str] = []
+    for number, name in enumerate(names, start=1):
+        unique = name
+        while names.count(unique) > 1 or unique in found or (
+                unique != name and unique in names):
+            unique, number = f'{name}{number}', number + 1
+        found.append(unique)
+    return tuple(found)

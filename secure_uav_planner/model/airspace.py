@@ -1,0 +1,102 @@
+"""Where the UAVs of a scenario may fly, as convex sets for the optimiser and for checks."""
+
+from functools import cached_property, lru_cache
+import math
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from ..mission.polygons import convex_parts, half_planes, pockets
+from ..mission.scenario import Scenario
+from ..mission.validation import Array, read_only
+
+GEOFENCE = 'the geofence'
+"""What a piece outside the fence belongs to."""
+
+
+class Piece(NamedTuple):
+    """
+    A convex polygon that a UAV may not enter.
+
+    :ivar vertices: (K, 2) in m, counter-clockwise.
+    :ivar name: of the zone it belongs to, as in Scenario.zone_names, or GEOFENCE.
+    """
+
+    vertices: Array
+    name: str
+
+
+class Airspace:
+    """
+    What is forbidden to the UAVs of a scenario, each at its altitude, tracking_margin included.
+
+    All arrays are read-only.
+
+    :param scenario: a Scenario. `airspace_of` keeps the Airspace of the last ones.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+
+    @cached_property
+    def pieces(self) -> tuple[tuple[Piece, ...], ...]:
+        """
+        Convex pieces of all that each UAV may not enter, for each UAV a tuple.
+
+        These are the parts of the zones at its altitude, and the pockets of a geofence that is
+        not convex: what its convex hull has and the fence has not. Zones that are farther away
+        than anything leads are not among them.
+        """
+        scenario = self._scenario
+        outside = [] if scenario.keep_in is None else [
+            Piece(part, GEOFENCE) for pocket in pockets(scenario.keep_in)
+            for part in convex_parts(pocket)]
+        return tuple(
+            (*(Piece(part, name) for vertices, name in scenario.keep_out(uav.altitude)
+               if name not in self.far for part in convex_parts(vertices)), *outside)
+            for uav in scenario.uavs)
+
+    @cached_property
+    def far(self) -> frozenset[str]:
+        """
+        Names of the zones that are farther from the mission than the mission is large.
+
+        A mission is as large as the box around starts, goals and the ground, and as the way on
+        which UAVs that do not begin and end at rest can stop.
+        """
+        scenario = self._scenario
+        places = np.concatenate([scenario.starts, scenario.goals, [scenario.ground_node],
+                                 scenario.eavesdropper_positions])
+        size = math.hypot(*np.ptp(places, axis=0), scenario.altitudes.max(), *(
+            uav.max_speed**2 / uav.max_acceleration for uav in scenario.uavs
+            if uav.max_acceleration is not None
+            and not uav.start_velocity == uav.goal_velocity == (0.0, 0.0)))
+        mission = shapely.MultiPoint(places).convex_hull
+        return frozenset(name for uav in scenario.uavs
+                         for vertices, name in scenario.keep_out(uav.altitude)
+                         if shapely.Polygon(vertices).distance(mission) > size)
+
+    @cached_property
+    def hull(self) -> tuple[Array, Array]:
+        """
+        Convex hull of the geofence as n.x <= b, without a fence no half-planes.
+
+        :return: unit normals n that point outwards, (K, 2), and b, (K,) in m.
+        """
+        if self._scenario.keep_in is None:
+            return read_only(np.zeros((0, 2))), read_only(np.zeros(0))
+        return half_planes(self._scenario.keep_in)
+
+    @cached_property
+    def separations(self) -> Array:
+        """Smallest horizontal distance between UAVs at their altitudes, (U, U) in m."""
+        heights = self._scenario.altitudes
+        squares = self._scenario.keep_apart**2 - (heights[:, None] - heights)**2
+        return read_only(np.sqrt(np.maximum(squares, 0.0)) * (1 - np.eye(len(heights))))
+
+
+@lru_cache(maxsize=64)
+def airspace_of(scenario: Scenario) -> Airspace:
+    """Return the Airspace of a scenario, the same for equal scenarios."""
+    return Airspace(scenario)

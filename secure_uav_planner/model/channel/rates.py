@@ -1,0 +1,117 @@
+"""The rates of a plan, by the plain formulas: what every published number comes from."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .links import FreeSpace, guaranteed_squared_distance
+from ...mission.scenario import Array, Eavesdropper, Scenario
+
+
+def ground_squared_distances(scenario: Scenario, positions: Array) -> Array:
+    """Return the squared horizontal distances to the ground node, (U, N) in m^2."""
+    return _squared_norm(positions[:, 1:-1] - np.array(scenario.ground_node))
+
+
+def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
+    """
+    Return the squared distances to each eavesdropper that the guarantee uses, (E, U, N) in m^2.
+
+    The best case for the transmitter and the worst case for each jammer, taken separately over
+    the disc: those of h-tilde in equation (r_e_approx), with [d - eps]^+ inside the disc.
+    """
+    return np.stack([_guaranteed_squared_distances_to(eve, positions)
+                     for eve in scenario.eavesdroppers])
+
+
+def ground_gains(scenario: Scenario, positions: Array) -> Array:
+    """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
+    return FreeSpace.of(scenario).gain(ground_squared_distances(scenario, positions))
+
+
+def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
+    """Return the gains at guaranteed_squared_distances, h-tilde / sigma^2, (E, U, N) in 1/W."""
+    link = FreeSpace.of(scenario).for_receivers(scenario.receiver_advantages[:, None, None])
+    return link.gain(guaranteed_squared_distances(scenario, positions))
+
+
+def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
+    """Return r_0[n], equation (R_UG), (N,) in bit/s/Hz."""
+    return rate_of(ground_gains(scenario, positions) * powers)
+
+
+def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
+                     altitudes: Array | None = None) -> Array:
+    """
+    Return R-bar[n] of problem (P2), (N,) in bit/s/Hz, negative where the leak is larger.
+
+    A lower bound of worst_case_rates; equal to it when every error radius is zero.
+
+    :param altitudes: heights at which the UAVs really were, (U, N) in m, instead of their own.
+    """
+    # One eavesdropper after the other: arrays over all of them would not fit into the caches.
+    leak = np.full(powers.shape[1], -np.inf)
+    link = (FreeSpace.of(scenario) if altitudes is None else
+            FreeSpace(scenario.reference_snr, altitudes**2))
+    for eve, advantage in zip(
+            scenario.eavesdroppers, scenario.receiver_advantages.tolist(), strict=True):
+        gains = link.for_receivers(advantage).gain(
+            _guaranteed_squared_distances_to(eve, positions))
+        np.maximum(leak, rate_of(gains * powers), out=leak)
+    gains = link.gain(ground_squared_distances(scenario, positions))
+    rates: Array = rate_of(gains * powers) - leak
+    return rates
+
+
+def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
+                  eavesdropper: ArrayLike, receiver_advantage_db: float | None = None) -> Array:
+    """
+    Return r_0[n] - r_e[n] for an eavesdropper whose place is known, (N,) in bit/s/Hz.
+
+    :param eavesdropper: its true place, (2,) or one for each slot, (N, 2), in m.
+    :param receiver_advantage_db: of its receiver; by default the largest that an eavesdropper of
+        the scenario has.
+    """
+    places = np.broadcast_to(np.asarray(eavesdropper, float), (powers.shape[1], 2))
+    advantage = (float(scenario.receiver_advantages.max()) if receiver_advantage_db is None
+                 else 10.0 ** (receiver_advantage_db / 10.0))
+    leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
+    return ground_rates(scenario, positions, powers) - leak
+
+
+def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
+                  places: Array, advantage: float) -> Array:
+    """
+    Return r_e at places on the ground, (N, K) in bit/s/Hz.
+
+    :param uav_positions: (U, N, 2) in m.
+    :param places: (N, K, 2) in m.
+    :param advantage: of the receivers, by what factor their SNR is larger than the ground node's.
+    """
+    offset = uav_positions[:, :, None] - places
+    gains = FreeSpace.of(scenario, axes=2).for_receivers(advantage).gain(_squared_norm(offset))
+    return rate_of(gains * powers[..., None])
+
+
+def rate_of(received: Array) -> Array:
+    """
+    Return log2(1 + S / (1 + J)), (...) in bit/s/Hz, as accurate for a small S.
+
+    :param received: powers over the noise power, the transmitter's S first, then those of the
+        jammers, whose sum is J; (U, ...).
+    """
+    interference: Array = received[1:].sum(axis=0)
+    rate: Array = np.log1p(received[0] / (1.0 + interference)) / np.log(2.0)
+    return rate
+
+
+def _guaranteed_squared_distances_to(eve: Eavesdropper, positions: Array) -> Array:
+    """Return guaranteed_squared_distances for one eavesdropper, (U, N) in m^2."""
+    edge = np.full((len(positions), 1), eve.error_radius)
+    edge[0] *= -1
+    return guaranteed_squared_distance(
+        _squared_norm(positions[:, 1:-1] - np.array(eve.position)), edge)
+
+
+def _squared_norm(offset: Array) -> Array:
+    squared: Array = offset[..., 0]**2 + offset[..., 1]**2
+    return squared

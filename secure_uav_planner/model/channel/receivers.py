@@ -1,0 +1,64 @@
+"""Who receives what the UAVs radiate, in the units of a Grid."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .links import FreeSpace
+from ..grid import Grid
+from ...mission.scenario import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Receivers:
+    """
+    Who receives what the UAVs radiate, in the units of a Grid.
+
+    Receivers are the ground node (0) and the eavesdroppers (1..E), K = E + 1 in all.
+
+    :param positions: of the receivers, (K, 2), or for every slot other ones, (..., N, K, 2).
+    :param edge: epsilon that the guarantee adds to a distance, or subtracts from it, (K, U).
+    :param link: of the UAVs, for arrays (..., K, U).
+    """
+
+    positions: Array
+    edge: Array
+    link: FreeSpace
+
+    @classmethod
+    def of(cls, grid: Grid) -> 'Receivers':
+        """Return the receivers of a grid's scenario, with which the guarantee counts."""
+        scenario = grid.scenario
+        positions = np.concatenate([
+            [grid.origin], scenario.eavesdropper_positions]) - grid.origin
+        radii = np.append(0.0, scenario.error_radii)
+        edge = np.repeat(radii[:, None], len(scenario.uavs), axis=1) / grid.length
+        edge[:, 0] *= -1
+        link = FreeSpace(scenario.reference_snr * grid.power / grid.length**2,
+                         (scenario.altitudes / grid.length)**2)
+        advantages = np.append(1.0, scenario.receiver_advantages)[:, None]
+        return cls(positions / grid.length, edge, link.for_receivers(advantages))
+
+    def at_places(self, places: Array) -> 'Receivers':
+        """
+        Return the ground node with eavesdroppers at known places instead of in discs.
+
+        :param places: in units of the grid, (..., N, E P, 2), P for each eavesdropper.
+        """
+        ground = np.broadcast_to(self.positions[..., :1, :], (*places.shape[:-2], 1, 2))
+        each = places.shape[-2] // (len(self.edge) - 1)
+        copies = np.repeat(np.arange(len(self.edge)), [1] + [each] * (len(self.edge) - 1))
+        link = replace(self.link, reference_snr=np.asarray(self.link.reference_snr)[copies])
+        return Receivers(np.concatenate([ground, places], axis=-2),
+                         np.zeros((1 + places.shape[-2], self.edge.shape[-1])), link)
+
+    def rates(self, x: Array) -> tuple[Array, Array]:
+        """
+        Return r_0 (..., N) and r_e to every eavesdropper (..., N, E) in nats, without `edge`.
+
+        :param x: variables of a Grid, (..., N, U, 3).
+        """
+        offset = x[..., None, :, 1:] - self.positions[..., None, :]
+        received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[..., None, :, 0]
+        rates = np.log1p(received[..., 0] / (1.0 + received[..., 1:].sum(axis=-1)))
+        return rates[..., 0], rates[..., 1:]

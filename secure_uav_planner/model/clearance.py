@@ -1,0 +1,233 @@
+"""How close the flown curve comes to forbidden places and UAVs to each other, at any time."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import combinations
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+import shapely
+
+from .curve import Curve
+from .quadratics import crossings, least_distance, least_distance_to_edge, Pieces
+from ..errors import PlanError
+from ..mission.participants import Uav
+from ..mission.scenario import POSITION_TOLERANCE, Scenario
+from ..mission.validation import Array
+
+CLOSE_DISTANCE = 5.0
+"""Distance between UAVs in m below which a plan without a separation deserves a warning."""
+
+_Indices = NDArray[np.intp]
+
+
+class Approach(NamedTuple):
+    """
+    Where two things are closest.
+
+    :ivar distance: in m, in space between UAVs and on the map to a zone as given, without margin.
+    :ivar time: in s from point 0.
+    :ivar names: of a UAV, and of another UAV or a zone.
+    """
+
+    distance: float
+    time: float
+    names: tuple[str, str]
+
+
+class Clearance:
+    """
+    Distances of a flight in continuous time, by closed forms and not by samples.
+
+    A UAV that waits at its start or goal while another flies counts as well.
+
+    :param scenario: a Scenario.
+    :param curve: the Curve that its UAVs fly.
+    """
+
+    def __init__(self, scenario: Scenario, curve: Curve) -> None:
+        self._scenario = scenario
+        self._curve = curve
+
+    def check(self) -> None:
+        """
+        Check zones, geofence and separation with tracking_margin, each to POSITION_TOLERANCE.
+
+        :raises PlanError: naming the UAV, what it comes too close to, the time and the distance.
+        """
+        scenario = self._scenario
+        if scenario.no_fly_zones or scenario.geofence is not None:
+            for number, uav in enumerate(scenario.uavs):
+                self._check_places(number, uav)
+        nearest = self.between_uavs if scenario.separation > 0 else None
+        if nearest is not None and nearest.distance < scenario.keep_apart - POSITION_TOLERANCE:
+            raise PlanError(
+                f'{nearest.names[0]} and {nearest.names[1]} are {nearest.distance:.9g} m apart '
+                f'{nearest.time:.6g} s after point 0; separation{scenario.margin_text} is '
+                f'{scenario.keep_apart:.9g} m')
+
+    @cached_property
+    def between_uavs(self) -> Approach | None:
+        """Smallest distance between any two UAVs, or None with only one."""
+        uavs, pieces = self._scenario.uavs, self._pieces
+        pairs = np.array(list(combinations(range(len(uavs)), 2)), int).reshape(-1, 2)
+        if not len(pairs):
+            return None
+        first, second = pairs.T
+        position, velocity, acceleration = (
+            values[first] - values[second]
+            for values in (pieces.positions, pieces.velocities, pieces.accelerations))
+        heights = self._scenario.altitudes[first] - self._scenario.altitudes[second]
+        middle = np.hypot(np.linalg.norm(position, axis=-1), heights[:, None])
+        relative = Pieces(pieces.times, pieces.half, position, velocity, acceleration)
+        least = middle - np.linalg.norm(relative.reach, axis=-1)
+        ignored = self._in_flight(pairs)
+        least[ignored] = middle[ignored] = np.inf
+        pair, at = np.nonzero(least <= middle.min())
+        level, by = least_distance(position[pair, at], velocity[pair, at], acceleration[pair, at],
+                                   pieces.half)
+        distance = np.hypot(level, heights[pair])
+        best = int(distance.argmin())
+        one, other = pairs[pair[best]].tolist()
+        return Approach(float(distance[best]), float(pieces.times[at[best]] + by[best]),
+                        (uavs[one].name, uavs[other].name))
+
+    @property
+    def uavs_beyond_margin(self) -> float:
+        """Distance that two errors of tracking_margin leave between UAVs, m; infinite for one."""
+        found = self.between_uavs
+        return math.inf if found is None else found.distance - 2 * self._scenario.tracking_margin
+
+    @property
+    def zones_beyond_margin(self) -> float:
+        """Distance that an error of tracking_margin leaves to zones, m; infinite without any."""
+        found = self.to_zones
+        return math.inf if found is None else found.distance - self._scenario.tracking_margin
+
+    @property
+    def is_close(self) -> bool:
+        """Whether no separation is asked for and UAVs come within CLOSE_DISTANCE and margins."""
+        return self._scenario.separation == 0 and self.uavs_beyond_margin < CLOSE_DISTANCE
+
+    @cached_property
+    def to_zones(self) -> Approach | None:
+        """Smallest distance of a UAV to a zone, as given, at its altitude, or None without any."""
+        found = [self._to_zones(number, uav) for number, uav in enumerate(self._scenario.uavs)]
+        return min((approach for approach in found if approach is not None), default=None)
+
+    @cached_property
+    def _pieces(self) -> Pieces:
+        return Pieces.of(self._curve)
+
+    def _of(self, uav: int) -> Pieces:
+        """Return the pieces of one UAV."""
+        pieces = self._pieces
+        return Pieces(pieces.times, pieces.half, pieces.positions[uav], pieces.velocities[uav],
+                      pieces.accelerations[uav])
+
+    def _in_flight(self, pairs: _Indices) -> NDArray[np.bool_]:
+        """
+        Return which half slots of pairs do not belong to the mission, (pairs, K).
+
+        At an end, a UAV with a limit of acceleration may be in flight, in the half slot in which
+        one without a limit would wait. That one is then in flight, too, and not waiting.
+        """
+        uavs = self._scenario.uavs
+        ignored = np.zeros((len(pairs), len(self._pieces.times)), bool)
+        for index, pair in enumerate(pairs.tolist()):
+            smooth = [uavs[number] for number in pair if uavs[number].max_acceleration is not None]
+            if len(smooth) == 1:
+                ignored[index, 0] = smooth[0].start_velocity != (0.0, 0.0)
+                ignored[index, -1] = smooth[0].goal_velocity != (0.0, 0.0)
+        return ignored
+
+    def _check_places(self, number: int, uav: Uav) -> None:
+        """Check the zones and the fence of one UAV."""
+        scenario, pieces = self._scenario, self._of(number)
+        zones = scenario.keep_out(uav.altitude)
+        shapes = [shapely.Polygon(vertices) for vertices, _ in zones]
+        texts = [f'inside {name}' for _, name in zones]
+        # What is deeper in a zone than the tolerance, and farther from the fence.
+        forbidden = [shape.buffer(-POSITION_TOLERANCE, join_style='mitre') for shape in shapes]
+        if scenario.keep_in is not None:
+            fence = shapely.Polygon(scenario.keep_in)
+            shapes.append(fence)
+            texts.append('outside the geofence')
+            forbidden.append(_around(pieces, fence).difference(
+                fence.buffer(POSITION_TOLERANCE, join_style='mitre')))
+        entered = _entered(pieces, forbidden)
+        if not entered:
+            return
+        index, times = next(iter(entered.items()))
+        # Between two entries or ends of the flight it is inside, or outside.
+        ends = np.array([self._curve.begin, *times, self._curve.end])
+        times = np.concatenate([times, ends, (ends[1:] + ends[:-1]) / 2])
+        points = shapely.points(self._curve.at(times).positions[number])
+        depths = np.where(shapely.intersects(forbidden[index], points), shapely.distance(
+            shapes[index].exterior, points), POSITION_TOLERANCE)
+        raise PlanError(f'{uav.name} is {depths.max():.9g} m {texts[index]}'
+                        f'{scenario.margin_text} {times[depths.argmax()]:.6g} s after point 0; '
+                        'it must not be')
+
+    def _to_zones(self, number: int, uav: Uav) -> Approach | None:
+        """Return the smallest distance of one UAV to a zone at its altitude."""
+        zones, pieces = self._scenario.zones_at(uav.altitude), self._of(number)
+        if not zones:
+            return None
+        edges, owners = _edges_of([shapely.Polygon(zone.vertices) for zone, _ in zones])
+        tree, middles = _tree(edges), shapely.points(pieces.positions)
+        (at, _), distances = tree.query_nearest(
+            middles, all_matches=False, return_distance=True)
+        middle = np.empty(len(middles))
+        middle[at] = distances
+        reach = np.linalg.norm(pieces.reach, axis=-1)
+        near = np.flatnonzero(middle - reach <= middle.min())
+        at, edge = tree.query(middles[near], predicate='dwithin',
+                              distance=(middle.min() + reach[near]) * (1 + 1e-9))
+        distance, by = least_distance_to_edge(pieces.chosen(near[at]), edges[edge])
+        best = int(distance.argmin())
+        return Approach(float(distance[best]), float(pieces.times[near[at[best]]] + by[best]),
+                        (uav.name, zones[owners[edge[best]]][1]))
+
+
+def _entered(pieces: Pieces, polygons: Sequence[Any]) -> dict[int, Array]:
+    """Return which polygons a motion enters, by index, and times around those of its entries."""
+    found: dict[int, list[Array]] = {}
+    middles = shapely.points(pieces.positions)
+    at, inside = shapely.STRtree(polygons).query(middles, predicate='intersects')
+    for index in np.unique(inside).tolist():
+        found.setdefault(index, []).append(pieces.times[at[inside == index]])
+    edges, owners = _edges_of(polygons)
+    low, high = pieces.positions - pieces.reach, pieces.positions + pieces.reach
+    at, edge = _tree(edges).query(shapely.box(*low.T, *high.T))
+    by, crossed = crossings(pieces.chosen(at), edges[edge])
+    times = np.where(crossed, pieces.times[at][:, None] + by, np.nan)
+    for index in np.unique(owners[edge][crossed.any(axis=1)]).tolist():
+        of_it = times[owners[edge] == index]
+        found.setdefault(index, []).append(of_it[~np.isnan(of_it)])
+    return {index: np.sort(np.concatenate(found[index])) for index in sorted(found)}
+
+
+def _around(pieces: Pieces, polygon: Any) -> Any:
+    """Return a box that holds a motion and a polygon."""
+    places = np.concatenate([pieces.positions - pieces.reach, pieces.positions + pieces.reach,
+                             shapely.get_coordinates(polygon)])
+    return shapely.box(*places.min(axis=0) - 1.0, *places.max(axis=0) + 1.0)
+
+
+def _edges_of(polygons: Sequence[Any]) -> tuple[Array, _Indices]:
+    """Return the edges of polygons, (E, 2, 2) in m, and the index of the polygon of each."""
+    edges, owners = [np.zeros((0, 2, 2))], [np.zeros(0, np.intp)]
+    for index, polygon in enumerate(polygons):
+        for part in shapely.get_parts(polygon):
+            for ring in shapely.get_rings(part):
+                corners = shapely.get_coordinates(ring)
+                edges.append(np.stack([corners[:-1], corners[1:]], axis=1))
+                owners.append(np.full(len(corners) - 1, index))
+    return np.concatenate(edges), np.concatenate(owners)
+
+
+def _tree(edges: Array) -> Any:
+    return shapely.STRtree(shapely.linestrings(edges))

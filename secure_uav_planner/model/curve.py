@@ -1,0 +1,197 @@
+"""
+The curve that the UAVs fly, in continuous time.
+
+The points of a UAV with a limit of acceleration are the control points of a uniform quadratic
+B-spline: it passes (q[n] + q[n+1]) / 2 half a slot after point n, with the velocity
+(q[n+1] - q[n]) / t_s, and between two such moments its acceleration is constant. So it leaves its
+start half a slot before point 0 and reaches its goal half a slot after point N+1. A UAV without
+the limit flies straight from point to point.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .channel import guaranteed_rates
+from ..mission.scenario import Array, Point, Scenario
+from ..mission.validation import LIMITS
+
+# Slower than this share of the largest speed, a direction of travel is numerical noise.
+_HOVERING = 1e-3
+# Smaller velocities in m/s, and changes of velocity in a slot, are those of rounding.
+_NOTHING = 1e-9
+# How far limits lie above what a flight uses of them, as a share.
+_ROUNDING = 1e-6
+
+GAUSS_LEGENDRE = ((-math.sqrt(0.15), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.15), 5 / 18))
+"""Places from -1/2 to 1/2 and weights, whose weighted sum is the mean of quintics in between."""
+
+
+class Motion(NamedTuple):
+    """
+    How the UAVs move at some times.
+
+    :ivar positions: (U, K, 2) in m.
+    :ivar velocities: (U, K, 2) in m/s.
+    :ivar accelerations: (U, K, 2) in m/s^2.
+    :ivar headings: directions of travel, held while hovering, (U, K) in rad from x to y.
+    """
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    headings: Array
+
+
+class Flown(NamedTuple):
+    """
+    What a flight tells of its vehicle: the fields of Uav with the same names.
+
+    :ivar max_speed: the smallest limit that it keeps, in m/s.
+    :ivar max_acceleration: likewise, in m/s^2, or None for a flight straight from point to point.
+    :ivar start_velocity: (x, y) in m/s, or None where the first move goes on as it begins.
+    :ivar goal_velocity: likewise at the goal.
+    """
+
+    max_speed: float
+    max_acceleration: float | None
+    start_velocity: Point | None
+    goal_velocity: Point | None
+
+
+class Curve:
+    """
+    The flight of all UAVs as a function of time.
+
+    :param scenario: whose UAVs fly.
+    :param positions: points of the flight, (U, N+2, 2) in m, for any N.
+    :ivar begin: when the first UAV leaves its start, in s from point 0.
+    :ivar end: when the last UAV reaches its goal, likewise.
+    :ivar piece: of such length in s, from begin on, are pieces in which no acceleration changes.
+    """
+
+    def __init__(self, scenario: Scenario, positions: Array) -> None:
+        self._points = positions
+        self._step = scenario.slot_duration
+        self._last = positions.shape[1] - 1
+        self._smooth: NDArray[np.bool_] = np.isfinite(scenario.max_accelerations)
+        margin = self._step / 2 if self._smooth.any() else 0.0
+        self.begin = -margin
+        self.end = self._last * self._step + margin
+        self.piece = self._step / 2 if margin else self._step
+        moves = np.diff(positions, axis=1)
+        first, last = moves[:, :1].copy(), moves[:, -1:].copy()
+        for number, uav in enumerate(scenario.uavs):
+            if uav.start_velocity is not None:
+                first[number] = np.array(uav.start_velocity) * self._step
+            if uav.goal_velocity is not None:
+                last[number] = np.array(uav.goal_velocity) * self._step
+        # The moves w[-1], w[0], ..., w[N+1].
+        self._moves = np.concatenate([first, moves, last], axis=1)
+        self._headings = _headings(moves, scenario.max_step)
+        self._slow = _HOVERING * scenario.max_speeds[:, None]
+
+    def at(self, times: ArrayLike) -> Motion:
+        """
+        Return the motion at times in s from point 0; before its begin and after its end it rests.
+
+        :param times: (K,).
+        """
+        nodes = np.asarray(times, float) / self._step
+        straight, smooth = self._straight_at(nodes), self._smooth_at(nodes)
+        chosen = [np.where(self._smooth[:, None, None], one, other)
+                  for one, other in zip(smooth, straight, strict=True)]
+        position, velocity, acceleration = chosen
+        velocity, acceleration = velocity / self._step, acceleration / self._step**2
+        # A share of a slot late, as times are rounded: the heading of a move holds in all of it.
+        node = np.clip(np.floor(nodes + 1e-9), 0, self._last).astype(int)
+        held = self._headings[:, node]
+        fast = self._smooth[:, None] & (np.linalg.norm(velocity, axis=-1) > self._slow)
+        heading = np.where(fast, np.arctan2(velocity[..., 1], velocity[..., 0]), held)
+        return Motion(position, velocity, acceleration, heading)
+
+    def _straight_at(self, nodes: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the polyline, by slots."""
+        inside = np.clip(nodes, 0, self._last)
+        node = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
+        by = np.where(node < self._last, inside - node, 0.0)[:, None]
+        flying = (nodes >= -1e-9) & (node < self._last)
+        move = np.where(flying[:, None], self._moves[:, 1 + node], 0.0)
+        return self._points[:, node] + by * move, move, np.zeros_like(move)
+
+    def _smooth_at(self, nodes: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the B-spline, by slots."""
+        inside = np.clip(nodes, -0.5, self._last + 0.5)
+        node = np.clip(np.round(inside), 0, self._last).astype(int)
+        by = (inside - node)[:, None]
+        before, after = self._moves[:, node], self._moves[:, 1 + node]
+        slope, bend = (before + after) / 2, after - before
+        flying = (inside == nodes)[:, None]
+        return (self._points[:, node] + slope * by + bend * (by**2 / 2 + 0.125),
+                np.where(flying, slope + bend * by, 0.0), np.where(flying, bend, 0.0))
+
+
+def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Array:
+    """
+    Return the means of the guaranteed rate in each slot along a curve, (N,) in bit/s/Hz.
+
+    :param powers: (U, N) in W; power n holds from the time of point n to that of point n + 1.
+    """
+    rates = np.zeros(scenario.slots)
+    for place, weight in GAUSS_LEGENDRE:
+        times = (np.arange(1, scenario.slots + 1) + 0.5 + place) * scenario.slot_duration
+        positions = np.pad(curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
+        rates += weight * guaranteed_rates(scenario, positions, powers)
+    return rates
+
+
+def flown(points: Array, step: float, velocities: Array | None = None,
+          accelerations: Array | None = None) -> Flown:
+    """
+    Return the limits and the ends with which the Curve of some points is a given motion.
+
+    :param points: of one UAV, (N+2, 2) in m.
+    :param step: the length of a slot in s.
+    :param velocities: of the motion at the times of the points, (N+2, 2) in m/s; None, as for the
+        accelerations, if the UAV flies straight from point to point.
+    :param accelerations: likewise, (N+2, 2) in m/s^2.
+    """
+    moves = np.diff(points, axis=0) / step
+    fastest = float(np.linalg.norm(moves, axis=-1).max())
+    least_speed, least = LIMITS['max_speed'][0], LIMITS['max_acceleration'][0]
+    if velocities is None or accelerations is None or not (
+            np.abs(accelerations * step).max() > _NOTHING
+            or np.abs(velocities[-1]).max() > _NOTHING):
+        return Flown(max(fastest * (1 + 1e-9), least_speed), None, (0.0, 0.0), (0.0, 0.0))
+    ends = [_end(moves[0], -accelerations[0] * step), _end(moves[-1], accelerations[-1] * step)]
+    given = [end for end in ends if end is not None]
+    fastest = max([fastest, *(math.hypot(*end) for end in given)])
+    changes = np.diff(np.concatenate([
+        moves[:1] if ends[0] is None else [ends[0]], moves,
+        moves[-1:] if ends[1] is None else [ends[1]]]), axis=0)
+    most = float(np.linalg.norm(changes, axis=-1).max()) / step
+    return Flown(max(fastest * (1 + _ROUNDING), least_speed),
+                 max(most * (1 + _ROUNDING), least), *ends)
+
+
+def _end(velocity: Array, change: Array) -> Point | None:
+    """Return the velocity at an end, from that of the move there and the change to it."""
+    if np.abs(change).max() <= _NOTHING:
+        return None
+    x, y = (velocity + change).tolist()
+    return (0.0, 0.0) if max(abs(x), abs(y)) <= _NOTHING else (x, y)
+
+
+def _headings(moves: Array, max_step: Array) -> Array:
+    """Return the direction of travel from every point, (U, N+2) in rad, held while hovering."""
+    moves = np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
+    moving = np.linalg.norm(moves, axis=-1) > _HOVERING * max_step[:, None]
+    # The index of the last point at which the UAV moved; before the first, that of the first.
+    index = np.where(moving, np.arange(moves.shape[1]), -1)
+    last = np.maximum.accumulate(index, axis=1)
+    first = np.argmax(moving, axis=1)[:, None]
+    angle = np.arctan2(moves[..., 1], moves[..., 0])
+    held = np.take_along_axis(angle, np.where(last < 0, first, last), axis=1)
+    return np.where(moving.any(axis=1, keepdims=True), held, 0.0)

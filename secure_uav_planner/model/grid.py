@@ -1,0 +1,234 @@
+"""The variables of the optimisation: units that keep numbers moderate, on a grid of slots."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mission.scenario import Array, Scenario
+
+_SHORT = 0.25  # Share of a mission's extent beyond which no distance is short.
+_NO_SLACK = 1e-7  # Share of its limits that a flight must leave to be free to change.
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """
+    A scenario's flight divided into slots, and its variables in units of its own.
+
+    Variables are x = (power, x, y) of every UAV in every slot, an array (..., N, U, 3): powers in
+    units of the UAV's average power, positions in units of `length` around the ground node.
+
+    :param scenario: whose flight it is; the flight's length stays the scenario's.
+    :param slots: into how many slots it is divided here.
+    :param fixed: UAVs whose positions are not variables, (U,).
+    """
+
+    scenario: Scenario
+    slots: int
+    fixed: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, scenario: Scenario, slots: int | None = None) -> 'Grid':
+        """
+        Return a grid of a scenario with some number of slots, by default its own.
+
+        The positions of a UAV are fixed where the duration leaves it a single flight, so that
+        nothing is strictly inside the limits.
+        """
+        fixed = scenario.efforts > 1 - _NO_SLACK
+        return cls(scenario, scenario.slots if slots is None else slots, fixed)
+
+    def with_fixed_positions(self) -> 'Grid':
+        """Return the same grid with the positions of all UAVs fixed."""
+        return replace(self, fixed=np.ones_like(self.fixed))
+
+    def divided(self, slots: int) -> 'Grid':
+        """Return the same flight divided into another number of slots."""
+        return replace(self, slots=slots)
+
+    @cached_property
+    def length(self) -> float:
+        """Length that is the unit, the geometric mean of the altitudes, in m."""
+        return float(np.exp(np.log(self.scenario.altitudes).mean()))
+
+    @property
+    def power(self) -> Array:
+        """Power that is the unit of every UAV, its average power, (U,) in W."""
+        return self.scenario.average_powers
+
+    @cached_property
+    def origin(self) -> Array:
+        """Position of the ground node, (2,) in m."""
+        return np.array(self.scenario.ground_node)
+
+    @cached_property
+    def starts(self) -> Array:
+        """Where the UAVs start, (U, 2) in units."""
+        return (self.scenario.starts - self.origin) / self.length
+
+    @cached_property
+    def goals(self) -> Array:
+        """Where the UAVs end, (U, 2) in units."""
+        return (self.scenario.goals - self.origin) / self.length
+
+    @cached_property
+    def slot_duration(self) -> float:
+        """Length of a slot of this grid in s: the flight has one move more than slots."""
+        scenario = self.scenario
+        return scenario.slot_duration * (scenario.slots + 1) / (self.slots + 1)
+
+    @cached_property
+    def steps(self) -> Array:
+        """
+        Distances that are short for each UAV, (U,) in m.
+
+        These are what it flies in a slot, or of slots that are long a share of the mission's
+        extent.
+        """
+        scenario = self.scenario
+        places = np.concatenate([scenario.starts, scenario.goals, self.origin[None],
+                                 scenario.eavesdropper_positions])
+        extent = np.linalg.norm([*np.ptp(places, axis=0), scenario.altitudes.max()])
+        found: Array = np.minimum(
+            scenario.max_speeds * self.slot_duration, _SHORT * extent)
+        return found
+
+    def variables(self, positions: Array, powers: Array) -> Array:
+        """Return x (..., N, U, 3) of positions (..., U, N, 2) in m and powers (..., U, N) in W."""
+        scaled = np.concatenate([(powers / self.power[:, None])[..., None],
+                                 (positions - self.origin) / self.length], axis=-1)
+        return np.swapaxes(scaled, -3, -2)
+
+    def positions(self, x: Array) -> Array:
+        """Return the positions of x with start and goal, (..., U, N+2, 2) in m."""
+        inner = np.swapaxes(x[..., 1:], -2, -3) * self.length + self.origin
+        ends = np.broadcast_to(
+            np.stack([self.scenario.starts, self.scenario.goals], axis=1),
+            (*inner.shape[:-2], 2, 2))
+        return np.concatenate([ends[..., :1, :], inner, ends[..., 1:, :]], axis=-2)
+
+    def powers(self, x: Array) -> Array:
+        """Return the powers of x in W, (..., U, N)."""
+        return np.swapaxes(x[..., 0], -1, -2) * self.power[:, None]
+
+    def path(self, x: Array) -> Array:
+        """Return positions with start and goal in units, point by point, (..., N+2, U, 2)."""
+        path = np.empty((*x.shape[:-3], x.shape[-3] + 2, x.shape[-2], 2))
+        path[..., 1:-1, :, :] = x[..., 1:]
+        path[..., 0, :, :] = self.starts
+        path[..., -1, :, :] = self.goals
+        return path
+
+    def path_of(self, positions: Array) -> Array:
+        """Return positions (U, N+2, 2) in m in units, point by point, (N+2, U, 2)."""
+        found: Array = (np.swapaxes(positions, 0, 1) - self.origin) / self.length
+        return found
+
+    def positions_of(self, path: Array) -> Array:
+        """Return the positions (U, N+2, 2) in m of a path (N+2, U, 2) in units."""
+        found: Array = np.swapaxes(path, 0, 1) * self.length + self.origin
+        found[:, 0], found[:, -1] = self.scenario.starts, self.scenario.goals
+        return found
+
+    def _end_moves(self, path: Array) -> Array:
+        """Return the moves before the start and after the goal in units, (2, U, 2)."""
+        moves = np.stack([path[1] - path[0], path[-1] - path[-2]])
+        for number, uav in enumerate(self.scenario.uavs):
+            for end, velocity in enumerate((uav.start_velocity, uav.goal_velocity)):
+                if velocity is not None:
+                    moves[end, number] = np.array(velocity) * self.slot_duration / self.length
+        return moves
+
+    def refined(self, x: Array, slots: int) -> Array:
+        """
+        Return variables (N, U, 3) of this grid on one of another number of slots.
+
+        The mean of the powers is kept by scaling.
+        """
+        path = self.refined_path(self.path(x), slots)
+        power = resampled(x[..., 0], slots, inner=True)
+        power *= np.minimum(1, x[..., 0].mean(axis=0) / power.mean(axis=0))
+        return np.concatenate([power[..., None], path[1:-1]], axis=-1)
+
+    def refined_path(self, path: Array, slots: int) -> Array:
+        """
+        Return a path (N+2, U, 2) of this grid on one of another number of slots.
+
+        Interpolation keeps the largest speed, along the curve of UAVs with a limit of
+        acceleration all but that, too.
+        """
+        found = resampled(path, slots + 2)
+        limited = np.isfinite(self.scenario.max_accelerations)
+        if limited.any():
+            curve = resampled_curve(path, self._end_moves(path), slots + 2)
+            found[:, limited] = curve[:, limited]
+        return found
+
+
+def resampled_curve(path: Array, end_moves: Array, count: int) -> Array:
+    """
+    Return the control points of nearly the same quadratic B-spline with other slots.
+
+    The curve begins and ends half a slot of its own beyond the path. With other slots it is
+    warped in time by that much, while its ends keep their velocities.
+
+    :param path: control points, (M, U, 2).
+    :param end_moves: from the point before the first to it, and from the last to the one
+        behind, (2, U, 2).
+    :param count: of points.
+    :return: (count, U, 2), with the same first and last point.
+    """
+    last = len(path) - 1
+    points = np.concatenate([path[:1] - end_moves[:1], path, path[-1:] + end_moves[1:]])
+    slope, bend = (points[2:] - points[:-2]) / 2, np.diff(points, n=2, axis=0)
+
+    def at(times: Array) -> tuple[Array, Array]:
+        """Return position and velocity at times in slots, straight on beyond the ends."""
+        inside = np.clip(times, -0.5, last + 0.5)
+        node = np.clip(np.round(inside), 0, last).astype(int)
+        by = (inside - node)[:, None, None]
+        velocity = slope[node] + bend[node] * by
+        beyond = (times - inside)[:, None, None]
+        return (path[node] + slope[node] * by + bend[node] * (by**2 / 2 + 0.125)
+                + beyond * velocity), velocity
+
+    slot = last / (count - 1)
+    times: Array = np.arange(float(count)) * slot
+    warped: Array = (times + slot / 2) * (last + 1) / (last + slot) - 0.5
+    share = (times / last)[:, None, None]
+    drift = (times - warped)[:, None, None] * (
+        (1 - share) * end_moves[0] + share * end_moves[1])
+    position, _ = at(warped)
+    change = at(warped + slot / 2)[1] - at(warped - slot / 2)[1]
+    found = position + drift - slot / 8 * change
+    found[0], found[-1] = path[0], path[-1]
+    return found
+
+
+def resampled(values: Array, count: int, inner: bool = False) -> Array:
+    """
+    Return values over equal shares of a flight at another number of points, (count, ...).
+
+    :param values: (M, ...).
+    :param inner: whether the values are those of slots, which lie between start and goal.
+    """
+    if count == len(values):
+        return values.copy()
+    before, share = _places(len(values), count, inner)
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    here = values[before]
+    found: Array = here + share * (values[np.minimum(before + 1, len(values) - 1)] - here)
+    return found
+
+
+@lru_cache(maxsize=64)
+def _places(number: int, count: int, inner: bool) -> tuple[NDArray[np.intp], Array]:
+    """Return behind which of some points, and by what share, the others are, both (count,)."""
+    more = int(inner)
+    place = np.arange(more, count + more) * (
+        (number - 1 + 2 * more) / max(1, count - 1 + 2 * more)) - more
+    place = np.clip(place, 0, number - 1)
+    before = place.astype(np.intp)
+    return before, place - before

@@ -1,0 +1,54 @@
+// What is to be solved, in the units of a Grid.
+#pragma once
+
+#include <memory>
+
+#include "channel.hpp"
+#include "limit.hpp"
+
+namespace kernel {
+
+// The numbers of the Schedule that a Newton step needs.
+struct Numbers {
+    double boundary, power_factor, sufficient_decrease, softening, patience, dual_range;
+    double mu_factor, mu_power, centred, still, negligible;
+    int clipped_trials, uniform_trials;
+};
+
+// Who receives: the ground node first, K in all.
+struct Receivers {
+    int count;
+    int stride;       // From the positions of a slot to those of the next; 0 if all are the same.
+    Reals positions;  // ([N,] K, 2).
+    Reals edge;       // What the guarantee adds to a distance, (K, U).
+};
+
+// Places that stand for the discs of the eavesdroppers, E PER_DISC of them; see WorstPlaces.
+struct Places {
+    std::vector<char> followed;  // Which follow the UAVs, (N, E PER_DISC).
+    Reals offsets;               // From the centres of their discs, (N, E PER_DISC, 2).
+    Reals radii;                 // Of their discs, (E PER_DISC).
+};
+
+// A problem on a grid: (P1) with places, or (P2) without.
+struct Problem {
+    std::size_t slots;
+    int uavs;
+    Reals starts, goals;      // (U, 2).
+    std::vector<char> fixed;  // UAVs whose positions are no variables, (U).
+    Reals peaks;              // (U).
+    std::vector<std::shared_ptr<const Limit>> limits;
+    Receivers receivers;
+    std::shared_ptr<const Channel> channel;
+    Places places;
+    Numbers numbers;
+
+    // How many rows of the Hessian's band are below its diagonal.
+    int bandwidth() const {
+        int found = 3 * uavs - 1;
+        for (const auto& limit : limits) found = std::max(found, limit->bandwidth());
+        return found;
+    }
+};
+
+}  // namespace kernel

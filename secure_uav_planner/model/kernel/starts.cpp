@@ -1,0 +1,136 @@
+#include "starts.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <exception>
+#include <thread>
+
+namespace kernel {
+
+namespace {
+
+// Products of the steps of all starts below which threads cost more than they gain, those of a
+// single start, which a thread makes no faster, below which others need not be let in, and those
+// of several steps that are short together.
+constexpr double WORTH_THREADS = 1e6, LONG = 5e6, SHORT = 2e7;
+// How often the caller looks whether to stop.
+constexpr std::chrono::milliseconds LOOK{10};
+
+}  // namespace
+
+void Starts::add(double* x, double* mu, bool* finished) {
+    states_.emplace_back();
+    State& state = states_.back();
+    state.x = x;
+    state.mu = mu;
+    state.finished = finished;
+    worker(0).begin(state);
+}
+
+void Starts::keep(const std::vector<std::size_t>& chosen, double* x, double* mu,
+                  bool* finished) {
+    std::vector<State> kept;
+    for (const std::size_t index : chosen) {
+        kept.push_back(states_.at(index));
+        State& state = kept.back();
+        state.x = x + (kept.size() - 1) * variables();
+        state.mu = mu + kept.size() - 1;
+        state.finished = finished + kept.size() - 1;
+    }
+    states_ = std::move(kept);
+}
+
+void Starts::rates(double* found) {
+    for (const State& state : states_) *found++ = worker(0).rate(state);
+}
+
+void Starts::model(double* values, double* gradients, double* hessians) {
+    for (State& state : states_) {
+        *values++ = worker(0).model(state, gradients, hessians);
+        gradients += variables();
+        hessians += variables() * 3 * problem_.uavs;
+    }
+}
+
+void Starts::exchange(Places places, Reals positions) {
+    problem_.places = std::move(places);
+    problem_.receivers.positions = std::move(positions);
+    for (State& state : states_) state.known = false;
+}
+
+Newton& Starts::worker(std::size_t number) {
+    while (workers_.size() <= number) workers_.push_back(make_newton(problem_));
+    return *workers_[number];
+}
+
+void Starts::work(std::size_t number, double final) {
+    Newton& newton = *workers_[number];
+    while (!stop_) {
+        const std::size_t index = next_++;
+        if (index >= states_.size()) return;
+        for (auto& failed : failed_) {
+            if (stop_) return;
+            if (newton.iterate(states_[index], final, stop_) == Outcome::failed) ++failed;
+        }
+    }
+}
+
+double Starts::cost() const {
+    const double row = 3.0 * problem_.uavs, high = below_ + row;
+    return double(states_.size()) * double(problem_.slots)
+        * (high * high + 4.0 * row * row * problem_.receivers.count);
+}
+
+Taken Starts::advance(int steps, double final, const std::function<void()>& wait) {
+    const double step = cost();
+    steps = int(std::clamp(SHORT / step, 1.0, double(std::max(1, steps))));
+    stop_ = false;
+    next_ = 0;
+    failed_ = std::vector<std::atomic<std::size_t>>(steps);
+    worker(0);
+    if (step * steps < (states_.size() > 1 ? WORTH_THREADS : LONG)) work(0, final);
+    else on_all_cores(final, wait);
+    return {steps, *std::max_element(failed_.begin(), failed_.end())};
+}
+
+void Starts::on_all_cores(double final, const std::function<void()>& wait) {
+    const std::size_t count = std::min<std::size_t>(
+        states_.size(), std::max(1u, std::thread::hardware_concurrency()));
+    worker(count - 1);
+    std::mutex mutex;
+    std::condition_variable done;
+    std::size_t running = count;
+    std::exception_ptr error;
+    std::vector<std::thread> threads;
+    const auto run = [&](std::size_t number) {
+        std::exception_ptr problem;
+        try {
+            work(number, final);
+        } catch (...) {  // Such as a lack of memory.
+            problem = std::current_exception();
+            stop_ = true;
+        }
+        const std::lock_guard<std::mutex> lock(mutex);
+        if (problem) error = problem;
+        --running;
+        done.notify_one();
+    };
+    try {
+        for (std::size_t number = 0; number < count; ++number) threads.emplace_back(run, number);
+        std::unique_lock<std::mutex> lock(mutex);
+        while (!done.wait_for(lock, LOOK, [&] { return running == 0; })) {
+            lock.unlock();
+            wait();
+            lock.lock();
+        }
+    } catch (...) {
+        stop_ = true;
+        for (std::thread& thread : threads) thread.join();
+        throw;
+    }
+    for (std::thread& thread : threads) thread.join();
+    if (error) std::rethrow_exception(error);
+}
+
+}  // namespace kernel

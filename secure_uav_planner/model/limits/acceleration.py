@@ -1,0 +1,71 @@
+"""
+The acceleration limit: the points are the control points of a uniform quadratic B-spline.
+
+The flown curve has the acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2, which is constant in each
+slot. Before the start and after the goal the points go on with the velocities given there.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .norm import NormLimit
+from ..grid import Grid
+from ...mission.scenario import Array, Scenario
+
+
+class AccelerationLimit(NormLimit):
+    """
+    No UAV accelerates more than it can: d[n] = q[n+1] - 2 q[n] + q[n-1], n = 0..N+1.
+
+    q[-1] = q[0] - v_start t_s and q[N+2] = q[N+1] + v_goal t_s. The d of an end whose velocity is
+    free does not count, and neither do those of UAVs without a limit.
+    """
+
+    stencil = (1.0, -2.0, 1.0)
+    lead = 1
+
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        super().__init__(scenario, grid)
+        duration = self.grid.slot_duration
+        # The moves before the start and after the goal, (U, 2, 2) in m.
+        self._outer_moves = duration * np.array([
+            [velocity or (0.0, 0.0) for velocity in (uav.start_velocity, uav.goal_velocity)]
+            for uav in scenario.uavs])
+
+    @property
+    def _end_moves(self) -> Array:
+        return np.moveaxis(self._outer_moves, 0, 1) / self.grid.length
+
+    @classmethod
+    def applies_to(cls, scenario: Scenario) -> bool:
+        """Return whether any UAV has the limit."""
+        return any(uav.max_acceleration is not None for uav in scenario.uavs)
+
+    def _longest(self) -> Array:
+        return self.scenario.max_accelerations * self.grid.slot_duration**2
+
+    def _free_ends(self) -> NDArray[np.bool_]:
+        free = np.zeros((self.grid.slots + 2, len(self.scenario.uavs)), bool)
+        free[0] = [uav.start_velocity is None for uav in self.scenario.uavs]
+        free[-1] = [uav.goal_velocity is None for uav in self.scenario.uavs]
+        return free
+
+    def _excess(self, uav: int, place: int, value: float) -> str:
+        square = self.grid.slot_duration**2
+        return (f'{self.scenario.uavs[uav].name} accelerates by {value / square:.9g} m/s^2 at '
+                f'point {place}; at most {self.longest[uav] / square:.9g} m/s^2 are allowed')
+
+    def differences(self, positions: Array) -> Array:
+        """Return the second differences, (U, N+2, 2)."""
+        moves = np.diff(positions, axis=1)
+        return np.diff(np.concatenate(
+            [self._outer_moves[:, :1], moves, self._outer_moves[:, 1:]], axis=1), axis=1)
+
+    def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
+        import cvxpy as cp
+        moves = path[1:] - path[:-1]
+        first, last = (self._outer_moves[uav, [end]] * scale for end in (0, 1))
+        moves = cp.vstack([first, moves, last])
+        return moves[1:] - moves[:-1]

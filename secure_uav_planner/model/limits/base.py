@@ -1,0 +1,106 @@
+"""What every limit answers, whoever asks: a plan, the repair of an iterate, and the methods."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ..grid import Grid
+from ...mission.scenario import Array, Scenario
+
+
+class Limit(ABC):
+    """
+    One limit of a scenario.
+
+    A new limit is one subclass of this, named in `limits.LIMITS`, and one of the class Limit in
+    `kernel/limit.hpp`. `Plan` calls check; `feasible` calls repair; `alternating` calls
+    convex_form; `joint` has the kernel's form.
+
+    :cvar of_flights: whether it limits positions rather than powers.
+    :param scenario: whose limit it is.
+    :param grid: on which joint asks; by default the scenario's own.
+    """
+
+    of_flights: ClassVar[bool] = False
+
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        self.scenario = scenario
+        self.grid = Grid.of(scenario) if grid is None else grid
+
+    @classmethod
+    def applies_to(cls, scenario: Scenario) -> bool:
+        """Return whether a scenario has this limit."""
+        return True
+
+    @property
+    def compiled(self) -> Any:
+        """
+        Return the kernel's form of it on the grid, with slacks c(x) > 0 strictly inside the limit.
+
+        None for limits of powers, which the kernel has as bounds of its variables.
+        """
+        return None
+
+    # For a plan
+
+    @abstractmethod
+    def check(self, positions: Array, powers: Array) -> None:
+        """
+        Check a plan in plain NumPy.
+
+        :param positions: (U, N+2, 2) in m.
+        :param powers: (U, N) in W.
+        :raises PlanError: naming UAV, place in the plan, value and limit.
+        """
+
+    def repair(self, positions: Array, powers: Array,
+               margin: float = 0.0) -> tuple[Array, Array]:
+        """
+        Return nearly feasible positions and powers made feasible.
+
+        :param positions: (U, N+2, 2) in m.
+        :param powers: (U, N) in W.
+        :param margin: share of the limit that is left, by limits on positions.
+        """
+        return positions, powers
+
+    # For the alternating method
+
+    def convex_form(self, variables: 'ConvexVariables') -> list[Any]:
+        """
+        Return CVXPY constraints on those of the variables that the limit is about.
+
+        A limit that is not convex returns a convex restriction with CVXPY parameters, which it
+        keeps and sets in set_local_point.
+        """
+        return []
+
+    def set_local_point(self, positions: Array, powers: Array) -> None:
+        """
+        Set the parameters of the convex form for a local point; convex limits have none.
+
+        It is called before every solve. The restriction must hold at the local point itself.
+
+        :param positions: (U, N+2, 2) in m.
+        :param powers: (U, N) in W.
+        """
+
+
+@dataclass(frozen=True)
+class ConvexVariables:
+    """
+    What is variable in a convex problem of the alternating method.
+
+    A problem has either paths or powers, as the other block is given.
+
+    :param paths: affine CVXPY expressions of every UAV's positions, (N+2, 2) in the problem's
+        unit of length, or None where positions are given.
+    :param scale: the CVXPY parameter 1 / unit of these positions, in 1/m; a length in metres
+        times scale is one in units. It changes between solves. None where positions are given.
+    :param powers: an affine CVXPY expression of the powers in units of the average power,
+        (U, N), or None where they are given.
+    """
+
+    paths: list[Any] | None = None
+    scale: Any = None
+    powers: Any = None

@@ -1,0 +1,178 @@
+"""Limits that keep pieces of the flown curve on one side of lines: what clearances share."""
+
+from abc import abstractmethod
+from functools import cached_property
+from importlib import import_module
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import ConvexVariables, Limit
+from .tracks import Tracks
+from ..grid import Grid
+from ..kernel import core
+from ...mission.scenario import Array, Scenario
+
+_INSIDE = 1e-6  # How far in units a convex form keeps from lines, as its solver is not exact.
+
+
+class Lines(NamedTuple):
+    """
+    Lines on whose far side pieces of curves stay: normal . place >= offset.
+
+    :ivar normals: unit vectors, (N+2, G, 2).
+    :ivar offsets: in units, (N+2, G).
+    """
+
+    normals: Array
+    offsets: Array
+
+
+class LineLimit(Limit):
+    """
+    A limit c = normal . p - offset >= 0 on the control points p of pieces of curves.
+
+    A convex obstacle is cleared by a convex piece when a line separates them. So each of G
+    subjects has a line for every piece: a UAV with an obstacle, or two UAVs, whose difference is
+    the piece. The kernel chooses the lines.
+
+    :cvar kind: the name of its class in the kernel.
+    :ivar first: the track of each subject, (G,).
+    :ivar second: the track that is subtracted, (G,), or None.
+    :ivar ignored: which control points do not vary, (N+2, G, K).
+    """
+
+    of_flights = True
+    kind: ClassVar[str]
+
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        super().__init__(scenario, grid)
+        self.tracks, self.first, self.second = self._subjects()
+        weights = np.abs(self.tracks.weights).max(axis=-1)
+        varies = weights[:, self.first]
+        if self.second is not None:
+            varies = np.maximum(varies, weights[:, self.second])
+        self.ignored: NDArray[np.bool_] = varies == 0
+        self._parameters: list[Any] = []
+
+    @abstractmethod
+    def _subjects(self) -> tuple[Tracks, NDArray[np.intp], NDArray[np.intp] | None]:
+        """Return the tracks, and first and second of the subjects."""
+
+    @abstractmethod
+    def _obstacles(self) -> dict[str, Any]:
+        """Return what the kernel's form of it knows of what is to be cleared, by names."""
+
+    @cached_property
+    def compiled(self) -> Any:
+        """Return an object of the kernel's class of that kind."""
+        tracks = self.tracks
+        arrays = {'uav': tracks.uav, 'weights': tracks.weights, 'all': tracks.all_weights,
+                  'constant': tracks.constant, 'first': self.first, 'ignored': self.ignored,
+                  'second': self.second, **self._obstacles()}
+        plain = {name: values if values is None else np.ascontiguousarray(values, float)
+                 for name, values in arrays.items()}
+        return getattr(core, self.kind)({
+            'slots': self.grid.slots, 'uavs': len(self.scenario.uavs),
+            'corners': tracks.weights.shape[2], **plain})
+
+    def lines(self, path: Array) -> Lines:
+        """
+        Return lines that separate pieces from what they must clear, as far as possible.
+
+        Where that is impossible, c is negative for some control point of the piece.
+
+        :param path: points with start and goal in units, (N+2, U, 2).
+        """
+        shape = len(path), len(self.first)
+        found = Lines(np.empty((*shape, 2)), np.empty(shape))
+        self.compiled.choose(np.ascontiguousarray(path), *found)
+        return found
+
+    def first_lines(self, path: Array, other_way: bool) -> Lines:
+        """
+        Return lines for pieces that need not be clear, as whole flights ask for.
+
+        :param path: as for lines.
+        :param other_way: whether to take another side than the nearest, where there is one.
+        """
+        return self.lines(path)
+
+    def check(self, positions: Array, powers: Array) -> None:
+        """Leave it to Plan, which checks the flown curve by itself."""
+
+    def places(self, path: Array, subjects: Any = slice(None)) -> Array:
+        """
+        Return what lines are about, (N+2, G, K, 2).
+
+        :param path: points in units, (N+2, U, 2).
+        :param subjects: an index of the subjects that are asked for, by default all.
+        """
+        found = self.tracks.at(path)
+        places = found[:, self.first[subjects]]
+        return places if self.second is None else places - found[:, self.second[subjects]]
+
+    def slacks(self, path: Array, lines: Lines) -> Array:
+        """Return c of points (N+2, U, 2) in units, (N+2, G, K)."""
+        places = self.places(path)
+        slacks: Array = (places @ lines.normals[..., None])[..., 0] - lines.offsets[..., None]
+        return slacks
+
+    def is_clear(self, positions: Array) -> bool:
+        """
+        Return whether all control points of flights, also fixed ones, are on their side of lines.
+
+        :param positions: (U, N+2, 2) in m.
+        """
+        path = self.grid.path_of(positions)
+        slacks = self.slacks(path, self.lines(path))
+        # What is given may be at the very limit.
+        slacks[self.ignored] += _INSIDE
+        return bool((slacks > 0).all())
+
+    def convex_form(self, variables: ConvexVariables) -> list[Any]:
+        """Return the half-planes of lines that set_local_point chooses."""
+        if variables.paths is None:
+            return []
+        # Only here, where a CVXPY problem is being built anyway.
+        cp: Any = import_module('cvxpy')
+        count = self.grid.slots + 2
+        # Of every subject, both coordinates of the normal and the offset.
+        self._parameters = [tuple(cp.Parameter(count) for _ in range(3)) for _ in self.first]
+        constraints = []
+        for subject, (*normal, offset) in enumerate(self._parameters):
+            for place in range(self.tracks.weights.shape[2]):
+                counted = np.flatnonzero(~self.ignored[:, subject, place])
+                if not len(counted):
+                    continue
+                found = self._expression(variables, self.first[subject], place)
+                if self.second is not None:
+                    found -= self._expression(variables, self.second[subject], place)
+                along = cp.multiply(normal[0], found[:, 0]) + cp.multiply(normal[1], found[:, 1])
+                constraints.append(along[counted] >= (offset * variables.scale)[counted])
+        return constraints
+
+    def _expression(self, variables: ConvexVariables, track: int, place: int) -> Any:
+        """Return a control point of every piece of a track as CVXPY has it, (N+2, 2)."""
+        matrix, constant = self.tracks.matrix(track, place)
+        length = self.grid.length
+        origin = self.grid.origin
+        path = (variables.paths or [])[self.tracks.uav[track]]
+        # Differences of two UAVs do not see the origin, other places do.
+        shift = constant * length + (0.0 if self.second is not None else -origin)
+        return matrix @ path + shift * variables.scale
+
+    def set_local_point(self, positions: Array, powers: Array) -> None:
+        """Choose the lines for a flight; see Limit."""
+        if not self._parameters:
+            return
+        path = self.grid.path_of(positions)
+        lines = self.lines(path)
+        least = self.slacks(path, lines).min(axis=-1, where=~self.ignored, initial=1.0)
+        length = self.grid.length
+        for subject, (*normal, offset) in enumerate(self._parameters):
+            for axis, parameter in enumerate(normal):
+                parameter.value = lines.normals[:, subject, axis]
+            offset.value = (lines.offsets[:, subject] + np.minimum(
+                _INSIDE, np.maximum(least[:, subject], 0) / 2)) * length

@@ -1,0 +1,132 @@
+"""Limits on the length of differences of a UAV's points: what speed and acceleration share."""
+
+from abc import abstractmethod
+from importlib import import_module
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import ConvexVariables, Limit
+from .reference import reference_flight
+from ..grid import Grid
+from ..kernel import core
+from ...errors import PlanError
+from ...mission.scenario import Array, POSITION_TOLERANCE, Scenario
+
+
+class NormLimit(Limit):
+    """
+    A limit c = 1 - |d|^2 / r^2 on differences d = sum_k a_k q[m + k - lead] of points.
+
+    A UAV to which it does not apply, or which is fixed, has no c of its own: its entries are 1.
+
+    :cvar stencil: the weights a_k.
+    :cvar lead: how many points before the start the first difference reaches.
+    :ivar longest: r, (U,) in m, infinite for UAVs without this limit.
+    :ivar absent: which differences have no limit, (M, U).
+    """
+
+    of_flights = True
+    stencil: ClassVar[tuple[float, ...]]
+    lead: ClassVar[int]
+
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        super().__init__(scenario, grid)
+        self.longest = self._longest()
+        self.absent: NDArray[np.bool_] = ~np.isfinite(self.longest) | self._free_ends()
+        self._has_absent = bool(self.absent.any())
+
+    @property
+    def compiled(self) -> Any:
+        """Return the kernel's NormLimit."""
+        radius = np.where(np.isfinite(self.longest), self.longest, 1.0) / self.grid.length
+        return core.NormLimit({
+            'slots': self.grid.slots, 'order': len(self.stencil) - 1, 'square': radius**2,
+            'ignored': (self.absent | self.grid.fixed).astype(float),
+            'end_moves': np.ascontiguousarray(self._end_moves)})
+
+    @property
+    def _end_moves(self) -> Array:
+        """Return the moves before the start and after the goal in the grid's unit, (2, U, 2)."""
+        return np.zeros((2, len(self.longest), 2))
+
+    @abstractmethod
+    def _longest(self) -> Array:
+        """Return r, (U,) in m, infinite for UAVs without this limit."""
+
+    @abstractmethod
+    def _free_ends(self) -> NDArray[np.bool_]:
+        """Return which differences do not count, (M, U)."""
+
+    @abstractmethod
+    def _excess(self, uav: int, place: int, value: float) -> str:
+        """Return what is wrong with a plan, for the difference after a point."""
+
+    @abstractmethod
+    def differences(self, positions: Array) -> Array:
+        """Return d of positions (U, N+2, 2), (U, M, 2) in their unit, here m."""
+
+    def check(self, positions: Array, powers: Array) -> None:
+        """Check every difference of a plan; see Limit."""
+        lengths = self._lengths(positions)
+        for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
+            if length.max() > most + POSITION_TOLERANCE:
+                raise PlanError(self._excess(uav, int(length.argmax()), float(length.max())))
+
+    def repair(self, positions: Array, powers: Array,
+               margin: float = 0.0) -> tuple[Array, Array]:
+        """
+        Return the positions blended with the reference flight as far as the limit asks for.
+
+        No flight has a smaller largest difference in relation to its limits than the reference;
+        when a mission leaves no slack it is the only one. An exceedance of 1e-8 costs a share of
+        about 1e-8 of the way towards it.
+
+        :param margin: share of the limit that is left, where the reference leaves as much.
+        """
+        reference = reference_flight(self.grid)
+        positions = positions.copy()
+        positions[:, [0, -1]] = reference[:, [0, -1]]
+        longest = self._lengths(positions).max(axis=1)
+        most = (1 - margin) * self.longest
+        over = longest > most
+        if over.any():
+            excess = (longest - most)[over]
+            least = self._lengths(reference).max(axis=1)
+            slack = np.maximum(most - least, 0)[over]
+            share = excess / (excess + slack)
+            positions[over, 1:-1] += share[:, None, None] * (reference - positions)[over, 1:-1]
+        return positions, powers
+
+    def efforts(self, positions: Array) -> Array:
+        """Return the largest share of the limit that each flight uses, (U,)."""
+        return np.asarray((self._lengths(positions) / self.longest[:, None]).max(axis=1))
+
+    def _lengths(self, positions: Array) -> Array:
+        """Return |d|, 0 where it does not count, (U, M) in m."""
+        found = self.differences(positions)
+        # Several times as fast as a norm over an axis of two.
+        lengths: Array = np.sqrt(found[..., 0]**2 + found[..., 1]**2)
+        if self._has_absent:
+            lengths[self.absent.T] = 0.0
+        return lengths
+
+    def convex_form(self, variables: ConvexVariables) -> list[Any]:
+        """Return a cone for every UAV's differences."""
+        if variables.paths is None:
+            return []
+        # Only here, where a CVXPY problem is being built anyway.
+        cp: Any = import_module('cvxpy')
+        constraints = []
+        for uav, (path, most) in enumerate(zip(
+                variables.paths, self.longest.tolist(), strict=True)):
+            counted = np.flatnonzero(~self.absent[:, uav])
+            if np.isfinite(most) and len(counted):
+                found = self._of_expression(path, uav, variables.scale)
+                constraints.append(cp.norm(found[counted], axis=1) <= most * variables.scale)
+        return constraints
+
+    @abstractmethod
+    def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
+        """Return d of a CVXPY expression of a UAV's positions, (M, 2) in units."""

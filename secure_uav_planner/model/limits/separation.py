@@ -1,0 +1,75 @@
+"""The separation of UAVs: any two of them at any time."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .lines import LineLimit, Lines
+from .tracks import Tracks
+from ..airspace import airspace_of
+from ...mission.scenario import Array, Scenario
+
+
+class SeparationLimit(LineLimit):
+    """
+    No two UAVs come closer than the separation: their difference stays out of a disc.
+
+    The disc's radius is what the difference of their altitudes leaves of the separation. A line
+    touches it where it is nearest to the piece of the difference.
+    """
+
+    kind = 'SeparationLimit'
+
+    @classmethod
+    def applies_to(cls, scenario: Scenario) -> bool:
+        """Return whether any two UAVs can come too close."""
+        return bool(airspace_of(scenario).separations.any())
+
+    def _subjects(self) -> tuple[Tracks, NDArray[np.intp], NDArray[np.intp] | None]:
+        tracks = Tracks(self.grid, together=True)
+        distances = airspace_of(self.scenario).separations
+        first, second = np.nonzero(np.triu(distances))
+        self.radii: Array = distances[first, second]
+        halves = len(tracks.uav) // len(distances)
+        self.radii = np.repeat(self.radii, halves) / self.grid.length
+        parts = np.arange(halves)
+        return (tracks, (first[:, None] * halves + parts).ravel(),
+                (second[:, None] * halves + parts).ravel())
+
+    def _obstacles(self) -> dict[str, Any]:
+        return {'radii': self.radii}
+
+    def first_lines(self, path: Array, other_way: bool) -> Lines:
+        """
+        Return lines that turn evenly while two UAVs are too close, from before to after that.
+
+        So they pass each other on one side, also where the difference runs through the origin.
+        """
+        lines = self.lines(path)
+        least = self.slacks(path, lines).min(axis=-1)
+        halves = len(self.tracks.uav) // len(self.scenario.uavs)
+        middles = self.places(path).mean(axis=-2)
+        for pair in np.flatnonzero((least <= 0).any(axis=0)[::halves]).tolist():
+            chosen = slice(None), slice(pair * halves, (pair + 1) * halves)
+            close = (least[chosen] <= 0).ravel()
+            middle = middles[chosen].reshape(-1, 2)
+            turned = _turned(np.arctan2(middle[:, 1], middle[:, 0]), close, other_way)
+            normals = lines.normals[chosen]
+            lines.normals[chosen] = np.where(
+                close[:, None], np.stack([np.cos(turned), np.sin(turned)], axis=-1),
+                normals.reshape(-1, 2)).reshape(normals.shape)
+        return lines
+
+
+def _turned(angles: Array, close: NDArray[np.bool_], other_way: bool) -> Array:
+    """Return angles that change evenly within every stretch that is close."""
+    angles = angles.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], close, [False]])))
+    for begin, end in edges.reshape(-1, 2).tolist():
+        before, after = angles[max(begin - 1, 0)], angles[min(end, len(angles) - 1)]
+        turn = (after - before + np.pi) % (2 * np.pi) - np.pi
+        if other_way and abs(turn) > np.pi / 3:
+            turn -= np.copysign(2 * np.pi, turn)
+        angles[begin:end] = before + turn * (np.arange(end - begin) + 1) / (end - begin + 1)
+    return angles

@@ -1,0 +1,128 @@
+"""
+Convex hulls of pieces of the flown curve, by points that are linear in a flight's points.
+
+In the slot around point n a quadratic B-spline is a Bezier curve with the control points
+(q[n-1] + q[n]) / 2, q[n] and (q[n] + q[n+1]) / 2, and stays within their convex hull. A UAV
+without a limit of acceleration flies along the line from q[n] to q[n+1]. Where one UAV of each
+kind is compared at the same time, slots are divided in halves, in which both curves are
+quadratic.
+"""
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from ..grid import Grid
+from ...mission.scenario import Array
+
+_Piece: TypeAlias = tuple[tuple[float, float, float], ...]
+
+# The weights of q[n-1], q[n], q[n+1] for every control point.
+_SMOOTH: _Piece = ((0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 0.5))
+_STRAIGHT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_STRAIGHT_BY_THREE = ((0.0, 1.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 1.0))
+_SMOOTH_HALVES = (((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.125, 0.75, 0.125)),
+                  ((0.125, 0.75, 0.125), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5)))
+_POINT = ((0.0, 1.0, 0.0),)
+_STRAIGHT_HALVES = (((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.0, 1.0, 0.0)),
+                    ((0.0, 1.0, 0.0), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5)))
+
+
+class Tracks:
+    """
+    Control points of every UAV's curve around every point of its flight.
+
+    A track is the sequence of these pieces, one around each of the points 0..N+1; with halves
+    each UAV has two of them, before and after each point.
+
+    :param grid: of the flight.
+    :param together: whether pieces of different UAVs with the same number must be flown at the
+        same time; otherwise each UAV has its own kind of piece.
+    :ivar uav: whose each track is, (T,).
+    :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, T, K, 3); zero for points
+        that do not vary.
+    :ivar all_weights: likewise, of all points.
+    :ivar constant: what each control point has besides, (N+2, T, K, 2) in units.
+    """
+
+    def __init__(self, grid: Grid, together: bool) -> None:
+        self._set(grid, _kinds(grid, together))
+
+    @classmethod
+    def of_points(cls, grid: Grid) -> 'Tracks':
+        """Return tracks whose control points are the points alone."""
+        tracks = cls.__new__(cls)
+        tracks._set(grid, [[_POINT]] * len(grid.scenario.uavs))
+        return tracks
+
+    def _set(self, grid: Grid, kinds: list[list[_Piece]]) -> None:
+        self.grid = grid
+        smooth = np.isfinite(grid.scenario.max_accelerations)
+        self.uav: NDArray[np.intp] = np.repeat(np.arange(len(kinds)), len(kinds[0]))
+        weights = np.array([one for kind in kinds for one in kind])
+        self.weights: Array = np.repeat(weights[None], grid.slots + 2, axis=0)
+        self.constant = np.zeros((*self.weights.shape[:-1], 2))
+        self._close_ends(smooth)
+        self.all_weights = self.weights.copy()
+        # Of points that do not vary, only the places count.
+        self.weights[0, ..., 1] = self.weights[-1, ..., 1] = 0.0
+        self.weights[1, ..., 0] = self.weights[-2, ..., 2] = 0.0
+        self.weights[:, grid.fixed[self.uav]] = 0.0
+
+    def _close_ends(self, smooth: NDArray[np.bool_]) -> None:
+        """Express the points before the first and after the last by others."""
+        scenario, duration = self.grid.scenario, self.grid.slot_duration
+        for track, uav in enumerate(self.uav):
+            one = scenario.uavs[uav]
+            for end, sign, velocity in ((0, -1.0, one.start_velocity),
+                                        (-1, 1.0, one.goal_velocity)):
+                outer, inner = (0, 2) if end == 0 else (2, 0)
+                weights = self.weights[end, track]
+                beyond = weights[:, outer].copy()
+                weights[:, outer] = 0.0
+                weights[:, 1] += beyond
+                if not smooth[uav]:
+                    continue  # It rests there.
+                if velocity is None:
+                    weights[:, 1] += beyond
+                    weights[:, inner] -= beyond
+                else:
+                    self.constant[end, track] += beyond[:, None] * (
+                        sign * np.array(velocity) * duration / self.grid.length)
+
+    def at(self, path: Array) -> Array:
+        """
+        Return the control points of a flight, (N+2, T, K, 2).
+
+        :param path: points with start and goal in units, (N+2, U, 2).
+        """
+        path, weights = path[:, self.uav, None], self.all_weights[..., None]
+        found: Array = weights[..., 1, :] * path
+        found[1:] += weights[1:, ..., 0, :] * path[:-1]
+        found[:-1] += weights[:-1, ..., 2, :] * path[1:]
+        return found + self.constant
+
+    def matrix(self, track: int, place: int) -> tuple[Any, Array]:
+        """
+        Return a control point of every piece of a track as a linear map of its points.
+
+        :return: a sparse matrix, (N+2, N+2), and a constant in units, (N+2, 2).
+        """
+        count = self.grid.slots + 2
+        weights = self.all_weights[:, track, place]
+        found = sparse.csr_array(sparse.diags(
+            [weights[1:, 0], weights[:, 1], weights[:-1, 2]], offsets=[-1, 0, 1],
+            shape=(count, count)))
+        return found, self.constant[:, track, place]
+
+
+def _kinds(grid: Grid, together: bool) -> list[list[_Piece]]:
+    """Return the weights of the pieces of each UAV around a point."""
+    smooth = np.isfinite(grid.scenario.max_accelerations)
+    if smooth.all() or not smooth.any():
+        return [[_SMOOTH if one else _STRAIGHT] for one in smooth]
+    if together:
+        return [list(_SMOOTH_HALVES if one else _STRAIGHT_HALVES) for one in smooth]
+    return [[_SMOOTH if one else _STRAIGHT_BY_THREE] for one in smooth]

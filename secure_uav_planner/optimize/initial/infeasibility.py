@@ -1,0 +1,104 @@
+"""Why a mission with zones, a fence or a separation cannot be flown, and how long it takes."""
+
+from dataclasses import replace
+import math
+from typing import NoReturn
+
+import shapely
+
+from .flights import direct, direct_flights
+from .projection import flights_near
+from .visibility_graph import Check
+from ...errors import InfeasibleMissionError, TimeLimitError
+from ...mission.scenario import Scenario
+from ...mission.validation import LIMITS
+from ...model.airspace import airspace_of
+
+_SHARE = 0.05  # Of its slack that a flight leaves which shows that there is one.
+_DOUBLINGS, _HALVINGS = 8, 12
+
+
+def refuse(scenario: Scenario, check: Check) -> NoReturn:
+    """
+    Say why no flights were found for a scenario.
+
+    :param check: as for fly_hover_fly_positions. When it raises TimeLimitError after flights of
+        the duration were searched in vain, no duration is named.
+    :raises InfeasibleMissionError: naming the UAVs, what is in their way, and the shortest
+        duration with which flights were found.
+    """
+    for uav in scenario.uavs:
+        alone = replace(scenario, uavs=(uav,), separation=0.0)
+        names = _in_the_way(alone)
+        if direct(alone, 0) is None:
+            raise InfeasibleMissionError(
+                f'no way leads {uav.name} from start to goal: {names} is in its way')
+        if names and not _is_flown(alone, check):
+            limits = f'{uav.max_speed:g} m/s' + (
+                '' if uav.max_acceleration is None else f' and {uav.max_acceleration:g} m/s^2')
+            try:
+                shortest = _shortest(alone, check)
+            except TimeLimitError:
+                searched = 'in the time for the search'
+            else:
+                searched = 'however long'
+                if shortest is not None:
+                    raise InfeasibleMissionError(
+                        f'duration is {scenario.duration:g} s; {uav.name} needs at least '
+                        f'{_text(shortest)} s from start to goal around {names} at {limits}')
+            raise InfeasibleMissionError(
+                f'no flight was found that takes {uav.name} from start to goal around '
+                f'{names} at {limits}, {searched}')
+    names = ' and '.join(uav.name for uav in scenario.uavs)
+    try:
+        shortest = _shortest(scenario, check)
+    except TimeLimitError:
+        shortest = None
+    more = ('' if shortest is None else
+            f'; with a duration of {_text(shortest)} s, some were')
+    raise InfeasibleMissionError(
+        f'duration is {scenario.duration:g} s; no flights of {names} were found that keep the '
+        f'separation of {scenario.separation:g} m{more}')
+
+
+def _in_the_way(scenario: Scenario) -> str:
+    """Return the names of what is on the straight way of the only UAV, or else of all."""
+    uav, pieces = scenario.uavs[0], airspace_of(scenario).pieces[0]
+    line = shapely.LineString([uav.start, uav.goal])
+    met = [piece for piece in pieces if shapely.Polygon(piece.vertices).intersects(line)]
+    return ' or '.join(dict.fromkeys(piece.name for piece in met or pieces))
+
+
+def _is_flown(scenario: Scenario, check: Check) -> bool:
+    """Return whether flights from start to goal are found."""
+    return any(flights_near(scenario, flights, check, _SHARE) is not None
+               for flights in direct_flights(scenario, check))
+
+
+def _shortest(scenario: Scenario, check: Check) -> float | None:
+    """Return a duration with which flights are found, close to the shortest, or None."""
+    low = scenario.duration
+    longest = min(low * 2**_DOUBLINGS, LIMITS['duration'][1])
+    if not _is_flown_in(scenario, longest, check):
+        return None
+    high = low
+    while high < longest:
+        high = min(2 * high, longest)
+        if _is_flown_in(scenario, high, check):
+            break
+        low = high
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        if _is_flown_in(scenario, middle, check):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def _is_flown_in(scenario: Scenario, duration: float, check: Check) -> bool:
+    return _is_flown(replace(scenario, duration=duration), check)
+
+
+def _text(duration: float) -> str:
+    return f'{math.ceil(duration * 1000) / 1000:g}'

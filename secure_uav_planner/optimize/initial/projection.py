@@ -1,0 +1,348 @@
+"""
+The projection of flights onto those that are strictly inside all limits.
+
+Lines separate each piece of a curve from what it must clear, which makes the limits convex; the
+nearest flight on its side of the lines is found, and lines are chosen anew from there (sequential
+convex programming). Many UAVs are moved a few at a time while the others stay, as Chen, Cutler
+and How (2015) do. Flights of many slots are found on a coarse grid first.
+"""
+
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from .visibility_graph import Check
+from ...mission.scenario import Array, Scenario
+from ...model.grid import Grid, resampled
+from ...model.limits import is_clear, limits_of
+from ...model.limits.lines import LineLimit, Lines
+from ...model.limits.norm import NormLimit
+from ...model.limits.reference import reference_flight
+
+_ROUNDS = 8  # How often lines are chosen at most.
+_PENALTY = 1e4  # Of an exceedance by all of a limit, beside the square of a step of deviation.
+_LINE_PENALTY = 1e7  # Of a step beyond a line: sides are kept even where there is no time to.
+_CLEARANCE = 0.05  # That is left to lines where it can be, in steps.
+_NEAR = 4.0  # Lines farther away than this do not matter, in steps.
+_MOST_POINTS = 4000  # That are moved together: Clarabel then begins within about 0.1 s.
+_MOST_MOVED = 1000
+_COARSE_SLOTS = 500  # At most, of the grid on which flights of more slots are found first.
+_COARSE_SHARE = 0.05  # Of the slack that flights on a coarse grid leave at least.
+_REFINEMENT = 4  # Factor of slots to the next grid, where flights are not found on a coarse one.
+_SMOOTH_ENDS = 20  # Points over which smoothing begins.
+
+
+def flights_near(scenario: Scenario, positions: Array, check: Check,
+                 share: float = 1e-3) -> Array | None:
+    """
+    Return flights near others that are inside all limits of a scenario, or None without any.
+
+    :param positions: (U, N+2, 2) in m.
+    :param check: called now and then; what it raises is passed on.
+    :param share: of the slack that is left where it can be.
+    """
+    grid = Grid.of(scenario)
+    for other_way in (False, True):
+        found = projected(grid, positions, share, check, other_way)
+        if found is not None and is_clear(scenario, found, check):
+            return found
+    return None
+
+
+def projected(grid: Grid, positions: Array, share: float, check: Check,
+              other_way: bool = False) -> Array | None:
+    """
+    Return flights near others that are strictly inside all limits of flights.
+
+    :param positions: (U, M+2, 2) in m, for any number M of slots.
+    :param share: of the slack of the flight of least effort that is left, at most.
+    :param check: called now and then; what it raises is passed on.
+    :param other_way: whether UAVs that meet pass each other on another side than the nearest.
+    :return: (U, N+2, 2) in m, or None where none are found.
+    """
+    slots = min(_COARSE_SLOTS, _MOST_POINTS // len(positions))
+    while slots < grid.slots:
+        coarse = grid.divided(slots)
+        found = _Projection(coarse, max(share, _COARSE_SHARE), check).of(
+            _resampled(positions, slots), other_way)
+        if found is not None:
+            found = settled(grid, _refined(coarse, found, grid), share, check)
+            if found is not None:
+                return found
+        slots *= _REFINEMENT
+    return _Projection(grid, share, check).of(_resampled(positions, grid.slots), other_way)
+
+
+def settled(grid: Grid, positions: Array, share: float, check: Check) -> Array | None:
+    """
+    Return flights where they are well inside all limits, and else those that projected returns.
+
+    :param positions: (U, N+2, 2) in m.
+    """
+    projection = _Projection(grid, share, check)
+    inside = projection.inside(positions, _CLEARANCE / 2)
+    return positions if inside.all() else projection.of(positions, inside=inside)
+
+
+def _resampled(positions: Array, slots: int) -> Array:
+    return np.swapaxes(resampled(np.swapaxes(positions, 0, 1), slots + 2), 0, 1)
+
+
+def _refined(coarse: Grid, positions: Array, grid: Grid) -> Array:
+    """
+    Return flights of a coarse grid on a finer one, (U, N+2, 2) in m.
+
+    Away from the ends, the points of UAVs with a limit of acceleration are moved onto their curve.
+    This averages accelerations, which refinement lets overshoot where they change.
+    """
+    path = coarse.refined_path(coarse.path_of(positions), grid.slots)
+    number = np.arange(1.0, grid.slots + 1)
+    weight = np.minimum(np.minimum(number, number[::-1]) / _SMOOTH_ENDS, 1.0)
+    limited = np.isfinite(grid.scenario.max_accelerations)
+    path[1:-1, limited] += weight[:, None, None] / 8 * np.diff(path, n=2, axis=0)[:, limited]
+    return grid.positions_of(path)
+
+
+class _Projection:
+    """
+    The second-order cone problem of flights near others and inside their limits.
+
+    Speeds and accelerations stay below a share of their limits, and pieces of curves on their
+    side of lines, which separate them from what they must clear.
+
+    :param grid: of the flights.
+    :param share: as for projected, as is check.
+    """
+
+    def __init__(self, grid: Grid, share: float, check: Check) -> None:
+        self._grid, self._check = grid, check
+        scenario = grid.scenario
+        limits = limits_of(scenario, grid)
+        self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
+        self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
+        self._efforts = 1 - share * np.maximum(1 - scenario.efforts, 0.0)
+        self._step = float(np.median(grid.steps)) / grid.length
+
+    def of(self, positions: Array, other_way: bool = False,
+           inside: NDArray[np.bool_] | None = None) -> Array | None:
+        """
+        Return flights near others inside the limits, or None; see projected.
+
+        :param inside: UAVs that stay where they are as long as the others leave them room, (U,).
+        """
+        base = target = self._path(positions)
+        lines = None if inside is not None else self._first_lines(base, other_way)
+        inside = np.full(len(positions), False) if inside is None else inside
+        for _ in range(_ROUNDS):
+            lines = self._chosen_lines(base) if lines is None else lines
+            for group in self._groups(~inside):
+                self._check()
+                answer = self._moved(group, base, target, lines)
+                if answer is None:
+                    return None
+                base = answer
+            lines, found = None, self._grid.positions_of(base)
+            inside = self.inside(found)
+            if inside.all():
+                return found
+        return None
+
+    def _first_lines(self, base: Array, other_way: bool) -> list[Lines]:
+        """Return the lines of every limit for a path that need not be clear."""
+        found = []
+        for limit in self._lines:
+            self._check()
+            found.append(limit.first_lines(base, other_way))
+        return found
+
+    def _chosen_lines(self, base: Array) -> list[Lines]:
+        """Return the lines of every limit for a path."""
+        found = []
+        for limit in self._lines:
+            self._check()
+            found.append(limit.lines(base))
+        return found
+
+    def _groups(self, moving: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
+        """Give the UAVs that are to be moved, as many at a time as are moved together."""
+        uavs = np.flatnonzero(moving & ~self._grid.fixed)
+        most = max(1, _MOST_MOVED // self._grid.slots)
+        for first in range(0, len(uavs), most):
+            yield uavs[first:first + most]
+
+    def inside(self, positions: Array, clearance: float = 0.0) -> NDArray[np.bool_]:
+        """Return which UAVs are inside all limits, by a clearance in steps to lines, (U,)."""
+        inside = np.full(len(positions), True)
+        for norm in self._norms:
+            inside &= self._grid.fixed | (norm.efforts(positions) < 1)
+        for limit in self._lines:
+            self._check()
+            path = self._grid.path_of(positions)
+            slacks = limit.slacks(path, limit.lines(path))
+            close = ((slacks <= clearance * self._step) & ~limit.ignored).any(axis=(0, 2))
+            for tracks in (limit.first, limit.second):
+                if tracks is not None:
+                    inside[limit.tracks.uav[tracks[close]]] = False
+        return inside
+
+    def _path(self, positions: Array) -> Array:
+        """Return positions in units, (N+2, U, 2)."""
+        grid = self._grid
+        path = grid.path_of(positions)
+        path[[0, -1]] = grid.starts, grid.goals
+        if grid.fixed.any():
+            path[:, grid.fixed] = grid.path_of(reference_flight(grid))[:, grid.fixed]
+        return path
+
+    def _moved(self, group: NDArray[np.intp], base: Array, target: Array,
+               lines: list[Lines]) -> Array | None:
+        """
+        Return the path beyond lines that is nearest to a target, (N+2, U, 2).
+
+        Variables are displacements from the base in steps, the excess of speed and acceleration,
+        and what lacks to lines.
+
+        :param group: the UAVs that may be moved.
+        """
+        clarabel: Any = import_module('clarabel')  # Here, for few missions need it.
+        step, size = self._step, 2 * self._grid.slots * len(group)
+        # The column of the first coordinate of every point that varies, or -1.
+        columns: NDArray[np.intp] = np.full(base.shape[:2], -1)
+        columns[1:-1, group] = 2 * np.arange(size // 2).reshape(-1, len(group))
+        rows = _Rows(size + 2)
+        excess, lack = size, size + 1
+        rows.add_bounds(np.array([excess, lack]))
+        cones = [clarabel.NonnegativeConeT(
+            2 + self._add_lines(rows, columns, group, base, lines, lack))]
+        cones += [clarabel.SecondOrderConeT(3)] * self._add_norms(
+            rows, columns, group, base, excess)
+        matrix, right = rows.built()
+        weight = 1.0 / max(size, 1)
+        cost = sparse.csc_array(sparse.diags(np.append(np.full(size, weight), [0.0, 0.0])))
+        linear = np.append(weight * ((base - target)[1:-1, group] / step).ravel(),
+                           [_PENALTY, _LINE_PENALTY])
+        answer = self._solved(cost, linear, matrix, right, cones)
+        if answer is None:
+            return None
+        found = base.copy()
+        found[1:-1, group] += step * answer[:size].reshape(-1, len(group), 2)
+        return found
+
+    def _solved(self, *problem: Any) -> Array | None:
+        """Return the solution that Clarabel finds, or None."""
+        clarabel: Any = import_module('clarabel')
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        raised: list[BaseException] = []
+
+        def stop(_info: Any) -> bool:
+            # Clarabel passes no exception on.
+            try:
+                self._check()
+            except BaseException as error:
+                raised.append(error)
+            return bool(raised)
+
+        try:
+            solver = clarabel.DefaultSolver(*problem, settings)
+            solver.set_termination_callback(stop)
+            answer = np.array(solver.solve().x)
+        except BaseException as error:  # A panic of Clarabel's code is no Exception.
+            if not isinstance(error, Exception) and type(error).__name__ != 'PanicException':
+                raise
+            return None
+        if raised:
+            raise raised[0]
+        return answer if np.isfinite(answer).all() else None
+
+    def _add_lines(self, rows: '_Rows', columns: NDArray[np.intp], group: NDArray[np.intp],
+                   base: Array, chosen: list[Lines], lack: int) -> int:
+        """Add a row for every control point near a line that the group moves; return how many."""
+        count, step = 0, self._step
+        for limit, lines in zip(self._lines, chosen, strict=True):
+            weights, uav = limit.tracks.weights, limit.tracks.uav
+            ends = [tracks for tracks in (limit.first, limit.second) if tracks is not None]
+            subjects = np.flatnonzero(np.any([np.isin(uav[end], group) for end in ends], axis=0))
+            normals, offsets = lines.normals[:, subjects], lines.offsets[:, subjects]
+            along = (limit.places(base, subjects) @ normals[..., None])[..., 0]
+            slacks = (along - offsets[..., None]) / step
+            varies = np.any([
+                weights[:, end[subjects]].any(axis=-1)
+                & np.isin(uav[end[subjects]], group)[:, None] for end in ends], axis=0)
+            at = np.nonzero(varies & ~limit.ignored[:, subjects] & (slacks < _NEAR))
+            point, subject, place = at
+            normal = normals[at[:2]]
+            number = np.arange(len(point))
+            entries = [(number, np.full(len(point), lack), np.ones(len(point)))]
+            for end, sign in zip(ends, (1.0, -1.0)):
+                track = end[subjects[subject]]
+                for shift in (-1, 0, 1):
+                    weight = sign * weights[point, track, place, 1 + shift]
+                    used = np.flatnonzero(weight)
+                    column = columns[point[used] + shift, uav[track[used]]]
+                    used, column = used[column >= 0], column[column >= 0]
+                    for axis in (0, 1):
+                        entries.append((used, column + axis, weight[used] * normal[used, axis]))
+            rows.add(entries, slacks[at] - _CLEARANCE)
+            count += len(point)
+        return count
+
+    def _add_norms(self, rows: '_Rows', columns: NDArray[np.intp], group: NDArray[np.intp],
+                   base: Array, excess: int) -> int:
+        """Add a cone for every difference of the group's points with a limit; return how many."""
+        count, unit = 0, self._grid.length * self._step
+        positions = self._grid.positions_of(base)
+        for limit in self._norms:
+            found, longest = limit.differences(positions) / unit, limit.longest / unit
+            chosen, place = np.nonzero(~limit.absent.T[group])
+            uav = group[chosen]
+            number = 3 * np.arange(len(uav))
+            entries = [(number, np.full(len(uav), excess), longest[uav])]
+            for index, weight in enumerate(limit.stencil):
+                point = place + index - limit.lead
+                inside = np.flatnonzero((point > 0) & (point < len(base) - 1))
+                column = columns[point[inside], uav[inside]]
+                for axis in (0, 1):
+                    entries.append((number[inside] + 1 + axis, column + axis,
+                                    np.full(len(inside), weight)))
+            constant = np.zeros((len(uav), 3))
+            constant[:, 0] = longest[uav] * self._efforts[uav]
+            constant[:, 1:] = found[uav, place]
+            rows.add(entries, constant.ravel())
+            count += len(uav)
+        return count
+
+
+class _Rows:
+    """Rows of a map A x + b into a cone, as they are added."""
+
+    def __init__(self, columns: int) -> None:
+        self._columns, self._count = columns, 0
+        self._parts: list[tuple[Array, Array, Array]] = []
+        self._constants: list[Array] = []
+
+    def add(self, entries: list[Any], constants: Array) -> None:
+        """
+        Add rows.
+
+        :param entries: (row, column, value) as arrays; rows count from the first of these.
+        :param constants: b of each row.
+        """
+        self._parts += [(row + self._count, column, value) for row, column, value in entries]
+        self._constants.append(constants)
+        self._count += len(constants)
+
+    def add_bounds(self, columns: Array) -> None:
+        """Add rows by which variables are not negative."""
+        self.add([(np.arange(len(columns)), columns, np.ones(len(columns)))],
+                 np.zeros(len(columns)))
+
+    def built(self) -> tuple[Any, Array]:
+        """Return -A and b, as Clarabel wants them."""
+        row, column, value = (np.concatenate(part) for part in zip(*self._parts, strict=True))
+        matrix = sparse.csc_matrix((-value, (row, column)), shape=(self._count, self._columns))
+        return matrix, np.concatenate(self._constants)

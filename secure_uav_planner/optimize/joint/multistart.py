@@ -1,0 +1,126 @@
+"""
+Multistart: Newton steps from random starts on a coarse grid, of which the best are finished.
+
+Start, step, polish, finish: the best starts are polished from further inside, where steps lead
+past the nearest optimum, on the coarse grid; the best few are finished on the full grid, and the
+best plan is polished there. Where the first starts end in one optimum, no other is begun.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .starts import several_starts, strictly_feasible
+from .stepper import Stepper
+from ...errors import NumericalError
+from ...mission.scenario import Array
+from ...model.grid import Grid
+from ...plan.plan import Status
+
+COARSE_SLOTS = 40  # Slots of the coarse grid.
+STEPS = 37  # Newton steps from each start on it.
+DISTINCT = 2e-4  # Relative difference in rate between distinct optima.
+AGREED = 0.6  # Share of the first starts that ends the search where it finds the best optimum.
+GAP = 0.1  # Starts whose rates are lower than the best by a larger share are pruned.
+POLISHED = 12  # The most starts that are polished,
+POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
+POLISH_MUS = (0.05, 0.01)  # from each of these barrier parameters, in shares of its rate.
+FINISHED = 2  # The most starts that are finished on the full grid.
+LOW_RATE = 0.02  # bit/s/Hz, below which the other starts begin closer to the boundary,
+LOW_MU = 1e-5  # with a share of the rate again, but at least this.
+
+_FAILURES = NumericalError, np.linalg.LinAlgError  # Of a part, without which the others go on.
+_Starts: TypeAlias = tuple[Array, Array]
+
+
+def improve_from_several_starts(stepper: Stepper) -> Status:
+    """
+    Improve the search of a Stepper from several starts; return the status of the best.
+
+    :raises NumericalError: when there are no starts, or no step can be computed from any.
+    """
+    search, mu = stepper.search, stepper.schedule.coarse_mu
+    grid, first, others = _coarse_starts(stepper)
+    x, rates = _stepped(stepper, grid, *first, STEPS)
+    agreed = (rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED and search.rate >= LOW_RATE
+    if not agreed:
+        with suppress(*_FAILURES):
+            more, mus = next(others)
+            if search.rate < LOW_RATE:
+                mus = np.clip(POLISH_MUS[-1] * rates.max(), LOW_MU, mus)
+            further, their_rates = _stepped(stepper, grid, more, mus, STEPS)
+            x, rates = np.concatenate([x, further]), np.append(rates, their_rates)
+        near = _best(rates, GAP, POLISHED)
+        x, rates = _polished(stepper, grid, x[near], rates[near])
+    near = _best(rates, GAP, 1 if agreed else FINISHED)
+    fine = stepper.on_full_grid(grid, x[near], mu)
+    status = stepper.finish(fine)
+    if not agreed:
+        _polish_plan(stepper)
+    return 'converged' if fine.finished.any() else status
+
+
+def improve_present(stepper: Stepper, mu: float) -> Status:
+    """
+    Improve the present plan.
+
+    :param mu: the barrier parameter to begin with.
+    """
+    search, grid = stepper.search, stepper.grid
+    x = strictly_feasible(grid, search.positions, search.powers,
+                          share=stepper.schedule.warm_share, check=stepper.check)
+    return stepper.finish(stepper.barrier(grid, x[None], mu))
+
+
+def _coarse_starts(stepper: Stepper) -> tuple[Grid, _Starts, Iterator[_Starts]]:
+    """Return the coarsest grid on which there are starts, the first of them, and the others."""
+    slots = COARSE_SLOTS
+    while True:
+        grid = stepper.grid.divided(min(stepper.grid.slots, slots))
+        batches = several_starts(grid, stepper.check)
+        try:
+            return grid, next(batches), batches
+        except NumericalError:
+            if slots >= stepper.grid.slots:
+                raise
+        slots *= 2
+
+
+def _stepped(stepper: Stepper, grid: Grid, x: Array, mu: Array,
+             steps: int) -> tuple[Array, Array]:
+    """Return starts (S, N, U, 3) after Newton steps, and their rates in nats, (S,)."""
+    barrier = stepper.barrier(grid, x, mu)
+    stepper.advance(barrier, steps, min(mu.min(), stepper.schedule.coarse_mu))
+    stepper.try_best(barrier)
+    return barrier.x, barrier.rates()
+
+
+def _polished(stepper: Stepper, grid: Grid, x: Array, rates: Array) -> tuple[Array, Array]:
+    """Return starts (S, N, U, 3) and their rates, (S,), where higher after a polish."""
+    with suppress(*_FAILURES):
+        for share in POLISH_MUS:
+            mu = np.maximum(share * rates, stepper.schedule.final_mu)
+            found, their_rates = _stepped(stepper, grid, x, mu, POLISH_STEPS)
+            x = np.where((their_rates > rates)[:, None, None, None], found, x)
+            rates = np.maximum(their_rates, rates)
+    return x, rates
+
+
+def _polish_plan(stepper: Stepper) -> None:
+    """Improve the best plan from further inside."""
+    with suppress(*_FAILURES):
+        for share in POLISH_MUS:
+            if stepper.search.rate > 0:
+                improve_present(stepper, share * np.log(2) * stepper.search.rate)
+
+
+def _best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:
+    """Return one start of each distinct rate, best first, as far as within a gap of the best."""
+    order = np.argsort(-rates)
+    best = rates[order[0]]
+    new = np.append(True, -np.diff(rates[order]) > DISTINCT * best)
+    found: NDArray[np.intp] = order[new & (rates[order] >= (1 - gap) * best)][:most]
+    return found

@@ -1,0 +1,1 @@
+"""Views and files of plans: picture, page, table, exports, and autopilots' frames."""

@@ -1,0 +1,63 @@
+"""What the views of a plan say and show of its no-fly zones, its geofence and their margin."""
+
+import math
+
+import numpy as np
+import shapely
+
+from ..mission.polygons import convex_parts, grown
+
+
+def altitudes_of(zone):
+    """Return at which altitudes a zone is forbidden, in words, or '' for all of them."""
+    if math.isinf(zone.ceiling):
+        return f'above {zone.floor:g} m' if zone.floor > 0 else ''
+    return f'{zone.floor:g} to {zone.ceiling:g} m' if zone.floor > 0 else (
+        f'up to {zone.ceiling:g} m')
+
+
+def middle_of(zone):
+    """Return a place in the widest part of a zone, (2,) in m."""
+    return max(convex_parts(zone.vertices), key=lambda part: np.ptp(part, axis=0).min()).mean(
+        axis=0)
+
+
+def is_in_the_way(zone, scenario):
+    """Return whether a zone is within the margin of the altitude of any UAV."""
+    return any(zone.is_at(uav.altitude, scenario.tracking_margin) for uav in scenario.uavs)
+
+
+def rims(scenario):
+    """Return what the margin adds to zones in the way and takes from the fence, each (K, 2)."""
+    margin = scenario.tracking_margin
+    if not margin:
+        return []
+    found = [_ring(grown(zone.vertices, margin)[0], zone.vertices)
+             for zone in scenario.no_fly_zones if is_in_the_way(zone, scenario)]
+    return found if scenario.keep_in is None else [
+        *found, _ring(scenario.geofence, scenario.keep_in)]
+
+
+def _ring(outer, inner):
+    """Return what is between two outlines as one, with a seam."""
+    ring = shapely.Polygon(outer, [inner]).normalize()
+    return np.concatenate([ring.exterior.coords, *(hole.coords for hole in ring.interiors),
+                           ring.exterior.coords[:1]])
+
+
+def corners_of_map(scenario, corners):
+    """
+    Return the corners of a map, extended to zones and fence as far as that keeps the plan large.
+
+    :param corners: the lower left and the upper right one of the plan, (2, 2) in m.
+    :return: likewise.
+    """
+    (left, low), (right, high) = corners
+    most = max(right - left, high - low)
+    rings = [zone.vertices for zone in scenario.no_fly_zones]
+    if scenario.geofence is not None:
+        rings.append(scenario.geofence)
+    across = [x for ring in rings for x, _ in ring]
+    along = [y for ring in rings for _, y in ring]
+    return [[max(min([left, *across]), left - most), max(min([low, *along]), low - most)],
+            [min(max([right, *across]), right + most), min(max([high, *along]), high + most)]]

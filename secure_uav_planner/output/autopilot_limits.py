@@ -1,0 +1,82 @@
+"""What autopilots must allow to follow a plan, and what they allow by default."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+
+_GRAVITY = 9.81  # In m/s^2.
+_DRAG = 0.036  # Of a multicopter: its deceleration over the square of its speed, in 1/m.
+# In ArduPilot's simulator, 30 degrees carried 2 and not 3 m/s^2 at 10 m/s: 0.027 to 0.037.
+
+_SPEED, _ACCELERATION = 1.5, 1.6  # Of recommended limits to the plan's, as flown with 3 m/s^2.
+_STEPS = {'speed': 0.5, 'acceleration': 0.5, 'lean': 5.0}  # To which these are rounded.
+
+
+def lean(speed: float, acceleration: float) -> float:
+    """Return the lean in degrees that carries an acceleration in m/s^2 at a speed in m/s."""
+    return math.degrees(math.atan2(acceleration + _DRAG * speed**2, _GRAVITY))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    A parameter of an autopilot that limits how it follows setpoints.
+
+    :param name: as in the autopilot's documentation.
+    :param limits: what it limits: 'speed', 'acceleration' or 'lean'.
+    :param unit: of its values.
+    :param factor: 1 m/s, 1 m/s^2 or 1 degree in that unit.
+    :param default: its value by default.
+    :param most: the largest value that the documentation allows.
+    :param share: what it must be at least, over what the plan uses.
+    """
+
+    name: str
+    limits: str
+    unit: str
+    factor: float
+    default: float
+    most: float
+    share: float = 1.0
+
+    def least(self, speed: float, acceleration: float) -> float:
+        """Return the smallest value that carries a plan with limits in m/s and m/s^2."""
+        needed = {'speed': speed, 'acceleration': acceleration, 'lean': lean(speed, acceleration)}
+        return self.factor * self.share * needed[self.limits]
+
+    def recommended(self, speed: float, acceleration: float) -> float:
+        """Return a value, at most `most`, that also carries what makes up for a delay."""
+        wanted = {'speed': _SPEED * speed, 'acceleration': _ACCELERATION * acceleration,
+                  'lean': lean(speed, _ACCELERATION * acceleration)}[self.limits]
+        step = _STEPS[self.limits]
+        return min(self.most, self.factor * step * math.ceil(wanted / step))
+
+
+AUTOPILOTS: Mapping[str, tuple[Parameter, ...]] = {
+    # In GUIDED the first two limit what corrects an error, beside the plan's own.
+    'ardupilot': (Parameter('WPNAV_SPEED', 'speed', 'cm/s', 100, 1000, 2000),
+                  Parameter('WPNAV_ACCEL', 'acceleration', 'cm/s^2', 100, 250, 500),
+                  Parameter('ANGLE_MAX', 'lean', 'cdeg', 100, 3000, 8000)),
+    # In OFFBOARD the first limits the sum of the plan's velocity and its correction.
+    'px4': (Parameter('MPC_XY_VEL_MAX', 'speed', 'm/s', 1, 12, 20, share=1.2),
+            Parameter('MPC_TILTMAX_AIR', 'lean', 'deg', 1, 45, 89)),
+}
+"""What limits a flight along setpoints, by the name of the autopilot."""
+
+
+def changes(autopilot: str, speed: float,
+            acceleration: float) -> tuple[tuple[Parameter, float], ...]:
+    """
+    Return parameters to raise above their defaults for a plan, each with its value, or none.
+
+    A value below the parameter's `least` says that the autopilot cannot follow such a plan.
+
+    :param autopilot: a name in AUTOPILOTS.
+    :param speed: the plan's limit in m/s.
+    :param acceleration: likewise in m/s^2.
+    """
+    plan, parameters = (speed, acceleration), AUTOPILOTS[autopilot]
+    if all(one.default >= one.least(*plan) for one in parameters):
+        return ()
+    return tuple((one, one.recommended(*plan)) for one in parameters
+                 if one.default < one.recommended(*plan))

@@ -1,0 +1,266 @@
+"""
+What autopilots' stacks take and report, as plain values by the names of the messages' fields.
+
+Setpoints are in an east-north-up frame with yaw counter-clockwise from east (REP-103). MAVROS and
+Aerostack2 take that; MAVROS turns it into the autopilot's frame itself. PX4's own messages are in
+north-east-down with yaw clockwise from north, and those about the body in forward-right-down.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..errors import OptionError, PoseError, shown
+from ..mission.scenario import LIMITS
+
+Vector: TypeAlias = tuple[float, float, float]
+Fields: TypeAlias = dict[str, Any]
+
+_FRAME_LOCAL_NED = 1
+_IGNORE_VELOCITY = 8 + 16 + 32
+_IGNORE_ACCELERATION = 64 + 128 + 256
+_IGNORE_YAW_RATE = 2048
+_STILL = (0.0, 0.0, 0.0)
+_UNUSED = (math.nan,) * 3
+_POSE_NED = 1
+_VELOCITY_NED, _VELOCITY_BODY = 1, 3
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """
+    Where a UAV should be at a time, and how it should move.
+
+    :param frame_id: the name of the frame, east-north-up.
+    :param time_ns: when, in ns.
+    :param position: (x, y, z) in m.
+    :param yaw: in rad, counter-clockwise from x.
+    :param velocity: (x, y, z) in m/s, or None if it is not known.
+    :param acceleration: (x, y, z) in m/s^2, or None if it is not known.
+    :param yaw_rate: in rad/s, or None if it is not known.
+    :raises OptionError: for a value that is not finite, or beyond those of a scenario.
+    """
+
+    frame_id: str
+    time_ns: int
+    position: Vector
+    yaw: float
+    velocity: Vector | None = None
+    acceleration: Vector | None = None
+    yaw_rate: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ('position', 'yaw', 'velocity', 'acceleration', 'yaw_rate'):
+            value = getattr(self, name)
+            low, high = LIMITS['coordinate']
+            if value is not None and not all(
+                    low <= one <= high for one in np.atleast_1d(value).tolist()):
+                raise OptionError(
+                    f'{name} is {shown(value)}; it must be from {low:g} to {high:g}')
+
+    def seen_from(self, origin: Sequence[float]) -> 'Setpoint':
+        """Return the setpoint in a frame with another origin, (x, y, z) in m, and equal axes."""
+        x, y, z = (here - there for here, there in zip(self.position, origin, strict=True))
+        return replace(self, position=(x, y, z))
+
+    def held(self, time_ns: int) -> 'Setpoint':
+        """Return the place at another time in ns, with no motion."""
+        return replace(self, time_ns=time_ns, velocity=_STILL, acceleration=_STILL, yaw_rate=None)
+
+
+@dataclass(frozen=True)
+class Stack:
+    """
+    What an autopilot's stack takes and reports.
+
+    :param package: its ROS message package.
+    :param source: the repository of that package.
+    :param topics: the topic of each message that it takes, by the name of its type, below the
+        vehicle's name.
+    :param fields: returns the fields of each of these messages, by the name of its type, for a
+        Setpoint and the present time in ns. A field that is a message is a dict, or a list of
+        dicts.
+    :param reports: the topic of each message in which it says where the vehicle is, by package
+        and type.
+    :param odometry: returns the fields of nav_msgs/Odometry in the vehicle's local frame,
+        east-north-up, but for the names of frames, for the last of these messages in their order.
+        A stamp is left out where the stack's clock may be another one.
+    :param debian: the package's name in the distribution of ROS, if it is part of that.
+    """
+
+    package: str
+    source: str
+    topics: Mapping[str, str]
+    fields: Callable[[Setpoint, int], dict[str, Fields]]
+    reports: Mapping[str, str]
+    odometry: Callable[..., Fields]
+    debian: str = ''
+
+
+_NED = Rotation.from_matrix([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_FRD = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))
+
+
+def ned(vector: Vector) -> Vector:
+    """Return a vector of east-north-up in north-east-down, or the other way round."""
+    x, y, z = vector
+    return (y, x, -z)
+
+
+def yaw_ned(yaw: float) -> float:
+    """Return the heading clockwise from north, from -pi to pi, for one from east, in rad."""
+    return math.remainder(math.pi / 2 - yaw, 2 * math.pi)
+
+
+def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Rotation:
+    """
+    Return the rotation of a quaternion (x, y, z, w).
+
+    :param name: of the quaternion, for people.
+    :raises PoseError: if its length is not 1.
+    """
+    length = math.hypot(*quaternion)
+    if not abs(length - 1.0) < 1e-3:
+        raise PoseError(f'{name} has length {length:g}; it must be a quaternion of length 1')
+    return Rotation.from_quat(quaternion)
+
+
+def mavros(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
+    """Return mavros_msgs/PositionTarget; MAVROS takes east-north-up in FRAME_LOCAL_NED."""
+    mask = 0
+    for value, bits in ((setpoint.velocity, _IGNORE_VELOCITY),
+                        (setpoint.acceleration, _IGNORE_ACCELERATION),
+                        (setpoint.yaw_rate, _IGNORE_YAW_RATE)):
+        mask |= bits if value is None else 0
+    return {'PositionTarget': {
+        'header': _header(setpoint),
+        'coordinate_frame': _FRAME_LOCAL_NED,
+        'type_mask': mask,
+        'position': _xyz(setpoint.position),
+        'velocity': _xyz(setpoint.velocity or (0.0, 0.0, 0.0)),
+        'acceleration_or_force': _xyz(setpoint.acceleration or (0.0, 0.0, 0.0)),
+        'yaw': setpoint.yaw,
+        'yaw_rate': setpoint.yaw_rate or 0.0,
+    }}
+
+
+def px4(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
+    """Return px4_msgs/TrajectorySetpoint, NaN where nothing is known, and OffboardControlMode."""
+    timestamp = now_ns // 1000
+    return {
+        'OffboardControlMode': {
+            'timestamp': timestamp,
+            'position': True,
+            'velocity': setpoint.velocity is not None,
+            'acceleration': setpoint.acceleration is not None,
+        },
+        'TrajectorySetpoint': {
+            'timestamp': timestamp,
+            'position': ned(setpoint.position),
+            'velocity': _UNUSED if setpoint.velocity is None else ned(setpoint.velocity),
+            'acceleration': (
+                _UNUSED if setpoint.acceleration is None else ned(setpoint.acceleration)),
+            'jerk': _UNUSED,
+            'yaw': yaw_ned(setpoint.yaw),
+            'yawspeed': math.nan if setpoint.yaw_rate is None else -setpoint.yaw_rate,
+        },
+    }
+
+
+def aerostack2(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
+    """
+    Return as2_msgs/TrajectorySetpoints with one point.
+
+    :raises OptionError: without a velocity and an acceleration, as the message has no way to
+        leave them out.
+    """
+    if setpoint.velocity is None or setpoint.acceleration is None:
+        raise OptionError('Aerostack2 takes setpoints with velocity and acceleration only')
+    return {'TrajectorySetpoints': {
+        'header': _header(setpoint),
+        'setpoints': [{
+            'position': _xyz(setpoint.position),
+            'twist': _xyz(setpoint.velocity),
+            'acceleration': _xyz(setpoint.acceleration),
+            'yaw_angle': setpoint.yaw,
+        }],
+    }}
+
+
+def ros_odometry(report: Any) -> Fields:
+    """Return what nav_msgs/Odometry in east-north-up says."""
+    return {'header': {'stamp': report.header.stamp}, 'pose': report.pose, 'twist': report.twist}
+
+
+def px4_odometry(report: Any) -> Fields:
+    """
+    Return what px4_msgs/VehicleOdometry says.
+
+    :raises PoseError: for a frame whose north is not known, or an orientation that is not.
+    """
+    if report.pose_frame != _POSE_NED or report.velocity_frame not in (
+            _VELOCITY_NED, _VELOCITY_BODY):
+        raise PoseError(
+            f'pose_frame is {report.pose_frame} and velocity_frame is {report.velocity_frame}; '
+            f'they must be {_POSE_NED}, and {_VELOCITY_NED} or {_VELOCITY_BODY}')
+    w, x, y, z = map(float, report.q)
+    body = rotation((x, y, z, w), 'q')
+    velocity = _vector(report.velocity)
+    if report.velocity_frame == _VELOCITY_NED:
+        velocity = _vector(body.inv().apply(velocity))
+    x, y, z, w = (_NED * body * _FRD).as_quat().tolist()
+    return {'pose': {'pose': {'position': _xyz(ned(_vector(report.position))),
+                              'orientation': {**_xyz((x, y, z)), 'w': w}}},
+            'twist': {'twist': {'linear': _xyz(_flu(velocity)),
+                                'angular': _xyz(_flu(_vector(report.angular_velocity)))}}}
+
+
+def aerostack2_odometry(pose: Any, twist: Any) -> Fields:
+    """Return what geometry_msgs/PoseStamped and TwistStamped, in the body's frame, say."""
+    return {'header': {'stamp': pose.header.stamp}, 'pose': {'pose': pose.pose},
+            'twist': {'twist': twist.twist}}
+
+
+STACKS = {
+    'mavros': Stack(
+        'mavros_msgs', 'https://github.com/mavlink/mavros',
+        {'PositionTarget': 'mavros/setpoint_raw/local'}, mavros,
+        {'nav_msgs/Odometry': 'mavros/local_position/odom'}, ros_odometry,
+        debian='ros-jazzy-mavros-msgs'),
+    'px4': Stack(
+        'px4_msgs', 'https://github.com/PX4/px4_msgs (the branch of your PX4 release)',
+        {'OffboardControlMode': 'fmu/in/offboard_control_mode',
+         'TrajectorySetpoint': 'fmu/in/trajectory_setpoint'}, px4,
+        {'px4_msgs/VehicleOdometry': 'fmu/out/vehicle_odometry'}, px4_odometry),
+    'aerostack2': Stack(
+        'as2_msgs', 'https://github.com/aerostack2/aerostack2',
+        {'TrajectorySetpoints': 'motion_reference/trajectory'}, aerostack2,
+        {'geometry_msgs/PoseStamped': 'self_localization/pose',
+         'geometry_msgs/TwistStamped': 'self_localization/twist'}, aerostack2_odometry),
+}
+"""Every Stack by its name."""
+
+
+def _header(setpoint: Setpoint) -> Fields:
+    return {'frame_id': setpoint.frame_id, 'stamp': {
+        'sec': setpoint.time_ns // 10**9, 'nanosec': setpoint.time_ns % 10**9}}
+
+
+def _xyz(vector: Vector) -> Fields:
+    return dict(zip('xyz', vector, strict=True))
+
+
+def _vector(values: Any) -> Vector:
+    """Return three numbers of a message or an array as plain ones."""
+    x, y, z = map(float, values)
+    return (x, y, z)
+
+
+def _flu(vector: Vector) -> Vector:
+    """Return a vector of forward-right-down in forward-left-up."""
+    x, y, z = vector
+    return (x, -y, -z)

@@ -1,0 +1,261 @@
+"""The web page of a plan: one HTML file with a time slider, which needs no network."""
+
+import html
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from . import mobile_layout as narrow
+from .airspace_shapes import altitudes_of, corners_of_map, is_in_the_way, middle_of, rims
+from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, RATE, uav_color
+from .labels import receiver_label
+from ..mission.files import atomic_file
+from ..model import channel
+
+_MOST_FRAMES = 400
+_PLAYING_TIME = 20.0
+_LEAST_POWER = 2e-5  # That is shown at first, as a share of the largest peak power.
+_SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
+_DASHES = ('solid', 'dash', 'dot', 'dashdot')
+_TITLE = 'Secure UAV plan'
+_STAY = {'mode': 'immediate', 'transition': {'duration': 0},
+         'frame': {'duration': 0, 'redraw': False}}
+
+
+def save_page(plan, path):
+    """
+    Write the web page of a plan to a self-contained HTML file.
+
+    :param plan: a Plan.
+    :raises OSError: if the file cannot be written; an existing file is then unchanged.
+    """
+    # With a relative height, plotly resizes the figure with the window.
+    figure = draw_page(plan)
+    drawn = figure.to_html(
+        full_html=False, include_plotlyjs=True, auto_play=False, default_height='96vh',
+        div_id='plan', config={'displaylogo': False, 'responsive': True})
+    document = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE}'
+                f'</title><link rel="icon" href="data:,">{narrow.style()}</head><body>\n'
+                f'{drawn}\n{narrow.script(figure, plan.claim)}\n</body></html>\n')
+    with atomic_file(path) as file:
+        file.write(document)
+
+
+def draw_page(plan):
+    """Return the plotly Figure of a plan, with a frame for every point, or for some of many."""
+    view = _View(plan)
+    figure = make_subplots(
+        3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns',
+        column_widths=[0.42, 0.58], vertical_spacing=0.05, horizontal_spacing=0.08)
+    for trace, row, column in view.still_traces():
+        figure.add_trace(trace, row, column)
+    first = len(figure.data)
+    for trace, row, column in view.moving_traces(0):
+        figure.add_trace(trace, row, column)
+    moving = list(range(first, len(figure.data)))
+    points = view.points_of_frames()
+    figure.frames = [
+        go.Frame(name=str(point), traces=moving, data=[
+            trace for trace, _, _ in view.moving_traces(point)]) for point in points]
+    _label_axes(figure, view.map_ranges(), view.peak)
+    _add_controls(figure, view, points)
+    return figure
+
+
+class _View:
+    """The data that the page shows of a plan, computed once."""
+
+    def __init__(self, plan):
+        self.plan = plan
+        scenario = plan.scenario
+        self.peak = max(uav.peak_power for uav in scenario.uavs)
+        step = scenario.slot_duration
+        # Power n holds from point n to point n + 1, so nothing is delivered before point 1.
+        self.delivered = np.concatenate([[0.0, 0.0], np.cumsum(plan.guaranteed_rates) * step])
+        self.worst_delivered = np.concatenate(
+            [[0.0, 0.0], np.cumsum(plan.worst_case_rates) * step])
+        self.powers = np.pad(plan.powers, ((0, 0), (1, 1)))
+        self.guaranteed = np.pad(plan.guaranteed_rates, 1)
+        self.worst = np.pad(plan.worst_case_rates, 1)
+        places = channel.worst_case_places(scenario, plan.positions, plan.powers)
+        self.places = np.pad(places, ((1, 1), (0, 0)), mode='edge')
+
+    def points_of_frames(self):
+        """Return the indices of the points that have a frame."""
+        last = self.plan.scenario.slots + 1
+        return sorted({round(point) for point in np.linspace(
+            0, last, min(last + 1, _MOST_FRAMES))})
+
+    def map_ranges(self):
+        """Return the ranges of x and y in m, with room for the markers of the UAVs."""
+        scenario = self.plan.scenario
+        points = np.concatenate([
+            self.plan.positions.reshape(-1, 2), [scenario.ground_node],
+            *(np.array(eve.position) + [[-eve.error_radius], [eve.error_radius]]
+              for eve in scenario.eavesdroppers)])
+        low, high = np.array(corners_of_map(
+            scenario, [points.min(axis=0), points.max(axis=0)]))
+        margin = 0.06 * max(*(high - low), 10.0)
+        return np.stack([low - margin, high + margin], axis=1).tolist()
+
+    def still_traces(self):
+        """Return the traces that do not move, each with its row and column."""
+        plan, times = self.plan, self.plan.times.tolist()
+        traces = [(trace, 1, 1) for trace in _airspace_traces(plan.scenario)]
+        for index, eve in enumerate(plan.scenario.eavesdroppers):
+            angle = np.linspace(0, 2 * np.pi, 73)
+            traces.append((go.Scatter(
+                x=(eve.position[0] + eve.error_radius * np.cos(angle)).tolist(),
+                y=(eve.position[1] + eve.error_radius * np.sin(angle)).tolist(),
+                fill='toself', mode='lines', line={'color': EAVESDROPPER, 'width': 1},
+                legendgroup='disc', showlegend=index == 0, name="eavesdropper's disc",
+                hoverinfo='skip'), 1, 1))
+            if receiver_label(eve):
+                traces.append((go.Scatter(
+                    x=[eve.position[0]], y=[eve.position[1]], text=[receiver_label(eve)],
+                    mode='text', textfont={'color': EAVESDROPPER}, legendgroup='disc',
+                    showlegend=False, hoverinfo='skip'), 1, 1))
+        x, y = plan.scenario.ground_node
+        traces.append((go.Scatter(
+            x=[x], y=[y], mode='markers', name='ground node',
+            marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE}), 1, 1))
+        for index, (uav, path) in enumerate(zip(plan.scenario.uavs, plan.positions)):
+            line = {'color': uav_color(index), 'width': 2, 'dash': _DASHES[index % 4]}
+            shared = {'mode': 'lines', 'line': line, 'legendgroup': uav.name}
+            traces.append((go.Scatter(
+                x=path[:, 0].tolist(), y=path[:, 1].tolist(), text=[
+                    f'{time:g} s, {watts:.3g} W'
+                    for time, watts in zip(times, self.powers[index])],
+                name=f'{uav.name} ({"jams" if index else "transmits"})', **shared), 1, 1))
+            # Zero has no logarithm: slots without power are gaps.
+            watts = [power if power > 0 else None for power in self.powers[index].tolist()]
+            traces.append((go.Scatter(
+                x=times, y=watts, name=uav.name, showlegend=False, connectgaps=False,
+                **{**shared, 'line': {**line, 'shape': 'hv'}}), 1, 2))
+        for values, dash, width, name, row in (
+                (self.worst, 'dash', 1.5, 'worst case', 2),
+                (self.guaranteed, 'solid', 2.5, 'guaranteed', 2),
+                (self.worst_delivered, 'dash', 1.5, 'worst case', 3),
+                (self.delivered, 'solid', 2.5, 'guaranteed', 3)):
+            traces.append((go.Scatter(
+                x=times, y=values.tolist(), mode='lines', name=f'{name} rate', legendgroup=name,
+                showlegend=row == 2, line={
+                    'color': RATE, 'width': width, 'dash': dash,
+                    'shape': 'hv' if row == 2 else 'linear'}), row, 2))
+        return traces
+
+    def moving_traces(self, point):
+        """Return the moving traces at a point, each with its row and column."""
+        plan, time = self.plan, float(self.plan.times[point])
+        traces = []
+        for index, uav in enumerate(plan.scenario.uavs):
+            x, y = plan.positions[index, point].tolist()
+            watts = float(self.powers[index, point])
+            traces.append((go.Scatter(
+                x=[x], y=[y], mode='markers', name=uav.name, legendgroup=uav.name,
+                showlegend=False, text=[f'{watts:.3g} W'], marker={
+                    'color': uav_color(index), 'symbol': _SYMBOLS[index % len(_SYMBOLS)],
+                    # In good plans the jamming power is a hundredth of the transmit power. UAVs at
+                    # the same position are drawn one inside the other.
+                    'size': float((17 if index == 0 else 10)
+                                  + 2 * np.log1p(1000 * watts / self.peak)),
+                    'line': {'color': 'white', 'width': 1.5}}), 1, 1))
+            traces.append((self._dot(time, watts if watts > 0 else None, uav_color(index),
+                                     uav.name), 1, 2))
+        x, y = self.places[point].tolist()
+        traces.append((go.Scatter(
+            x=[x], y=[y], mode='markers', name='worst-case eavesdropper', marker={
+                'symbol': 'x', 'size': 10, 'color': EAVESDROPPER,
+                'line': {'color': 'white', 'width': 1}}), 1, 1))
+        for value, name, row in ((self.guaranteed, 'guaranteed', 2),
+                                 (self.delivered, 'guaranteed', 3)):
+            traces.append((self._dot(time, float(value[point]), RATE, name), row, 2))
+        return traces
+
+    def readout(self, point):
+        """Return the text of the slider at a point, in one line."""
+        time = float(self.plan.times[point])
+        began = self.plan.scenario.slot_duration
+        watts = ', '.join(
+            f'{uav.name} {_watts(power)}'
+            for uav, power in zip(self.plan.scenario.uavs, self.powers[:, point]))
+        mean = self.delivered[point] / (time - began) if point > 1 else 0.0
+        return (f'{time:.1f} s:  {watts};  guaranteed now {self.guaranteed[point]:.2f}, so far '
+                f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
+
+    @staticmethod
+    def _dot(x, y, color, group):
+        return go.Scatter(x=[x], y=[y], mode='markers', legendgroup=group, showlegend=False,
+                          hoverinfo='skip', cliponaxis=False,
+                          marker={'color': color, 'size': 9})
+
+
+def _airspace_traces(scenario):
+    """Return zones and fence with their margin, filled where a UAV flies at a zone's altitudes."""
+    traces = [go.Scatter(
+        x=rim[:, 0].tolist(), y=rim[:, 1].tolist(), mode='lines', fill='toself',
+        line={'width': 0}, fillcolor=MARGIN, hoverinfo='skip', legendgroup='margin',
+        showlegend=index == 0, name=f'margin of {scenario.tracking_margin:g} m')
+        for index, rim in enumerate(rims(scenario))]
+    for index, (zone, name) in enumerate(zip(scenario.no_fly_zones, scenario.zone_names)):
+        x, y = zip(*zone.vertices, zone.vertices[0])
+        near = is_in_the_way(zone, scenario)
+        text = ', '.join(filter(None, (name, altitudes_of(zone))))
+        traces.append(go.Scatter(
+            x=x, y=y, mode='lines', fill='toself' if near else 'none', hoveron='fills',
+            line={'color': NO_FLY_ZONE, 'width': 1.5, 'dash': 'solid' if near else 'dot'},
+            legendgroup='zone', showlegend=index == 0, name='no-fly zone', text=text,
+            hoverinfo='text'))
+    if scenario.no_fly_zones:
+        places = np.array([middle_of(zone) for zone in scenario.no_fly_zones])
+        traces.append(go.Scatter(
+            x=places[:, 0], y=places[:, 1], mode='text', text=list(scenario.zone_names),
+            textfont={'size': 10, 'color': GEOFENCE}, showlegend=False, hoverinfo='skip'))
+    if scenario.geofence is not None:
+        x, y = zip(*scenario.geofence, scenario.geofence[0])
+        traces.append(go.Scatter(
+            x=x, y=y, mode='lines', name='geofence', hoverinfo='name',
+            line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'}))
+    return traces
+
+
+def _watts(power):
+    return f'{power:.2f} W' if power >= 0.1 or power == 0 else f'{1000 * power:.1f} mW'
+
+
+def _label_axes(figure, ranges, peak):
+    figure.update_xaxes(title_text='x (m)', range=ranges[0], constrain='domain', row=1, col=1)
+    figure.update_yaxes(title_text='y (m)', range=ranges[1], constrain='domain', scaleanchor='x',
+                        row=1, col=1)
+    figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
+                        range=np.log10([_LEAST_POWER * peak, 2 * peak]), row=1, col=2)
+    figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero', row=2, col=2)
+    figure.update_yaxes(title_text='delivered<br>(bit/Hz)', rangemode='tozero', row=3, col=2)
+    figure.update_xaxes(title_text='time (s)', row=3, col=2)
+
+
+def _add_controls(figure, view, points):
+    plan = view.plan
+    title = (f'{plan.method} plan: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
+             f'{plan.worst_case_rate:.3f} in the worst case')
+    if plan.bound is not None:
+        title += f'<br><sup>{html.escape(plan.claim)}</sup>'
+    play = {'mode': 'immediate', 'fromcurrent': True, 'transition': {'duration': 0},
+            'frame': {'duration': 1000 * _PLAYING_TIME / len(points), 'redraw': False}}
+    figure.update_layout(
+        template='plotly_white', hovermode='closest', margin={'l': 60, 'r': 20, 't': 50, 'b': 20},
+        title={'text': title, 'x': 0.01},
+        sliders=[{
+            'active': 0, 'x': 0.12, 'len': 0.88, 'pad': {'t': 50},
+            # The labels of the steps are the readout. Below the slider there is no room for them.
+            'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
+            'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',
+            'currentvalue': {'font': {'color': '#222222', 'size': 14}},
+            'steps': [{'label': view.readout(point), 'method': 'animate',
+                       'args': [[str(point)], _STAY]} for point in points]}],
+        updatemenus=[{
+            'type': 'buttons', 'direction': 'left', 'showactive': False, 'x': 0, 'y': 0,
+            'xanchor': 'left', 'yanchor': 'top', 'pad': {'t': 70}, 'buttons': [
+                {'label': '▶ play', 'method': 'animate', 'args': [None, play]},
+                {'label': '❚❚', 'method': 'animate', 'args': [[None], _STAY]}]}])

@@ -1,0 +1,307 @@
+"""The picture of a plan: a map, and below it the powers and the rates over time."""
+
+from textwrap import wrap
+
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.patheffects import withStroke
+import numpy as np
+
+from .airspace_shapes import altitudes_of, corners_of_map, is_in_the_way, middle_of, rims
+from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, RATE, uav_color
+from .labels import receiver_label
+
+_WIDTH = 9.0
+_MAP_WIDTH = 6.2
+_TITLE_WIDTH = 90  # In characters.
+_DOTS_PER_INCH = 200
+_FAINT = 1e-3
+_TIME_MARKS = 12
+_TIME_STEPS = [digit * 10.0 ** power for power in range(-6, 9) for digit in (1, 2, 5)]
+_STYLES = ('--', ':', '-.')
+_GREY = '0.45'
+_ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
+_ZONE_BESIDE = {**_ZONE, 'facecolor': 'none', 'linestyle': ':'}
+_MARGIN = {'facecolor': MARGIN, 'edgecolor': 'none'}
+_FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
+_NAMES = {
+    'fly_hover_fly_constant': 'fly-hover-fly, constant power',
+    'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
+}
+
+
+def save_picture(plan, path, baselines=()):
+    """
+    Write the picture of a plan to a file; the suffix, such as .png, gives the format.
+
+    :param plan: a Plan.
+    :param baselines: Plans for the same mission, which are drawn in grey.
+    :raises OSError: if the file cannot be written.
+    """
+    draw_plan(plan, baselines).savefig(path, dpi=_DOTS_PER_INCH)
+
+
+def draw_plan(plan, baselines=()):
+    """Return a matplotlib Figure of a plan, as save_picture writes it."""
+    width, height = np.diff(_extent([plan, *baselines]), axis=0)[0]
+    ratio = width / height if _is_turned(width, height) else height / width
+    tall = min(5.6, _MAP_WIDTH * ratio)
+    title = (f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
+             f'{plan.worst_case_rate:.3f} in the worst case')
+    if plan.bound is not None:
+        title = '\n'.join([title, *wrap(plan.claim, _TITLE_WIDTH)])
+    total = tall + 4.7 + 0.2 * title.count('\n')
+    figure = Figure(figsize=(_WIDTH, total))
+    # Axes are placed in inches, because constrained layout cuts off legends beside axes of equal
+    # aspect.
+    map_axes, power_axes, rate_axes = (
+        figure.add_axes((0.75 / _WIDTH, bottom / total, _MAP_WIDTH / _WIDTH, height / total))
+        for bottom, height in ((4.35, tall), (2.35, 1.4), (0.5, 1.7)))
+    draw_map(map_axes, plan, baselines)
+    draw_powers(power_axes, plan)
+    draw_rates(rate_axes, plan, baselines)
+    power_axes.tick_params(labelbottom=False)
+    map_axes.set_title(title, fontsize=11, loc='left')
+    return figure
+
+
+def name_of(method):
+    """Return the name of a method in words."""
+    return _NAMES.get(method, method)
+
+
+def draw_map(axes, plan, baselines=(), legend=True):
+    """
+    Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
+
+    A mission that is much longer in y than in x is rotated by 90 degrees, so that the flight goes
+    from left to right.
+
+    :param axes: matplotlib Axes.
+    :param baselines: Plans for the same mission, whose paths are drawn in grey.
+    :param legend: whether to explain the symbols beside the map.
+    """
+    scenario = plan.scenario
+    place_of = _set_up_map(axes, plan, _extent([plan, *baselines]))
+    for other in baselines:
+        for path in other.positions:
+            axes.plot(*place_of(path).T, color=_GREY, linewidth=0.9, zorder=1)
+    draw_airspace(axes, scenario, place_of)
+    for eve in scenario.eavesdroppers:
+        place = place_of(eve.position)
+        axes.add_patch(Circle(place, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
+        axes.add_patch(Circle(place, eve.error_radius, fill=False, edgecolor=EAVESDROPPER))
+        axes.plot(*place, 'X', **_sign(EAVESDROPPER, 8), zorder=6)
+        axes.annotate(receiver_label(eve), place, (7, 7), textcoords='offset points', fontsize=8,
+                      color=EAVESDROPPER, zorder=8, path_effects=[
+                          withStroke(linewidth=2.5, foreground='white')])
+    axes.plot(*place_of(scenario.ground_node), '^', **_sign(GROUND_NODE, 10), zorder=6)
+    peak = max(uav.peak_power for uav in scenario.uavs)
+    heights = [axes.transData.transform(place_of(path))[:, 1].mean() for path in plan.positions]
+    for index, (path, powers) in enumerate(zip(plan.positions, plan.powers)):
+        points = place_of(path)
+        # Power n holds from point n to point n + 1; before point 1 the power is zero.
+        level = power_level(np.concatenate([[0.0], powers]), peak)
+        axes.add_collection(LineCollection(
+            np.stack([points[:-1], points[1:]], axis=1), colors=_ramp(index)(level),
+            linewidths=_width(level), capstyle='round', zorder=3), autolim=False)
+        axes.plot(*points.T, color=uav_color(index), linewidth=0.8, zorder=4)
+        size = 7 + 4 * index
+        for point, sign in ((points[0], 'o'), (points[-1], 's')):
+            axes.plot(*point, sign, color='white', markeredgecolor=uav_color(index),
+                      markeredgewidth=1.5, markersize=size, zorder=5 - 0.1 * index)
+        upper = heights[index] >= np.median(heights) if index == 0 else (
+            heights[index] > np.median(heights))
+        _mark_times(axes, plan.times, points, uav_color(index), 1 if upper else -1)
+    if legend:
+        _explain_map(axes, plan, baselines, peak)
+
+
+def draw_airspace(axes, scenario, place_of=np.asarray):
+    """
+    Draw the fence, and the zones: filled where a UAV flies at their altitudes, with the margin.
+
+    :param place_of: from positions in m to places on the axes.
+    """
+    for rim in rims(scenario):
+        axes.add_patch(Polygon(place_of(rim), **_MARGIN, zorder=0.4, label='margin'))
+    if scenario.geofence is not None:
+        axes.add_patch(Polygon(place_of(scenario.geofence), **_FENCE, zorder=1))
+    for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
+        style = _ZONE if is_in_the_way(zone, scenario) else _ZONE_BESIDE
+        axes.add_patch(Polygon(place_of(zone.vertices), **style, zorder=1.5))
+        text = '\n'.join(filter(None, (name, altitudes_of(zone))))
+        axes.annotate(text, place_of(middle_of(zone)), ha='center', va='center', fontsize=7.5,
+                      color='0.25', zorder=8, annotation_clip=True,
+                      path_effects=[withStroke(linewidth=2.5, foreground='white')])
+
+
+def power_level(powers, peak):
+    """
+    Return powers on the scale of the picture, 0 for 0 W and 1 for the peak power.
+
+    In good plans the jamming power is a hundredth of the transmit power. The scale is therefore
+    logarithmic, except for the lowest powers.
+    """
+    return np.arcsinh(np.maximum(powers, 0.0) / (_FAINT * peak)) / np.arcsinh(1 / _FAINT)
+
+
+def draw_powers(axes, plan):
+    """Draw the power of every slot over time, and the limits that are the same for all UAVs."""
+    for index, (uav, powers) in enumerate(zip(plan.scenario.uavs, plan.powers)):
+        axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
+                    linestyle='-' if index == 0 else (0, (5, index)),
+                    label=f'{uav.name} ({"jams" if index else "transmits"})')
+    for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
+        limits = {getattr(uav, field) for uav in plan.scenario.uavs}
+        if len(limits) == 1:
+            axes.axhline(*limits, color=_GREY, linewidth=0.9, linestyle=':', zorder=0)
+            axes.annotate(text, (0.0, *limits), xycoords=('axes fraction', 'data'),
+                          xytext=(4, 1), textcoords='offset points', va='bottom',
+                          color=_GREY, fontsize=8)
+    peak = max(uav.peak_power for uav in plan.scenario.uavs)
+    axes.set_yscale('asinh', linear_width=_FAINT * peak)
+    axes.set_ylim(0, 1.5 * peak)
+    ticks = [0.0, *(10.0 ** np.arange(*np.floor(np.log10([10 * _FAINT * peak, 10 * peak]))))]
+    axes.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
+    axes.set_yticks([], minor=True)
+    _finish(axes, plan, 'power (W)')
+
+
+def draw_rates(axes, plan, baselines=()):
+    """Draw the guaranteed and the worst-case secrecy rate of every slot over time."""
+    edges = plan.times[1:]
+    axes.stairs(plan.worst_case_rates, edges, color=RATE, linewidth=1.3, linestyle='--',
+                label='worst case')
+    axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
+    axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label='guaranteed')
+    for other, style in zip(baselines, _STYLES):
+        # A negative rate counts as zero, as in the [x]^+ of equation (R_sec).
+        axes.stairs(np.maximum(0.0, other.guaranteed_rates), other.times[1:], color=_GREY,
+                    linewidth=1.1, linestyle=style,
+                    label=name_of(other.method).replace(', ', ',\n'))
+    highest = max(one.worst_case_rates.max() for one in (plan, *baselines))
+    axes.set_ylim(0, 1.08 * max(highest, 0.01))
+    axes.set_xlabel('time (s)')
+    _finish(axes, plan, 'secrecy rate\n(bit/s/Hz)')
+
+
+def _finish(axes, plan, label):
+    axes.set_ylabel(label)
+    axes.set_xlim(0, plan.times[-1])
+    axes.grid(color='0.9', linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[['top', 'right']].set_visible(False)
+    _legend(axes)
+
+
+def _legend(axes, *entries, **options):
+    axes.legend(*entries, loc='center left', bbox_to_anchor=(1.0, 0.5), fontsize=9,
+                frameon=False, **options)
+
+
+def _sign(color, size):
+    return {'color': color, 'markersize': size, 'markeredgecolor': 'white', 'linestyle': 'none'}
+
+
+def _ramp(index):
+    """Return a colour map from a light tint (0 W) to a dark shade (peak) of a UAV's colour."""
+    color = np.array([int(uav_color(index)[at:at + 2], 16) / 255 for at in (1, 3, 5)])
+    return LinearSegmentedColormap.from_list(f'uav{index}', [0.2 * color + 0.8, 0.75 * color])
+
+
+def _is_turned(width, height):
+    return height > 1.4 * width
+
+
+def _width(level):
+    return 1.5 + 5.5 * level
+
+
+def _extent(plans):
+    """Return the lower left and the upper right corner of the map, (2, 2) in m."""
+    scenario = plans[0].scenario
+    points = [np.array(scenario.ground_node)[None], *(
+        path for plan in plans for path in plan.positions), *(
+        np.array(eve.position) + eve.error_radius * np.array([[-1.0], [1.0]])
+        for eve in scenario.eavesdroppers)]
+    points = np.concatenate(points)
+    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = np.array(corners_of_map(scenario, [low, high]))
+    margin = 0.07 * max(*(high - low), 10.0)
+    return np.array([low - margin, high + margin])
+
+
+def _set_up_map(axes, plan, extent):
+    """Set the limits of a map; return the function from positions in m to map coordinates."""
+    width, height = extent[1] - extent[0]
+    turned = _is_turned(width, height)
+    labels = ('y (m)', 'x (m)') if turned else ('x (m)', 'y (m)')
+    axes.set(xlabel=labels[0], ylabel=labels[1], aspect='equal', anchor='W')
+    corners = extent[:, ::-1] if turned else extent
+    axes.set(xlim=corners[:, 0], ylim=corners[:, 1])
+    axes.grid(color='0.92', linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[['top', 'right']].set_visible(False)
+    if not turned:
+        return np.asarray
+    # Exactly one axis is inverted. Otherwise the map would be a mirror image.
+    if plan.positions[0, -1, 1] < plan.positions[0, 0, 1]:
+        axes.invert_xaxis()
+    else:
+        axes.invert_yaxis()
+    return lambda places: np.asarray(places)[..., ::-1]
+
+
+def _mark_times(axes, times, points, color, side):
+    """Mark round times along a path; where the UAV hovers, one label gives the interval."""
+    step = next(step for step in _TIME_STEPS if times[-1] / step <= _TIME_MARKS)
+    marks = np.arange(step, times[-1] - step / 3, step)
+    places = np.stack([np.interp(marks, times, points[:, axis]) for axis in (0, 1)], axis=-1)
+    axes.plot(*places.T, 'o', color='white', markeredgecolor=color, markersize=3.5,
+              linestyle='none', zorder=7)
+    near = 0.04 * np.ptp(axes.get_xlim())
+    labelled = []
+    first = 0
+    for last in range(len(marks)):
+        if last + 1 < len(marks) and np.hypot(*(places[last + 1] - places[first])) < near:
+            continue
+        place = places[(first + last) // 2]
+        text = f'{marks[first]:g}' if first == last else f'{marks[first]:g}–{marks[last]:g}'
+        first = last + 1
+        if any(np.hypot(*(place - other)) < near for other in labelled):
+            continue
+        labelled.append(place)
+        axes.annotate(f'{text} s', place, xytext=(0, 7 * side), textcoords='offset points',
+                      ha='center', va='bottom' if side > 0 else 'top', color=color, fontsize=8,
+                      zorder=8, path_effects=[withStroke(linewidth=2.5, foreground='white')])
+
+
+def _explain_map(axes, plan, baselines, peak):
+    levels = np.linspace(0, 1, 9)
+    entries = {
+        f'{uav.name}, 0 to {peak:g} W': tuple(
+            Line2D([], [], color=_ramp(index)(level), linewidth=_width(level),
+                   solid_capstyle='butt') for level in levels)
+        for index, uav in enumerate(plan.scenario.uavs)}
+    entries['start'] = Line2D([], [], marker='o', color='white', markeredgecolor='0.2')
+    entries['goal'] = Line2D([], [], marker='s', color='white', markeredgecolor='0.2')
+    entries['ground node'] = Line2D([], [], marker='^', **_sign(GROUND_NODE, 10))
+    blurred = any(eve.error_radius for eve in plan.scenario.eavesdroppers)
+    entries['eavesdropper' + ', disc' * blurred] = Line2D(
+        [], [], marker='X', **_sign(EAVESDROPPER, 8))
+    if plan.scenario.no_fly_zones:
+        entries['no-fly zone'] = Patch(**_ZONE)
+    if plan.scenario.geofence is not None:
+        entries['geofence'] = Line2D([], [], color=GEOFENCE, linewidth=1.2,
+                                     linestyle=_FENCE['linestyle'])
+    if plan.scenario.tracking_margin:
+        entries[f'margin of {plan.scenario.tracking_margin:g} m'] = Patch(**_MARGIN)
+    if baselines:
+        entries['baseline'] = Line2D([], [], color=_GREY, linewidth=0.9)
+    _legend(axes, list(entries.values()), list(entries), handlelength=3,
+            handler_map={tuple: HandlerTuple(ndivide=None, pad=0)})

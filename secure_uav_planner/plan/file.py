@@ -1,0 +1,121 @@
+"""Plans as JSON files, of this version and of all earlier ones."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+import json
+import os
+from typing import Any, TypeVar
+
+from .bound import Bound
+from .iteration import Iteration
+from ..errors import path_of, Place, PlanFileError, shown, within, words_of_files
+from ..mission.files import atomic_file, read_text
+from ..mission.scenario import checked_fields, Scenario
+
+_FORMAT = 'secure_uav_planner/plan'
+_VERSION = 2  # Of the file; version 1 is that of 0.1.0.
+_MOST_BYTES = 2**29
+_ROUNDING = 1e-9  # bit/s/Hz
+# For readers of a file; load computes them anew.
+_COMPUTED = ('guaranteed_rate', 'worst_case_rate')
+
+
+AnyPlan = TypeVar('AnyPlan')  # Plan, which imports this module.
+
+
+def save(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
+    """Write a Plan to a file; Plan.save describes it."""
+    document = {
+        'format': _FORMAT,
+        'version': _VERSION,
+        'scenario': plan.scenario.to_dict(),
+        'positions': plan.positions.tolist(),
+        'powers': plan.powers.tolist(),
+        'method': plan.method,
+        'status': plan.status,
+        'history': [asdict(iteration) for iteration in plan.history],
+        'solve_time': plan.solve_time,
+        'start_ns': plan.start_ns,
+        'objective': plan.objective,
+        'bound': None if plan.bound is None else plan.bound.to_dict(),
+        'guaranteed_rate': plan.guaranteed_rate,
+        **({'worst_case_rate': plan.worst_case_rate} if evaluate else {}),
+    }
+    with atomic_file(path) as file:
+        json.dump(document, file, allow_nan=False)
+
+
+def load(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
+    """Return the plan of a file, of the class Plan; Plan.load describes it."""
+    try:
+        with words_of_files():
+            return _plan_of(json.loads(read_text(path, _MOST_BYTES)), kind)
+    except (ValueError, RecursionError) as error:
+        raise PlanFileError(
+            f'{path} is not a plan: {error}', getattr(error, 'place', ())) from None
+
+
+def _plan_of(document: object, kind: type[AnyPlan]) -> AnyPlan:
+    if not isinstance(document, dict) or document.get('format') != _FORMAT:
+        raise PlanFileError(f'it is not a {_FORMAT}')
+    version = document.get('version')
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise PlanFileError(f'its version is {shown(version)}')
+    if version > _VERSION:
+        raise PlanFileError(
+            f'it has format version {shown(version)}, which a newer secure_uav_planner wrote; '
+            f'this one reads up to version {_VERSION}')
+    values: dict[str, Any] = {name: value for name, value in document.items()
+                              if name not in ('format', 'version', *_COMPUTED)}
+    if not isinstance(values.get('history', []), list):
+        raise PlanFileError(f'history is {shown(values["history"])}; it must be a list')
+    values['history'] = tuple(_iteration(entry) for entry in values.get('history', []))
+    values = checked_fields(kind, values)
+    for field in ('positions', 'powers'):
+        _check_numbers(values[field], (field,))
+    with within('scenario'):
+        values['scenario'] = Scenario.from_dict(values['scenario'])
+    if values.get('bound') is not None:
+        values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
+    if not isinstance(values.get('method', ''), str):
+        raise PlanFileError(f'method is {shown(values["method"])}; it must be a string')
+    plan = kind(**{**values, 'solve_time': _finite('solve_time', values.get('solve_time', 0))})
+    if values.get('bound') is not None:
+        _check_bound(plan, values['bound'])
+    return plan
+
+
+def _check_bound(plan: Any, bound: Bound) -> None:
+    """Check that a bound is not below what the plan itself reaches."""
+    rate = getattr(plan, f'{bound.objective}_rate')
+    if bound.rate < rate - _ROUNDING:
+        raise PlanFileError(f"bound: rate is {bound.rate!r}; it must be at least the plan's own "
+                            f'{bound.objective} rate, which is {rate!r} bit/s/Hz')
+
+
+def _check_numbers(values: object, place: Place) -> None:
+    """Check that lists of lists hold numbers only, which NumPy makes of strings as well."""
+    if isinstance(values, list):
+        for index, value in enumerate(values):
+            _check_numbers(value, (*place, index))
+    elif isinstance(values, bool) or not isinstance(values, (int, float)):
+        raise PlanFileError(f'{path_of(place)} is {shown(values)}; it must be a number', place)
+
+
+def _finite(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
+        raise PlanFileError(f'{name} is {shown(value)}; it must be a finite number')
+    return float(value)
+
+
+def _iteration(entry: object) -> Iteration:
+    """Return the Iteration of a file's entry, whose rate version 1 calls guaranteed_rate."""
+    if isinstance(entry, Mapping) and 'guaranteed_rate' in entry:
+        entry = {'rate' if name == 'guaranteed_rate' else name: value
+                 for name, value in entry.items()}
+    values = checked_fields(Iteration, entry)
+    for name in ('number', 'rate', 'elapsed', 'solver_time'):
+        _finite(f'history: {name}', values[name])
+    if not isinstance(values['number'], int) or not isinstance(values['step'], str):
+        raise PlanFileError(f'history has the entry {shown(entry)}')
+    return Iteration(**values)

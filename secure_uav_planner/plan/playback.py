@@ -1,0 +1,78 @@
+"""A plan in continuous time: where the UAVs are between its points, and what is delivered."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .plan import Plan
+from ..mission.scenario import Array
+from ..model import channel
+
+
+@dataclass(frozen=True)
+class Moment:
+    """
+    One moment of a flight.
+
+    :param positions: (U, 2) in m.
+    :param velocities: (U, 2) in m/s.
+    :param headings: (U,) in rad, counter-clockwise from x.
+    :param powers: (U,) in W, those of the slot; zero outside the slots.
+    :param accelerations: (U, 2) in m/s^2, zero for UAVs without a limit of acceleration.
+    """
+
+    positions: Array
+    velocities: Array
+    headings: Array
+    powers: Array
+    accelerations: Array
+
+
+class Playback:
+    """
+    A plan as a function of time, along the curve that is flown.
+
+    :param plan: a Plan.
+    :ivar begin: when the first UAV leaves its start, in s from point 0: 0, or half a slot
+        earlier where a UAV has a limit of acceleration.
+    :ivar duration: when the last UAV reaches its goal, likewise.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self.curve = plan.curve
+        self.begin, self.duration = self.curve.begin, self.curve.end
+
+    def at(self, time: float) -> Moment:
+        """
+        Return the Moment at a time from point 0 in s; before and after the flight the UAVs rest.
+
+        Power n holds from the time of point n to that of point n + 1.
+        """
+        motion = self.curve.at([time])
+        slots = self.plan.scenario.slots
+        slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
+        powers = (self.plan.powers[:, slot - 1] if 1 <= slot <= slots
+                  else np.zeros(len(self.plan.powers)))
+        return Moment(motion.positions[:, 0], motion.velocities[:, 0], motion.headings[:, 0],
+                      powers, motion.accelerations[:, 0])
+
+    @property
+    def guaranteed_rates(self) -> Array:
+        """Guaranteed rates in continuous time, (N,) in bit/s/Hz; see Plan.curve_rates."""
+        return self.plan.curve_rates
+
+    def secrecy_rate(self, moment: Moment, eavesdropper: ArrayLike | None = None) -> float:
+        """
+        Return the secrecy rate [r_0 - r_e]^+ of a moment in bit/s/Hz.
+
+        :param eavesdropper: where it really is, (2,) in m, or None to leave it out.
+        """
+        positions = np.repeat(moment.positions[:, None], 3, axis=1)
+        powers = moment.powers[:, None]
+        if eavesdropper is None:
+            return float(channel.ground_rates(self.plan.scenario, positions, powers)[0])
+        rate = channel.secrecy_rates(self.plan.scenario, positions, powers, eavesdropper)[0]
+        return max(0.0, float(rate))

@@ -1,0 +1,390 @@
+"""
+Plays plans in time, each by its time of point 0, so that no setpoint ever jumps.
+
+The time of the plan goes on with a rate: 1 is real time, 0 stands still. A pause, a start and
+another speed change the rate no faster than every UAV's limit of acceleration allows, along the
+same curve, so that all clearances of the plan hold. A new plan is joined only where its setpoints
+go on from those that are being sent; else it is refused, with the reason.
+"""
+
+from collections.abc import Callable, Sequence
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .plan import Plan
+from .playback import Moment, Playback
+from ..errors import OptionError
+from ..mission.scenario import Array
+from ..model.curve import GAUSS_LEGENDRE
+
+Place = tuple[float, float, float]
+
+POSITION_JUMP = 0.01
+"""How far setpoints may be apart, in m, beyond what the speed makes of the time in between."""
+
+VELOCITY_JUMP = 1e-3
+"""How far velocities may be apart, in m/s, beyond what the acceleration makes; for rounding."""
+
+_BRAKING_STEP = 0.05  # s
+_AT_THE_END = 1e-3  # s
+
+
+class Player:
+    """
+    Plays plans one after another.
+
+    :param refuse: called with the reason when a plan is not played.
+    :ivar playback: the Playback that is played or waits at its start, or None before any plan.
+    :ivar time: in s from point 0 of that plan.
+    :ivar rate: how fast that time goes on now.
+    :ivar playing: whether it is to go on: from the start until a pause, a reset or the end.
+    :ivar streaming: whether there is a setpoint to send: from the start until a reset.
+    :ivar delivered: secret information so far, bit/Hz.
+    :ivar largest_jump: the largest distance between one setpoint and the next in m, beyond what
+        the speed limit allows in the time of the plan in between.
+    """
+
+    def __init__(self, refuse: Callable[[str], None] = lambda reason: None) -> None:
+        self.playback: Playback | None = None
+        self.time = self.rate = self.delivered = self.largest_jump = 0.0
+        self.playing = self.streaming = False
+        self._refuse = refuse
+        self._latest: Playback | None = None  # What a reset returns to.
+        self._next: Playback | None = None  # What takes over when its time has come.
+        self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one does.
+        self._ticked_ns: int | None = None
+        self._sent: Moment | None = None  # The last setpoint, and when the stream ended.
+        self._left_ns: int | None = None
+        self._braking: tuple[Playback, float, Array, Array] | None = None
+
+    # Plans
+
+    def load(self, plan: Plan) -> bool:
+        """
+        Take up a plan, or refuse it; return whether it will be played.
+
+        A plan with the same point 0 as the one that is played is a revision of the same flight
+        and takes over at once. Any other one takes over when its own time has come, or at once
+        where the setpoints rest at its start.
+        """
+        new, current = Playback(plan), self.playback
+        if current is not None and plan.identity == current.plan.identity:
+            return False  # Published again, for example by a planner that has been restarted.
+        is_revision = current is not None and plan.start_ns == current.plan.start_ns
+        if plan.start_ns is not None and plan.start_ns <= self._flown_ns and not is_revision:
+            self._refuse('it begins no later than a plan that has been flown')
+            return False
+        self._latest = new
+        if current is None or not self.streaming:
+            self._wait_at_start(new)
+        elif is_revision:
+            self._revise(new)
+        else:
+            self._next = new
+            if self.rate == 0.0 and not self._goes_on:
+                self._join_at_rest()
+        return new in (self.playback, self._next)
+
+    def _wait_at_start(self, playback: Playback) -> None:
+        self.playback, self._next = playback, None
+        self.time, self.rate, self.delivered, self.largest_jump = playback.begin, 0.0, 0.0, 0.0
+
+    def _revise(self, new: Playback) -> None:
+        """Go on with a new plan of the same flight, at the same time of the plan."""
+        problem = 'that plan has ended' if self.ended else self._problem(new, self.time, 0.0)
+        if problem:
+            self._refuse(f'it comes too late for the flight that it changes: {problem}')
+        else:
+            self.playback = new
+
+    def _join_at_rest(self) -> None:
+        """Go over to the next plan while the setpoints rest, where that is its start."""
+        assert self._next is not None
+        new, self._next = self._next, None
+        problem = self._problem(new, new.begin, 0.0)
+        if problem:
+            self._refuse(f'{problem}, where the setpoints rest; ~/reset ends them')
+            self.playing = self.playing and not self.ended
+        else:
+            self._wait_at_start(new)
+
+    def _problem(self, new: Playback, time: float, elapsed: float) -> str:
+        """Return why the setpoints cannot go on with a plan at a time, or an empty string."""
+        sent, moment = self._sent, self._moment(new, time, self.rate)
+        if sent is None:
+            return ''
+        quick = max(1.0, self.rate)
+        for index, uav in enumerate(new.plan.scenario.uavs):
+            distance = float(np.linalg.norm(moment.positions[index] - sent.positions[index]))
+            climb = abs(uav.altitude - self._altitudes[index])
+            if distance > uav.max_speed * quick * elapsed + POSITION_JUMP or climb > POSITION_JUMP:
+                return (f'its setpoint of {uav.name} is {math.hypot(distance, climb):.1f} m from '
+                        'the last one')
+            change = float(np.linalg.norm(moment.velocities[index] - sent.velocities[index]))
+            if change > (uav.max_acceleration or math.inf) * quick**2 * elapsed + VELOCITY_JUMP:
+                return f'its velocity of {uav.name} differs by {change:.2f} m/s from the last one'
+        return ''
+
+    @property
+    def _altitudes(self) -> list[float]:
+        assert self.playback is not None
+        return [uav.altitude for uav in self.playback.plan.scenario.uavs]
+
+    # What a person asks for
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end of the plan has been reached."""
+        return self.playback is not None and self.time >= self.playback.duration
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether time goes on, or will without another word."""
+        return self.playing and not self.ended and (
+            self.playback is None or self.time > self.playback.begin)
+
+    def start(self) -> None:
+        """
+        Release the plan: it begins at its own time, or now if that has passed, or goes on.
+
+        :raises OptionError: if there is no plan, or it has ended.
+        """
+        if self.playback is None:
+            raise OptionError('there is no plan yet')
+        if self.ended:
+            raise OptionError(f'the plan {self.playback.plan.identity} has ended, and no newer '
+                              'one has come')
+        self.playing = True
+
+    def pause(self) -> bool:
+        """Come to rest on the curve and hold; return whether anything was playing."""
+        was, self.playing = self.playing and not self.ended, False
+        return was
+
+    def reset(self) -> None:
+        """End the setpoints; the newest plan waits at its start."""
+        self.pause()
+        if self.streaming:
+            self._left_ns = self._ticked_ns
+        self.streaming = False
+        if self._latest is not None:
+            self._wait_at_start(self._latest)
+
+    def away(self, now_ns: int, places: Sequence[Place | None], tolerance: float, speed: float
+             ) -> list[str]:
+        """
+        Return which UAVs cannot be at the start of the plan, in words.
+
+        :param places: the measured (x, y, z) of each UAV in m, None where it is not known. Such a
+            UAV counts as where its last setpoint was, and is given the time to fly from there.
+        :param tolerance: distance from the start in m that counts as being there.
+        """
+        assert self.playback is not None
+        starts, quick = self.playback.at(self.playback.begin).positions, max(1.0, speed)
+        found = []
+        for index, (uav, place) in enumerate(
+                zip(self.playback.plan.scenario.uavs, places, strict=True)):
+            if place is not None:
+                distance = math.dist(place, (*starts[index], uav.altitude))
+                if distance > tolerance:
+                    found.append(f'{uav.name} to be at its start, {distance:.1f} m away')
+            elif self._sent is not None and self._left_ns is not None:
+                needed = math.dist(self._sent.positions[index], starts[index]) / uav.max_speed
+                needed += math.hypot(*self._sent.velocities[index]) / quick / (
+                    uav.max_acceleration or math.inf)
+                left = needed / quick - max(0, now_ns - self._left_ns) * 1e-9
+                if left > 0:
+                    found.append(f'{uav.name} to reach its start, another {left:.1f} s')
+        return found
+
+    # Time
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the first UAV leaves its start by the time of the plan, in ns, or None."""
+        return None if self.playback is None else _due(self.playback)
+
+    def tick(self, now_ns: int, speed: float = 1.0, eavesdropper: ArrayLike | None = None,
+             is_ready: bool = True, longest: float = 0.5) -> Moment | None:
+        """
+        Go on to a time and return the setpoints, or None while there are none.
+
+        :param now_ns: the time of the clock; where it jumps, the flight is delayed instead.
+        :param speed: how fast to play.
+        :param eavesdropper: where it really is, (x, y) in m, or None.
+        :param is_ready: whether the setpoints may begin.
+        :param longest: what can have passed since the last call, in s; if more has by the clock,
+            that has jumped.
+        :return: velocities and accelerations are those of the clock's time.
+        """
+        elapsed = 0.0 if self._ticked_ns is None else (now_ns - self._ticked_ns) * 1e-9
+        if elapsed < 0.0:
+            self._flown_ns = -1  # Plans of the time that begins anew are older by their stamps.
+        # The first setpoint is the start itself.
+        elapsed = min(max(0.0, elapsed), longest) if self.streaming else 0.0
+        return self._step(now_ns, elapsed, speed, eavesdropper, is_ready)
+
+    def advance(self, seconds: float, eavesdropper: ArrayLike | None = None) -> Moment:
+        """
+        Go on by a time in s without a clock; return the Moment.
+
+        :param eavesdropper: where it really is, (x, y) in m, or None.
+        :raises OptionError: before a plan has been loaded.
+        """
+        if self.playback is None:
+            raise OptionError('no plan has been loaded; there is nothing to play')
+        now_ns = self._ticked_ns if self._ticked_ns is not None else self.due_ns or 0
+        moment = self._step(now_ns + round(seconds * 1e9), seconds, 1.0, eavesdropper, True)
+        return moment or self._moment(self.playback, self.time, 0.0)
+
+    def _step(self, now_ns: int, elapsed: float, speed: float, eavesdropper: ArrayLike | None,
+              is_ready: bool) -> Moment | None:
+        self._ticked_ns = now_ns
+        if self.playback is None or not self.streaming and not (self.playing and is_ready):
+            return None
+        if not self.streaming:
+            self.streaming, self._sent = True, None
+        last_rate, moved = self.rate, self.rate * elapsed
+        if not self._took_over(now_ns, elapsed):
+            begin = self.time
+            self._advance(now_ns, elapsed, speed)
+            moved = self.time - begin
+            self.delivered += _delivered(self.playback, begin, self.time, eavesdropper)
+        moment = self._moment(self.playback, self.time, self.rate)
+        if self._sent is not None and self.rate != last_rate:
+            # The time of the plan goes on at another rate, which moves UAVs with a limit.
+            limited = np.isfinite(self.playback.plan.scenario.max_accelerations)
+            moment.accelerations[limited] = (
+                moment.velocities - self._sent.velocities)[limited] / elapsed
+        self._note(moment, moved)
+        return moment
+
+    def _took_over(self, now_ns: int, elapsed: float) -> bool:
+        """Return whether the next plan has just taken over, or refuse it if it cannot."""
+        if self._next is None:
+            return False
+        due = _due(self._next)
+        if self.rate == 0.0 and not self._goes_on:
+            self._join_at_rest()
+            return False
+        if not self.playing or due is not None and now_ns < due:
+            return False
+        new, self._next = self._next, None
+        time = new.begin + (0.0 if due is None else self.rate * (now_ns - due) * 1e-9)
+        problem = self._problem(new, time, elapsed)
+        if problem:
+            self._refuse(f'{problem}, at the time at which it begins')
+            return False
+        rate = self.rate
+        self._wait_at_start(new)
+        self.time, self.rate = time, rate
+        return True
+
+    def _advance(self, now_ns: int, elapsed: float, speed: float) -> None:
+        playback, due = self.playback, self.due_ns
+        assert playback is not None
+        target = speed if self.playing else 0.0
+        if self.time <= playback.begin and due is not None:
+            elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)  # It does not begin before.
+        if elapsed == 0.0:
+            return
+        self.rate = self._next_rate(playback, target, elapsed)
+        self.time += self.rate * elapsed
+        self._flown_ns = -1 if playback.plan.start_ns is None else playback.plan.start_ns
+        if self.time > playback.duration - _AT_THE_END:
+            self.time = playback.duration
+            # A plan that came during the flight begins without another word.
+            self.rate, self.playing = 0.0, self._next is not None
+
+    def _next_rate(self, playback: Playback, target: float, elapsed: float) -> float:
+        """Return the rate nearest to a target that keeps all limits of acceleration."""
+        limits = playback.plan.scenario.max_accelerations
+        limited = np.isfinite(limits)
+        if not limited.any() or self._sent is None:
+            return target
+        times, rates = self._brakes(playback, max(target, self.rate))
+        if len(times):
+            target = min(target, float(np.interp(
+                self.time + self.rate * elapsed, times, rates, left=target)))
+        most = limits * max(1.0, target, self.rate)**2 * elapsed * (1 + 1e-9) + 1e-9
+        sent = self._sent.velocities
+
+        def is_allowed(rate: float) -> bool:
+            velocities = playback.at(self.time + rate * elapsed).velocities * rate
+            change = np.linalg.norm(velocities - sent, axis=-1)
+            return bool((change <= most)[limited].all())
+
+        if is_allowed(target):
+            return target
+        # The present rate keeps them, since the plan does.
+        kept, refused = self.rate, target
+        for _ in range(20):
+            middle = (kept + refused) / 2
+            kept, refused = (middle, refused) if is_allowed(middle) else (kept, middle)
+        return kept
+
+    def _brakes(self, playback: Playback, most: float) -> tuple[Array, Array]:
+        """
+        Return the largest rates with which a goal that is passed at speed is still a stop.
+
+        :return: increasing times in s and the rates; empty where all UAVs arrive at rest.
+        """
+        if self._braking is None or self._braking[0] is not playback or self._braking[1] < most:
+            self._braking = (playback, most, *_braking(playback, most))
+        return self._braking[2:]
+
+    @staticmethod
+    def _moment(playback: Playback, time: float, rate: float) -> Moment:
+        """Return a Moment as it is seen when the time of the plan goes on with a rate."""
+        moment = playback.at(time)
+        return Moment(moment.positions, moment.velocities * rate, moment.headings, moment.powers,
+                      moment.accelerations * rate**2)
+
+    def _note(self, moment: Moment, elapsed: float) -> None:
+        assert self.playback is not None
+        if self._sent is not None:
+            moved = np.linalg.norm(moment.positions - self._sent.positions, axis=-1)
+            beyond = float((moved - self.playback.plan.scenario.max_speeds * elapsed).max())
+            self.largest_jump = max(self.largest_jump, beyond)
+        self._sent = moment
+
+
+def _due(playback: Playback) -> int | None:
+    start_ns = playback.plan.start_ns
+    return None if start_ns is None else start_ns + round(playback.begin * 1e9)
+
+
+def _braking(playback: Playback, most: float) -> tuple[Array, Array]:
+    """See Player._brakes; integrated backward from the end, where the rate is 0."""
+    limits = playback.plan.scenario.max_accelerations
+    limited = np.isfinite(limits)
+    if (np.abs(playback.at(playback.duration).velocities[limited]) < VELOCITY_JUMP).all():
+        return np.empty(0), np.empty(0)
+    step = min(_BRAKING_STEP, playback.plan.scenario.slot_duration / 10)
+    times, squares, slowing = [playback.duration], [0.0], 1.0
+    while squares[-1] < most**2 and slowing > 0 and times[-1] > playback.begin:
+        moment, square = playback.at(times[-1]), squares[-1]
+        velocity, bend = moment.velocities[limited], square * moment.accelerations[limited]
+        allowed = limits[limited] * max(1.0, square) * (0.4 if square < 0.2 else 0.9)
+        # The largest d with |bend - d velocity| <= allowed for every UAV.
+        along, speed = (velocity * bend).sum(axis=1), (velocity**2).sum(axis=1) + 1e-12
+        root = along**2 - speed * ((bend**2).sum(axis=1) - allowed**2)
+        slowing = float(((along + np.sqrt(np.maximum(root, 0.0))) / speed).min())
+        times.append(times[-1] - step)
+        squares.append(square + 2 * step * max(0.0, slowing))
+    return np.array(times[::-1]), np.sqrt(squares[::-1])
+
+
+def _delivered(playback: Playback, begin: float, end: float,
+               eavesdropper: ArrayLike | None) -> float:
+    """Return the secrecy rate integrated from one time to another, slot by slot, in bit/Hz."""
+    step = playback.plan.scenario.slot_duration
+    inside = np.arange(np.floor(begin / step) + 1, np.ceil(end / step)) * step
+    edges = [begin, *inside.tolist(), end]
+    return math.fsum(
+        (after - before) * weight * playback.secrecy_rate(
+            playback.at((before + after) / 2 + place * (after - before)), eavesdropper)
+        for before, after in zip(edges, edges[1:], strict=False)
+        for place, weight in GAUSS_LEGENDRE)

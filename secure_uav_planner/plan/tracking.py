@@ -1,0 +1,226 @@
+"""
+Where UAVs are beside their plan: how far from it, where they will be, and the rate they achieve.
+
+A UAV is predicted as autopilots fly: towards the place of the plan at every moment, with the
+plan's velocity and a speed of GAIN times the distance, within its own limits of speed and
+acceleration. With a limit of acceleration it closes in no faster than it can brake.
+"""
+
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .playback import Playback
+from ..errors import OptionError, shown
+from ..mission.kinematics import shortened
+from ..mission.scenario import Array, Point, Uav
+from ..model import channel
+
+GAIN = 1.0
+"""Approach to the plan, in 1/s. It is the default of two common autopilots within 5%."""
+
+_STEP = 0.05  # Of the prediction, in s.
+_MOST_STEPS = 20000
+_ROUNDING = 1e-8  # s; stamps are whole ns
+_LONGEST_GAP = 2.0  # Between two samples of a Track, in s; nothing is known about a longer one.
+
+
+class Flight(NamedTuple):
+    """
+    The flight of a plan.
+
+    :ivar playback: of the plan.
+    :ivar time: to which time of the plan it has come, in s from point 0.
+    :ivar rate: how fast that goes on; 1 is real time, 0 stands still.
+    :ivar is_reported: whether a follower says so; otherwise the stamps do.
+    """
+
+    playback: Playback
+    time: float
+    rate: float
+    is_reported: bool
+
+    @property
+    def state(self) -> str:
+        """Return 'waiting' at the start, 'flying', 'held' on the way or 'ended'."""
+        if self.time >= self.playback.duration - _ROUNDING:
+            return 'ended'
+        if self.time <= self.playback.begin + _ROUNDING:
+            return 'waiting'
+        return 'flying' if self.rate > 0 else 'held'
+
+
+class Sighting(NamedTuple):
+    """
+    The measured state of a UAV.
+
+    :ivar time: of the measurement, in s from point 0 of the plan.
+    :ivar position: (x, y) in m.
+    :ivar velocity: (x, y) in m/s, or None where it is not known.
+    """
+
+    time: float
+    position: Point
+    velocity: Point | None = None
+
+
+def deviation(playback: Playback, uav: int, sighting: Sighting) -> Array:
+    """
+    Return the offset of a UAV from its plan at the time of the measurement, (2,) in m.
+
+    Before its begin and after its end the plan rests.
+
+    :param playback: of the plan.
+    :param uav: the index of the UAV.
+    """
+    return np.array(sighting.position) - playback.curve.at([sighting.time]).positions[uav, 0]
+
+
+def predicted(playback: Playback, uav: int, sighting: Sighting, times: ArrayLike
+              ) -> tuple[Array, Array]:
+    """
+    Return where a UAV will be that flies back to its plan, and how fast it will be.
+
+    The module's text states the law.
+
+    :param times: (K,) in s from point 0, increasing; before the measurement its values hold.
+    :return: positions (K, 2) in m, velocities (K, 2) in m/s.
+    """
+    times = np.asarray(times, float)
+    horizon = max(0.0, float(times[-1]) - sighting.time)
+    # Always the same steps, so that a prediction does not depend on how far it goes.
+    step = max(_STEP, horizon / _MOST_STEPS)
+    count = max(1, math.ceil(horizon / step))
+    grid = sighting.time + step * np.arange(count + 1)
+    motion = playback.curve.at(grid)
+    places, speeds = motion.positions[uav].tolist(), motion.velocities[uav].tolist()
+    member = playback.plan.scenario.uavs[uav]
+    # NumPy would take longer for two coordinates than Python does.
+    (x, y), (u, v) = sighting.position, sighting.velocity or speeds[0]
+    found = [(x, y, u, v)]
+    for place, speed in zip(places[1:], speeds[1:], strict=True):
+        before = (u, v)
+        # As seen from where it would be without a change of velocity.
+        u, v = _wanted(place[0] - x - u * step, place[1] - y - v * step, speed,
+                       member.max_speed, member.max_acceleration, step)
+        if member.max_acceleration is None:
+            before = (u, v)
+        else:
+            du, dv = shortened(u - before[0], v - before[1], member.max_acceleration * step)
+            u, v = before[0] + du, before[1] + dv
+        x, y = x + (before[0] + u) / 2 * step, y + (before[1] + v) / 2 * step
+        found.append((x, y, u, v))
+    states = np.array(found)
+    picked = np.stack([np.interp(times, grid, states[:, column]) for column in range(4)], axis=1)
+    return picked[:, :2], picked[:, 2:]
+
+
+def expected(sighting: Sighting, time: float, playback: Playback | None = None, uav: int = 0,
+             tolerance: float = 0.0) -> tuple[Point, Point | None]:
+    """
+    Return where a UAV will be when a new plan begins, in m, and its velocity in m/s, if known.
+
+    A UAV on its last plan will be where that plan says, so that its setpoints go on without a
+    jump. Any other one goes on with its present velocity.
+
+    :param time: in the same time as that of the sighting.
+    :param playback: of its last plan, or None.
+    :param tolerance: the distance in m within which it counts as on that plan.
+    """
+    if playback is not None and math.hypot(*deviation(playback, uav, sighting)) <= tolerance:
+        motion = playback.curve.at([time])
+        return _point(motion.positions[uav, 0]), _point(motion.velocities[uav, 0])
+    if sighting.velocity is None:
+        return sighting.position, None
+    ahead = max(0.0, time - sighting.time)
+    return (sighting.position[0] + ahead * sighting.velocity[0],
+            sighting.position[1] + ahead * sighting.velocity[1]), sighting.velocity
+
+
+def departing(uav: Uav, position: Point, velocity: Point | None, slot_duration: float) -> Uav:
+    """
+    Return a UAV that starts with a state.
+
+    With a limit of acceleration the curve leaves that state half a slot before point 0. Without
+    one, or without a velocity, point 0 is the position.
+
+    :param position: (x, y) in m.
+    :param velocity: (x, y) in m/s, or None; it counts as at most the UAV's largest speed.
+    :param slot_duration: in s.
+    """
+    if uav.max_acceleration is None or velocity is None:
+        return replace(uav, start=position)
+    u, v = shortened(*velocity, uav.max_speed)
+    return replace(uav, start_velocity=(u, v), start=(
+        position[0] + u * slot_duration / 2, position[1] + v * slot_duration / 2))
+
+
+def _wanted(dx: float, dy: float, speed: tuple[float, float], max_speed: float,
+            max_acceleration: float | None, step: float) -> tuple[float, float]:
+    """Return the velocity that closes a distance to a place that moves with a velocity."""
+    distance = math.hypot(dx, dy)
+    closing = min(GAIN, 1 / step) * distance
+    if max_acceleration is not None and distance > max_acceleration / GAIN**2:
+        # Braking with the largest acceleration ends in the linear law, with the same slope.
+        closing = math.sqrt(2 * max_acceleration * distance - (max_acceleration / GAIN)**2)
+    factor = closing / max(distance, 1e-300)
+    return shortened(speed[0] + factor * dx, speed[1] + factor * dy, max_speed)
+
+
+def _point(vector: Array) -> Point:
+    x, y = vector.tolist()
+    return (x, y)
+
+
+class Track:
+    """
+    The guaranteed rates of a flight so far, where the UAVs were and where they should have been.
+
+    Both are means over the time in which something is transmitted and all UAVs were seen, with
+    the planned powers and the estimates of the plan that was in force.
+    """
+
+    def __init__(self) -> None:
+        self._begin(None)
+
+    def _begin(self, start_ns: int | None) -> None:
+        self._start_ns, self._last = start_ns, math.inf
+        self._sums = np.zeros(3)  # Time in s, achieved and planned in bit/Hz.
+
+    def add(self, playback: Playback, time: float, positions: Array) -> None:
+        """
+        Note where the UAVs are; a plan with another start begins a new flight.
+
+        :param time: in s from point 0.
+        :param positions: (U, 2) in m.
+        :raises OptionError: for positions of another shape.
+        """
+        if np.shape(positions) != (len(playback.plan.scenario.uavs), 2):
+            raise OptionError(f'positions has the shape {shown(np.shape(positions))}; it must be '
+                              f'{(len(playback.plan.scenario.uavs), 2)}')
+        if playback.plan.start_ns != self._start_ns:
+            self._begin(playback.plan.start_ns)
+        last, self._last, scenario = self._last, time, playback.plan.scenario
+        if not 0 < time - last <= _LONGEST_GAP:
+            return
+        inside = scenario.slot_duration * np.array([1, scenario.slots + 1])
+        elapsed = min(time, inside[1]) - max(last, inside[0])
+        if elapsed <= 0:
+            return
+        moment = playback.at(min(time, inside[1] - 1e-6 * scenario.slot_duration))
+        both = np.stack([positions, moment.positions], axis=1)
+        rates = channel.guaranteed_rates(
+            scenario, np.pad(both, ((0, 0), (1, 1), (0, 0))),
+            np.stack([moment.powers] * 2, axis=1))
+        self._sums += elapsed * np.array([1.0, *rates])
+
+    @property
+    def rates(self) -> tuple[float, float] | None:
+        """Return the achieved and the planned mean in bit/s/Hz, or None before any slot."""
+        if self._sums[0] == 0:
+            return None
+        achieved, planned = (self._sums[1:] / self._sums[0]).tolist()
+        return achieved, planned

@@ -1,0 +1,163 @@
+"""
+What the kernel computes, stated plainly in m and W: tests compare both.
+
+Variables x are those of a Grid, and may be complex: `gradient` differentiates by complex steps.
+"""
+
+import numpy as np
+from secure_uav_planner.model.channel.rates import leakage_rates
+from secure_uav_planner.model.limits import limits_of
+from secure_uav_planner.model.limits.norm import NormLimit
+
+STEP = 1e-30  # Of complex steps, which nothing cancels.
+
+
+def rates(grid, x, softening=0.0):
+    """
+    Return r_0 (..., N) and the guarantee's r_e (..., N, E) in nats.
+
+    :param x: (..., N, U, 3).
+    :param softening: of the jammers' distances to discs, in units of the grid.
+    """
+    scenario = grid.scenario
+    receivers = [(scenario.ground_node, 0.0, 1.0)] + list(zip(
+        scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages))
+    found = [_rate(grid, x, *receiver, softening * grid.length) for receiver in receivers]
+    return found[0], np.stack(found[1:], axis=-1)
+
+
+def _rate(grid, x, place, radius, advantage, softening):
+    power = x[..., 0] * grid.power
+    offset = x[..., 1:] * grid.length + grid.origin - np.array(place)
+    squared = offset[..., 0]**2 + offset[..., 1]**2
+    if radius:
+        distance = np.sqrt(squared[..., 0])
+        squared[..., 0] = np.where(distance.real > radius, (distance - radius)**2, 0.0)
+        rounded = np.sqrt(squared[..., 1:] + softening**2)
+        squared[..., 1:] += radius * (2 * rounded + radius)
+    received = advantage * grid.scenario.reference_snr / (
+        squared + grid.scenario.altitudes**2) * power
+    return np.log(1 + received[..., 0] / (1 + received[..., 1:].sum(axis=-1)))
+
+
+def slacks(limit, path, lines=None):
+    """
+    Return c of a limit of flights.
+
+    :param path: points with start and goal in units of the limit's grid, (N+2, U, 2).
+    :param lines: of a limit with lines, where they stand.
+    """
+    grid = limit.grid
+    if isinstance(limit, NormLimit):
+        positions = np.swapaxes(path, 0, 1) * grid.length + grid.origin
+        found = limit.differences(positions).swapaxes(0, 1)
+        return np.where(limit.absent | grid.fixed, 1.0,
+                        1 - (found**2).sum(axis=-1) / limit.longest**2)
+    return np.where(limit.ignored, 1.0, limit.slacks(path, lines))
+
+
+def path_of(grid, x):
+    """Return the points of x with start and goal in units, (N+2, U, 2)."""
+    return np.concatenate([grid.starts[None], x[..., 1:], grid.goals[None]])
+
+
+def slacks_at(grid, x, at=None):
+    """
+    Return c of all limits at an x (N, U, 3), each with its weight, as pairs.
+
+    :param at: where lines were chosen, by default at x.
+    """
+    for limit in limits_of(grid.scenario, grid):
+        if limit.of_flights:
+            lines = (None if isinstance(limit, NormLimit)
+                     else limit.lines(path_of(grid, x if at is None else at)))
+            yield slacks(limit, path_of(grid, x), lines), 1.0
+    peaks = grid.scenario.peak_powers / grid.power
+    yield x[..., 0], 1.0
+    yield 1 - x[..., 0] / peaks, 1.0
+    yield 1 - x[..., 0].mean(axis=0), grid.slots
+
+
+def objective(grid, x, mu, softening):
+    """
+    Return the sum of the largest leak, smoothed where there are several, less r_0, (...).
+
+    :param x: (..., N, U, 3).
+    """
+    ground, leaks = rates(grid, x, softening * np.sqrt(mu))
+    if leaks.shape[-1] == 1:
+        return leaks[..., 0] + mu - ground
+    # The t that minimises t - mu sum log(t - leak): its own derivative does not matter.
+    low = leaks.real.max(axis=-1)
+    high = low + mu * leaks.shape[-1]
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        with np.errstate(divide='ignore'):
+            above = (mu / (middle[..., None] - leaks.real)).sum(axis=-1) < 1
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return high - mu * np.log((high[..., None] - leaks) / mu).sum(axis=-1) - ground
+
+
+def barrier(grid, x, mu, softening, at=None):
+    """Return the barrier function at an x (N, U, 3), with lines chosen at x or elsewhere."""
+    value = objective(grid, x, mu, softening).sum()
+    for found, weight in slacks_at(grid, x, at):
+        # Of what is below zero, as if it was above: its derivatives are the same.
+        value -= weight * mu * 0.5 * np.log(found**2).sum()
+    return value
+
+
+def gradient(function, x):
+    """Return the derivatives of a real function by every variable, shaped as x."""
+    found = np.empty(x.shape)
+    for place in np.ndindex(x.shape):
+        moved = x.astype(complex)
+        moved[place] += STEP * 1j
+        found[place] = function(moved).imag / STEP
+    return found
+
+
+def hessians(function, x, step=1e-6):
+    """
+    Return the second derivatives of a function (N,) of x (N, U, 3) slot by slot, (N, 3 U, 3 U).
+
+    Differences of complex steps; all slots at once, for none depends on another.
+    """
+    size = x.shape[1] * 3
+
+    def slopes(at):
+        found = []
+        for unit in np.eye(size).reshape(size, *x.shape[1:]):
+            found.append(function(at + STEP * 1j * unit).imag / STEP)
+        return np.stack(found, axis=-1)
+
+    return np.stack([(slopes(x + step * unit) - slopes(x - step * unit)) / (2 * step)
+                     for unit in np.eye(size).reshape(size, *x.shape[1:])], axis=-1)
+
+
+def sampled_leaks(scenario, positions, powers, worst, rng, count=300):
+    """
+    Return the largest leak at random places in the discs, on edges and by the worst, (N,).
+
+    :param worst: places near which to look closely, (N, 2) in m.
+    """
+    largest = np.full(powers.shape[1], -np.inf)
+    for centre, radius, advantage in zip(
+            scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages):
+        angles = rng.uniform(0, 2 * np.pi, count)
+        rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        inside = centre + radius * np.sqrt(rng.random((count, 1))) * rays
+        near = worst[:, None] + radius * 10**rng.uniform(-8, 0, (count, 1)) * rays - centre
+        distance = np.linalg.norm(near, axis=-1, keepdims=True)
+        near = centre + near * np.minimum(1.0, radius / np.maximum(distance, 1e-300))
+        for places in (inside, centre + radius * rays, near):
+            leaks = leakage_rates(scenario, positions[:, 1:-1], powers, np.broadcast_to(
+                places, (powers.shape[1], count, 2)), advantage)
+            largest = np.maximum(largest, leaks.max(axis=1))
+    return largest
+
+
+def inverse_sinr(pairs, x, y):
+    """Return v = (1 + J) / S at one place of each of the kernel's Pairs, (P,)."""
+    loss = (x - pairs['x'])**2 + (y - pairs['y'])**2 + pairs['squared_altitudes']
+    return loss[0] * (pairs['noise'] + (pairs['jamming'] / loss[1:]).sum(axis=0))

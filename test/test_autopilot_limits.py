@@ -1,0 +1,74 @@
+"""What autopilots need to follow a plan, against flights in simulators, and as it is told."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from secure_uav_planner import Scenario
+from secure_uav_planner.apps.cli.main import main
+from secure_uav_planner.output.autopilot_limits import AUTOPILOTS, changes, lean
+
+GUIDE = Path(__file__).resolve().parents[1] / 'docs' / 'how-to.md'
+
+speeds, accelerations = st.floats(0.5, 25), st.floats(0.1, 8)
+
+
+def test_what_flew_with_defaults_needs_no_change_and_what_did_not_gets_what_flew():
+    assert changes('ardupilot', 10.0, 2.0) == changes('px4', 10.0, 2.0) == ()
+    assert {one.name: value for one, value in changes('ardupilot', 10.0, 3.0)} == {
+        'WPNAV_SPEED': 1500.0, 'WPNAV_ACCEL': 500.0, 'ANGLE_MAX': 4500.0}
+
+
+@pytest.mark.parametrize('autopilot', AUTOPILOTS)
+@given(speeds, accelerations)
+def test_with_the_changes_every_limit_carries_the_plan_or_is_as_large_as_it_can_be(
+        autopilot, speed, acceleration):
+    found = dict(changes(autopilot, speed, acceleration))
+    for one in AUTOPILOTS[autopilot]:
+        value = found.get(one, one.default)
+        assert one.default <= value <= one.most
+        assert value >= one.least(speed, acceleration) or value == one.most
+
+
+@given(speeds, accelerations)
+def test_a_faster_plan_needs_more_lean(speed, acceleration):
+    assert lean(speed, acceleration) < lean(1.1 * speed, acceleration) < 90
+    assert lean(speed, acceleration) < lean(speed, 1.1 * acceleration)
+
+
+def test_the_guide_has_every_parameter_with_its_values():
+    rows = [
+        f'| {name} | `{one.name}` | {one.limits} | {one.default} {one.unit} | '
+        f'{one.least(10.0, 2.0):.4g} | {max(one.default, dict(changed).get(one, 0)):g} |'
+        for name, parameters in AUTOPILOTS.items()
+        for changed in (changes(name, 10.0, 3.0),) for one in parameters]
+    assert '\n'.join(rows) in GUIDE.read_text()
+
+
+def mission(folder, *limits):
+    """Return the file of a mission whose UAVs have limits of speed and acceleration."""
+    scenario = Scenario.paper(300.0, slots=30)
+    file = folder / 'mission.yaml'
+    replace(scenario, uavs=tuple(
+        replace(uav, max_speed=speed, max_acceleration=acceleration)
+        for uav, (speed, acceleration) in zip(scenario.uavs, limits))).save(file)
+    return str(file)
+
+
+@pytest.mark.parametrize('autopilot, limits, lines', [
+    ('px4', [(10.0, 2.0)] * 2, ['px4, uav1, uav2 at 10 m/s and 2 m/s^2: the defaults suffice']),
+    ('ardupilot', [(10.0, 2.0), (8.0, 5.5)], [
+        'ardupilot, uav1 at 10 m/s and 2 m/s^2: the defaults suffice',
+        'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: set WPNAV_SPEED to 1200 cm/s (default 1000, at '
+        'most 2000)',
+        'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: WPNAV_ACCEL would have to be 550 cm/s^2; lower '
+        'max_speed or max_acceleration (default 250, at most 500)',
+        'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: set ANGLE_MAX to 5000 cdeg (default 3000, at '
+        'most 8000)']),
+    ('px4', [(10.0, None)] * 2, [
+        'px4, uav1, uav2 at 10 m/s: no autopilot follows a plan without max_acceleration'])])
+def test_the_command_names_each_parameter_to_change(tmp_path, capsys, autopilot, limits, lines):
+    assert main(['check', '--autopilot', autopilot, mission(tmp_path, *limits)]) == 0
+    assert capsys.readouterr().out.splitlines()[1:] == lines

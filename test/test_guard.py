@@ -1,0 +1,149 @@
+"""What the relay passes on: setpoints that continue each other, and begin where the vehicle is."""
+
+from itertools import pairwise
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from secure_uav_planner.errors import OptionError
+from secure_uav_planner.output.autopilots import Setpoint
+from secure_uav_planner.ros.guard import Guard, Limits
+
+LIMITS = Limits(max_speed=10.0, max_jump=1.0, start_tolerance=5.0, timeout=1.0)
+SECOND = 10**9
+STEP = SECOND // 20
+
+
+def at(x, now, **motion):
+    """Return a setpoint for a time in ns."""
+    return Setpoint('map', now, (x, 0.0, 100.0), 0.3, **motion)
+
+
+def passes(guard, setpoint, now=None):
+    """Return whether a setpoint is passed on."""
+    try:
+        guard.take(setpoint, setpoint.time_ns if now is None else now, LIMITS)
+    except OptionError:
+        return False
+    return True
+
+
+def streamed(count=20, speed=10.0):
+    """Return a Guard that has passed a stream that begins at x = 0 and t = 0, its end and time."""
+    guard = Guard()
+    for number in range(count + 1):
+        now = number * STEP
+        assert passes(guard, at(speed * now / SECOND, now))
+    return guard, speed * now / SECOND, now
+
+
+def test_a_stream_within_the_speed_limit_passes_and_nothing_is_held():
+    guard, _, now = streamed()
+    assert guard.hold(now) is None and not guard.has_ended(now, LIMITS)
+
+
+@given(st.lists(st.tuples(st.integers(0, 2 * SECOND), st.floats(-40.0, 40.0)), max_size=40))
+def test_whatever_comes_what_is_sent_moves_by_no_more_than_the_limits_allow(moves):
+    guard, x, now = Guard(), 0.0, SECOND
+    sent, ends = [], 0
+    for wait, move in moves:
+        now, x = now + wait, x + move
+        ends += guard.has_ended(now, LIMITS)
+        if passes(guard, at(x, now)):
+            sent.append((ends, at(x, now)))
+        elif (held := guard.hold(now)) is not None:
+            sent.append((ends, held))
+            assert held.velocity == held.acceleration == (0.0, 0.0, 0.0)
+    for (stream, old), (same, new) in pairwise(sent):
+        # The time without setpoints counts, up to the one after which a stream has ended.
+        if stream == same:
+            assert math.dist(old.position, new.position) <= 1.0 + 10.0 * 1.0 + 1e-9
+
+
+@pytest.mark.parametrize('distance', [2.0, 33.0, -400.0])
+def test_a_jump_is_refused_with_its_distance_and_the_last_place_is_held(distance):
+    guard, x, now = streamed()
+    later = now + STEP
+    with pytest.raises(OptionError, match=f'it is {abs(distance):.1f} m from the last one, and '
+                                          'max_jump and max_speed allow 1.5 m'):
+        guard.take(at(x + distance, later), later, LIMITS)
+    assert guard.hold(later) is None  # The setpoints of another source may still come.
+    held = guard.hold(now + SECOND // 2)
+    assert held == at(x, now + SECOND // 2, velocity=(0.0, 0.0, 0.0),
+                      acceleration=(0.0, 0.0, 0.0))
+
+
+def test_a_stream_that_stays_away_is_never_followed_and_one_that_comes_back_is():
+    guard, x, now = streamed()
+    for number in range(1, 200):
+        assert not passes(guard, at(x + 100.0, now + number * STEP))
+        assert not guard.has_ended(now + number * STEP, LIMITS)
+    later = now + 200 * STEP
+    assert guard.hold(later).position == (x, 0.0, 100.0)
+    # As far as the UAV can have moved before a stream counts as ended.
+    assert not passes(guard, at(x + 11.1, later))
+    assert passes(guard, at(x + 10.9, later))
+
+
+def test_setpoints_of_one_source_pass_while_those_of_another_one_jump():
+    guard, x, now = streamed()
+    for number in range(1, 40):
+        now += STEP
+        assert passes(guard, at(x + 0.5 * number, now))
+        assert not passes(guard, at(400.0, now))
+        assert guard.hold(now) is None
+
+
+def test_a_stream_that_is_silent_is_held_then_ends_and_another_may_begin_elsewhere():
+    guard, x, now = streamed()
+    assert guard.hold(now + SECOND // 5) is None
+    assert guard.hold(now + SECOND // 2).position == (x, 0.0, 100.0)
+    assert not guard.has_ended(now + SECOND, LIMITS)
+    assert guard.has_ended(now + SECOND + 1, LIMITS)
+    assert not guard.has_ended(now + SECOND + 2, LIMITS)  # It is said once.
+    assert guard.hold(now + 2 * SECOND) is None
+    assert passes(guard, at(x + 300.0, now + 2 * SECOND))
+
+
+def test_a_stream_begins_where_the_vehicle_is_where_that_is_known():
+    guard = Guard()
+    guard.see((100.0, 0.0, 98.0), SECOND)
+    with pytest.raises(OptionError, match='it is 100.0 m from the vehicle and start_tolerance is '
+                                          '5 m'):
+        guard.take(at(0.0, SECOND), SECOND, LIMITS)
+    assert guard.hold(2 * SECOND) is None  # No place has passed that could be held.
+    assert passes(guard, at(104.0, SECOND))
+    # After a jump as well.
+    assert not passes(guard, at(300.0, SECOND + STEP))
+    guard.see((301.0, 0.0, 100.0), SECOND + STEP)
+    assert passes(guard, at(300.0, SECOND + 2 * STEP))
+    # What a vehicle has reported long ago says nothing.
+    guard = Guard()
+    guard.see((100.0, 0.0, 100.0), SECOND)
+    assert passes(guard, at(0.0, 3 * SECOND))
+
+
+@pytest.mark.parametrize('age, words', [
+    (1.5, '1.5 s old'), (1e6, '1000000.0 s old'), (-1.5, '1.5 s ahead')])
+def test_a_setpoint_of_another_time_is_refused_and_keeps_nothing_alive(age, words):
+    guard, x, now = streamed()
+    for number in range(1, 30):
+        later = now + number * STEP
+        with pytest.raises(OptionError, match=f'its stamp is {words} and '):
+            guard.take(at(x, later - round(age * SECOND)), later, LIMITS)
+    assert guard.has_ended(later, LIMITS)
+
+
+def test_a_setpoint_older_than_the_last_one_is_refused():
+    guard, x, now = streamed()
+    with pytest.raises(OptionError, match='it is 0.1 s older than the last one'):
+        guard.take(at(x, now - 2 * STEP), now, LIMITS)
+
+
+@pytest.mark.parametrize('jump', [-30, 30])
+def test_a_clock_that_jumps_ends_the_stream_and_the_next_setpoint_begins_one(jump):
+    guard, x, now = streamed()
+    now += jump * SECOND
+    assert guard.has_ended(now, LIMITS)
+    assert passes(guard, at(x, now)) and guard.hold(now) is None

@@ -1,0 +1,178 @@
+"""The margin for the errors of vehicles: what it adds to zones, fence and separation."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from secure_uav_planner import NoFlyZone, Plan, Scenario, Uav
+from secure_uav_planner.errors import PlanError, ScenarioError
+from secure_uav_planner.mission.polygons import checked_polygon, grown
+from secure_uav_planner.model.airspace import airspace_of
+from secure_uav_planner.ros.approaches import approaches_text, approaches_values
+import shapely
+
+SPIKE = ((0.0, 0.0), (100.0, 0.0), (0.0, 5.0))
+SQUARE = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
+# What it surrounds is closed by a margin of 5 m.
+COURT = ((0, 0), (90, 0), (90, 90), (48, 90), (48, 80), (80, 80), (80, 10), (10, 10), (10, 80),
+         (42, 80), (42, 90), (0, 90))
+
+
+@st.composite
+def outlines(draw):
+    """Return the vertices of a polygon of any shape and size, anywhere."""
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    count = int(rng.integers(3, 25))
+    angles = np.sort(rng.uniform(0, 2 * math.pi, count))
+    radii = rng.uniform(0.05, 1, count) * 10**rng.uniform(0, 3)
+    centre = rng.uniform(-1, 1, 2) * 10**rng.uniform(0, 5)
+    points = centre + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if not shapely.Polygon(points).is_valid:
+        points = points[:3]
+    return checked_polygon('', 'outline', points.tolist())
+
+
+margins = st.floats(-3, 3).map(lambda power: 10**power)
+
+
+@example(SPIKE, 1.0)
+@example(COURT, 5.0)
+@given(outlines(), margins)
+def test_a_grown_polygon_has_all_places_within_the_margin_and_few_more(vertices, margin):
+    polygon = shapely.Polygon(vertices)
+    [outline] = grown(vertices, margin)
+    found = shapely.Polygon(outline)
+    assert found.is_valid and found.contains(polygon)
+    assert shapely.distance(found.exterior, polygon) >= margin - 1e-6
+    corners = shapely.points(outline)
+    assert shapely.distance(corners, polygon).max() <= 1.81 * margin + 1e-6
+
+
+@example(COURT, 4.0)
+@example(SQUARE, 10.0)
+@given(outlines(), margins)
+def test_what_a_margin_leaves_of_a_fence_is_as_far_inside(vertices, margin):
+    polygon = shapely.Polygon(vertices)
+    for outline in grown(vertices, -margin):
+        found = shapely.Polygon(outline)
+        assert found.is_valid and polygon.contains(found)
+        assert shapely.distance(found.exterior, polygon.exterior) >= margin - 1e-6
+    # What is far enough inside for mitred corners is left.
+    left = shapely.union_all([shapely.Polygon(outline) for outline in grown(vertices, -margin)])
+    assert polygon.buffer(-1.81 * margin - 1e-6).difference(left.buffer(1e-6)).area < 1e-6
+
+
+def test_a_margin_grows_zones_in_height_the_separation_twice_and_shrinks_the_fence():
+    paper = Scenario.paper()
+    scenario = replace(
+        paper, separation=2.0, tracking_margin=3.0,
+        geofence=((-200, -600), (400, -600), (400, 600), (-200, 600)),
+        no_fly_zones=(NoFlyZone(SQUARE, 113.0, name='high'), NoFlyZone(SQUARE, 0.0, 96.5)))
+    assert [[piece.name for piece in pieces] for pieces in airspace_of(scenario).pieces] == [
+        [], ['high']]
+    [[], [piece]] = airspace_of(scenario).pieces
+    assert shapely.box(-3, -3, 23, 23).equals(shapely.Polygon(piece.vertices))
+    assert scenario.keep_apart == 8.0
+    normals, offsets = airspace_of(scenario).hull
+    assert sorted(offsets) == pytest.approx([197, 397, 597, 597])
+    assert replace(scenario, separation=0.0).keep_apart == 0.0
+
+
+def test_without_a_margin_the_geometry_is_the_given_one_to_the_last_digit():
+    vertices = tuple((x / 3, y / 7) for x, y in COURT)
+    assert grown(vertices, 0.0) == (vertices,)
+    fence = ((-200.1, -600.2), (400.3, -600.4), (400.5, 600.6), (-200.7, 600.8))
+    scenario = replace(Scenario.paper(), separation=7.7, geofence=fence,
+                       no_fly_zones=(NoFlyZone(vertices, name='court'),))
+    assert scenario.keep_out(100.0) == ((vertices, 'court'),)
+    assert (scenario.keep_in, scenario.keep_apart) == (fence, 7.7)
+
+
+def team(**fields):
+    """Return a mission of two UAVs that fly 20 m apart, along a wall and a fence 10 m away."""
+    uavs = tuple(Uav(name, (x, 0.0), (x, 80.0), 50.0, 20.0) for name, x in (
+        ('one', 0.0), ('two', 20.0)))
+    wall = NoFlyZone(((-30, -30), (-10, -30), (-10, 40), (-30, 40)), 0.0, 60.0, 'wall')
+    return replace(Scenario.paper(), **{
+        'uavs': uavs, 'duration': 8.0, 'slots': 8, 'no_fly_zones': (wall,), 'separation': 4.0,
+        'geofence': ((-99, -99), (30, -99), (30, 99), (-99, 99)), **fields})
+
+
+def flown(scenario):
+    """Return the plan along straight lines."""
+    share = np.linspace(0, 1, scenario.slots + 2)[:, None]
+    ends = zip(scenario.starts, scenario.goals)
+    return Plan(scenario, [start + share * (goal - start) for start, goal in ends],
+                np.zeros((2, scenario.slots)))
+
+
+def test_a_plan_tells_distances_to_what_was_given_and_what_the_margin_leaves():
+    clearance = flown(team(tracking_margin=8.0)).clearance
+    assert clearance.to_zones.distance == pytest.approx(10.0)
+    assert clearance.zones_beyond_margin == pytest.approx(2.0)
+    assert clearance.between_uavs.distance == pytest.approx(20.0)
+    assert clearance.uavs_beyond_margin == pytest.approx(4.0)
+    # A zone below a UAV by less than the margin counts, too.
+    assert flown(team(tracking_margin=8.0, no_fly_zones=(
+        NoFlyZone(((-30, -30), (-10, -30), (-10, 40)), 0.0, 45.0),))).clearance.to_zones
+
+
+def test_the_status_tells_both():
+    plan = flown(team(tracking_margin=8.0))
+    assert approaches_text(plan) == (
+        'one and two come within 20.0 m of each other (4.0 m with the tracking_margin of 8 m); '
+        'one comes within 10.0 m of wall (2.0 m with the tracking_margin of 8 m)')
+    values = approaches_values(plan)
+    assert {key: values[key] for key in values if key.endswith('_margin')} == pytest.approx({
+        'plan.uav_distance.beyond_margin': 4.0, 'plan.zone_distance.beyond_margin': 2.0})
+    assert 'margin' not in approaches_text(flown(team()))
+
+
+def test_uavs_that_the_margin_brings_close_are_close():
+    assert not flown(team(separation=0.0, tracking_margin=7.4)).clearance.is_close
+    assert flown(team(separation=0.0, tracking_margin=7.6)).clearance.is_close
+
+
+@pytest.mark.parametrize('fields, reason', [
+    ({'tracking_margin': 8.1}, 'separation with the tracking_margin of 8.1 m is 20.2 m; it must '
+                               'be at most 20 m, the distance between the starts of one and two'),
+    ({'tracking_margin': 10.1, 'separation': 0.0}, 'one.start is (0.0, 0.0) at 50 m, inside wall '
+     'with the tracking_margin of 10.1 m; it must be outside'),
+    ({'tracking_margin': 10.1, 'separation': 0.0, 'no_fly_zones': ()}, 'two.start is (20.0, 0.0), '
+     'outside the geofence with the tracking_margin of 10.1 m; it must be inside'),
+    ({'tracking_margin': 64.6, 'no_fly_zones': ()},
+     'tracking_margin is 64.6 m, which leaves nothing of the geofence; it must be smaller'),
+    ({'tracking_margin': -1.0}, 'tracking_margin is -1.0; it must be a number from 0 to 1e+06'),
+    ({'tracking_margin': math.nan}, 'tracking_margin is nan; it must be a number from 0')])
+def test_a_margin_for_which_there_is_no_room_is_refused_by_name(fields, reason):
+    with pytest.raises(ScenarioError) as error:
+        team(**fields)
+    assert reason in str(error.value)
+
+
+@pytest.mark.parametrize('margin, places, reason', [
+    (9.5, (-1.0, 20.0), 'one is 0.5 m inside wall with the tracking_margin of 9.5 m'),
+    (9.5, (0.0, 21.0), 'two is 0.5 m outside the geofence with the tracking_margin of 9.5 m'),
+    (7.0, (2.5, 17.5), 'one and two are 15 m apart 1 s after point 0; separation with the '
+                       'tracking_margin of 7 m is 18 m')])
+def test_a_plan_within_the_margin_is_refused(margin, places, reason):
+    scenario = team(separation=1.0 if margin > 9 else 4.0)
+    positions = flown(scenario).positions.copy()
+    positions[:, 1:-1, 0] = np.array(places)[:, None]
+    Plan(scenario, positions, np.zeros((2, 8)))
+    with pytest.raises(PlanError, match=reason):
+        Plan(replace(scenario, tracking_margin=margin), positions, np.zeros((2, 8)))
+
+
+def test_a_fence_that_a_margin_divides_is_the_part_in_which_the_first_uav_starts():
+    rooms = ((-50, -50), (50, -50), (50, 40), (52, 40), (52, -50), (150, -50), (150, 50),
+             (-50, 50))
+    uavs = tuple(Uav(name, (x, 0.0), (x, 10.0), 50.0, 20.0) for name, x in (
+        ('one', 100.0), ('two', 120.0)))
+    scenario = team(uavs=uavs, geofence=rooms, no_fly_zones=(), tracking_margin=5.5)
+    assert shapely.Polygon(scenario.keep_in).bounds == pytest.approx((57.5, -44.5, 144.5, 44.5))
+    with pytest.raises(ScenarioError, match='one.start .* outside the geofence with the'):
+        replace(scenario, uavs=(uavs[1], replace(uavs[0], start=(0.0, 0.0))))

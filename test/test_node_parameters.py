@@ -1,0 +1,115 @@
+"""Parameters of nodes: what a start accepts, what is checked when, and what comes back."""
+
+from itertools import count
+
+import city
+from hypothesis import given
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from ros_client import Client, node_process, output_of, PATIENCE, wait_for
+from secure_uav_planner.errors import ParameterError
+from secure_uav_planner.ros.mission_parameters import of_mission, values_of
+from secure_uav_planner.ros.node_parameters import Parameters
+from secure_uav_planner.ros.parameters import PLANNER, uav_from
+from secure_uav_planner.ros.qos import LATCHED, OVERRIDABLE
+from secure_uav_planner.ros.spec import Spec
+from secure_uav_planner.ros.zone_parameters import airspace_from
+from std_msgs.msg import Float64
+from strategies import scenarios
+import yaml
+
+EMPTY = {'geofence': [], 'no_fly_zones': [], 'uav1__start_velocity': [],
+         'uav2__goal_velocity': []}
+SPECS = {'rate': Spec(1.0, 'A rate.', (0.0, 9.0)), 'name': Spec('a', 'A name.', length=(0, 5)),
+         'names': Spec(['a'], 'Names.', length=(1, 3))}
+
+
+@pytest.fixture
+def node():
+    context = Context()
+    rclpy.init(context=context)
+    node = Node('alone', context=context)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_what_rclpy_declares_for_a_topic_is_no_reason_to_check_all_values(node):
+    calls = count()
+    settings = Parameters(node, SPECS, lambda values: next(calls))
+    for number in range(5):
+        node.create_publisher(Float64, f'topic{number}', LATCHED,
+                              qos_overriding_options=OVERRIDABLE)
+    assert next(calls) == 1
+    assert node.set_parameters([rclpy.Parameter('rate', value=2)])[0].successful
+    assert next(calls) == 3 and settings['rate'] == 2.0
+
+
+@pytest.mark.parametrize('name, value, allowed', [
+    ('name', 'abcdef', 'a string of at most 5 characters'),
+    ('names', [], 'a list of 1 to 3 names of letters, digits and _, at most 100 each'),
+    ('names', ['a' * 101], 'names'),
+    ('names', ['a.b'], 'names'), ('names', ['a/b'], 'names'), ('rate', '1', 'a number from 0')])
+def test_a_wrong_value_is_refused_with_what_is_allowed(name, value, allowed):
+    with pytest.raises(ParameterError, match=f'^{name} is .*; it must be .*{allowed}'):
+        SPECS[name].checked(name, value)
+
+
+def test_empty_lists_and_the_word_off_can_be_given_at_the_start():
+    with node_process('planner', bound='off', **EMPTY), Client() as client:
+        names = [name.replace('__', '.') for name in EMPTY]
+        assert client.get_parameters('planner', 'bound', *names) == ['off', *[[]] * 4]
+    with node_process('replay', true_eavesdropper=[]) as process:
+        wait_for(lambda: process.lines, what='the first line')
+        assert 'ready' in output_of(process)
+    with node_process('planner', uavs=[]) as process:
+        assert process.wait(timeout=PATIENCE) == 1
+    assert 'parameter uavs is []; it must be a list of 1 to 32 names' in output_of(process)
+
+
+@given(scenarios())
+def test_the_values_that_stand_for_a_mission_give_the_same_mission(scenario):
+    values = {name: spec.default for name, spec in PLANNER.items()} | values_of(scenario)
+    assert tuple(uav_from(values, name) for name in values['uavs']) == scenario.uavs
+    for field, value in airspace_from(values).items():
+        assert value == getattr(scenario, field)
+    assert [values[f'{name}.error_radius'] for name in values['eavesdroppers']] == [
+        eve.error_radius for eve in scenario.eavesdroppers]
+
+
+def test_a_mission_file_gives_names_and_values_and_what_is_set_overrides_it():
+    with node_process('planner', mission_file=city.FILE, slots=85,
+                      courier__altitude=95), Client() as client:
+        found = client.all_parameters('planner')
+        city_values = city.values()
+        assert found['uavs'] == ['courier', 'escort1', 'escort2'] == city_values['uavs']
+        assert (found['slots'], found['courier.altitude']) == (85, 95.0)
+        for name in city_values.keys() - {'mission_file', 'slots', 'courier.altitude'}:
+            assert found[name] == city_values[name], name
+    with node_process('replay', mission_file=city.FILE), Client() as client:
+        assert client.get_parameters('replay', 'uavs') == [['courier', 'escort1', 'escort2']]
+
+
+@pytest.mark.parametrize('text, reason', [
+    (None, 'cannot be read: No such file'), ('duration: 5', ':1: Scenario lacks'),
+    ('/**: {ros__parameters: {}}', 'it is a parameter file of nodes')])
+def test_a_mission_file_that_is_none_is_named(tmp_path, text, reason):
+    file = tmp_path / 'mission.yaml'
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(ParameterError, match=f'^parameter mission_file: {file}.*{reason}'):
+        of_mission(file)
+
+
+def test_the_parameters_of_a_running_node_start_another_one_with_the_same(tmp_path):
+    """As `ros2 param dump` writes them."""
+    with node_process('planner', geofence=[-9e3, -9e3, 9e3, -9e3, 0.0, 9e3], bound='after',
+                      slots=20), Client() as client:
+        before = client.all_parameters('planner')
+    assert len(before) > 50
+    file = tmp_path / 'planner.yaml'
+    file.write_text(yaml.dump({'/planner': {'ros__parameters': before}}))
+    with node_process('planner', '--params-file', file), Client() as client:
+        assert client.all_parameters('planner') == before

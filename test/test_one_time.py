@@ -1,0 +1,226 @@
+"""Planner and replay agree on the plan that is flown and on its time, over DDS."""
+
+import math
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry, Path
+import numpy as np
+import pytest
+from ros_client import Client, node_process, values_of, wait_for
+from sensor_msgs.msg import TimeReference
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+SPEED, ACCELERATION, ALLOWANCE = 10.0, 2.0, 0.011
+PARAMETERS = {'duration': 150.0, 'slots': 75, 'uav1__max_acceleration': ACCELERATION,
+              'uav2__max_acceleration': ACCELERATION}
+
+
+class Stream:
+    """All setpoints of both UAVs: time in s, position (3,) and velocity (2,) of each."""
+
+    def __init__(self, client):
+        self.found = {'uav1': [], 'uav2': []}
+        for name, found in self.found.items():
+            client.node.create_subscription(
+                MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
+                lambda message, found=found: found.append(self._row(message)), 1000)
+
+    @staticmethod
+    def _row(message):
+        stamp, at = message.header.stamp, message.points[0].transforms[0].translation
+        velocity = message.points[0].velocities[0].linear
+        return (stamp.sec + stamp.nanosec * 1e-9, at.x, at.y, at.z, velocity.x, velocity.y)
+
+    def last(self, name):
+        return np.array(self.found[name][-1][1:3])
+
+    def has_begun(self):
+        return all(self.found.values())
+
+    def check(self):
+        """Fail if any position or velocity jumps."""
+        for name, found in self.found.items():
+            rows = np.array(found)
+            times, places, velocities = rows[:, 0], rows[:, 1:4], rows[:, 4:]
+            steps = np.diff(times)
+            jumps = np.linalg.norm(np.diff(places, axis=0), axis=1) - SPEED * steps
+            assert jumps.max(initial=0) <= ALLOWANCE, (name, times[jumps.argmax()])
+            changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1) - ACCELERATION * steps
+            assert changes.max(initial=0) <= 0.02, (name, times[changes.argmax()])
+
+
+@pytest.fixture(scope='module')
+def flown():
+    """Yield a client, a planner and a replay with odometry of its own, and the stream."""
+    with Client() as client, node_process('planner', **PARAMETERS) as planner, node_process(
+            'replay') as replay:
+        stream = Stream(client)
+        client.send_paper()
+        client.planner, client.replay, client.stream = planner, replay, stream
+        client.times = client.listen(TimeReference, 'plan_time', 100)
+        client.status = client.status_of('planner')
+        client.paths = client.listen(Path, 'uav1/path')
+        yield client
+
+
+def status(client, key):
+    return values_of(client.status[-1]).get(key) if client.status else None
+
+
+def is_on_its_plan(client):
+    distances = [status(client, f'track.distance.{name}') for name in ('uav1', 'uav2')]
+    return all(value not in (None, 'none') and float(value) < 0.5 for value in distances)
+
+
+def take_up(client, before):
+    """Wait until the replay has taken up a plan of the planner that is newer than another."""
+    def taken_up():
+        identity = status(client, 'plan.identity')
+        return identity not in (None, before) and (
+            client.times and client.times[-1].source == identity)
+    wait_for(taken_up, what='the new plan in the replay')
+    assert not [line for line in client.replay.lines if 'not played' in line]
+
+
+def plan(client):
+    """Ask for a plan; return the answer, once the replay has taken it up."""
+    before = status(client, 'plan.identity')
+    answer = client.call('planner/plan')
+    assert answer.success, answer.message
+    take_up(client, before)
+    return answer
+
+
+def test_a_plan_waits_for_its_release_and_a_late_one_is_no_deviation(flown):
+    plan(flown)
+    wait_for(lambda: status(flown, 'track.state') == 'waiting', what='a plan that waits')
+    time.sleep(3.0)
+    answer = flown.call('replay/start')
+    assert answer.success and status(flown, 'plan.identity') in answer.message
+    wait_for(lambda: float(status(flown, 'track.time')) > 5.0, what='a flight')
+    assert is_on_its_plan(flown) and flown.status[-1].level == DiagnosticStatus.OK
+    flown.stream.check()
+
+
+def test_a_pause_slows_down_within_the_limit_and_the_planner_knows(flown):
+    assert flown.call('replay/pause').success
+    wait_for(lambda: status(flown, 'track.state') == 'held', what='a flight that is held')
+    wait_for(lambda: is_on_its_plan(flown))
+    assert flown.status[-1].level == DiagnosticStatus.OK
+    flown.stream.check()
+
+
+def test_a_plan_that_is_made_during_a_pause_goes_on_from_where_it_is_held(flown):
+    held = flown.stream.last('uav1')
+    assert 'which is held' in plan(flown).message
+    assert np.linalg.norm(flown.stream.last('uav1') - held) < 0.01
+    assert flown.call('replay/start').success
+    wait_for(lambda: np.linalg.norm(flown.stream.last('uav1') - held) > 20.0)
+    wait_for(lambda: is_on_its_plan(flown))
+    flown.stream.check()
+
+
+@pytest.mark.parametrize('delay', [0.0, 4.0])
+def test_a_new_plan_in_flight_begins_where_the_uavs_will_be(flown, delay):
+    assert flown.set_parameters('planner', start_delay=delay)[0].successful
+    before = status(flown, 'plan.identity')
+    assert f'it goes on from plan {before}' in plan(flown).message
+    wait_for(lambda: is_on_its_plan(flown))
+    flown.stream.check()
+
+
+def test_another_altitude_in_flight_is_refused_with_its_reason(flown):
+    assert flown.set_parameters('planner', uav1__altitude=150.0)[0].successful
+    answer = flown.call('planner/plan')
+    assert not answer.success
+    assert 'uav1.altitude is 150 m and uav1 flies at 100 m' in answer.message
+    assert flown.set_parameters('planner', uav1__altitude=100.0)[0].successful
+
+
+def test_a_uav_without_odometry_counts_as_on_the_plan_that_is_flown(flown):
+    assert flown.set_parameters(
+        'planner', uav1__use_pose=False, uav2__use_pose=False)[0].successful
+    assert 'it goes on from plan' in plan(flown).message
+    flown.stream.check()
+    flown.set_parameters('planner', uav1__use_pose=True, uav2__use_pose=True)
+
+
+def test_a_replan_in_a_flight_that_is_late_joins_without_a_jump(flown):
+    assert flown.set_parameters('planner', replan_distance=5.0)[0].successful
+    before = status(flown, 'plan.identity')
+    flown.send_estimate('eavesdropper/pose', 170.0, 30.0)
+    take_up(flown, before)
+    assert int(status(flown, 'replans')) > 0
+    wait_for(lambda: is_on_its_plan(flown))
+    assert flown.set_parameters('planner', replan_distance=0.0)[0].successful
+    flown.stream.check()
+
+
+def test_a_replay_at_another_speed_is_no_deviation(flown):
+    assert flown.set_parameters('replay', speed=4.0)[0].successful
+    reached = float(status(flown, 'track.time'))
+    wait_for(lambda: float(status(flown, 'track.time')) > reached + 20.0)
+    assert is_on_its_plan(flown) and flown.status[-1].level == DiagnosticStatus.OK
+    assert flown.set_parameters('replay', speed=1.0)[0].successful
+
+
+def test_reset_and_start_wait_until_the_uavs_can_be_back(flown):
+    assert flown.call('replay/reset').success
+    answer = flown.call('replay/start')
+    assert answer.success and 'waits for' in answer.message and 'to reach its start' in (
+        answer.message)
+    assert flown.call('replay/pause').success
+    wait_for(lambda: status(flown, 'track.state') == 'waiting', what='a plan that waits')
+    # The next plan begins where the UAVs start and goes on from nothing.
+    assert flown.set_parameters(
+        'planner', uav1__use_pose=False, uav2__use_pose=False)[0].successful
+    assert 'goes on' not in plan(flown).message
+    at = flown.paths[-1].poses[0].pose.position
+    assert (at.x, at.y) == (100.0, 500.0)
+
+
+def test_what_has_ended_is_not_started_again_and_says_so(flown):
+    with node_process('replay', '-r', '__node:=other', speed=100.0, rate=50.0) as replay:
+        wait_for(lambda: any('got a plan' in line for line in replay.lines))
+        assert flown.call('other/start').success
+        wait_for(lambda: any('end of the plan' in line for line in replay.lines))
+        answer = flown.call('other/start')
+        assert not answer.success and 'has ended, and no newer one has come' in answer.message
+
+
+def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
+    with Client(namespace='team') as client, node_process(
+            'planner', namespace='/team', **PARAMETERS), node_process(
+                'replay', namespace='/team', vehicle_odometry='true'):
+        stream = Stream(client)
+        client.send_paper()
+        publishers = {name: client.publisher(Odometry, f'{name}/odom')
+                      for name in ('uav1', 'uav2')}
+
+        def report(x, y):
+            for name, z in (('uav1', 100.0), ('uav2', 110.0)):
+                message = Odometry(child_frame_id=f'{name}/base_link')
+                message.header.frame_id = 'map'
+                message.header.stamp = client.node.get_clock().now().to_msg()
+                at = message.pose.pose
+                at.position.x, at.position.y, at.position.z, at.orientation.w = x, y, z, 1.0
+                publishers[name].publish(message)
+
+        assert client.call('planner/plan').success
+
+        def refused_or_waiting(text):
+            def asked():
+                report(100.0, 400.0)
+                answer = client.call('replay/start')
+                return answer.success and text in answer.message
+            return asked
+        wait_for(refused_or_waiting('uav1 to be at its start, 100.0 m away'))
+        assert not stream.has_begun()
+
+        def started():
+            report(100.0, 499.0)
+            time.sleep(0.05)
+            return stream.has_begun()
+        wait_for(started, what='setpoints')
+        assert math.dist(stream.found['uav1'][0][1:4], (100.0, 500.0, 100.0)) < 0.1

@@ -1,0 +1,309 @@
+"""UAVs that report where they are: odometry, distances from the plan, and plans from there."""
+
+from dataclasses import replace
+import math
+import time
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry, Path
+import numpy as np
+import pytest
+from rclpy.time import Time as RosTime
+from ros_client import node_process, values_of, wait_for
+from secure_uav_planner import fly_hover_fly, Iteration, Scenario
+from secure_uav_planner.apps.fly.missions import limited
+from secure_uav_planner.errors import PoseError, WrongFrameError
+from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.plan_tracking import PlanTracking
+from secure_uav_planner.ros.poses import PoseBook
+from secure_uav_planner.ros.status import level_and_text, Outcome
+
+
+def odometry(x, y, velocity=(0.0, 0.0), frame_id='map', yaw=0.0, stamp=None, orientation=()):
+    """Return an Odometry with a velocity in its own frame; orientation has fields by name."""
+    message = Odometry(child_frame_id='base_link')
+    message.header.frame_id = frame_id
+    if stamp is not None:
+        message.header.stamp = Time(sec=int(stamp), nanosec=int(stamp % 1 * 1e9))
+    message.pose.pose = messages.pose(x, y, 100.0, yaw)
+    for field, value in dict(orientation).items():
+        setattr(message.pose.pose.orientation, field, value)
+    message.twist.twist.linear.x, message.twist.twist.linear.y = velocity
+    return message
+
+
+def known(*sent, now=50.0):
+    """Return what a PoseBook keeps of the last of some messages, each perhaps with its time."""
+    book = PoseBook()
+    for message in sent:
+        message, at = message if isinstance(message, tuple) else (message, now)
+        book.take('uav1/odom', message, 'map', at)
+    return book.get('uav1/odom')
+
+
+def test_the_velocity_of_odometry_is_rotated_from_the_frame_of_the_uav():
+    found = known(odometry(10.0, 20.0, (3.0, 1.0), yaw=math.pi / 2, stamp=49.0))
+    assert found.position == (10.0, 20.0) and found.time == 49.0
+    assert found.velocity == pytest.approx((-1.0, 3.0))
+    # Pitched by 60 degrees: what it climbs along its own axis is not flown over the ground.
+    pitched = odometry(0.0, 0.0, (2.0, 0.0), orientation={
+        'y': math.sin(-math.pi / 6), 'w': math.cos(math.pi / 6)})
+    assert known(pitched).velocity == pytest.approx((1.0, 0.0))
+    same_frame = odometry(0.0, 0.0, (2.0, 0.0), yaw=1.0)
+    same_frame.child_frame_id = 'map'
+    assert known(same_frame).velocity == (2.0, 0.0)
+
+
+@pytest.mark.parametrize('duration', [120.0, 120.1, 123.7, 1e3 / 7])
+def test_a_flight_that_waits_or_has_ended_is_said_to_whatever_its_times_are_rounded_to(duration):
+    plan = fly_hover_fly(limited(Scenario.paper(duration, slots=50), 3.0))
+    plan = replace(plan, start_ns=1_795_347_543_727_675_843)
+    playback, tracking = Playback(plan), PlanTracking(PoseBook())
+    tracking.follow(plan)
+    for moment, expected in ((playback.begin, 'waiting'), (playback.duration, 'ended'),
+                             (playback.begin + 1e-3, 'held'), (playback.duration - 1e-3, 'held')):
+        for after in (0, 40_000_000, 77_777_777):
+            clock_ns = plan.start_ns + 200_000_000_000 + after
+            tracking.hear(messages.plan_time(
+                plan, moment, RosTime(nanoseconds=clock_ns).to_msg()))
+            assert tracking.flight(clock_ns * 1e-9).state == expected
+
+
+def pose(stamp, x, frame_id='map'):
+    message = PoseStamped()
+    message.header.frame_id = frame_id
+    message.header.stamp = Time(sec=int(stamp), nanosec=round(stamp % 1 * 1e9))
+    message.pose.position.x, message.pose.orientation.w = x, 1.0
+    return message
+
+
+def test_the_velocity_of_poses_is_that_of_the_last_second():
+    assert known(pose(40.0, 0.0)).velocity is None
+    assert known(pose(40.0, 0.0), pose(40.1, 0.5)).velocity is None  # too short to tell
+    steady = [pose(40 + 0.1 * step, 0.4 * step) for step in range(30)]
+    assert known(*steady).velocity == pytest.approx((4.0, 0.0))
+    assert known(pose(10.0, 0.0), pose(40.0, 9.0)).velocity is None
+    assert known(*steady, (pose(20.0, 0.0), 20.1)).velocity is None  # the clock has jumped back
+
+
+def test_places_in_two_frames_give_no_velocity():
+    book = PoseBook()
+    for stamp, frame_id, velocity in (
+            (10.0, 'map', None), (10.25, 'map', (4.0, 0.0)), (10.5, 'odom', None)):
+        book.take('uav1/pose', pose(stamp, 4.0 * stamp, frame_id), frame_id, stamp)
+        assert book.get('uav1/pose').velocity == velocity
+
+
+@pytest.mark.parametrize('change, text', [
+    ({'velocity': (math.nan, 0.0)}, r'twist.linear.x is nan; it must be from -1e\+06 to 1e\+06'),
+    ({'velocity': (0.0, -math.inf)}, 'twist.linear.y is -inf'),
+    ({'x': math.nan}, 'position.x is nan'),
+    ({'orientation': {'w': math.nan}}, 'orientation.w is nan'),
+    ({'orientation': {'w': 0.0}}, 'orientation has length 0; it must be a quaternion of length 1'),
+    ({'orientation': {'z': 5.0, 'w': 5.0}}, 'orientation has length 7.07107; it must be')])
+def test_odometry_that_is_no_number_is_refused_and_the_last_one_kept(change, text):
+    book = PoseBook()
+    book.take('uav1/odom', odometry(1.0, 2.0), 'map', 5.0)
+    with pytest.raises(PoseError, match=text):
+        book.take('uav1/odom', odometry(**{'x': 7.0, 'y': 7.0, **change}), 'map', 6.0)
+    assert book.get('uav1/odom').position == (1.0, 2.0)
+    with pytest.raises(WrongFrameError, match="is in frame 'odom'; it must be in frame 'map'"):
+        book.take('uav1/odom', odometry(7.0, 7.0, frame_id='odom'), 'map', 6.0)
+    assert book.get('uav1/odom').position == (1.0, 2.0)
+
+
+class Uav:
+    """Sends odometry again and again, as a localisation does."""
+
+    def __init__(self, client, name):
+        self.client, self.publisher = client, client.publisher(Odometry, f'{name}/odom')
+
+    def send(self, x, y, velocity=(0.0, 0.0), age=0.0, **options):
+        self.publisher.publish(odometry(x, y, velocity, stamp=time.time() - age, **options))
+
+
+def timed(path):
+    """Return the times in s and the points of a path."""
+    return (np.array([at.header.stamp.sec + at.header.stamp.nanosec * 1e-9 for at in path.poses]),
+            np.array([(at.pose.position.x, at.pose.position.y) for at in path.poses]))
+
+
+def status_with(status, publish, condition, what):
+    """Publish until the values of a status fulfil a condition; return the message."""
+    def fulfilled():
+        publish()
+        time.sleep(0.05)
+        return status and condition(values_of(status[-1])) and status[-1]
+    return wait_for(fulfilled, what=what)
+
+
+def test_odometry_counts_before_the_pose_and_the_pose_when_it_is_stale(client, planner):
+    path = client.listen(Path, 'uav1/path')
+    status = client.listen(DiagnosticStatus, 'planner/status')
+    uav = Uav(client, 'uav1')
+    client.send_paper()
+    client.send_pose('uav1/pose', 70.0, 470.0)
+
+    def start(x, age):
+        def planned():
+            uav.send(60.0, 460.0, age=age)
+            return client.call('planner/plan').success and path and (
+                path[-1].poses[0].pose.position.x == x)
+        wait_for(planned, what=f'a plan from x = {x:g} m')
+    start(60.0, 0.0)
+    start(70.0, 60.0)
+    assert float(values_of(status[-1])['pose_age.uav1/odom']) > 50
+
+
+def test_stale_odometry_and_odometry_of_another_frame_are_refused_as_poses_are(client, planner):
+    uav = Uav(client, 'uav1')
+    client.send_paper()
+
+    def refusal(text, **options):
+        def refused():
+            uav.send(60.0, 460.0, **options)
+            answer = client.call('planner/plan')
+            return not answer.success and text in answer.message and answer.message
+        return wait_for(refused, what=f'a refusal with {text!r}')
+    refusal("uav1/odom is in frame 'odom' and the parameter frame_id is 'map'", frame_id='odom')
+    message = refusal('the pose on uav1/odom is', age=60.0)
+    assert 'set uav1.use_pose to false to plan from uav1.start' in message
+    before = len(planner.lines)
+
+    def warned(text):
+        return sum(text in line for line in planner.lines[before:])
+    wrong = {'position.x is nan': {'x': math.nan}, 'twist.linear.y is inf': {
+        'velocity': (0.0, math.inf)}, "is in frame 'odom'; it must be": {'frame_id': 'odom'}}
+    for text, options in wrong.items():
+        def again(text=text, options=options):
+            uav.send(**{'x': 60.0, 'y': 460.0, **options})
+            return warned(text)
+        wait_for(again, what=text)
+    for _ in range(3):
+        for options in wrong.values():
+            uav.send(**{'x': 60.0, 'y': 460.0, **options})
+    client.call('planner/cancel')
+    assert [warned(text) for text in wrong] == [1, 1, 1]
+    assert client.set_parameters('planner', uav1__use_pose=False)[0].successful
+    assert client.call('planner/plan').success
+
+
+def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(client, planner):
+    path = client.listen(Path, 'uav1/path')
+    status = client.listen(DiagnosticStatus, 'planner/status')
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics', 10)
+    uavs = [Uav(client, name) for name in ('uav1', 'uav2')]
+    client.send_paper()
+    assert client.call('planner/plan').success
+    wait_for(lambda: path and 'track.distance.uav1' in values_of(status[-1]))
+    values = values_of(status[-1])
+    assert [values[f'track.{key}'] for key in ('distance.uav1', 'rate', 'planned_rate')] == [
+        'none'] * 3
+    start = path[-1].header.stamp.sec + path[-1].header.stamp.nanosec * 1e-9
+    first, second = ((at.pose.position.x, at.pose.position.y) for at in path[-1].poses[:2])
+
+    def beside(x, y):
+        """Send odometry of both UAVs, the first one beside its plan, in its first slot."""
+        uavs[0].publisher.publish(odometry(first[0] + x, first[1] + y, stamp=start))
+        uavs[1].publisher.publish(odometry(100.0, 500.0, stamp=start))
+    client.set_parameters('planner', pose_timeout=0.0)
+    found = status_with(status, lambda: beside(0.3, 0.4), lambda values: values[
+        'track.distance.uav1'] == '0.5', 'the distance')
+    assert found.level == DiagnosticStatus.OK
+    assert values_of(found)['track.distance.uav2'] == '0'
+    assert second != first
+    found = status_with(status, lambda: beside(30.0, 40.0), lambda values: values[
+        'track.distance.uav1'] == '50', 'the distance')
+    assert found.level == DiagnosticStatus.WARN
+    assert 'uav1 is 50.0 m from its plan and track_tolerance is 5 m' in found.message
+    wait_for(lambda: diagnostics[-1].status[0].message == found.message)
+    assert client.set_parameters('planner', track_tolerance=51.0)[0].successful
+    wait_for(lambda: status[-1].level == DiagnosticStatus.OK)
+    # The rate so far, on both sides: here the UAVs move on beside their plan.
+    found = status_with(status, lambda: beside(0.0, 0.0), lambda values: values[
+        'track.rate'] != 'none', 'the rate')
+    assert np.isfinite(float(values_of(found)['track.planned_rate']))
+
+
+@pytest.mark.parametrize('acceleration', [0.0, 2.0])
+def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration):
+    """It flies with 5 m/s towards -y, on no plan, so that it goes straight on."""
+    with node_process('planner', duration=180.0, slots=90, start_delay=30.0,
+                      uav1__max_acceleration=acceleration):
+        path = client.listen(Path, 'uav1/path')
+        uav = Uav(client, 'uav1')
+        client.send_paper()
+        began = time.time()
+
+        def place(moment):
+            return 100.0, 500.0 - 5.0 * (moment - began)
+
+        def planned():
+            uav.send(*place(time.time()), (0.0, -5.0))
+            return client.call('planner/plan').success
+        asked = time.time()
+        while not planned():
+            asked = time.time()
+        wait_for(lambda: path)
+        times, points = timed(path[-1])
+        assert times[0] > asked + 30.0 - 1e-3
+        assert times[-2] - times[0] == pytest.approx(180.0)
+        assert points[0] == pytest.approx(place(times[0]), abs=1e-2)
+        if acceleration:
+            # The first move has nearly the velocity that it had; the limit says how nearly.
+            change = (points[1] - points[0]) / 2.0 - [0.0, -5.0]
+            assert np.linalg.norm(change) <= 2.0 * 2.0 + 1e-6
+
+
+def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(client):
+    with node_process('planner', duration=150.0, slots=75):
+        path = client.listen(Path, 'uav1/path')
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        uav = Uav(client, 'uav1')
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: path)
+        times, points = timed(path[0])
+
+        def place(moment):
+            return [float(np.interp(moment, times, points[:, axis])) for axis in (0, 1)]
+
+        def fly():
+            x, y = place(time.time())
+            uav.send(x + 1.0, y)  # within the tolerance
+        status_with(status, fly, lambda values: float(values['plan.age']) > 1.0
+                    and values['track.distance.uav1'] != 'none'
+                    and 0.9 < float(values['track.distance.uav1']) < 1.1, 'a UAV on its plan')
+        client.set_parameters('planner', start_delay=30.0)
+        assert client.call('planner/plan').success
+        wait_for(lambda: len(path) == 2)
+        again, others = timed(path[1])
+        assert again[0] > times[0] + 30.0
+        assert others[0] == pytest.approx(place(again[0]), abs=1e-5)
+
+
+def test_a_plan_that_is_solved_too_late_for_its_start_is_refused(client):
+    with node_process('planner', duration=150.0, slots=10, start_delay=0.001):
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        path = client.listen(Path, 'uav1/path')
+        client.send_paper()
+        answer = client.call('planner/plan')
+        assert not answer.success and 'a longer start_delay gives it more time' in answer.message
+        wait_for(lambda: values_of(status[-1])['outcome.code'] == 'late')
+        assert not path
+
+
+def test_a_problem_with_a_uav_is_told_while_a_solve_is_under_way():
+    outcome, problems = Outcome(DiagnosticStatus.OK, 'ok', 'a plan'), ['uav1 is 9 m off']
+    progress = Iteration(3, 'joint', 1.5, 0.1, 0.1)
+    assert level_and_text(outcome, problems, progress) == (
+        DiagnosticStatus.WARN, 'solving: iteration 3, 1.5000 bit/s/Hz; uav1 is 9 m off')
+    assert level_and_text(outcome, [], progress) == (
+        DiagnosticStatus.OK, 'solving: iteration 3, 1.5000 bit/s/Hz')
+    assert level_and_text(outcome, problems, None) == (DiagnosticStatus.WARN, 'uav1 is 9 m off')
+    assert level_and_text(outcome, [], None) == (DiagnosticStatus.OK, 'a plan')
+    failed = outcome._replace(level=DiagnosticStatus.ERROR, text='it failed')
+    assert level_and_text(failed, problems, None) == (DiagnosticStatus.ERROR, 'it failed')

@@ -1,0 +1,367 @@
+"""Plans played one after another: no setpoint ever jumps, whatever is asked for in any order."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import settings, strategies as st
+from hypothesis.stateful import initialize, invariant, precondition, rule, RuleBasedStateMachine
+import numpy as np
+import pytest
+from secure_uav_planner import fly_hover_fly, PlanningError, Scenario
+from secure_uav_planner.errors import OptionError
+from secure_uav_planner.model import channel
+from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.plan.player import Player, POSITION_JUMP
+from secure_uav_planner.plan.tracking import departing
+
+BEGIN = 10**18
+SECOND = 10**9
+
+
+def limited(scenario, acceleration=2.0, **fields):
+    return replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=acceleration, **fields) for uav in scenario.uavs))
+
+
+@pytest.fixture(scope='module', params=[None, 2.0], ids=['unlimited', '2 m/s^2'])
+def plan(request):
+    scenario = limited(Scenario.paper(130.0, slots=65), request.param)
+    return replace(fly_hover_fly(scenario, 'optimised'), start_ns=BEGIN)
+
+
+class Bench:
+    """A player, the clock, and all that it has sent and refused."""
+
+    def __init__(self, plan=None):
+        self.refused, self.sent = [], []
+        self.player = Player(self.refused.append)
+        self.now = BEGIN - 5 * SECOND
+        if plan is not None:
+            self.player.load(plan)
+
+    def run(self, seconds, step=0.05, **options):
+        """Go on by a time; return the last setpoints."""
+        for _ in range(round(seconds / step)):
+            self.now += round(step * SECOND)
+            moment = self.player.tick(self.now, **options)
+            if moment is not None:
+                self.sent.append((self.now, moment))
+        return self.sent[-1][1] if self.sent else None
+
+    @property
+    def lag(self):
+        """How much later than by the stamps of its plan the flight is, in s."""
+        start_ns = self.player.playback.plan.start_ns
+        return (self.now - start_ns) * 1e-9 - self.player.time
+
+
+def test_a_plan_that_is_released_early_waits_at_its_start_and_begins_at_its_time(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    held = bench.run(4.0)
+    assert held.positions == pytest.approx(plan.scenario.starts) and not held.velocities.any()
+    bench.run(30.0)
+    assert bench.lag == pytest.approx(0.0, abs=1e-6)
+    assert bench.sent[-1][1].positions == pytest.approx(
+        Playback(plan).at(bench.player.time).positions)
+
+
+def test_a_plan_that_is_released_late_is_flown_as_a_whole_and_later(plan):
+    bench = Bench(plan)
+    bench.run(9.0)
+    assert not bench.sent
+    bench.player.start()
+    bench.run(30.0)
+    assert bench.sent[0][1].positions == pytest.approx(plan.scenario.starts)
+    assert bench.lag == pytest.approx(4.0 - bench.player.playback.begin, abs=0.06)
+    end = bench.run(120.0)
+    assert bench.player.ended and bench.player.largest_jump < 1e-9
+    assert end.positions == pytest.approx(plan.scenario.goals)
+
+
+def test_a_pause_comes_to_rest_on_the_curve_and_the_flight_goes_on_from_there(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(30.0)
+    assert bench.player.pause()
+    held = bench.run(15.0)
+    assert not held.velocities.any() and bench.player.rate == 0.0
+    assert held.positions == pytest.approx(Playback(plan).at(bench.player.time).positions)
+    assert not bench.player.pause()
+    bench.player.start()
+    bench.run(10.0)
+    assert bench.player.rate == 1.0 and 14.99 < bench.lag < 25.0
+
+
+def test_what_has_ended_or_is_older_is_never_played_again(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(150.0)
+    assert bench.player.ended
+    with pytest.raises(OptionError, match='has ended, and no newer one has come'):
+        bench.player.start()
+    bench.player.load(plan)
+    with pytest.raises(OptionError, match='has ended'):
+        bench.player.start()
+    bench.player.load(replace(plan, start_ns=BEGIN - 1))
+    assert bench.refused == ['it begins no later than a plan that has been flown']
+    assert not bench.run(1.0).velocities.any()
+
+
+def test_after_a_reset_the_flight_begins_again_once_the_uavs_can_be_back(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(45.0)
+    bench.player.reset()
+    assert not bench.player.streaming
+    bench.player.start()
+    unknown = [None, None]
+    waits = bench.player.away(bench.now, unknown, 5.0, 1.0)
+    assert len(waits) == 2 and 'uav1 to reach its start, another' in waits[0]
+    assert not bench.player.away(bench.now + 60 * SECOND, unknown, 5.0, 1.0)
+    # Where they are measured, that counts.
+    places = [(*uav.start, uav.altitude) for uav in plan.scenario.uavs]
+    assert not bench.player.away(bench.now, places, 5.0, 1.0)
+    places[1] = (0.0, 0.0, 110.0)
+    assert bench.player.away(bench.now, places, 5.0, 1.0) == [
+        'uav2 to be at its start, 509.9 m away']
+
+
+def onward(bench, plan, ahead, start_ns=None, **fields):
+    """Return a plan that goes on from where the setpoints will be, some seconds ahead."""
+    player, slot = bench.player, plan.scenario.slot_duration
+    moment = player.playback.at(player.time + player.rate * ahead)
+    uavs = tuple(
+        replace(departing(uav, tuple(at.tolist()), tuple((velocity * player.rate).tolist()), slot),
+                **fields)
+        for uav, at, velocity in zip(
+            plan.scenario.uavs, moment.positions, moment.velocities, strict=True))
+    found = fly_hover_fly(replace(plan.scenario, uavs=uavs))
+    lead = round(-Playback(found).begin * SECOND)
+    return replace(found, start_ns=bench.now + round(ahead * SECOND) + lead
+                   if start_ns is None else start_ns)
+
+
+def test_a_new_plan_takes_over_at_its_time_without_a_jump(plan):
+    bench = Bench(plan)
+    bench.run(8.0)
+    bench.player.start()
+    bench.run(20.0)
+    found = onward(bench, plan, 3.0)
+    bench.player.load(found)
+    assert bench.player.playback.plan is plan
+    bench.run(4.0)
+    assert bench.player.playback.plan is found and not bench.refused
+    assert bench.lag == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_new_plan_that_does_not_begin_where_the_setpoints_are_is_refused(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(25.0)
+    bench.player.load(onward(bench, plan, 3.0))
+    bench.player.pause()
+    bench.run(15.0)
+    assert len(bench.refused) == 1 and 'm from the last one' in bench.refused[0]
+    assert bench.player.playback.plan is plan and bench.player.rate == 0.0
+    # One from where they are held is played, when it is released.
+    found = onward(bench, plan, 1.0)
+    bench.player.load(found)
+    assert bench.player.playback.plan is found
+    assert not bench.run(5.0).velocities.any()
+    bench.player.start()
+    bench.run(5.0)
+    assert bench.player.time > found.scenario.slot_duration and len(bench.refused) == 1
+
+
+def test_a_new_altitude_is_a_jump(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(25.0)
+    bench.player.load(onward(bench, plan, 1.0, altitude=150.0))
+    bench.run(3.0)
+    assert '50.0 m from the last one' in bench.refused[0]
+
+
+def test_a_plan_that_came_during_the_flight_begins_after_it_at_its_own_time(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(25.0)
+    back = replace(plan.scenario, uavs=tuple(
+        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
+    home = replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
+    bench.player.load(home)
+    held = bench.run(119.0)
+    assert held.positions == pytest.approx(plan.scenario.goals) and not held.velocities.any()
+    bench.run(30.0)
+    assert bench.player.playback.plan is home and bench.lag == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_revision_takes_over_at_once_and_one_that_comes_too_late_is_refused(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(25.0)
+    ahead = plan.tail(20)
+    other = fly_hover_fly(replace(ahead.scenario, eavesdroppers=(
+        replace(plan.scenario.eavesdroppers[0], position=(150.0, 60.0)),)))
+    revised = plan.continued(20, other)
+    bench.player.load(revised)
+    assert bench.player.playback.plan is revised
+    bench.run(30.0)
+    late = plan.continued(20, replace(fly_hover_fly(replace(
+        ahead.scenario, ground_node=(0.0, 200.0))), start_ns=None))
+    bench.player.load(late)
+    assert bench.refused[0].startswith('it comes too late for the flight that it changes')
+    assert bench.player.playback.plan is revised
+
+
+@pytest.mark.parametrize('jump', [-30.0, 30.0])
+def test_a_clock_that_jumps_moves_nobody(plan, jump):
+    bench = Bench(plan)
+    bench.player.start()
+    before = bench.run(30.0)
+    bench.now += round(jump * SECOND)
+    after = bench.run(0.05)
+    assert np.linalg.norm(after.positions - before.positions, axis=1).max() <= 5.0 + 1e-9
+    if jump < 0:
+        assert after.positions == pytest.approx(before.positions)
+    bench.run(150.0)
+    assert bench.player.ended and bench.player.largest_jump < 1e-9
+
+
+def test_a_goal_that_is_passed_at_speed_is_reached_at_rest():
+    scenario = limited(Scenario.paper(140.0, slots=70), goal_velocity=None, start_velocity=None)
+    plan = replace(fly_hover_fly(scenario), start_ns=BEGIN)
+    assert np.linalg.norm(Playback(plan).at(Playback(plan).duration).velocities) > 1.0
+    bench = Bench(plan)
+    bench.player.start()
+    end = bench.run(220.0)
+    assert bench.player.ended and not end.velocities.any()
+    assert end.positions == pytest.approx(Playback(plan).at(Playback(plan).duration).positions)
+    velocities = np.array([moment.velocities for _, moment in bench.sent])
+    changes = np.linalg.norm(np.diff(velocities, axis=0), axis=-1) / 0.05
+    assert changes.max() <= 2.0 + 1e-3
+
+
+@pytest.mark.parametrize('step', [0.05, 0.43])
+@pytest.mark.parametrize('speed', [1.0, 40.0])
+def test_what_is_delivered_does_not_depend_on_the_playback_speed(plan, step, speed):
+    bench, place = Bench(plan), (195.0, 0.0)
+    bench.player.start()
+    bench.run(10.0 + 140.0 / speed, step, speed=speed, eavesdropper=place)
+    assert bench.player.ended
+    rates = channel.secrecy_rates(plan.scenario, plan.positions, plan.powers, place)
+    # Positions move on within a slot, so the sum over slots is only close.
+    assert bench.player.delivered == pytest.approx(
+        2 * np.maximum(rates, 0).sum(), rel=0.01)
+    assert bench.player.largest_jump < 1e-6
+
+
+class AnyOrder(RuleBasedStateMachine):
+    """Calls, plans and clocks in any order."""
+
+    @initialize(acceleration=st.sampled_from([None, 1.0, 2.0, (2.0, None)]),
+                ends=st.sampled_from([(0.0, 0.0), None]))
+    def begin(self, acceleration, ends):
+        scenario = Scenario.paper(150.0, slots=50)
+        limits = acceleration if isinstance(acceleration, tuple) else (acceleration,) * 2
+        self.plan = replace(fly_hover_fly(replace(scenario, uavs=tuple(
+            replace(uav, max_acceleration=limit, start_velocity=ends, goal_velocity=ends)
+            for uav, limit in zip(scenario.uavs, limits)))), start_ns=BEGIN)
+        self.bench = Bench()
+        self.player = self.bench.player
+        self.last = None
+        self.speed = 1.0
+
+    def observe(self, moment, seconds):
+        """Compare setpoints with the last ones, that many seconds before."""
+        if self.last is not None:
+            self.since += seconds
+        if moment is None:
+            return
+        if self.last is not None:
+            quick = max(1.0, self.fastest)
+            for uav, at, before, velocity, was in zip(
+                    self.plan.scenario.uavs, moment.positions, self.last.positions,
+                    moment.velocities, self.last.velocities):
+                assert math.dist(at, before) <= (
+                    uav.max_speed * quick * self.since + POSITION_JUMP + 1e-9)
+                assert math.dist(velocity, was) <= (
+                    (uav.max_acceleration or math.inf) * quick**2 * self.since + 2e-3)
+        self.last, self.since, self.fastest = moment, 0.0, self.speed
+
+    @rule(seconds=st.sampled_from([0.0, 0.02, 0.05, 0.2, 1.0]), count=st.integers(1, 60))
+    def tick(self, seconds, count):
+        for _ in range(count):
+            self.bench.now += round(seconds * SECOND)
+            ready = not self.player.playing or self.player.playback is None or (
+                not self.player.away(self.bench.now, [None, None], 5.0, self.speed))
+            self.observe(self.player.tick(self.bench.now, self.speed, is_ready=ready), seconds)
+
+    @rule(seconds=st.floats(-100.0, 100.0))
+    def jump(self, seconds):
+        # Nobody knows how long that was: as long as a tick is at most.
+        self.bench.now += round(seconds * SECOND)
+        self.observe(self.player.tick(self.bench.now, self.speed, is_ready=False), 1.0)
+
+    @rule(speed=st.sampled_from([0.5, 1.0, 1.0, 1.0, 3.0]))
+    def play_at(self, speed):
+        self.fastest = max(speed, getattr(self, 'fastest', 1.0), self.player.rate)
+        self.speed = speed
+
+    @rule()
+    def start(self):
+        try:
+            self.player.start()
+        except OptionError:
+            assert self.player.playback is None or self.player.ended
+
+    @rule()
+    def pause(self):
+        self.player.pause()
+
+    @rule()
+    def reset(self):
+        self.player.reset()
+        assert not self.player.streaming
+
+    @rule(seconds=st.floats(-20.0, 20.0))
+    def load_the_first_plan(self, seconds):
+        self.player.load(replace(self.plan, start_ns=self.bench.now + round(seconds * SECOND)))
+
+    @precondition(lambda self: self.player.playback is not None)
+    @rule(ahead=st.floats(0.0, 5.0))
+    def load_a_plan_that_goes_on(self, ahead):
+        try:
+            self.player.load(onward(self.bench, self.plan, ahead))
+        except PlanningError:
+            pass  # It cannot be flown from there.
+
+    @precondition(lambda self: self.player.playback is not None)
+    @rule(ahead=st.floats(-10.0, 20.0), x=st.floats(100.0, 300.0))
+    def load_a_revision(self, ahead, x):
+        plan = self.player.playback.plan
+        point = math.ceil((self.player.time + ahead) / plan.scenario.slot_duration)
+        try:
+            tail = plan.tail(min(max(point, 0), plan.scenario.slots - 1))
+            other = fly_hover_fly(replace(tail.scenario, eavesdroppers=(
+                replace(plan.scenario.eavesdroppers[0], position=(x, 0.0)),)))
+            self.player.load(plan.continued(max(point, 0), other))
+        except PlanningError:
+            pass
+
+    @invariant()
+    def time_is_within_the_plan(self):
+        playback = self.player.playback
+        assert playback is None or playback.begin <= self.player.time <= playback.duration
+
+
+TestAnyOrder = AnyOrder.TestCase
+TestAnyOrder.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+
+
+@pytest.mark.soak
+class TestAnyOrderAtLength(AnyOrder.TestCase):
+    """Ten thousand sequences."""
+
+    settings = settings(max_examples=10000, stateful_step_count=40, deadline=None)
