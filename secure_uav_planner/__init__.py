@@ -28,11 +28,14 @@ _HOMES = {'bound': ('upper_bound',), 'errors': ('PlanningError',),
           'plan': ('Bound', 'Iteration', 'Plan')}
 
 _MOVED = {
-    **dict.fromkeys(('bench', 'campaign', 'cli', 'demo', 'fly', 'study'), 'apps'),
-    **dict.fromkeys(('kinematics', 'link_budget', 'scenario'), 'mission'),
-    **dict.fromkeys(('channel', 'clearance', 'curve', 'grid', 'kernel', 'limits'), 'model'),
-    **dict.fromkeys(('autopilots',), 'output'),
-    **dict.fromkeys(('playback', 'tracking'), 'plan')}
+    **{name: f'apps.{name}' for name in ('bench', 'campaign', 'cli', 'demo', 'fly', 'study')},
+    **{name: f'mission.{name}' for name in (
+        'choices', 'files', 'kinematics', 'link_budget', 'polygons', 'scenario')},
+    **{name: f'model.{name}' for name in (
+        'airspace', 'channel', 'clearance', 'curve', 'grid', 'kernel', 'limits', 'quadratics')},
+    'autopilots': 'output.autopilots', 'export': 'output', 'fields': 'mission.validation',
+    'members': 'mission.participants', 'plan_file': 'plan.file', 'playback': 'plan.playback',
+    'tracking': 'plan.tracking', 'view': 'output'}
 """Modules that stood here before, and where they are now: their old names still import them."""
 
 
@@ -42,10 +45,10 @@ class _Moved(MetaPathFinder):
     def find_spec(self, fullname: str, path: Sequence[str] | None = None,
                   target: ModuleType | None = None) -> ModuleSpec | None:
         package, _, name = fullname.partition('.')
-        room = _MOVED.get(name.partition('.')[0]) if package == __name__ else None
-        if room is None:
+        first, _, rest = name.partition('.')
+        if package != __name__ or first not in _MOVED:
             return None
-        spec = find_spec(f'{__name__}.{room}.{name}')
+        spec = find_spec('.'.join(filter(None, (package, _MOVED[first], rest))))
         return spec and ModuleSpec(fullname, _Alias(spec), origin=spec.origin,
                                    is_package=spec.submodule_search_locations is not None)
 

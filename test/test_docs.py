@@ -20,8 +20,8 @@ import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, Scenario
 from secure_uav_planner.apps.campaign.evaluation import COLUMNS
 from secure_uav_planner.apps.campaign.specification import BASELINES, Campaign
-from secure_uav_planner.export import spreadsheet
 from secure_uav_planner.model import clearance
+from secure_uav_planner.output import spreadsheet
 from secure_uav_planner.plan import playback
 from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (

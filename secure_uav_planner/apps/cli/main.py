@@ -68,7 +68,7 @@ def _run_node(name: str, arguments: list[str]) -> int:
         _tell(f'there is no node {name}; there are {", ".join(NODES)}')
         return BAD_INPUT
     try:
-        import_module(f'..ros.{name}', __package__).main([sys.argv[0], *arguments])
+        import_module(f'...ros.{name}', __package__).main([sys.argv[0], *arguments])
     except ModuleNotFoundError as error:
         if (error.name or '').startswith(__package__.partition('.')[0]):
             raise
