@@ -62,7 +62,7 @@ def test_a_flight_that_waits_or_has_ended_is_said_to_whatever_its_times_are_roun
     plan = fly_hover_fly(limited(Scenario.paper(duration, slots=50), 3.0))
     plan = replace(plan, start_ns=1_795_347_543_727_675_843)
     playback, tracking = Playback(plan), PlanTracking(PoseBook())
-    tracking.follow(plan)
+    tracking.follow(plan, plan.start_ns * 1e-9)
     for moment, expected in ((playback.begin, 'waiting'), (playback.duration, 'ended'),
                              (playback.begin + 1e-3, 'held'), (playback.duration - 1e-3, 'held')):
         for after in (0, 40_000_000, 77_777_777):

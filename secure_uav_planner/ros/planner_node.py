@@ -276,7 +276,7 @@ class Planner(Node):
             with self._lock:
                 text = self._state.publish(plan, count, 'restored: ' if restored else '')
                 level = self._state.outcome.level
-            self._tracking.follow(plan)
+            self._tracking.follow(plan, self._now())
             self._replanning.planned(self._now())
             if self._settings['bound'] == 'after' and plan.bound is None:
                 self._bounding.start(plan)
