@@ -14,12 +14,12 @@ from rclpy.time import Time as RosTime
 from ros_client import node_process, values_of, wait_for
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
 from secure_uav_planner.apps.fly.missions import limited
-from secure_uav_planner.errors import PoseError, WrongFrameError
+from secure_uav_planner.errors import LateError, PoseError, WrongFrameError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.status import level_and_text, Outcome
+from secure_uav_planner.ros.status import level_and_text, Outcome, State
 
 
 def odometry(x, y, velocity=(0.0, 0.0), frame_id='map', yaw=0.0, stamp=None, orientation=()):
@@ -307,3 +307,11 @@ def test_a_problem_with_a_uav_is_told_while_a_solve_is_under_way():
     assert level_and_text(outcome, [], None) == (DiagnosticStatus.OK, 'a plan')
     failed = outcome._replace(level=DiagnosticStatus.ERROR, text='it failed')
     assert level_and_text(failed, problems, None) == (DiagnosticStatus.ERROR, 'it failed')
+
+
+def test_a_replan_that_was_refused_is_no_longer_reported_when_the_flight_has_ended():
+    state = State(plan=fly_hover_fly(Scenario.paper(120.0, slots=10)))
+    for is_replan in (False, True):
+        state.refuse(LateError('it comes too late'), 'too late', DiagnosticStatus.WARN, is_replan)
+        state.end_flight()
+        assert (state.outcome.code == 'ok') is is_replan
