@@ -10,6 +10,8 @@ import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.graph import free_domain
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):

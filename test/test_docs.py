@@ -356,6 +356,7 @@ def assert_same(printed, written, where):
         assert abs(float(is_now) - float(was)) <= tolerance, f'{where}: {is_now} is not {was}'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_every_block_of_a_page_does_what_it_says(
         page, packaging, interfaces, tmp_path, monkeypatch):

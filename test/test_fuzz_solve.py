@@ -18,7 +18,8 @@ from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario, solve, Uav
 POSITION_TOLERANCE, POWER_TOLERANCE = 1e-6, 1e-9  # m, W
 NEGLIGIBLE_RATE = 1e-7  # bit/s/Hz, below which plans are silent
 
-METHODS = (('joint', 'guaranteed'), ('joint', 'worst_case'), ('alternating', 'guaranteed'))
+METHODS = (('joint', 'guaranteed'), ('joint', 'worst_case'),
+           pytest.param('alternating', 'guaranteed', marks=pytest.mark.slow))
 
 EXTREMES = (
     'error radius larger than every distance', 'no error radius', 'eavesdropper at ground node',

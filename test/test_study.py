@@ -20,6 +20,8 @@ from secure_uav_planner.apps.campaign.tasks import plan_file
 from secure_uav_planner.apps.study.claims import check_claims, write_claims
 from secure_uav_planner.apps.study.figures import write_figures
 
+pytestmark = pytest.mark.slow
+
 ROOT = pathlib.Path(__file__).parents[1]
 
 
