@@ -17,9 +17,7 @@ import threading
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
-from secure_uav_planner.apps.cli.main import main
-from secure_uav_planner.apps.cli.parser import make_parser
-from secure_uav_planner.apps.cli.status import STATUSES
+from secure_uav_planner.apps.cli.main import main, make_parser, STATUSES
 from secure_uav_planner.output.geodesy import Origin
 from secure_uav_planner.output.qgroundcontrol import mission, TOLERANCE
 from secure_uav_planner.plan.plan import OBJECTIVES

@@ -9,7 +9,7 @@ from .initial import constant_powers, fly_hover_fly_positions
 from .search import Search
 from .termination import OnIteration, Termination
 from ..errors import OptionError, shown
-from ..mission.choices import Method, METHODS, Objective, OBJECTIVES, Power
+from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Scenario
 from ..model.limits import is_open
 from ..plan.plan import Plan, Status

@@ -13,7 +13,7 @@ from . import file
 from .bound import Bound
 from .iteration import Iteration, Status, STATUS_TEXTS, STATUSES
 from ..errors import OptionError, PlanError, shown
-from ..mission.choices import Objective, OBJECTIVES
+from ..mission import Objective, OBJECTIVES
 from ..mission.kinematics import shortened
 from ..mission.scenario import Array, LIMITS, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
 from ..model import channel

@@ -1,13 +1,37 @@
 """All that is wrong with the values of a mission at once, not only the first."""
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import fields, MISSING, replace
+from dataclasses import dataclass, fields, MISSING, replace
 from typing import Any
 
 from .documents import Document, Problem
-from .schema import Schema, UNITS
 from ..validation import checked_fields
 from ...errors import Place, ScenarioError, shown
+
+
+@dataclass(frozen=True)
+class Schema:
+    """
+    The classes of a mission, each as an instance in which any one field can be tried.
+
+    This package imports none of them, so that Scenario can use it.
+
+    :param scenario: a Scenario with limits so wide that any right value of a field fits.
+    :param members: for each field of the scenario that is a list, such a Uav, Eavesdropper ...
+    """
+
+    scenario: Any
+    members: Mapping[str, Any]
+
+
+UNITS = {
+    'ground_node': 'm', 'position': 'm', 'start': 'm', 'goal': 'm', 'vertices': 'm',
+    'geofence': 'm', 'error_radius': 'm', 'altitude': 'm', 'separation': 'm', 'floor': 'm',
+    'ceiling': 'm', 'tracking_margin': 'm', 'max_speed': 'm/s', 'start_velocity': 'm/s',
+    'goal_velocity': 'm/s', 'max_acceleration': 'm/s^2', 'average_power': 'W',
+    'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
+}
+"""The unit of every field that has one."""
 
 
 def diagnosed(document: Document, schema: Schema) -> tuple[Any, list[Problem]]:

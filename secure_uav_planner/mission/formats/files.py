@@ -3,9 +3,8 @@
 import os
 from typing import Any
 
-from .diagnosis import diagnosed
+from .diagnosis import diagnosed, Schema
 from .documents import Problem, read, refusal, text_of
-from .schema import Schema
 from ..files import atomic_file
 from ...errors import words_of_files
 
