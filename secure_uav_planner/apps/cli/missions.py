@@ -1,17 +1,21 @@
 """Missions: `new`, `check` and `link-budget`, and how all parts read and write files."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+import sys
 import tempfile
 from typing import TypeVar
 
 from .main import DONE
-from ...errors import OptionError, PlanningError, ScenarioError
+from ...errors import (
+    InfeasibleMissionError, MissionFileError, OptionError, PlanningError, ScenarioError)
 from ...mission.files import atomic_file
 from ...mission.formats.example import EXAMPLE
 from ...mission.link_budget import RANGES, reference_snr_db
 from ...mission.scenario import Scenario
+from ...model.clearance import CLOSE_DISTANCE, kept_apart_by_nothing
 from ...output.autopilot_limits import changes
 
 _Content = TypeVar('_Content')
@@ -65,15 +69,54 @@ def new(options: argparse.Namespace) -> int:
 
 def check(options: argparse.Namespace) -> int:
     """Check a mission; return the exit status."""
-    scenario = loaded(options.mission)
+    scenario = _that_can_be_flown(options.mission)
     jammers = len(scenario.uavs) - 1
     print(f'{options.mission}: {scenario.uavs[0].name} transmits, {jammers} '
           f'jam{"s" if jammers == 1 else ""}, {len(scenario.eavesdroppers)} '
           f'listen{"s" if len(scenario.eavesdroppers) == 1 else ""}; {scenario.slots} slots of '
           f'{scenario.slot_duration:g} s. It can be flown.')
+    if (names := kept_apart_by_nothing(scenario)):
+        print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
+              f'{scenario.margin_text}; set separation, or altitudes that differ',
+              file=sys.stderr)
     if options.autopilot:
         print(*_advice(options.autopilot, scenario), sep='\n')
     return DONE
+
+
+def _that_can_be_flown(path: str) -> Scenario:
+    """
+    Return the mission of a file after flights were found that keep its limits.
+
+    :raises MissionFileError: with all that is wrong in the file, and why there are no flights.
+    """
+    known = None
+    try:
+        scenario = loaded(path)
+    except MissionFileError as error:
+        if error.rest is None:
+            raise
+        known, scenario = error, error.rest
+    from ...optimize import fly_hover_fly
+    with lines_of(path, () if known is None else known.problems):
+        fly_hover_fly(scenario)
+    if known is not None:
+        raise known
+    return scenario
+
+
+@contextmanager
+def lines_of(path: str, known: Iterable[tuple[int | None, str]] = ()) -> Iterator[None]:
+    """
+    Give errors of a mission the lines of its file.
+
+    :param known: what else is wrong with it.
+    """
+    try:
+        yield
+    except InfeasibleMissionError as error:
+        from ...mission.formats import located
+        raise located(path, error, known) from None
 
 
 def _advice(autopilot: str, scenario: Scenario) -> Iterator[str]:

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from .main import DONE, STOPPED
-from .missions import loaded, writable
+from .missions import lines_of, loaded, writable
 from ...bound import upper_bound
 from ...errors import OptionError, PlanFileError, PlanningError
 from ...mission.scenario import Scenario
@@ -64,7 +64,7 @@ def make_plan(options: argparse.Namespace) -> int:
     scenario = loaded(options.mission)
     origin = _origin(options.origin)
     out = writable(Path(options.out))
-    with _interruptible() as stop, ProgressLine() as line:
+    with lines_of(options.mission), _interruptible() as stop, ProgressLine() as line:
         plan = _planned(scenario, options, stop, line)
         bound = _bound(plan, options, stop, line)
         proven = plan.with_bound(bound)
@@ -73,6 +73,8 @@ def make_plan(options: argparse.Namespace) -> int:
         baselines = _baselines(scenario, options, stop, line)
     print(table([*baselines, plan], bound))
     print(f'\n{plan.message}' + (f'; {proven.claim}, which is proven' if bound else ''))
+    if plan.clearance.is_close:
+        print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     written = [out / 'plan.json', *_write(proven, baselines, out, origin)]
     print(f'written: {", ".join(map(str, written))}')
     return STOPPED if stop else DONE

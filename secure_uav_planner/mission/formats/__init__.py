@@ -1,6 +1,6 @@
 """Missions as files: YAML and JSON."""
 
 from .diagnosis import Schema
-from .files import load, save
+from .files import load, located, save
 
-__all__ = ['Schema', 'load', 'save']
+__all__ = ['Schema', 'load', 'located', 'save']

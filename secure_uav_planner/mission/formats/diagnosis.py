@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields, MISSING, replace
 from typing import Any
 
-from .documents import Document, Problem
+from .documents import Document, in_order, Problem
 from ..validation import checked_fields
 from ...errors import Place, ScenarioError, shown
 
@@ -38,12 +38,13 @@ def diagnosed(document: Document, schema: Schema) -> tuple[Any, list[Problem]]:
     """
     Return the scenario that a document describes, and what is wrong with it.
 
-    :return: a Scenario, or None where there are problems; and these in the order of the lines.
+    :return: a Scenario, and the problems in the order of the lines. Where there are any, it is
+        the `rest` of a MissionFileError.
     """
     work = _Diagnosis(document, schema)
     scenario = work.scenario()
     found = [*document.problems, *work.problems]
-    return (None if found else scenario), sorted(found, key=lambda one: one.line or 0)
+    return scenario, in_order(found)
 
 
 class _Diagnosis:
@@ -55,7 +56,7 @@ class _Diagnosis:
         self._schema = schema
 
     def scenario(self) -> Any:
-        """Return the Scenario, or None if something is wrong."""
+        """Return the Scenario, with wide limits in place of what is wrong, or None."""
         neutral, data = self._schema.scenario, self._document.data
         if data is None:
             self._add((), 'the file is empty; it must have the fields of a mission')
@@ -70,7 +71,11 @@ class _Diagnosis:
                 numbers[name] = [number for number, _ in found]
                 values[name] = tuple(member for _, member in found)
         try:
-            return _completed(neutral, values, known.keys() - values.keys())
+            scenario = _completed(neutral, values, known.keys() - values.keys())
+            # Without the flights' time, or a UAV, others may be refused that could be flown.
+            is_whole = {'duration', 'slots', 'uavs'} <= values.keys() and (
+                len(values['uavs']) == len(known['uavs']))
+            return scenario if is_whole else None
         except ScenarioError as error:
             for one in (error, *error.others):
                 field, *inner = one.place
