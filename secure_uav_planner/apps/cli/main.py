@@ -9,7 +9,8 @@ import sys
 from .parser import make_parser
 from .status import BAD_INPUT, DONE, FAILED, STOPPED
 from ...errors import (
-    MissionFileError, OptionError, PlanFileError, PlanningError, ScenarioError, StoppedError)
+    MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError,
+    ScenarioError, StoppedError)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -32,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for line, text in error.problems:
             _tell(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
         return BAD_INPUT
-    except (OptionError, PlanFileError, ScenarioError) as error:
+    except (MissingPackageError, OptionError, PlanFileError, ScenarioError) as error:
         _tell(str(error))
         return BAD_INPUT
     except BrokenPipeError:

@@ -1,11 +1,11 @@
 """What the command accepts, and its help."""
 
 import argparse
-from importlib.metadata import PackageNotFoundError, version
 import math
 
 from .nodes import NODES
 from .status import STATUSES
+from ... import __version__
 from ...errors import shown
 from ...mission.choices import METHODS, OBJECTIVES
 from ...output.autopilot_limits import AUTOPILOTS
@@ -35,7 +35,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--version', action='version', version=f'%(prog)s {_version()}')
+    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     commands = parser.add_subparsers(title='commands', metavar='command', required=True)
     _add_plan(commands)
     _add_check(commands)
@@ -79,6 +79,9 @@ the best plan so far.""")
     parser.add_argument('--origin', nargs='+', type=float, metavar=('LAT LON', 'ALT'),
                         help='place of the origin in degrees (WGS 84), its height above sea level '
                         'in m: write plan_<uav>.plan for QGroundControl as well')
+    parser.add_argument('--mcap', action='store_true',
+                        help='write plan.mcap as well, the recording of a flight for Foxglove and '
+                        '`ros2 bag`; needs ROS')
 
 
 def _add_check(commands) -> None:
@@ -164,10 +167,3 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
-
-
-def _version() -> str:
-    try:
-        return version(NAME)
-    except PackageNotFoundError:
-        return '(not installed)'

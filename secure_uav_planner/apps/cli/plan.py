@@ -17,6 +17,7 @@ from ...bound import upper_bound
 from ...errors import OptionError, PlanningError
 from ...mission.scenario import Scenario
 from ...mission.validation import told_apart
+from ...mission.views import check_view
 from ...optimize import fly_hover_fly, solve
 from ...output.geodesy import Origin
 from ...output.qgroundcontrol import save_mission
@@ -30,6 +31,8 @@ def run(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = loaded(options.mission)
     origin = _origin(options.origin)
+    if options.mcap:
+        check_view('save_mcap')
     out = writable(Path(options.out))
     with _interruptible() as stop, ProgressLine() as line:
         plan = _planned(scenario, options, stop, line)
@@ -41,6 +44,9 @@ def run(options: argparse.Namespace) -> int:
     print(table([*baselines, plan], bound))
     print(f'\n{plan.message}' + (f'; {proven.claim}, which is proven' if bound else ''))
     written = [out / 'plan.json', *_write(proven, baselines, out, origin)]
+    if options.mcap:
+        proven.save_mcap(out / 'plan.mcap')
+        written.append(out / 'plan.mcap')
     print(f'written: {", ".join(map(str, written))}')
     return STOPPED if stop else DONE
 
