@@ -170,6 +170,12 @@ class NumericalError(PlanningError, RuntimeError):
     code = 'numerical_trouble'
 
 
+class MissingPackageError(PlanningError, RuntimeError):
+    """An optional package, such as Matplotlib for pictures, is not installed."""
+
+    code = 'missing_package'
+
+
 _of_file: ContextVar[bool] = ContextVar('_of_file', default=False)
 
 

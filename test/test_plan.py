@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, Plan, Scenario, solve
+from secure_uav_planner import fly_hover_fly, Iteration, Plan, Scenario, solve
 from secure_uav_planner.errors import PlanError, PlanFileError
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.plan import STATUS_TEXTS, STATUSES
@@ -246,7 +246,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, plan, monk
     path = tmp_path / 'plan.json'
     plan.save(path)
     before = path.read_bytes()
-    unwritable = replace(plan, method=object())
+    unwritable = replace(plan, history=(Iteration(0, object(), 1.0, 0.0, 0.0),))
     with pytest.raises(TypeError):
         unwritable.save(path)
     assert path.read_bytes() == before

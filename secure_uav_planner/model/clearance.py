@@ -60,6 +60,12 @@ class Clearance:
         self._scenario = scenario
         self._curve = curve
 
+    def __repr__(self) -> str:
+        found = (('UAVs', self.between_uavs), ('UAV and zone', self.to_zones))
+        return '<Clearance: ' + '; '.join(
+            f'{what} at least {least.distance:.4g} m apart ({" and ".join(least.names)} after '
+            f'{least.time:.4g} s)' for what, least in found if least is not None) + '>'
+
     def check(self) -> None:
         """
         Check zones, geofence and separation with tracking_margin, each to POSITION_TOLERANCE.

@@ -225,9 +225,9 @@ def _watts(power):
 
 
 def _label_axes(figure, ranges, peak):
-    figure.update_xaxes(title_text='x (m)', range=ranges[0], constrain='domain', row=1, col=1)
-    figure.update_yaxes(title_text='y (m)', range=ranges[1], constrain='domain', scaleanchor='x',
-                        row=1, col=1)
+    figure.update_xaxes(title_text='east (m)', range=ranges[0], constrain='domain', row=1, col=1)
+    figure.update_yaxes(title_text='north (m)', range=ranges[1], constrain='domain',
+                        scaleanchor='x', row=1, col=1)
     figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
                         range=np.log10([_LEAST_POWER * peak, 2 * peak]), row=1, col=2)
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero', row=2, col=2)

@@ -3,15 +3,15 @@
 import argparse
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 import math
 import os
 import signal
 import sys
 
+from ... import __version__
 from ...errors import (
-    MissionFileError, OptionError, PlanFileError, PlanningError, ScenarioError, shown,
-    StoppedError)
+    MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError,
+    ScenarioError, shown, StoppedError)
 from ...mission import METHODS, OBJECTIVES
 from ...output.autopilot_limits import AUTOPILOTS
 
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for line, text in error.problems:
             _tell(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
         return BAD_INPUT
-    except (OptionError, PlanFileError, ScenarioError) as error:
+    except (MissingPackageError, OptionError, PlanFileError, ScenarioError) as error:
         _tell(str(error))
         return BAD_INPUT
     except BrokenPipeError:
@@ -126,7 +126,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--version', action='version', version=f'%(prog)s {_version()}')
+    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     commands = parser.add_subparsers(title='commands', metavar='command', required=True)
     _add_plan(commands)
     _add_check(commands)
@@ -171,6 +171,9 @@ the best plan so far.""")
     parser.add_argument('--origin', nargs='+', type=float, metavar=('LAT LON', 'ALT'),
                         help='place of the origin in degrees (WGS 84), its height above sea level '
                         'in m: write plan_<uav>.plan for QGroundControl as well')
+    parser.add_argument('--mcap', action='store_true',
+                        help='write plan.mcap as well, the recording of a flight for Foxglove and '
+                        '`ros2 bag`; needs ROS')
 
 
 def _add_check(commands) -> None:
@@ -257,10 +260,3 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
-
-
-def _version() -> str:
-    try:
-        return version(NAME)
-    except PackageNotFoundError:
-        return '(not installed)'

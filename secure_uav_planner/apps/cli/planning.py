@@ -16,6 +16,7 @@ from ...bound import upper_bound
 from ...errors import OptionError, PlanFileError, PlanningError
 from ...mission.scenario import Scenario
 from ...mission.validation import told_apart
+from ...mission.views import check_view
 from ...optimize import fly_hover_fly, solve
 from ...output.geodesy import Origin
 from ...output.qgroundcontrol import save_mission
@@ -63,6 +64,8 @@ def make_plan(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = loaded(options.mission)
     origin = _origin(options.origin)
+    if options.mcap:
+        check_view('save_mcap')
     out = writable(Path(options.out))
     with lines_of(options.mission), _interruptible() as stop, ProgressLine() as line:
         plan = _planned(scenario, options, stop, line)
@@ -76,6 +79,9 @@ def make_plan(options: argparse.Namespace) -> int:
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     written = [out / 'plan.json', *_write(proven, baselines, out, origin)]
+    if options.mcap:
+        proven.save_mcap(out / 'plan.mcap')
+        written.append(out / 'plan.mcap')
     print(f'written: {", ".join(map(str, written))}')
     return STOPPED if stop else DONE
 
