@@ -14,10 +14,12 @@ class Schema:
 
     :param scenario: a Scenario with limits so wide that any right value of a field fits.
     :param members: for each field of the scenario that is a list, such a Uav, Eavesdropper ...
+    :param parts: for each field of the scenario that is an object of its own, such a Channel.
     """
 
     scenario: Any
     members: Mapping[str, Any]
+    parts: Mapping[str, Any]
 
 
 UNITS = {
@@ -26,5 +28,6 @@ UNITS = {
     'ceiling': 'm', 'tracking_margin': 'm', 'max_speed': 'm/s', 'start_velocity': 'm/s',
     'goal_velocity': 'm/s', 'max_acceleration': 'm/s^2', 'average_power': 'W',
     'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
+    'rician_k_db': 'dB',
 }
 """The unit of every field that has one."""
