@@ -80,8 +80,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     """
     Return a proven upper bound on the mean rate of every feasible plan of a scenario.
 
-    It holds for everything that a Plan accepts, with its tolerances. It does not use limits of
-    acceleration, zones, a geofence or separation: they only lower what plans can reach.
+    It holds for everything that a Plan accepts, with its tolerances. It does not use zones, a
+    geofence or separation: they only lower what plans can reach.
     The bound is close for at most one jammer, and for two jammers and one eavesdropper; it is
     looser for two jammers and several eavesdroppers, and only valid for more jammers.
 
@@ -144,10 +144,7 @@ def plain_bound(scenario: Scenario) -> float:
 
 def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
-    uavs = scenario.uavs
     has = {
-        'max_acceleration': any(getattr(uav, 'max_acceleration', None) is not None
-                                for uav in uavs),
         'separation': bool(getattr(scenario, 'separation', None)),
         'no_fly_zones': bool(getattr(scenario, 'no_fly_zones', None)),
         'geofence': bool(getattr(scenario, 'geofence', None)),
