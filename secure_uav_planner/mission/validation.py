@@ -4,15 +4,16 @@ from collections.abc import Mapping
 from dataclasses import fields, MISSING
 import difflib
 import math
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ScenarioError, shown
+from ..errors import ScenarioError, shown, within
 
 Array: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float]
+_Block = TypeVar('_Block')
 
 LIMITS = {
     'coordinate': (-1e7, 1e7),
@@ -30,6 +31,14 @@ LIMITS = {
     'tracking_margin': (0.0, 1e6),
     'floor': (0.0, 1e6),
     'ceiling': (0.0, math.inf),
+    'blade_power': (0.0, 1e6),
+    'induced_power': (0.0, 1e6),
+    'tip_speed': (1.0, 1e4),
+    'induced_velocity': (1e-3, 1e3),
+    'fuselage_drag_ratio': (0.0, 1e3),
+    'air_density': (0.0, 1e3),
+    'solidity': (0.0, 1.0),
+    'disc_area': (0.0, 1e4),
 }
 """Smallest and largest value of every field; beyond them squares lose their accuracy."""
 
@@ -60,6 +69,14 @@ def checked_fields(kind: type[Any], data: object) -> dict[str, Any]:
     if missing:
         raise ScenarioError(f'{kind.__name__} lacks {", ".join(missing)}')
     return dict(data)
+
+
+def checked_block(field: str, value: object, kind: type[_Block]) -> _Block:
+    """Return value, one of a kind or a mapping of its fields, as one of that kind."""
+    if isinstance(value, kind):
+        return value
+    with within(field):
+        return kind(**checked_fields(kind, value))
 
 
 def checked_members(field: str, values: object, kind: type[Any],

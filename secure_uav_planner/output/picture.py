@@ -13,7 +13,7 @@ import numpy as np
 
 from .airspace_shapes import altitudes_of, corners_of_map, is_in_the_way, middle_of, rims
 from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, RATE, uav_color
-from .labels import receiver_label
+from .labels import energy_label, receiver_label
 
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2
@@ -155,7 +155,9 @@ def draw_powers(axes, plan):
     for index, (uav, powers) in enumerate(zip(plan.scenario.uavs, plan.powers)):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
-                    label=f'{uav.name} ({"jams" if index else "transmits"})')
+                    label='\n'.join(filter(None, (
+                        f'{uav.name} ({"jams" if index else "transmits"})',
+                        energy_label(plan.energies[index])))))
     for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
         limits = {getattr(uav, field) for uav in plan.scenario.uavs}
         if len(limits) == 1:

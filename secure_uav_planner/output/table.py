@@ -1,6 +1,6 @@
 """The rates of plans as a table of text, for a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import math
 from typing import Any
 
@@ -10,6 +10,8 @@ _NAME, _RATE, _TIME = 26, 17, 9
 def table(plans: Sequence[Any], bound: Any = None) -> str:
     """
     Return a text table with a line for each Plan and one for a Bound, if there is one.
+
+    Where UAVs have a propulsion, lines with what their flights take follow.
 
     Where plans have bounds, a column has the largest share of the best rate that they may miss.
 
@@ -28,7 +30,23 @@ def table(plans: Sequence[Any], bound: Any = None) -> str:
         rates = {'guaranteed': '', 'worst_case': '', bound.objective: f'{bound.rate:.4f}'}
         lines.append(f'{"bound of any plan":<{_NAME}}{rates["guaranteed"]:>{_RATE}}'
                      f'{rates["worst_case"]:>{_RATE}}{bound.solve_time:>{_TIME}.2f}')
+    lines += _energies(plans)
     return '\n'.join(lines)
+
+
+def _energies(plans: Sequence[Any]) -> Iterator[str]:
+    """Yield lines with the energy of each UAV that has a propulsion, if there are any."""
+    known = [(plan, uav.name, energy) for plan in plans
+             for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
+    if known:
+        width = max(_TIME, *(len(name) + 2 for _, name, _ in known))
+        yield ''
+        yield (f'{"scheme":<{_NAME}}{"UAV":>{width}}{"energy":>{_RATE}}{"hovering":>{_RATE}}'
+               f'{"flying":>{_RATE}}')
+        yield f'{"":<{_NAME + width}}' + f'{"J":>{_RATE}}' * 3
+    for plan, name, energy in known:
+        yield f'{plan.method:<{_NAME}}{name:>{width}}' + ''.join(
+            f'{joules:>{_RATE}.0f}' for joules in energy)
 
 
 def _missing(plan: Any) -> str:

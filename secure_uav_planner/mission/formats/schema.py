@@ -26,5 +26,7 @@ UNITS = {
     'ceiling': 'm', 'tracking_margin': 'm', 'max_speed': 'm/s', 'start_velocity': 'm/s',
     'goal_velocity': 'm/s', 'max_acceleration': 'm/s^2', 'average_power': 'W',
     'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
+    'blade_power': 'W', 'induced_power': 'W', 'tip_speed': 'm/s', 'induced_velocity': 'm/s',
+    'air_density': 'kg/m^3', 'disc_area': 'm^2',
 }
 """The unit of every field that has one."""
