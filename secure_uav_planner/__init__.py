@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     from .errors import PlanningError
     from .mission.link_budget import reference_snr_db
     from .mission.propulsion import Propulsion
-    from .mission.scenario import Eavesdropper, NoFlyZone, Scenario, Uav
+    from .mission.scenario import Channel, Eavesdropper, NoFlyZone, Scenario, Uav
     from .optimize.solve import fly_hover_fly, METHODS, solve
     from .plan.bound import Bound
     from .plan.plan import Iteration, Plan
 
-__all__ = ['Bound', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone', 'Plan', 'PlanningError',
-           'Propulsion', 'Scenario', 'Uav', 'fly_hover_fly', 'reference_snr_db', 'solve',
-           'upper_bound']
+__all__ = ['Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone', 'Plan',
+           'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'fly_hover_fly', 'reference_snr_db',
+           'solve', 'upper_bound']
 
 _HOMES = {'bound': ('upper_bound',), 'errors': ('PlanningError',),
           'mission.link_budget': ('reference_snr_db',),
           'mission.propulsion': ('Propulsion',),
-          'mission.scenario': ('Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav'),
+          'mission.scenario': ('Channel', 'Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav'),
           'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
           'plan': ('Bound', 'Iteration', 'Plan')}
 

@@ -39,6 +39,12 @@ LIMITS = {
     'air_density': (0.0, 1e3),
     'solidity': (0.0, 1.0),
     'disc_area': (0.0, 1e4),
+    'exponent': (2.0, 6.0),
+    'los_a': (0.01, 100.0),
+    'los_b': (0.001, 2.0),
+    'los_loss_db': (0.0, 100.0),
+    'rician_k_db': (-40.0, 40.0),
+    'outage': (1e-6, 0.5),
 }
 """Smallest and largest value of every field; beyond them squares lose their accuracy."""
 

@@ -70,6 +70,8 @@ def solve(scenario: Scenario, method: Method = 'joint',
         objective = initial.objective
     objective = checked_objective(method, objective)
     _check_size(scenario, method)
+    if not scenario.channel.is_free_space or scenario.colluding:
+        raise OptionError('solve does not plan for this channel yet')
     _check_time_limit(time_limit)
     termination = Termination(on_iteration, time_limit, not is_open(scenario))
     positions, powers = (

@@ -7,7 +7,7 @@ from typing import Any
 from .documents import Document, Problem
 from .schema import Schema, UNITS
 from ..validation import checked_fields
-from ...errors import Place, ScenarioError, shown
+from ...errors import path_of, Place, ScenarioError, shown
 
 
 def diagnosed(document: Document, schema: Schema) -> tuple[Any, list[Problem]]:
@@ -37,7 +37,8 @@ class _Diagnosis:
             self._add((), 'the file is empty; it must have the fields of a mission')
             return None
         known = self._known_fields(neutral, data, (), '')
-        values = {name: value for name, value in known.items() if name not in self._schema.members
+        composed = {**self._schema.members, **self._schema.parts}
+        values = {name: value for name, value in known.items() if name not in composed
                   and self._is_right(neutral, name, value, (name,))}
         numbers: dict[str | int, list[int]] = {}
         for name in [name for name in known if name in self._schema.members]:
@@ -45,6 +46,10 @@ class _Diagnosis:
             if found or known[name] == []:
                 numbers[name] = [number for number, _ in found]
                 values[name] = tuple(member for _, member in found)
+        for name in known.keys() & self._schema.parts.keys():
+            part = self._object(self._schema.parts[name], known[name], (name,))
+            if part is not None:
+                values[name] = part
         try:
             return _completed(neutral, values, known.keys() - values.keys())
         except ScenarioError as error:
@@ -79,15 +84,14 @@ class _Diagnosis:
             self._add((field,), f'{field} is {shown(values)}; it must be a list')
             return
         for number, data in enumerate(values):
-            member = self._member(field, number, data)
+            member = self._object(self._schema.members[field], data, (field, number))
             if member is not None:
                 yield number, member
 
-    def _member(self, field: str, number: int, data: Any) -> Any:
-        """Return a member of a list, or None if what is wrong with it could hide other things."""
-        neutral, place = self._schema.members[field], (field, number)
+    def _object(self, neutral: Any, data: Any, place: Place) -> Any:
+        """Return an object, or None if what is wrong with it could hide other things."""
         before = len(self.problems)
-        known = self._known_fields(neutral, data, place, f'{field}[{number}]: ')
+        known = self._known_fields(neutral, data, place, f'{path_of(place)}: ')
         if 'name' in known:
             if self._is_right(neutral, 'name', known['name'], (*place, 'name')):
                 neutral = replace(neutral, name=known['name'])
@@ -101,10 +105,12 @@ class _Diagnosis:
                 member = _completed(neutral, known, wrong)
                 break
             except ScenarioError as error:
+                if error.place[0] in wrong:  # What stands in for it does not fit to the others.
+                    return None
                 self._add((*place, *error.place), str(error))
                 wrong.add(str(error.place[0]))
         # Of a UAV that has its places, altitude and speed, the rest can be neutral.
-        is_judged = field == 'uavs' and _needed(type(neutral)) <= known.keys() - wrong
+        is_judged = place[0] == 'uavs' and _needed(type(neutral)) <= known.keys() - wrong
         return member if is_judged or len(self.problems) == before else None
 
     def _is_right(self, neutral: Any, field: str, value: Any, place: Place) -> bool:

@@ -14,10 +14,12 @@ class Schema:
 
     :param scenario: a Scenario with limits so wide that any right value of a field fits.
     :param members: for each field of the scenario that is a list, such a Uav, Eavesdropper ...
+    :param parts: for each field of the scenario that is an object of its own, such a Channel.
     """
 
     scenario: Any
     members: Mapping[str, Any]
+    parts: Mapping[str, Any]
 
 
 UNITS = {
@@ -28,5 +30,6 @@ UNITS = {
     'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
     'blade_power': 'W', 'induced_power': 'W', 'tip_speed': 'm/s', 'induced_velocity': 'm/s',
     'air_density': 'kg/m^3', 'disc_area': 'm^2',
+    'rician_k_db': 'dB',
 }
 """The unit of every field that has one."""
