@@ -10,6 +10,7 @@ from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .assessment import assess, Assessment, World
     from .bound.upper_bound import upper_bound
     from .errors import PlanningError
     from .mission.link_budget import reference_snr_db
@@ -19,11 +20,13 @@ if TYPE_CHECKING:
     from .plan.bound import Bound
     from .plan.plan import Iteration, Plan
 
-__all__ = ['Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone', 'Plan',
-           'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'fly_hover_fly', 'reference_snr_db',
-           'solve', 'upper_bound']
+__all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone',
+           'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'World', 'assess',
+           'fly_hover_fly', 'reference_snr_db', 'solve', 'upper_bound']
 
-_HOMES = {'bound': ('upper_bound',), 'errors': ('PlanningError',),
+_HOMES = {'assessment': ('Assessment', 'World', 'assess'),
+          'bound': ('upper_bound',),
+          'errors': ('PlanningError',),
           'mission.link_budget': ('reference_snr_db',),
           'mission.propulsion': ('Propulsion',),
           'mission.scenario': ('Channel', 'Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav'),

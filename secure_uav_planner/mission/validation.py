@@ -45,6 +45,11 @@ LIMITS = {
     'los_loss_db': (0.0, 100.0),
     'rician_k_db': (-40.0, 40.0),
     'outage': (1e-6, 0.5),
+    'beyond': (0.0, 1e6),
+    'los_distance': (0.0, 1e6),
+    'receiver_db': (-100.0, 100.0),
+    'tracking_std': (0.0, 1e4),
+    'tracking_time': (0.0, 1e6),
 }
 """Smallest and largest value of every field; beyond them squares lose their accuracy."""
 

@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 import math
 from typing import Any
 
+import numpy as np
+
 _NAME, _RATE, _TIME = 26, 17, 9
 
 
@@ -55,3 +57,21 @@ def _missing(plan: Any) -> str:
         return 'unknown'
     # Rounded up, as all that is said to be proven.
     return f'{math.ceil(1000 * plan.bound.share_missing(plan)) / 10:.1f}%'
+
+
+def assessment_table(assessment: Any) -> str:
+    """Return a text table of what an Assessment found beside what its plan promised."""
+    found = assessment.summary
+    lines = [f'{"of " + str(assessment.draws) + " draws":<{_NAME}}{"promised":>{_RATE}}'
+             f'{"mean":>{_RATE}}{"5%":>{_RATE}}{"50%":>{_RATE}}']
+    low, middle = np.quantile(assessment.delivered, (0.05, 0.5))
+    for name, numbers in (
+            ('secrecy rate, bit/s/Hz', (found['promised'], found['mean'], found['quantile_5'],
+                                        found['quantile_50'])),
+            ('delivered, bit/Hz', (found['promised_delivery'], found['delivered'], low, middle))):
+        lines.append(f'{name:<{_NAME}}' + ''.join(f'{number:>{_RATE}.4f}' for number in numbers))
+    lines += ['', f'{"of all slots":<{_NAME}}{"promised":>{_RATE}}{"mean":>{_RATE}}'
+              f'{"largest":>{_RATE}}',
+              f'{"outage":<{_NAME}}' + ''.join(f'{share:>{_RATE}.4%}' for share in (
+                  found['promised_outage'], assessment.outages.mean(), found['outage']))]
+    return '\n'.join(lines)

@@ -44,6 +44,8 @@ def empty_row(task: Task) -> dict[str, Any]:
 
 
 def _results(task: Task) -> dict[str, Any]:
+    from ...assessment import assess
+    from ...assessment.monte_carlo import arguments
     from ...bound import upper_bound
     scenario = Scenario.from_dict(task['mission'])
     plan = _plan(scenario, task)
@@ -54,7 +56,11 @@ def _results(task: Task) -> dict[str, Any]:
         'iterations': max(0, len(plan.history) - 1),  # The first entry is the start.
         'solve_time': plan.solve_time}
     found['rate'] = found[f'{objective}_rate']
-    if more := _energies(plan):
+    more = _energies(plan)
+    if 'assess' in task:
+        more.update({f'assess.{name}': number for name, number in assess(
+            plan, **arguments(task['assess'])).summary.items()})
+    if more:
         found['more'] = more
     if limit is not None:
         bound = upper_bound(scenario, objective=objective, plan=plan, time_limit=limit)
