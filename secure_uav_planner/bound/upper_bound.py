@@ -95,12 +95,14 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     :param on_progress: called with a Progress after every bound that was proven, and twice a
         second; returning True ends the search.
     :return: a Bound.
-    :raises OptionError: for an unknown objective, a time limit that is not above 0, or a plan of
-        another scenario.
+    :raises OptionError: for an unknown objective, a time limit that is not above 0, a plan of
+        another scenario, or a channel other than free space without fading, for which nothing is
+        proven.
     """
     started = time.monotonic()
     checked_scenario(scenario)
     checked_objective(objective)
+    _check_channel(scenario)
     limit = _checked_time_limit(time_limit)
     _checked_callback(on_progress)
     if plan is not None:
@@ -114,6 +116,12 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
             _search(run, objective, plan)
     return Bound(scenario, run.rate, objective, ignored_limits(scenario),
                  time.monotonic() - started, run.outcome)
+
+
+def _check_channel(scenario: Scenario) -> None:
+    if not scenario.channel.is_free_space:
+        raise OptionError(f'channel is {scenario.channel}; the proof of upper_bound holds for '
+                          'free space without fading only')
 
 
 def plain_bound(scenario: Scenario) -> float:

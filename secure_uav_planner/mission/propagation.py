@@ -65,9 +65,14 @@ class Channel:
         return ENVIRONMENTS[self.los] if isinstance(self.los, str) else self.los
 
     @property
+    def is_inverse_square(self) -> bool:
+        """Whether the gain is a constant / (d^2 + H^2), as in free space."""
+        return self.exponent == 2.0 and self.los is None
+
+    @property
     def is_free_space(self) -> bool:
-        """Whether this is the paper's channel."""
-        return self.exponent == 2.0 and self.los is None and self.outage is None
+        """Whether this is the paper's channel: free space without fading."""
+        return self.is_inverse_square and self.outage is None
 
 
 def _checked_los(value: Any) -> Any:
