@@ -13,7 +13,8 @@ from .result import Assessment, FAN
 from .world import World
 from ..errors import OptionError, shown
 from ..mission.scenario import Array, read_only, Scenario
-from ..model.channel.rates import rate_of
+from ..model.channel.links import link_of
+from ..model.channel.rates import put_together, rate_of
 from ..plan.plan import Plan
 
 MOST_DRAWS = 10**6
@@ -119,39 +120,20 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
         sights = drawn.sights(scenario, positions, world.los_distance, draws, seed)
     if channel.rician_k_db is not None:
         fading = drawn.fading(channel.rician_k_db, (len(positions), 1 + count), draws, seed)
-    slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None])
+    # The gain without fading; a cautious channel is one for promises.
+    link = link_of(replace(scenario, channel=replace(
+        channel, cautious=False, rician_k_db=None, outage=None)), 'ground_node')
+    slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None], strict=True)
     for (uavs, watts), error, sight, fade in zip(slots, errors, sights, fading):
         if error is not None:
             uavs = uavs + error
         rates = []
         for number, (place, advantage) in enumerate(zip(receivers, advantages, strict=True)):
             squared = ((uavs - place)**2).sum(axis=-1)
-            received = _gains(scenario, squared, None if sight is None else sight[:, number])
-            received = received * (advantage * watts)
-            if fade is not None:
-                received = received * fade[:, number]
-            rates.append(rate_of(received))
-        leak = rates[1]
-        if scenario.colluding:
-            leak = np.log1p(sum(np.expm1(rate * np.log(2.0)) for rate in rates[1:])) / np.log(2.0)
-        else:
-            for rate in rates[2:]:
-                leak = np.maximum(leak, rate)
+            gains = link.gain(squared) if sight is None else link.drawn_gain(
+                squared, sight[:, number])
+            received = gains * (advantage * watts)
+            rates.append(rate_of(received if fade is None else received * fade[:, number]))
+        leaks = np.stack(rates[1:], axis=-1)
+        leak = put_together(leaks) if scenario.colluding else leaks.max(axis=-1)
         yield np.broadcast_to(rates[0] - leak, (draws,)).copy()
-
-
-def _gains(scenario: Scenario, squared: Array, sight: Array | None) -> Array:
-    """Return the gains of links, (U, D) in 1/W, with or without a line of sight as is drawn."""
-    channel = scenario.channel
-    heights = scenario.altitudes[:, None]**2
-    distance = squared + heights
-    gains = scenario.reference_snr * distance**(-channel.exponent / 2)
-    if channel.los_numbers is None:
-        return gains
-    a, b, loss = channel.los_numbers
-    kappa = 10.0 ** (-loss / 10.0)
-    elevation = np.degrees(np.arcsin(np.sqrt(heights / distance)))
-    probability = 1.0 / (1.0 + a * np.exp(-b * (elevation - a)))
-    if sight is None:
-        return gains * (probability + (1.0 - probability) * kappa)
-    return gains * np.where(sight < probability, 1.0, kappa)
