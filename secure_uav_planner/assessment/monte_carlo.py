@@ -53,7 +53,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
         kept = rates >= promised[slot] - _ROUNDING
         sums += rates
         delivered += step * promised[slot] * kept
-        outages[slot] = 1.0 - np.count_nonzero(kept) / draws
+        outages[slot] = np.count_nonzero(~kept) / draws
         fan[:, slot] = np.quantile(rates, FAN)
     return Assessment(plan, world, draws, seed, read_only(sums / count), read_only(fan),
                       read_only(outages), read_only(delivered), promised, flown is not None)
