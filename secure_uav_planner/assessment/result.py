@@ -67,22 +67,22 @@ class Assessment:
 
     @property
     def outage(self) -> float:
-        """The largest of the outages."""
+        """Largest of the outages."""
         return float(self.outages.max())
 
     @property
     def promised_outage(self) -> float:
-        """What the plan allows of the outage in each slot; 0 without fading."""
+        """Outage that the plan allows in each slot; 0 without fading."""
         return self.plan.scenario.channel.outage or 0.0
 
     @property
     def promised_delivery(self) -> float:
-        """What is delivered in secret without any outage, in bit/Hz."""
+        """Bits delivered in secret without any outage, in bit/Hz."""
         return float(self.promised_rates.sum() * self.plan.scenario.slot_duration)
 
     @property
     def summary(self) -> dict[str, float]:
-        """The numbers of the answer by name, as in the columns of a campaign."""
+        """Numbers of the answer by name, as in the columns of a campaign."""
         return {'mean': self.mean, 'quantile_5': self.quantile(0.05),
                 'quantile_50': self.quantile(0.5), 'promised': self.promised_rate,
                 'outage': self.outage, 'promised_outage': self.promised_outage,
