@@ -122,12 +122,6 @@ class PathLoss(FreeSpace):
         losses = np.ascontiguousarray(np.broadcast_to(self.losses, (receivers, uavs)), float)
         return core.PathLoss(*self._arrays(receivers, uavs), losses, self.exponent, *self.los)
 
-    def to_uavs(self, uavs: int) -> Any:
-        """Return the kernel's form of the links of every UAV to one receiver, with an SNR of 1."""
-        one = replace(self, reference_snr=1.0, squared_altitudes=self.squared_altitudes[:, 0],
-                      losses=np.ravel(self.losses))
-        return one.compiled(1, uavs)
-
     def _in_sight(self, squared: Array) -> Array:
         found: Array = self.reference_snr * (
             squared + self.squared_altitudes)**(-0.5 * self.exponent)

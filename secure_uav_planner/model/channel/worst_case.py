@@ -1,6 +1,7 @@
 """The worst case: the place in the discs where the leak is largest, proven in every slot."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -136,8 +137,8 @@ def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
 def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
     """Return the Pairs of `kernel/discs.hpp`, of all slots and eavesdroppers, slot by slot."""
     uavs, slots, eves = offsets.shape[:3]
-    own = link_of(scenario, 'eavesdropper')
-    link = own.for_receivers(np.tile(scenario.receiver_advantages, slots))
+    link = link_of(scenario, 'eavesdropper').for_receivers(
+        np.tile(scenario.receiver_advantages, slots))
     offsets, powers = offsets.reshape(uavs, -1, 2), np.repeat(powers, eves, axis=1)
     snr = np.broadcast_to(link.reference_snr, (uavs, slots * eves))
     jamming = powers[1:] / powers[0]
@@ -148,8 +149,9 @@ def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
              'noise': 1.0 / (snr[0] * powers[0]), 'jamming': jamming,
              'radius': np.tile(scenario.error_radii, slots)}
     found: dict[str, Any] = {name: np.ascontiguousarray(values) for name, values in pairs.items()}
-    if isinstance(own, PathLoss):
-        found['channel'] = own.to_uavs(uavs)
+    if isinstance(link, PathLoss):
+        found['channel'] = replace(
+            link_of(scenario, 'eavesdropper', axes=0), reference_snr=1.0).compiled(1, uavs)
     return found
 
 
