@@ -366,6 +366,22 @@ def test_between_its_lines_a_uav_flew_straight(plan, tmp_path):
     assert aside.is_flown and (aside.rates != assess(plan, 9).rates).all()
 
 
+def test_a_bag_says_where_the_uavs_were(plan, tmp_path):
+    pytest.importorskip('mcap_ros2', reason='needs mcap-ros2-support, which reads bags')
+    from secure_uav_planner.ros.recording import record
+    flown = replace(plan, start_ns=10**18 + 5)
+    record(flown, tmp_path / 'a.mcap', rate=10.0)
+    found = read_flown(tmp_path / 'a.mcap', flown)
+    np.testing.assert_allclose(found, plan.positions[:, 1:-1], atol=2.0)
+    between = plan.curve.at(plan.times[1:-1]).positions
+    np.testing.assert_allclose(found, between, atol=1e-3)
+    with pytest.raises(OptionError, match='the plan has no start_ns'):
+        read_flown(tmp_path / 'a.mcap', plan)
+    (tmp_path / 'b.mcap').write_bytes((tmp_path / 'a.mcap').read_bytes()[:1000])
+    with pytest.raises(OptionError, match='b.mcap is no bag that can be read'):
+        read_flown(tmp_path / 'b.mcap', flown)
+
+
 @pytest.mark.parametrize('text, words', [
     ('', ':1: it lacks the columns uav, time, x, y'), ('uav,x,y\n', ':1: it lacks the columns t'),
     ('uav,time,x,y\none,0,0,0\n', 'has one from 0 to 0 s; it must be from 5 to 60 s or longer'),
@@ -373,7 +389,7 @@ def test_between_its_lines_a_uav_flew_straight(plan, tmp_path):
     ('uav,time,x,y\none,0,0,zero\n', ":2: y is 'zero'; it must be a number from"),
     ('uav,time,x,y\none,0,nan,0\n', ":2: x is 'nan'"), ('uav,time,x,y\none,0\n', ':2: x is None'),
     ('uav,time,x,y\nfour,0,0,0\n', ":2: uav is 'four'; it must be one of one, two, three"),
-    ('uav,time,x,y\none,0,0,0\none,99,0,0\n', 'has no line for two')])
+    ('uav,time,x,y\none,0,0,0\none,99,0,0\n', 'has nothing of two')])
 def test_a_wrong_flight_is_refused_with_its_line(plan, tmp_path, text, words):
     (tmp_path / 'a.csv').write_text(text)
     with pytest.raises(OptionError, match=words):

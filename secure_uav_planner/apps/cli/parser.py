@@ -135,7 +135,7 @@ plan allows for.""")
     parser.add_argument('--tracking-time', type=float, metavar='S',
                         help='correlation time of these errors (default: 2)')
     parser.add_argument('--flown', metavar='FILE', help='where the UAVs really were: CSV with the '
-                        'columns uav, time, x, y')
+                        'columns uav, time, x, y, or a bag (.mcap) with <uav>/odom')
     parser.add_argument('--exponent', type=float, metavar='A',
                         help="another path loss exponent than the plan's")
     parser.add_argument('--los', choices=('none', *ENVIRONMENTS),
