@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from .plan.plan import Iteration, Plan
 
 __all__ = ['Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone', 'Plan',
-           'PlanningError', 'Scenario', 'Uav', 'fly_hover_fly', 'reference_snr_db', 'solve', 'upper_bound']
+           'PlanningError', 'Scenario', 'Uav', 'fly_hover_fly', 'reference_snr_db', 'solve',
+           'upper_bound']
 
 _HOMES = {'bound': ('upper_bound',), 'errors': ('PlanningError',),
           'mission.link_budget': ('reference_snr_db',),

@@ -339,5 +339,5 @@ def test_every_field_that_has_a_unit_is_known_with_it():
                          for name in data[field][0]} | set(data['channel'])
     assert set(UNITS) < names
     assert names - set(UNITS) == {
-        'uavs', 'eavesdroppers', 'no_fly_zones', 'slots', 'name', 'channel', 'colluding', 'exponent',
-        'los', 'cautious', 'outage'}
+        'uavs', 'eavesdroppers', 'no_fly_zones', 'slots', 'name', 'channel', 'colluding',
+        'exponent', 'los', 'cautious', 'outage'}
