@@ -73,6 +73,7 @@ def test_the_demo_flies_the_city_as_well(tmp_path):
     assert result.returncode == 0, result.stdout + result.stderr
     plan = Plan.load(tmp_path / 'plan.json')  # which checks every limit along the curve
     assert plan.scenario == Scenario.load(city.FILE)
+    assert 'planned for free space' in result.stdout and plan.bound is None
     assert plan.worst_case_rate > fly_hover_fly(plan.scenario, 'optimised').worst_case_rate
     for ending in ('png', 'html', 'mcap'):
         assert (tmp_path / f'plan.{ending}').stat().st_size > 10000

@@ -1,5 +1,6 @@
 """The page of a plan, in a real browser."""
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 import shutil
@@ -8,7 +9,7 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import pytest
-from secure_uav_planner import fly_hover_fly, Scenario, upper_bound
+from secure_uav_planner import Channel, fly_hover_fly, Scenario, upper_bound
 from secure_uav_planner.output.page import save_page
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
@@ -32,7 +33,9 @@ BLUE, ORANGE, CROSS = 'rgb(0, 114, 178)', 'rgb(230, 159, 0)', 'rgb(213, 94, 0)'
 
 
 PHONE = (390, 844)
-CITY = Scenario.load(Path(__file__).parents[1] / 'config' / 'city.yaml')
+# In free space, for which bounds are proven.
+CITY = replace(Scenario.load(Path(__file__).parents[1] / 'config' / 'city.yaml'),
+               channel=Channel())
 
 # What of the page is drawn and ends beyond the screen.
 BEYOND = """

@@ -8,6 +8,7 @@ and services over DDS, like any other program.
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 import pathlib
 import sys
 import time
@@ -25,8 +26,9 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from .. import fly_hover_fly, Plan, Scenario, upper_bound
+from .. import Channel, fly_hover_fly, Plan, Scenario, solve, upper_bound
 from ..errors import PlanningError
+from ..mission.choices import Objective
 from ..output.page import save_page
 from ..output.picture import save_picture
 from ..output.table import table
@@ -62,25 +64,37 @@ def main(argv: Sequence[str] | None = None) -> int:
         out.mkdir(parents=True, exist_ok=True)
         with isolated(out):
             plan = _plan_and_replay(scenario, file, options.method)
-        baselines = [fly_hover_fly(plan.scenario, power) for power in ('constant', 'optimised')]
-        print(f'proving how good they are, for at most {_PROOF:g} s ...', flush=True)
-        bound = upper_bound(plan.scenario, objective=plan.objective, plan=plan,
-                            time_limit=_PROOF)
+        plans = [fly_hover_fly(plan.scenario, 'constant'),
+                 fly_hover_fly(plan.scenario, 'optimised'), plan]
+        if plan.scenario.channel.is_free_space:
+            print(f'proving how good they are, for at most {_PROOF:g} s ...', flush=True)
+            bound = upper_bound(plan.scenario, objective=plan.objective, plan=plan,
+                                time_limit=_PROOF)
+            plans = [one.with_bound(bound) for one in plans]
+        else:
+            print('planning for free space, to see what that would cost ...', flush=True)
+            plans.insert(2, planned_for_free_space(plan.scenario, plan.objective))
     except (PlanningError, OSError) as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130
     print()
-    *baselines, plan = (one.with_bound(bound) for one in (*baselines, plan))
-    print(table([*baselines, plan]))
+    *others, plan = plans
+    print(table(plans))
     files = [out / f'plan.{ending}' for ending in ('json', 'png', 'html', 'mcap')]
     plan.save(files[0])
-    save_picture(plan, files[1], baselines)
+    save_picture(plan, files[1], others)
     save_page(plan, files[2])
     record(plan, files[3])
     print(f'\nsaved: {", ".join(map(str, files))}')
     return 0
+
+
+def planned_for_free_space(scenario: Scenario, objective: Objective) -> Plan:
+    """Return the plan for free space, with the rates that it has in the scenario's channel."""
+    plan = solve(replace(scenario, channel=Channel()), objective=objective)
+    return replace(plan, scenario=scenario, method='planned for free space')
 
 
 def _mission_file(mission: str) -> pathlib.Path | None:

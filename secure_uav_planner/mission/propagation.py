@@ -61,17 +61,17 @@ class Channel:
 
     @property
     def los_numbers(self) -> tuple[float, float, float] | None:
-        """The numbers a, b and extra loss in dB, or None for a line of sight everywhere."""
+        """Return a, b and the extra loss in dB, or None for a line of sight everywhere."""
         return ENVIRONMENTS[self.los] if isinstance(self.los, str) else self.los
 
     @property
     def is_inverse_square(self) -> bool:
-        """Whether the gain is a constant / (d^2 + H^2), as in free space."""
+        """Return whether the gain is a constant / (d^2 + H^2), as in free space."""
         return self.exponent == 2.0 and self.los is None
 
     @property
     def is_free_space(self) -> bool:
-        """Whether this is the paper's channel: free space without fading."""
+        """Return whether this is the paper's channel: free space without fading."""
         return self.is_inverse_square and self.outage is None
 
 

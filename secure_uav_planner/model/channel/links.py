@@ -9,7 +9,7 @@ says which.
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ class FreeSpace:
     reference_snr: Array | float
     squared_altitudes: Array
 
-    def for_receivers(self, advantages: Array | float) -> Self:
+    def for_receivers(self, advantages: Array | float) -> 'FreeSpace':
         """
         Return the link to receivers that are better than others.
 
@@ -57,7 +57,7 @@ class FreeSpace:
         """
         return self.gain(squared)
 
-    def taken(self, receivers: NDArray[np.intp]) -> Self:
+    def taken(self, receivers: NDArray[np.intp]) -> 'FreeSpace':
         """Return the link to some of its receivers, given as an index array, of arrays (K, U)."""
         return replace(self, reference_snr=np.asarray(self.reference_snr)[receivers])
 
@@ -112,10 +112,11 @@ class PathLoss(FreeSpace):
             + (1 - self.losses) * steeper)
         return found
 
-    def taken(self, receivers: NDArray[np.intp]) -> Self:
+    def taken(self, receivers: NDArray[np.intp]) -> 'PathLoss':
         """Return the link to some of its receivers, as that of FreeSpace."""
-        losses = self.losses if np.isscalar(self.losses) else np.asarray(self.losses)[receivers]
-        return replace(super().taken(receivers), losses=losses)
+        snr = np.asarray(self.reference_snr)
+        losses = np.broadcast_to(self.losses, snr.shape)
+        return replace(self, reference_snr=snr[receivers], losses=losses[receivers])
 
     def compiled(self, receivers: int, uavs: int) -> Any:
         """Return the kernel's form of the links from every UAV to every receiver."""

@@ -43,7 +43,11 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
 
 
 def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Array:
-    """Return where in the discs the largest leak of each slot was found, (N, 2) in m."""
+    """
+    Return where in the discs the largest leak of each slot was found, (N, 2) in m.
+
+    Of eavesdroppers that collude, it is the place of the one that leaks most.
+    """
     _, places = _worst_leaks(scenario, positions[:, 1:-1], np.maximum(powers, 0.0))
     return places
 
@@ -118,13 +122,11 @@ def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
         place = np.empty((groups, 2))
         core.prove(pairs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
                    proven, pair, place)
-        proven, place = proven.reshape(-1, count), place.reshape(-1, count, 2)
-        each = np.arange(active.size)
-        worst = proven.argmax(axis=1)
-        eves[active], places[active] = (
-            pair.reshape(-1, count)[each, worst] % most.shape[1], place[each, worst])
-        proven = put_together(proven) if scenario.colluding else proven[:, 0]
-        leaks[active] = np.minimum(leaks[active], proven + _ROUNDING)
+        of_each = proven.reshape(-1, count)
+        worst = np.arange(0, groups, count) + of_each.argmax(axis=1)
+        eves[active], places[active] = pair[worst] % most.shape[1], place[worst]
+        whole = put_together(of_each) if scenario.colluding else proven
+        leaks[active] = np.minimum(leaks[active], whole + _ROUNDING)
     return leaks, scenario.eavesdropper_positions[eves] + places
 
 

@@ -23,11 +23,11 @@ struct Receivers {
     Reals edge;       // What the guarantee adds to a distance, (K, U).
 };
 
-// Places that stand for the discs of the eavesdroppers, E PER_DISC of them; see WorstPlaces.
+// Places that stand for the discs of the eavesdroppers, P for each; see WorstPlaces.
 struct Places {
-    std::vector<char> followed;  // Which follow the UAVs, (N, E PER_DISC).
-    Reals offsets;               // From the centres of their discs, (N, E PER_DISC, 2).
-    Reals radii;                 // Of their discs, (E PER_DISC).
+    std::vector<char> followed;  // Which follow the UAVs, (N, E P).
+    Reals offsets;               // From the centres of their discs, (N, E P, 2).
+    Reals radii;                 // Of their discs, (E P).
 };
 
 // A problem on a grid: (P1) with places, or (P2) without.
