@@ -20,6 +20,7 @@ import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, Scenario
 from secure_uav_planner.apps.campaign.evaluation import COLUMNS
 from secure_uav_planner.apps.campaign.specification import BASELINES, Campaign
+from secure_uav_planner.mission import propagation
 from secure_uav_planner.model import clearance
 from secure_uav_planner.output import spreadsheet
 from secure_uav_planner.plan import playback
@@ -433,7 +434,7 @@ def known_names():
     names = set(FOREIGN) | set(PLANNER) | set(REPLAY) | set(RELAY) | {'U', 'N', 'E'}
     for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
                   secure_uav_planner.Eavesdropper, secure_uav_planner.NoFlyZone,
-                  clearance.Clearance, clearance.Approach, playback, playback.Playback,
+                  secure_uav_planner.Channel, clearance.Clearance, clearance.Approach, playback, playback.Playback,
                   playback.Moment, secure_uav_planner.model.channel):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
@@ -442,6 +443,7 @@ def known_names():
     names |= set(secure_uav_planner.METHODS) | set(spreadsheet.COLUMNS) | set(COLUMNS)
     names |= set(BASELINES) | {field.name for field in fields(Campaign)} | {
         'bound_time_limit', 'worker_lost'}
+    names |= set(propagation.ENVIRONMENTS)
     names |= {kind.code for kind in vars(errors).values() if hasattr(kind, 'code')}
     return names | set(secure_uav_planner.plan.plan.STATUSES)
 
