@@ -20,6 +20,7 @@ import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, Scenario
 from secure_uav_planner.apps.campaign.evaluation import COLUMNS
 from secure_uav_planner.apps.campaign.specification import BASELINES, Campaign
+from secure_uav_planner.mission import propagation
 from secure_uav_planner.model import clearance
 from secure_uav_planner.optimize.joint.schedule import Schedule
 from secure_uav_planner.output import spreadsheet
@@ -446,6 +447,7 @@ def known_names():
     names |= set(secure_uav_planner.METHODS) | set(spreadsheet.COLUMNS) | set(COLUMNS)
     names |= set(BASELINES) | {field.name for field in fields(Campaign)} | {
         'bound_time_limit', 'worker_lost'}
+    names |= set(propagation.ENVIRONMENTS)
     names |= {kind.code for kind in vars(errors).values() if hasattr(kind, 'code')}
     return names | set(secure_uav_planner.plan.plan.STATUSES)
 
