@@ -143,7 +143,7 @@ class _Diagnosis:
         except ScenarioError as error:
             # Otherwise the value does not fit to the neutral ones, which says nothing.
             if error.place[:1] == (field,):
-                self._add((*place, *error.place[1:]), f'{error}{_unit(field, value)}')
+                self._add((*place, *error.place[1:]), f'{error}{_unit(field, value, str(error))}')
                 return False
         return True
 
@@ -170,10 +170,10 @@ def _misfit(kind: type[Any], data: object) -> str:
     return ''
 
 
-def _unit(field: str, value: Any) -> str:
+def _unit(field: str, value: Any, message: str) -> str:
     """Return what to add to a message about a wrong value of a field."""
-    if field not in UNITS:
+    if field not in UNITS or message.endswith(f' {UNITS[field]}'):
         return ''
     if isinstance(value, str):
         return f', in {UNITS[field]}, without its unit'
-    return '' if isinstance(value, list) else f' {UNITS[field]}'
+    return f' {UNITS[field]}' if isinstance(value, (int, float)) else ''
