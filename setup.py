@@ -124,7 +124,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'secure_uav_planner = secure_uav_planner.apps.cli.main:main',
+            'secure_uav_planner = secure_uav_planner.__main__:main',
         ],
     },
 )

@@ -1,8 +1,16 @@
-"""Run the command as `python -m secure_uav_planner`."""
+"""Run the command, as `secure_uav_planner` or as `python -m secure_uav_planner`."""
 
 import sys
 
-from .apps.cli.main import main
+
+def main() -> int:
+    """Run the command; return the exit status."""
+    try:
+        from .apps.cli.main import main as run
+    except KeyboardInterrupt:  # Ctrl-C while it is imported.
+        return 130
+    return run()
+
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -8,6 +8,7 @@ Programming errors are none of them, so that nobody catches those by mistake.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+import math
 import reprlib
 from typing import Any, ClassVar, TypeAlias
 
@@ -181,12 +182,21 @@ _of_file: ContextVar[bool] = ContextVar('_of_file', default=False)
 
 @contextmanager
 def words_of_files() -> Iterator[None]:
-    """Let messages say true, false and null, as YAML and JSON do, where Python has other words."""
+    """Let messages have the words of YAML and JSON, such as null, where Python has others."""
     token = _of_file.set(True)
     try:
         yield
     finally:
         _of_file.reset(token)
+
+
+_NOUNS = {'Scenario': 'mission', 'Uav': 'UAV', 'NoFlyZone': 'no-fly zone'}
+
+
+def noun_of(kind: type[Any]) -> str:
+    """Return what a class is called in Python or, within words_of_files, in a file."""
+    name = kind.__name__
+    return _NOUNS.get(name, name.lower()) if _of_file.get() else name
 
 
 class _Short(reprlib.Repr):
@@ -203,10 +213,22 @@ class _Short(reprlib.Repr):
             x = x.tolist()
         if _of_file.get() and (x is None or isinstance(x, bool)):
             return 'null' if x is None else str(x).lower()
+        if _of_file.get() and isinstance(x, float) and not math.isfinite(x):
+            return f'{x}'.replace('inf', '.inf').replace('nan', '.nan')
         try:
             return super().repr1(x, level)
         except ValueError:  # an integer of more digits than Python converts
             return f'<{type(x).__name__} of {x.bit_length()} bits>'
+
+    def repr_tuple(self, x: tuple[Any, ...], level: int) -> str:
+        return self.repr_list([*x], level) if _of_file.get() else super().repr_tuple(x, level)
+
+    def repr_dict(self, x: dict[Any, Any], level: int) -> str:
+        if not _of_file.get() or not x or level <= 0:
+            return super().repr_dict(x, level)
+        found = [f'{key}: {self.repr1(x[key], level - 1)}'[:self.maxother]
+                 for key in [*x][:self.maxdict]]
+        return f'{{{", ".join([*found, *["..."] * (len(x) > self.maxdict)])}}}'
 
 
 shown = _Short().repr

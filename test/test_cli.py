@@ -3,6 +3,7 @@
 import argparse
 import csv
 from dataclasses import replace
+import json
 import math
 import os
 from pathlib import Path
@@ -267,10 +268,46 @@ def test_a_full_disk_is_one_line_and_status_1(tmp_path):
     assert done.returncode == 1, done.stdout + done.stderr
     line, = done.stderr.splitlines()
     assert line.startswith('secure_uav_planner: ') and 'File too large' in line
+    assert str(Path('out') / 'plan.json') in line
     assert not list((tmp_path / 'out').glob('*.json*'))
 
 
-def test_ctrl_c_keeps_the_best_plan_so_far(tmp_path):
+def test_a_failure_on_the_way_says_what_was_written(tmp_path):
+    Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
+    (tmp_path / 'out' / 'plan.png').mkdir(parents=True)
+    done = subprocess.run(
+        [*MODULE, 'plan', 'mission.yaml', '--bound-time-limit', '0', '--no-baselines'],
+        cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, env=environment())
+    assert done.returncode == 1 and done.stdout == ''
+    written, reason = done.stderr.splitlines()
+    assert written == f'written: {Path("out") / "plan.json"}, {Path("out") / "plan.csv"}'
+    assert str(Path('out') / 'plan.png') in reason
+
+
+def test_all_files_are_written_though_nobody_reads_what_is_printed(tmp_path):
+    Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
+    ours, theirs = os.pipe()
+    os.close(ours)
+    done = subprocess.run(
+        [*MODULE, 'plan', 'mission.yaml', '--bound-time-limit', '0'], cwd=tmp_path, stdout=theirs,
+        stderr=subprocess.PIPE, text=True, timeout=PATIENCE, env=environment())
+    os.close(theirs)
+    assert (done.returncode, done.stderr) == (1, '')
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {
+        'plan.json', 'plan.csv', 'plan.png', 'plan.html'}
+
+
+def test_the_baselines_can_be_left_out_and_the_origin_be_anywhere(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Scenario.paper(120.0, slots=10).save('mission.yaml')
+    assert main(['plan', '--origin', '-33.5', '151.25', 'mission.yaml', '--no-baselines',
+                 '--bound-time-limit', '0']) == 0
+    out = capsys.readouterr().out
+    assert 'fly_hover_fly' not in out and 'plan_uav2.plan' in out
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
     Scenario.paper(200.0, slots=1500).save(tmp_path / 'mission.yaml')
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
@@ -283,7 +320,7 @@ def test_ctrl_c_keeps_the_best_plan_so_far(tmp_path):
         seen = b''
         while b'iteration 1' not in seen:
             seen += os.read(ours, 1000)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         # The other end of a terminal that nobody reads would block.
         threading.Thread(target=drain, args=[ours], daemon=True).start()
         printed, _ = process.communicate()
@@ -293,6 +330,7 @@ def test_ctrl_c_keeps_the_best_plan_so_far(tmp_path):
     assert process.returncode == 130, seen
     plan = Plan.load(tmp_path / 'out' / 'plan.json')
     assert plan.status == 'cancelled' and plan.message.encode() in printed
+    assert b'written: out/plan.json' in printed
 
 
 def drain(terminal):
@@ -411,11 +449,11 @@ def test_a_flown_mission_is_near_the_plan_at_all_times(acceleration):
     most = TOLERANCE + 0.3 + (acceleration or 0.0) * plan.scenario.slot_duration**2 / 8
     for number, uav in enumerate(plan.scenario.uavs):
         items = mission(plan, number, origin)['mission']['items']
-        assert items[0]['command'] == 22 and items[-1]['command'] == 21
+        assert items[0]['command'] == items[-1]['command'] == 16  # Both UAVs start at one place.
         assert [item['doJumpId'] for item in items] == list(range(1, len(items) + 1))
         assert len(items) < 100
         here, now, speed = np.array(uav.start), playback.begin, None
-        for item in items[1:-1]:
+        for item in items[1:]:
             if item['command'] == 178:
                 speed = item['params'][1]
                 continue
@@ -430,6 +468,45 @@ def test_a_flown_mission_is_near_the_plan_at_all_times(acceleration):
             here, now = there, end
         assert now == pytest.approx(playback.duration, abs=0.1)
         assert math.dist(here, uav.goal) < 0.1
+
+
+def kind(value):
+    """Return the JSON type of a value, in the words of the source code of QGroundControl."""
+    return {bool: 'bool', int: 'double', float: 'double', str: 'string', list: 'array',
+            dict: 'object', type(None): 'null'}[type(value)]
+
+
+def test_a_file_has_what_qgroundcontrol_asks_for_and_no_two_uavs_take_off_from_one_spot(tmp_path):
+    # What the functions load and validateKeys of PlanMasterController, MissionController,
+    # MissionItem, SimpleMissionItem and GeoFenceController ask for; a null is a NaN there.
+    of_file = {'fileType': 'string', 'groundStation': 'string', 'version': 'double',
+               'mission': 'object', 'geoFence': 'object', 'rallyPoints': 'object'}
+    of_mission = {'version': 'double', 'items': 'array', 'plannedHomePosition': 'array',
+                  'firmwareType': 'double', 'vehicleType': 'double', 'cruiseSpeed': 'double',
+                  'hoverSpeed': 'double', 'globalPlanAltitudeMode': 'double'}
+    of_item = {'type': 'string', 'frame': 'double', 'command': 'double', 'params': 'array',
+               'autoContinue': 'bool', 'doJumpId': 'double'}
+    of_place = {'AltitudeMode': 'double', 'Altitude': 'double', 'AMSLAltAboveTerrain': 'null'}
+    main(['new', str(tmp_path / 'mission.yaml')])
+    apart = Scenario.load(tmp_path / 'mission.yaml')
+    together = replace(apart, separation=0.0, uavs=tuple(
+        replace(uav, goal=apart.uavs[0].goal) for uav in apart.uavs))
+    for scenario, ends in ((apart, [22, 21]), (together, [22, 16]), (replace(
+            apart, uavs=apart.uavs[:1]), [22, 21])):
+        plan = fly_hover_fly(scenario)
+        for uav in range(len(scenario.uavs)):
+            found = json.loads(json.dumps(mission(plan, uav, Origin(47.0, 8.0, 400.0))))
+            items = found['mission']['items']
+            assert [items[0]['command'], items[-1]['command']] == ends
+            assert {item['command'] for item in items[1:-1]} <= {16, 178}
+            for owner, kinds in ((found, of_file), (found['mission'], of_mission), *(
+                    (item, {**of_item, **({} if item['command'] == 178 else of_place)})
+                    for item in items)):
+                assert {name: kind(value) for name, value in owner.items()} == kinds
+            for item in items:
+                assert item['type'] == 'SimpleItem' and len(item['params']) == 7
+                assert all(kind(value) in ('double', 'null') for value in item['params'][:4])
+            assert found['fileType'] == 'Plan' and found['mission']['version'] == 2
 
 
 def test_zones_at_the_altitude_and_the_fence_are_the_missions_fence():

@@ -119,15 +119,15 @@ duration: 100
 separation: -3
 """))
     expected = [
-        (1, 'Scenario lacks slots'),
-        (2, "Scenario has no field 'eavesdropper'; did you mean eavesdroppers?"),
+        (1, 'mission lacks slots'),
+        (2, "mission has no field 'eavesdropper'; did you mean eavesdroppers?"),
         (4, "error_radius is '10 m'; it must be a number from 0 to 1e+07, in m, without"),
-        (6, 'uavs[0]: Uav lacks altitude'),
+        (6, 'uavs[0]: UAV lacks altitude'),
         (8, 'a.goal is [1000.0]; it must be two coordinates'),
         (10, 'a.peak_power is 4.0; it must be at least average_power, which is 5.0'),
         (21, "'altitude' comes twice"),
         (22, 'c.max_speed is [10]; it must be a number'),
-        (23, "uavs[2]: Uav has no field 'hover'"),
+        (23, "uavs[2]: UAV has no field 'hover'"),
         (25, 'zone vertices'), (25, 'zone floor is 5 m; it must be at most ceiling'),
         (26, 'duration is 100 s; b needs at least'),
         (27, 'separation is -3; it must be a number from 0 to 1e+06 m')]
@@ -169,7 +169,7 @@ tracking: 1
         (4, 'odd.start is [0]'),
         (5, 'a.peak_power is 4.0; it must be at least average_power'),
         (15, "a.max_speed is 'fast'; it must be a number"),
-        (18, 'b.goal is (900.0, 0.0), outside the geofence'),
+        (18, 'b.goal is [900.0, 0.0], outside the geofence'),
         (21, 'b.max_acceleration is -1'),
         (23, 'duration is 60 s; a needs at least 8'),
         (23, 'duration is 60 s; b needs at least 8'),
@@ -196,7 +196,7 @@ no_fly_zones: [{vertices: [[150, 0], [160, 0], [150, 10]]}]
 
 
 @pytest.mark.parametrize('value, words', [
-    ('true', 'is true'), ('null', 'is null'), ('{a: [false]}', "is {'a': [false]}"),
+    ('true', 'is true'), ('null', 'is null'), ('{a: [false]}', 'is {a: [false]}'),
     ('7', 'must be a list')])
 def test_values_are_told_in_the_words_of_the_file(tmp_path, value, words):
     text = yaml.safe_dump({**Scenario.paper().to_dict(), 'eavesdroppers': 'X'})
@@ -204,6 +204,14 @@ def test_values_are_told_in_the_words_of_the_file(tmp_path, value, words):
     assert words in told
     for word in ('True', 'None', 'False', 'tuple', 'dict', 'float'):
         assert word not in told
+
+
+def test_a_place_is_told_as_it_is_written(tmp_path):
+    text = yaml.safe_dump({**Scenario.paper().to_dict(), 'ground_node': 'X'})
+    for value, words in (('{x: 1}', 'ground_node is {x: 1}; it must be two coordinates (x, y) '
+                          'from -1e+07 to 1e+07 m'), ('.inf', 'ground_node is .inf;')):
+        [(_, told)] = problems(written(tmp_path, text.replace('X', value)))
+        assert told.startswith(words) and ' m m' not in told
 
 
 def test_an_error_of_python_has_the_words_of_python():
@@ -282,7 +290,7 @@ def test_a_member_that_is_none_does_not_hide_what_is_wrong_with_another(tmp_path
     data['uavs'][0] = member
     data['uavs'][1]['start'] = [2000.0, 0.0]
     found = [text for _, text in problems(written(tmp_path, json.dumps(data), 'a.json'))]
-    assert any(text.startswith('uavs[0]: Uav is ') for text in found), found
+    assert any(text.startswith('uavs[0]: UAV is ') for text in found), found
     assert any('uav2.start is ' in text and 'outside the geofence' in text for text in found)
 
 

@@ -93,7 +93,7 @@ def test_a_mission_file_gives_names_and_values_and_what_is_set_overrides_it():
 
 
 @pytest.mark.parametrize('text, reason', [
-    (None, 'cannot be read: No such file'), ('duration: 5', ':1: Scenario lacks'),
+    (None, 'cannot be read: No such file'), ('duration: 5', ':1: mission lacks'),
     ('/**: {ros__parameters: {}}', 'it is a parameter file of nodes')])
 def test_a_mission_file_that_is_none_is_named(tmp_path, text, reason):
     file = tmp_path / 'mission.yaml'

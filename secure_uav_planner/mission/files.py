@@ -29,8 +29,9 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
     is_new = not path.exists()
     mode = 0o666 if is_new else path.stat().st_mode & 0o777
     try:
-        with open(part, 'xb' if binary else 'x', encoding=None if binary else 'utf-8',
-                  opener=lambda name, flags: os.open(name, flags, mode)) as file:
+        with naming(path), open(
+                part, 'xb' if binary else 'x', encoding=None if binary else 'utf-8',
+                opener=lambda name, flags: os.open(name, flags, mode)) as file:
             if not is_new:
                 os.fchmod(file.fileno(), mode)  # Without the umask.
             yield file
@@ -41,6 +42,17 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
         part.unlink(missing_ok=True)
         raise
     _sync_folder(path.parent)
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Let errors of a file name it; those of writing, as on a full disk, do not."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = os.fspath(path)
+        raise
 
 
 def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:

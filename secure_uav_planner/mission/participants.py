@@ -92,8 +92,8 @@ class Uav:
                 velocity = checked_point(owner, field, getattr(self, field))
                 if math.hypot(*velocity) > self.max_speed * (1 + _ROUNDING):
                     raise ScenarioError(
-                        f'{owner}{field} is {velocity}, {math.hypot(*velocity):g} m/s; it must '
-                        f'be at most max_speed, which is {self.max_speed:g} m/s', (field,))
+                        f'{owner}{field} is {shown(velocity)}, {math.hypot(*velocity):g} m/s; it '
+                        f'must be at most max_speed, which is {self.max_speed:g} m/s', (field,))
                 object.__setattr__(self, field, velocity)
         if self.propulsion is not None:
             object.__setattr__(self, 'propulsion', checked_block(

@@ -153,13 +153,13 @@ class Scenario:
         for vertices, name in self.keep_out(uav.altitude):
             if depth(vertices, place) > slack:
                 yield ScenarioError(
-                    f'{uav.name}.{field} is {place} at {uav.altitude:g} m, inside '
+                    f'{uav.name}.{field} is {shown(place)} at {uav.altitude:g} m, inside '
                     f'{name}{self.margin_text}; it must be outside all no_fly_zones',
                     ('uavs', number, field))
         if self.keep_in is not None and depth(self.keep_in, place) < -slack:
             yield ScenarioError(
-                f'{uav.name}.{field} is {place}, outside the geofence{self.margin_text}; it must '
-                'be inside', ('uavs', number, field))
+                f'{uav.name}.{field} is {shown(place)}, outside the geofence{self.margin_text}; it '
+                'must be inside', ('uavs', number, field))
 
     def _of_durations(self) -> Iterator[ScenarioError]:
         for uav, effort in zip(self.uavs, self.efforts, strict=True):

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import OptionError, ScenarioError, shown, within
+from ..errors import noun_of, OptionError, ScenarioError, shown, within
 
 Array: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float]
@@ -68,17 +68,18 @@ def checked_fields(kind: type[Any], data: object) -> dict[str, Any]:
     :raises ScenarioError: naming an unknown field and the nearest known one, or a missing field.
     """
     if not isinstance(data, Mapping):
-        raise ScenarioError(f'{kind.__name__} is {shown(data)}; it must be a mapping of fields')
+        raise ScenarioError(
+            f'{noun_of(kind)} is {shown(data)}; it must be a mapping of fields')
     known = {field.name: field for field in fields(kind)}
     for name in data:
         if name not in known:
             near = difflib.get_close_matches(str(name), known, 1)
             hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(known)}'
-            raise ScenarioError(f'{kind.__name__} has no field {shown(name)}{hint}', (name,))
+            raise ScenarioError(f'{noun_of(kind)} has no field {shown(name)}{hint}', (name,))
     missing = [name for name, field in known.items() if name not in data
                and field.default is MISSING and field.default_factory is MISSING]
     if missing:
-        raise ScenarioError(f'{kind.__name__} lacks {", ".join(missing)}')
+        raise ScenarioError(f'{noun_of(kind)} lacks {", ".join(missing)}')
     return dict(data)
 
 
@@ -96,7 +97,7 @@ def checked_members(field: str, values: object, kind: type[Any],
     if (not isinstance(values, (tuple, list)) or not least <= len(values) <= most
             or not all(isinstance(value, kind) for value in values)):
         raise ScenarioError(f'{field} is {shown(values)}; it must be a list of '
-                            f'{least} to {most} {kind.__name__}', (field,))
+                            f'{least} to {most} {noun_of(kind)}', (field,))
     return tuple(values)
 
 

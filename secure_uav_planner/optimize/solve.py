@@ -83,6 +83,9 @@ def solve(scenario: Scenario, method: Method = 'joint',
         ) if initial is None else adapted(scenario, initial, termination.check)
     search = Search(scenario, positions, powers, termination, warm=initial is not None,
                     objective=objective)
+    if initial is None and method == 'joint' and not is_open(scenario):
+        # Where few flights are tried, none of them need be better than the baseline's.
+        joint.optimise_powers(search)
     return search.plan(method, _improve_by(method)(search))
 
 
@@ -93,7 +96,8 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     Return the paper's baselines: fly-hover-fly with constant or with optimised powers.
 
     :param scenario: a Scenario.
-    :param power: 'constant', the average power in every slot, or 'optimised', by Section III-A.
+    :param power: 'constant', the average power in every slot, or 'optimised' for these flights,
+        as Section III-A does.
     :param on_iteration: as for solve.
     :param time_limit: as for solve.
     :return: a Plan.
@@ -111,9 +115,8 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     powers = constant_powers(scenario)
     if power == 'constant':
         return Plan(scenario, positions, powers, method, 'converged')
-    from .alternating import optimise_powers  # CVXPY, as above
     search = Search(scenario, positions, powers, termination)
-    return search.plan(method, optimise_powers(search))
+    return search.plan(method, joint.optimise_powers(search))
 
 
 def checked_objective(method: str, objective: str | None = None) -> Objective:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 import json
+import math
 import os
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from .geodesy import Origin
 from ..mission.files import atomic_file
+from ..model.clearance import CLOSE_DISTANCE
 from ..model.curve import Curve
 from ..plan.plan import Plan
 
@@ -27,7 +29,8 @@ def save_mission(plan: Plan, uav: int, origin: Origin, path: str | os.PathLike[s
     A mission has no times: each leg has the speed that takes it to its end in time, and where the
     UAV hovers it is held. So the flight follows the plan within TOLERANCE if the autopilot
     reaches each speed at once; it is less exact than streamed setpoints. Powers are not part of
-    it. Zones at the UAV's altitude and the geofence become the mission's fence.
+    it. It takes off and lands where no other UAV starts or ends within CLOSE_DISTANCE and margins;
+    otherwise it begins, or ends, in the air. Zones at the UAV's altitude and the geofence become the mission's fence.
 
     :param uav: index of the UAV.
     :param origin: where (0, 0) of the scenario is; the UAV takes off at the height of the ground
@@ -41,12 +44,14 @@ def save_mission(plan: Plan, uav: int, origin: Origin, path: str | os.PathLike[s
 def mission(plan: Plan, uav: int, origin: Origin) -> dict[str, Any]:
     """Return what save_mission writes, as plain values."""
     member = plan.scenario.uavs[uav]
-    items = [_item(_TAKE_OFF, origin, member.start, member.altitude)]
+    first = _TAKE_OFF if _is_apart(plan, uav, 'start') else _WAYPOINT
+    items = [_item(first, origin, member.start, member.altitude)]
     for place, speed, hold in legs(plan, uav):
         if speed is not None:
             items.append(_speed(speed))
         items.append(_item(_WAYPOINT, origin, place, member.altitude, hold))
-    items.append(_item(_LAND, origin, member.goal, 0.0))
+    if _is_apart(plan, uav, 'goal'):
+        items.append(_item(_LAND, origin, member.goal, 0.0))
     for number, item in enumerate(items, start=1):
         item['doJumpId'] = number
     home = origin.coordinates(member.start).tolist()
@@ -59,6 +64,14 @@ def mission(plan: Plan, uav: int, origin: Origin) -> dict[str, Any]:
             'globalPlanAltitudeMode': 1, 'cruiseSpeed': member.max_speed,
             'hoverSpeed': member.max_speed, 'plannedHomePosition': [*home, origin.altitude],
             'items': items}}
+
+
+def _is_apart(plan: Plan, uav: int, end: str) -> bool:
+    """Return whether no other UAV starts, or ends, where this one would take off, or land."""
+    least = CLOSE_DISTANCE + 2 * plan.scenario.tracking_margin
+    places = [getattr(one, end) for one in plan.scenario.uavs]
+    return all(math.dist(places[uav], place) >= least
+               for number, place in enumerate(places) if number != uav)
 
 
 def legs(plan: Plan, uav: int) -> Iterator[tuple[tuple[float, float], float | None, float]]:

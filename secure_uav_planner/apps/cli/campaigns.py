@@ -9,9 +9,9 @@ import sys
 from .main import BAD_INPUT, DONE, FAILED
 from .missions import writable
 from ..campaign.results import save_figure, save_tables
-from ..campaign.run import failed, run as run_campaign
+from ..campaign.run import failed, JOURNAL, run as run_campaign
 from ..campaign.specification import load
-from ...errors import OptionError
+from ...errors import OptionError, StoppedError
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -26,6 +26,11 @@ def sweep(options: argparse.Namespace) -> int:
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:
         rows = run_campaign(campaign, out, options.jobs, options.scheduler)
+    except KeyboardInterrupt:
+        file = out / JOURNAL
+        count = len(file.read_bytes().splitlines()) if file.exists() else 0
+        raise StoppedError(f'stopped; {file} keeps {count} missions, and the same command goes on '
+                           'from there') from None
     except ModuleNotFoundError as error:
         print(f'secure_uav_planner: {error.name} is not installed; pip install '
               '"secure_uav_planner[campaign]"', file=sys.stderr)

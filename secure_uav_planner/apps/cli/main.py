@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from itertools import takewhile
 import math
 import os
 import signal
@@ -57,13 +58,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     :return: the exit status: 0 done, 1 failed on the way, 2 bad input, 130 stopped by a signal.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
-    if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
-        return _run_node(argv[1], argv[2:])
-    parser = make_parser()
-    _offer_completion(parser)
-    options = parser.parse_args(argv)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
+        if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
+            return _run_node(argv[1], argv[2:])
+        parser = make_parser()
+        _offer_completion(parser)
+        options = parser.parse_args(_with_origin(argv))
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
         return _function(options.run)(options)
     except MissionFileError as error:
         for line, text in error.problems:
@@ -85,6 +86,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         _tell('stopped')
         return STOPPED
+
+
+def _with_origin(argv: Sequence[str]) -> list[str]:
+    """Return arguments in which the numbers after --origin are one, whatever follows them."""
+    found = list(argv)
+    if '--origin' in found:
+        first = found.index('--origin')
+        numbers = [*takewhile(_is_number, found[first + 1:])]
+        found[first:first + 1 + len(numbers)] = [f'--origin={" ".join(numbers)}']
+    return found
 
 
 def _function(name: str) -> Callable[[argparse.Namespace], int]:
@@ -170,9 +181,12 @@ the best plan so far.""")
                         'plan so far (default: none)')
     parser.add_argument('--bound-time-limit', type=_seconds_or_none, default=10.0, metavar='S',
                         help='the same for the bound; 0 for no bound (default: %(default)g)')
-    parser.add_argument('--origin', nargs='+', type=float, metavar=('LAT LON', 'ALT'),
-                        help='place of the origin in degrees (WGS 84), its height above sea level '
-                        'in m: write plan_<uav>.plan for QGroundControl as well')
+    parser.add_argument('--no-baselines', action='store_true',
+                        help='leave out fly-hover-fly, with which the plan is compared')
+    parser.add_argument('--origin', type=_numbers, metavar='LAT LON ALT',
+                        help='place of the origin in degrees (WGS 84), height above sea level '
+                        'in m, which may be left out: write plan_<uav>.plan for QGroundControl '
+                        'as well')
     parser.add_argument('--mcap', action='store_true',
                         help='write plan.mcap as well, the recording of a flight for Foxglove and '
                         '`ros2 bag`; needs ROS')
@@ -296,12 +310,20 @@ def _seconds(text: str) -> float:
     return seconds
 
 
+def _numbers(text: str) -> list[float]:
+    return [float(word) for word in text.split()]
+
+
 def _seconds_or_none(text: str) -> float | None:
     return None if _number(text) == 0 else _seconds(text)
 
 
 def _number(text: str) -> float:
+    return float(text) if _is_number(text) else math.nan
+
+
+def _is_number(text: str) -> bool:
     try:
-        return float(text)
+        return bool(float(text) or True)
     except ValueError:
-        return math.nan
+        return False

@@ -14,6 +14,7 @@ from .main import DONE, STOPPED
 from .missions import lines_of, loaded, writable
 from ...bound import upper_bound
 from ...errors import OptionError, PlanFileError, PlanningError
+from ...mission.files import naming
 from ...mission.scenario import Scenario
 from ...mission.validation import told_apart
 from ...mission.views import check_view
@@ -71,19 +72,35 @@ def make_plan(options: argparse.Namespace) -> int:
         plan = _planned(scenario, options, stop, line)
         bound = _bound(plan, options, stop, line)
         proven = plan.with_bound(bound)
-        # Written first: whatever fails from here on, the plan is there.
-        proven.save(out / 'plan.json')
-        baselines = _baselines(scenario, options, stop, line)
+        # Written before anything is printed, which may have no reader, and the plan first:
+        # whatever fails from here on, it is there.
+        with _listed() as written:
+            proven.save(out / 'plan.json')
+            written.append(out / 'plan.json')
+            baselines = [] if options.no_baselines else _baselines(scenario, options, stop, line)
+            line.say('drawing ...', force=True)
+            written.extend(_write(proven, baselines, out, origin))
+            if options.mcap:
+                proven.save_mcap(out / 'plan.mcap')
+                written.append(out / 'plan.mcap')
     print(table([*baselines, plan], bound))
     print(f'\n{plan.message}' + (f'; {proven.claim}, which is proven' if bound else ''))
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
-    written = [out / 'plan.json', *_write(proven, baselines, out, origin)]
-    if options.mcap:
-        proven.save_mcap(out / 'plan.mcap')
-        written.append(out / 'plan.mcap')
     print(f'written: {", ".join(map(str, written))}')
     return STOPPED if stop else DONE
+
+
+@contextmanager
+def _listed() -> Iterator[list[Path]]:
+    """Give a list for the files that are written, and tell those where the rest fails."""
+    written: list[Path] = []
+    try:
+        yield written
+    except BaseException:
+        if written:
+            print(f'written: {", ".join(map(str, written))}', file=sys.stderr)
+        raise
 
 
 @contextmanager
@@ -167,7 +184,8 @@ def _write(plan: Plan, baselines: list[Plan], out: Path,
             yield file
     try:
         from ...output.picture import save_picture
-        save_picture(plan, out / 'plan.png', baselines)
+        with naming(out / 'plan.png'):
+            save_picture(plan, out / 'plan.png', baselines)
         yield out / 'plan.png'
         from ...output.page import save_page
         save_page(plan, out / 'plan.html')

@@ -158,7 +158,8 @@ class _Diagnosis:
                 if error.place[:1] == (field,):
                     is_right = False
                     inner = error.place[1:]
-                    self._add((*place, *inner), f'{error}{_unit(error.place, value)}')
+                    unit = _unit(error.place, value, str(error))
+                    self._add((*place, *inner), f'{error}{unit}')
                     if isinstance(value, dict) and inner and inner[0] in value:
                         # The block may have more that is wrong.
                         value = {name: one for name, one in value.items() if name != inner[0]}
@@ -188,13 +189,13 @@ def _misfit(kind: type[Any], data: object) -> str:
     return ''
 
 
-def _unit(place: Place, value: Any) -> str:
+def _unit(place: Place, value: Any, message: str) -> str:
     """Return what to add to a message about a wrong value of a field, or of one in its block."""
     for part in place[1:]:
         value = value.get(part) if isinstance(value, dict) else value
     unit = UNITS.get(str(place[-1] if isinstance(place[-1], str) else place[0]))
-    if unit is None:
+    if unit is None or message.endswith(f' {unit}'):
         return ''
     if isinstance(value, str):
         return f', in {unit}, without its unit'
-    return '' if isinstance(value, list) else f' {unit}'
+    return f' {unit}' if isinstance(value, (int, float)) else ''

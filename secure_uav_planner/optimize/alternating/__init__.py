@@ -4,7 +4,7 @@ The paper's algorithm, Section III: powers and trajectories in turn, as convex p
 CVXPY is imported here and nowhere below, as that takes a second.
 """
 
-from .method import alternate, optimise_powers
+from .method import alternate
 from .schedule import Schedule
 
-__all__ = ['Schedule', 'alternate', 'optimise_powers']
+__all__ = ['Schedule', 'alternate']

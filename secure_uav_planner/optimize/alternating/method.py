@@ -24,28 +24,12 @@ def alternate(search: Search, schedule: Schedule = Schedule()) -> Status:
     """
     powers = PowerProblem(search.scenario)
     if not search.warm:
-        _optimise_powers(search, powers, schedule)
+        # Powers have local optima; the start is the best of several levels of jamming.
+        search.try_less_jamming()
+        _rounds(search, [powers], schedule.powers_tolerance, schedule)
     trajectory = TrajectoryProblem(search.scenario)
     return _rounds(search, [powers] * schedule.power_steps + [trajectory], schedule.tolerance,
                    schedule)
-
-
-def optimise_powers(search: Search, schedule: Schedule = Schedule()) -> Status:
-    """
-    Improve only the powers of a search, by Section III-A.
-
-    The powers have local optima; the start is the best of several levels of jamming.
-
-    :param search: whose powers are improved.
-    :param schedule: the tuned numbers.
-    :return: why the method stopped.
-    """
-    return _optimise_powers(search, PowerProblem(search.scenario), schedule)
-
-
-def _optimise_powers(search: Search, problem: PowerProblem, schedule: Schedule) -> Status:
-    search.try_less_jamming()
-    return _rounds(search, [problem], schedule.powers_tolerance, schedule)
 
 
 def _rounds(search: Search, steps: Sequence[_Problem], tolerance: float,

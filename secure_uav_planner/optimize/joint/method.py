@@ -11,6 +11,7 @@ import numpy as np
 
 from .against_places import improve_against_places
 from .multistart import improve_from_several_starts, improve_present
+from .powers import improve_powers
 from .schedule import SCHEDULE, Schedule
 from .stepper import Stepper, Stop
 from ..search import Search
@@ -40,6 +41,11 @@ def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
     if search.warm:
         return _until_stopped(lambda stepper: improve_present(stepper, schedule.warm_mu), stepper)
     return _until_stopped(improve_from_several_starts, stepper)
+
+
+def optimise_powers(search: Search) -> Status:
+    """Improve only the powers of a Search, as improve does all; return its status."""
+    return _until_stopped(improve_powers, Stepper(search, SCHEDULE))
 
 
 def _until_stopped(improve: Callable[[Stepper], Status], stepper: Stepper) -> Status:

@@ -126,4 +126,5 @@ class Stepper:
 
     def try_variables(self, x: Array) -> None:
         """Propose variables of the full grid, (N, U, 3), to the search."""
-        self.search.try_improve(self.grid.positions(x), self.grid.powers(x))
+        positions = None if self.grid.fixed.all() else self.grid.positions(x)
+        self.search.try_improve(positions, self.grid.powers(x))

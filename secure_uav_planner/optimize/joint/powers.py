@@ -1,0 +1,40 @@
+"""
+Power control on a fixed trajectory: the powers of problem (P2) alone, from several levels.
+
+Powers have local optima, which differ in how much the jammers send. The levels are improved side
+by side, on a grid of few slots and then on the full one.
+"""
+
+import numpy as np
+
+from .starts import strictly_feasible
+from .stepper import Stepper
+from ..initial import constant_powers
+from ...plan.plan import Status
+
+LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming, in shares of the average power.
+SLOTS = 200  # The most of the grid on which the levels are compared.
+STEPS = 20  # Newton steps from each level on it.
+MU = 0.03  # The barrier parameter to begin with,
+FINE_MU = 0.01  # and that on the full grid.
+SHARE = 0.01  # By which powers are moved into the interior.
+
+
+def improve_powers(stepper: Stepper) -> Status:
+    """
+    Improve the powers of a Stepper's search, and nothing else; return the status of the best.
+
+    :raises NumericalError: when no step can be computed from any level.
+    """
+    search = stepper.search
+    search.try_less_jamming()
+    stepper.grid = stepper.grid.with_fixed_positions()
+    grid = stepper.grid.divided(min(stepper.grid.slots, SLOTS))
+    levels = [constant_powers(search.scenario, 1.0, share) for share in LEVELS]
+    barrier = stepper.barrier(grid, np.array([
+        strictly_feasible(grid, search.positions, powers, SHARE)
+        for powers in (search.powers, *levels)]), MU)
+    stepper.advance(barrier, STEPS, stepper.schedule.coarse_mu)
+    fine = np.array([strictly_feasible(stepper.grid, search.positions, grid.powers(x), SHARE)
+                     for x in barrier.x])
+    return stepper.finish(stepper.barrier(stepper.grid, fine, FINE_MU))
