@@ -434,8 +434,8 @@ def known_names():
     names = set(FOREIGN) | set(PLANNER) | set(REPLAY) | set(RELAY) | {'U', 'N', 'E'}
     for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
                   secure_uav_planner.Eavesdropper, secure_uav_planner.NoFlyZone,
-                  secure_uav_planner.Channel, clearance.Clearance, clearance.Approach, playback, playback.Playback,
-                  playback.Moment, secure_uav_planner.model.channel):
+                  secure_uav_planner.Channel, clearance.Clearance, clearance.Approach, playback,
+                  playback.Playback, playback.Moment, secure_uav_planner.model.channel):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
                      secure_uav_planner.upper_bound):
