@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,7 @@ def breakpoint_multipliers(search: MultiplierSearch,
         for _ in range(MORE):
             finer.split()
 
-        def spread(values: Array) -> Array:
+        def spread(values: NDArray[Any]) -> NDArray[Any]:
             found = np.zeros(values.shape[:-2] + breakpoints.shape, values.dtype)
             np.put_along_axis(found, np.broadcast_to(order, values.shape), values, -2)
             return found
