@@ -49,7 +49,7 @@ ros = [
     'ros-jazzy-rclpy[fastrtps]==7.1.6',
     'ros-jazzy-common-interfaces==5.3.6',
 ]
-view = ['matplotlib>=3.6', 'mcap>=1.1', 'plotly>=5.15']
+view = ['matplotlib>=3.6', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
 study = [*view, 'joblib>=1.4', 'tqdm>=4.64']
 campaign = [*study, 'distributed>=2024.1', 'pyarrow>=14']
 bench = [*view, 'casadi>=3.8']

@@ -9,6 +9,8 @@ import sys
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
+from .mission import views
+
 if TYPE_CHECKING:
     from .assessment import assess, Assessment, World
     from .bound.upper_bound import upper_bound
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from .optimize.solve import fly_hover_fly, METHODS, solve
     from .plan.bound import Bound
     from .plan.plan import Iteration, Plan
+    __version__: str
 
 __all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone',
            'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'World', 'assess',
@@ -83,6 +86,10 @@ class _Alias(Loader):
 
 
 sys.meta_path.insert(0, _Moved())
+views.offer(__name__, plot_plan='.output.picture:draw_plan',
+            plot_scenario='.output.picture:draw_scenario',
+            plan_to_dataframe='.output.spreadsheet:to_dataframe',
+            save_mcap='.ros.recording:record')
 import_module('.model.kernel', __name__)  # Where it is not built, its error says what to do.
 
 
@@ -93,6 +100,12 @@ def __getattr__(name: str) -> object:
     Importing the package itself takes no time, so that an executable can see to signals before
     its modules load.
     """
+    if name == '__version__':
+        metadata = import_module('importlib.metadata')
+        try:
+            return metadata.version(__name__)
+        except metadata.PackageNotFoundError:
+            return 'unknown'
     for home, names in _HOMES.items():
         if name in names:
             value = getattr(import_module(f'.{home}', __name__), name)

@@ -11,6 +11,7 @@ import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, optimize, Plan, Scenario, Uav
 from secure_uav_planner.apps.bench.missions import random_city_mission, random_mission
 from secure_uav_planner.errors import NumericalError
+from secure_uav_planner.model import channel
 from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.model.limits.reference import reference_flight
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
@@ -54,7 +55,8 @@ def test_the_objective_never_falls_and_beats_the_baseline(scenario):
     assert (np.diff(rates) >= 0).all()
     # In the final plan, slots of less than 1e-7 are silent.
     assert rates[-1] == pytest.approx(plan.guaranteed_rate, abs=1e-7)
-    assert plan.guaranteed_rates.min() >= -1e-12
+    rates = channel.guaranteed_rates(scenario, plan.positions, plan.powers)
+    assert rates.min() >= -1e-12
     assert plan.status == 'converged'
     baseline = fly_hover_fly(scenario, 'optimised').guaranteed_rate
     assert plan.guaranteed_rate >= baseline - 1e-6
@@ -280,6 +282,34 @@ def test_slots_without_power_can_transmit_again():
     plan = solve(scenario, method='joint', initial=replace(silent, powers=powers))
     assert plan.history[0].guaranteed_rate == 0.0
     assert plan.guaranteed_rate > fly_hover_fly(scenario, 'optimised').guaranteed_rate
+
+
+@pytest.mark.parametrize('objective', ['guaranteed', 'worst_case'])
+def test_slots_that_a_local_optimum_has_lost_carry_again_or_are_silent(objective):
+    plan = optimize.solve(Scenario.paper(200.0, 60.0, slots=50), objective=objective)
+    powers = plan.powers.copy()
+    powers[:, [10, 25]] = 0.0
+    powers[:, 40] = 1e-4, 0.5  # So much jamming that nothing arrives.
+    spoiled = Search(plan.scenario, plan.positions, powers, objective=objective)
+    lost, carrying = spoiled.rate, np.count_nonzero(plan.powers[0])
+    found = spoiled.plan('joint', 'converged')
+    rates = found.guaranteed_rates if objective == 'guaranteed' else found.worst_case_rates
+    assert found.rate > lost and found.rate == pytest.approx(plan.rate, rel=1e-3)
+    idle = rates <= 1e-3 * rates.mean()
+    assert np.count_nonzero(~idle) == carrying and not found.powers[:, idle].any()
+
+
+def test_settled_slots_never_cost_rate_and_idle_ones_have_no_power():
+    for seed in (0, 5, 15, 20):
+        scenario = replace(random_mission(5000 + seed), slots=60)
+        search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
+        improve(search)
+        before = search.rate
+        search.settle_idle_slots()
+        assert search.rate >= before
+        plan = search.plan('joint', 'converged')
+        idle = plan.guaranteed_rates <= 1e-3 * plan.guaranteed_rate
+        assert not plan.powers[:, idle].any()
 
 
 def test_a_nearly_lost_mission_against_two_eavesdroppers_is_won_in_its_few_good_slots():

@@ -1,5 +1,7 @@
 """The picture of a plan."""
 
+from dataclasses import replace
+
 from hypothesis import given, settings
 from matplotlib.image import imread
 import numpy as np
@@ -56,6 +58,30 @@ def test_a_turned_map_keeps_left_and_right_and_the_flight_goes_to_the_right(plan
     assert goal[0] > start[0]
     # South is to the right, so east must be up.
     assert east[1] > start[1]
+
+
+def test_a_turned_map_has_arrows_to_east_and_north_and_others_have_north_up(plans):
+    mission = plans[0].scenario
+    south = replace(mission, uavs=tuple(
+        replace(uav, start=uav.goal, goal=uav.start) for uav in mission.uavs))
+    for plan in (plans[0], fly_hover_fly(south)):
+        axes = draw_plan(plan).axes[0]
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ('north (m)', 'east (m)')
+        places = {text.get_text(): text.get_transform().transform(text.get_position())
+                  for text in axes.texts if text.get_text() in ('N', 'E')}
+        origin, north, east = axes.transData.transform([(0, 0), (1, 0), (0, 1)])
+        # The arrows leave one place, each in its own direction.
+        between = places['N'] - places['E']
+        assert np.sign(between[0]) == np.sign(north[0] - origin[0])
+        assert np.sign(-between[1]) == np.sign(east[1] - origin[1])
+        for place in places.values():
+            assert axes.bbox.contains(*place)
+    level = replace(mission, uavs=tuple(
+        replace(uav, start=(-500.0, 0.0), goal=(500.0, 0.0)) for uav in mission.uavs))
+    axes = draw_plan(fly_hover_fly(level)).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ('east (m)', 'north (m)')
+    assert not axes.yaxis_inverted() and not axes.xaxis_inverted()
+    assert not {'N', 'E'} & {text.get_text() for text in axes.texts}
 
 
 def test_the_scale_of_power_distinguishes_low_jamming_power_from_none():

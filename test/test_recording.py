@@ -10,7 +10,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
-from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
+from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.ros.qos import LATCHED
 from secure_uav_planner.ros.recording import definition, record
 import yaml
@@ -37,6 +38,21 @@ def read(file):
                 stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
             found.setdefault(channel.topic, []).append((message.log_time, schema.name, decoded))
     return found
+
+
+def test_the_command_writes_the_same_recording_on_request(tmp_path):
+    Scenario.paper(120.0, slots=6).save(tmp_path / 'mission.yaml')
+    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path / 'out'), '--mcap',
+                 '--bound-time-limit', '0', '--time-limit', '1']) == 0
+    record(Plan.load(tmp_path / 'out' / 'plan.json'), tmp_path / 'plan.mcap')
+    contents = []
+    for path in (tmp_path / 'out' / 'plan.mcap', tmp_path / 'plan.mcap'):
+        with path.open('rb') as stream:
+            contents.append([
+                (channel.topic, message.log_time, str(decoded))
+                for _, channel, message, decoded in make_reader(
+                    stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()])
+    assert contents[0] == contents[1] and len(contents[0]) > 100
 
 
 def test_every_topic_of_both_nodes_is_there_with_its_type(read):

@@ -14,6 +14,7 @@ import time
 import pytest
 from secure_uav_planner import METHODS, Plan, Scenario, solve
 from secure_uav_planner.apps.campaign.journal import Journal
+from secure_uav_planner.apps.campaign.results import draw_figure
 from secure_uav_planner.apps.campaign.specification import load
 from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.errors import MissionFileError
@@ -98,6 +99,35 @@ def test_every_mission_is_planned_once_and_is_a_row(folder, capsys):
     before = Path('out/results.jsonl').read_bytes()
     assert main(['sweep', 'campaign.yaml', '-o', 'out']) == 0
     assert Path('out/results.jsonl').read_bytes() == before
+
+
+def rows_of_campaign(**fields):
+    """Return rows whose rate is duration times the number of the second field's value."""
+    return [{'outcome': 'ok', 'method': 'joint', 'objective': 'guaranteed',
+             'guaranteed_rate': duration * (1 + number) + draw, 'worst_case_rate': 0.0,
+             'fields': {'duration': duration, 'place': [draw, 0.0], **{name: value}}}
+            for duration in (10.0, 20.0) for draw in range(11) for name, values in fields.items()
+            for number, value in enumerate(values)]
+
+
+@pytest.mark.parametrize('values', [[5.0, 10.0, 30.0], [[0, 0], [1, 1]]])
+def test_the_figure_has_a_line_for_each_value_of_a_second_field_and_says_what_bands_are(values):
+    figure = draw_figure(rows_of_campaign(second=values))
+    assert figure.texts[0].get_text() == (
+        'lines: medians; bands: from 10 to 90% of the missions, over place')
+    [axes] = figure.axes
+    assert [line.get_label() for line in axes.lines] == [
+        f'second {json.dumps(value)}, joint, objective guaranteed rate' for value in values]
+    for number, (line, band) in enumerate(zip(axes.lines, axes.collections)):
+        medians = [duration * (1 + number) + 5 for duration in (10, 20)]
+        assert line.get_xydata().tolist() == [[10, medians[0]], [20, medians[1]]]
+        heights = {round(y) for _, y in band.get_paths()[0].vertices}
+        assert heights == {middle + by for middle in medians for by in (-4, 4)}
+
+
+def test_a_field_with_many_values_is_in_the_band_and_its_name_is_said():
+    figure = draw_figure(rows_of_campaign(second=list(range(8))))
+    assert len(figure.axes[0].lines) == 1 and figure.texts[0].get_text().endswith('place, second')
 
 
 def test_draws_are_those_of_the_seed_and_the_same_for_every_scheme_and_place(folder):
@@ -286,6 +316,7 @@ def cluster(tmp_path, request):
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_cluster_loses_nothing_when_a_worker_the_driver_and_the_scheduler_are_killed(
         folder, cluster):
     address, (scheduler, victim, _) = cluster
@@ -320,6 +351,7 @@ def distributed_client(address):
     return Client(address)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'cluster', [{'DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES': '0'}], indirect=True)
 def test_a_mission_that_lost_its_worker_is_told_of_and_planned_again(folder, cluster):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import OptionError, ScenarioError, shown
-from ..mission.choices import Place, PLACES
+from ..mission import Place, PLACES
 from ..mission.propagation import Channel
 from ..mission.scenario import Point, Scenario
 from ..mission.validation import (

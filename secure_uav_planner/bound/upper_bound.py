@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 import time
-from typing import Any
 
 import numpy as np
 
@@ -21,9 +20,9 @@ from .search.breakpoints import breakpoint_multipliers, second_breakpoint
 from .search.initial_multipliers import InitialMultipliers
 from .search.multiplier_search import MultiplierSearch
 from .search.newton import DualPoint
-from ..errors import OptionError, shown
 from ..mission.scenario import Scenario
-from ..plan.bound import Bound, checked_objective, checked_plan, checked_scenario, Progress
+from ..mission.validation import checked_callback, checked_kind, checked_time_limit
+from ..plan.bound import Bound, checked_objective, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
 
 MOST_EAVESDROPPERS = {0: 3, 1: 3, 2: 2}
@@ -81,8 +80,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     """
     Return a proven upper bound on the mean rate of every feasible plan of a scenario.
 
-    It holds for everything that a Plan accepts, with its tolerances. It does not use limits of
-    acceleration, zones, a geofence or separation: they only lower what plans can reach.
+    It holds for everything that a Plan accepts, with its tolerances. It does not use zones, a
+    geofence or separation: they only lower what plans can reach.
     The bound is close for at most one jammer, and for two jammers and one eavesdropper; it is
     looser for two jammers and several eavesdroppers, and only valid for more jammers.
 
@@ -100,11 +99,11 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         proven.
     """
     started = time.monotonic()
-    checked_scenario(scenario)
+    checked_kind('scenario', scenario, Scenario)
     checked_objective(objective)
     _check_channel(scenario)
-    limit = _checked_time_limit(time_limit)
-    _checked_callback(on_progress)
+    limit = checked_time_limit(time_limit)
+    checked_callback('on_progress', on_progress)
     if plan is not None:
         checked_plan(plan, scenario)
     run = _Run(scenario, started, limit, on_progress)
@@ -145,39 +144,12 @@ def plain_bound(scenario: Scenario) -> float:
 
 def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
-    uavs = scenario.uavs
     has = {
-        'max_acceleration': any(getattr(uav, 'max_acceleration', None) is not None
-                                for uav in uavs),
         'separation': bool(getattr(scenario, 'separation', None)),
         'no_fly_zones': bool(getattr(scenario, 'no_fly_zones', None)),
         'geofence': bool(getattr(scenario, 'geofence', None)),
     }
     return tuple(name for name, given in has.items() if given)
-
-
-def _checked_time_limit(time_limit: Any) -> float | None:
-    """
-    Return the time limit in s as a float, or None without one.
-
-    :raises OptionError: unless it is above 0 s.
-    """
-    if time_limit is None:
-        return None
-    try:
-        number = float(time_limit)
-    except (TypeError, ValueError):
-        number = math.nan
-    if isinstance(time_limit, bool) or not number > 0:
-        raise OptionError(f'time_limit is {shown(time_limit)}; it must be above 0 s, or None')
-    return number if number < math.inf else None
-
-
-def _checked_callback(on_progress: Any) -> Any:
-    """Return the callback; raise OptionError unless it is None or can be called."""
-    if on_progress is not None and not callable(on_progress):
-        raise OptionError(f'on_progress is {shown(on_progress)}; it must be callable, or None')
-    return on_progress
 
 
 class _Run:

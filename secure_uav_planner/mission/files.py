@@ -8,6 +8,8 @@ import stat
 from typing import Any, IO
 import uuid
 
+from ..errors import OptionError, shown
+
 
 @contextmanager
 def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[IO[Any]]:
@@ -20,7 +22,7 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
     :raises OSError: when the file cannot be written, or is a folder or a device. An old file is
         left as it was, as it also is when the body of the with statement raises.
     """
-    path = Path(os.path.realpath(path))
+    path = Path(os.path.realpath(checked_path(path)))
     if path.exists() and not path.is_file():
         raise OSError(f'{path} is not a regular file and cannot be replaced')
     part = path.with_name(f'{path.name}.{uuid.uuid4().hex}.part')
@@ -48,6 +50,7 @@ def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:
     :raises OSError: when it cannot be read, is not a regular file, or is larger than most_bytes.
     :raises UnicodeDecodeError: when it is not UTF-8.
     """
+    checked_path(path)
     known = os.stat(path)  # Before opening: opening a pipe would wait for its other end.
     if not stat.S_ISREG(known.st_mode):
         raise OSError(f'{path} is not a regular file')
@@ -55,6 +58,13 @@ def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:
         raise OSError(f'{path} has {known.st_size} bytes; at most {most_bytes} are read')
     with open(path, encoding='utf-8') as file:
         return file.read(most_bytes)
+
+
+def checked_path(path: Any) -> str | os.PathLike[str]:
+    """Return the path of a file; raise OptionError for anything else, such as a number."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise OptionError(f'path is {shown(path)}; it must be a string or a path', ('path',))
+    return path
 
 
 def _sync_folder(folder: Path) -> None:

@@ -5,16 +5,20 @@ from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 import math
 import os
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
-from .formats.schema import Schema
+from .files import checked_path
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, grown, Vertices
 from .propagation import Channel
 from .validation import (
     Array, checked_fields, checked_members, checked_number, checked_point, LIMITS, Point,
     read_only, told_apart)
+from .views import view
 from ..errors import InfeasibleMissionError, ScenarioError, shown, within
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _EFFORT_TOLERANCE = 1e-9
 
@@ -199,7 +203,8 @@ class Scenario:
             uavs=(Uav('uav1', start, goal, altitude=100.0, max_speed=10.0),
                   Uav('uav2', start, goal, altitude=110.0, max_speed=10.0)),
             duration=duration,
-            slots=max(1, round(duration)) if slots is None else slots)
+            slots=(max(1, round(checked_number('', 'duration', duration))) if slots is None
+                   else slots))
 
     @property
     def slot_duration(self) -> float:
@@ -370,7 +375,17 @@ class Scenario:
         :raises OSError: when the file cannot be written; an old one is left as it was.
         """
         from . import formats  # Here and not above: its reader of YAML takes time to import.
-        formats.save(path, self.to_dict())
+        formats.save(checked_path(path), self.to_dict())
+
+    def plot(self) -> 'Figure':
+        """
+        Return a map of the mission: starts, goals, ground node, discs, zones and fence.
+
+        :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
+        :raises MissingPackageError: when Matplotlib is not installed.
+        """
+        figure: Figure = view('plot_scenario', self)
+        return figure
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> 'Scenario':
@@ -384,7 +399,7 @@ class Scenario:
             is wrong.
         """
         from . import formats
-        scenario: Scenario = formats.load(path, _schema())
+        scenario: Scenario = formats.load(checked_path(path), formats.Schema(*_neutral()))
         return scenario
 
 
@@ -394,13 +409,12 @@ def _part(kind: type[Any], data: object, *place: str | int) -> Any:
         return kind(**checked_fields(kind, data))
 
 
-def _schema() -> Schema:
-    """Return what a mission file may have: each class with limits that any right value fits."""
+def _neutral() -> tuple[Scenario, dict[str, Any], dict[str, Any]]:
+    """Return a scenario, a member of each list and its parts, which any right value fits."""
     uav = Uav('uav', (0.0, 0.0), (0.0, 0.0), LIMITS['altitude'][0], LIMITS['max_speed'][1],
               LIMITS['average_power'][0], LIMITS['peak_power'][1], None, None, None)
     eavesdropper = Eavesdropper((0.0, 0.0))
     zone = NoFlyZone(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
-    return Schema(
-        Scenario((0.0, 0.0), (eavesdropper,), (uav,), LIMITS['duration'][1], slots=1),
-        {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone},
-        {'channel': Channel()})
+    return (Scenario((0.0, 0.0), (eavesdropper,), (uav,), LIMITS['duration'][1], slots=1),
+            {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone},
+            {'channel': Channel()})

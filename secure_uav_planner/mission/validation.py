@@ -1,4 +1,4 @@
-"""Checks of the fields of what is asked: ranges, numbers, places, names and mappings."""
+"""Checks of the fields of what is asked, and of the arguments of functions."""
 
 from collections.abc import Mapping
 from dataclasses import fields, MISSING
@@ -9,11 +9,11 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ScenarioError, shown, within
+from ..errors import OptionError, ScenarioError, shown, within
 
 Array: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float]
-_Block = TypeVar('_Block')
+_Kind = TypeVar('_Kind')
 
 LIMITS = {
     'coordinate': (-1e7, 1e7),
@@ -82,7 +82,7 @@ def checked_fields(kind: type[Any], data: object) -> dict[str, Any]:
     return dict(data)
 
 
-def checked_block(field: str, value: object, kind: type[_Block]) -> _Block:
+def checked_block(field: str, value: object, kind: type[_Kind]) -> _Kind:
     """Return value, one of a kind or a mapping of its fields, as one of that kind."""
     if isinstance(value, kind):
         return value
@@ -150,3 +150,29 @@ def told_apart(names: list[str]) -> tuple[str, ...]:
             unique, number = f'{name}{number}', number + 1
         found.append(unique)
     return tuple(found)
+
+
+def checked_kind(name: str, value: object, kind: type[_Kind]) -> _Kind:
+    """Return an argument that is of a class, or raise OptionError naming it."""
+    if not isinstance(value, kind):
+        raise OptionError(f'{name} is {shown(value)}; it must be a {kind.__name__}', (name,))
+    return value
+
+
+def checked_callback(name: str, value: Any) -> Any:
+    """Return an argument that can be called, or None; raise OptionError for anything else."""
+    if value is not None and not callable(value):
+        raise OptionError(f'{name} is {shown(value)}; it must be callable, or None', (name,))
+    return value
+
+
+def checked_time_limit(time_limit: Any) -> float | None:
+    """Return a time limit in s, or None without one; raise OptionError unless it is above 0."""
+    try:
+        number = math.inf if time_limit is None else float(time_limit)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if isinstance(time_limit, (bool, str)) or not number > 0:
+        raise OptionError(f'time_limit is {shown(time_limit)}; it must be above 0 s, or None',
+                          ('time_limit',))
+    return number if number < math.inf else None

@@ -12,6 +12,9 @@ from ..plan.plan import Iteration, Objective, Plan, Status
 _NEGLIGIBLE_RATE = 1e-7
 """A slot with a lower rate, in bit/s/Hz, is not worth any power."""
 
+_IDLE_SHARE = 1e-3
+"""A slot with a smaller share of the mean rate carries nothing."""
+
 _JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)
 """Shares of the present jamming power that try_less_jamming tries."""
 
@@ -100,6 +103,30 @@ class Search:
         if alone is not None:
             self.try_improve(powers=alone)
 
+    def settle_idle_slots(self) -> None:
+        """
+        Try, in slots that carry nothing, the powers of the nearest slots that do, or none.
+
+        Powers have local optima in every slot by itself: silence between slots that transmit, or
+        so much jamming that nothing arrives.
+        """
+        slots = np.flatnonzero(self._rates <= _IDLE_SHARE * self.rate)
+        useful = np.flatnonzero(self._rates > _IDLE_SHARE * self.rate)
+        if not len(slots) or not len(useful):
+            return
+        positions = self.positions[:, [0, *(slots + 1), -1]]
+        after = np.searchsorted(useful, slots)
+        powers, best = self.powers.copy(), np.full(len(slots), _IDLE_SHARE * self.rate)
+        for near in (after - 1, after):
+            tried = self.powers[:, useful[near.clip(0, len(useful) - 1)]]
+            _, rates = without_losing_slots(self.scenario, positions, tried, self.objective)
+            better = rates > best
+            powers[:, slots[better]], best[better] = tried[:, better], rates[better]
+        self.try_improve(powers=powers)
+        quiet = np.where(self._rates > _IDLE_SHARE * self.rate, self.powers, 0.0)
+        spent = np.maximum(quiet.mean(axis=1), self.scenario.average_powers * 1e-9)
+        self.try_improve(powers=quiet * (self.powers.mean(axis=1) / spent)[:, None])
+
     def with_objective(self, objective: Objective) -> 'Search':
         """
         Return a search for another objective, from the present iterate.
@@ -121,7 +148,9 @@ class Search:
             self._parent.report(step)
 
     def plan(self, method: str, status: Status) -> Plan:
-        """Return the best iterate as a Plan, with jammers silent where nothing is transmitted."""
+        """Return the best iterate as a Plan, in which slots that carry nothing are silent."""
+        if self._parent is None and self.stop_reason() is None:
+            self.settle_idle_slots()
         last = self.history[-1]
         if self.rate > last.rate and self.stop_reason() is None:  # Found after the last report.
             self.report(last.step)

@@ -9,8 +9,9 @@ from .initial import constant_powers, fly_hover_fly_positions
 from .search import Search
 from .termination import OnIteration, Termination
 from ..errors import OptionError, shown
-from ..mission.choices import Method, METHODS, Objective, OBJECTIVES, Power
+from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Scenario
+from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..model.limits import is_open
 from ..plan.plan import Plan, Status
 
@@ -66,12 +67,16 @@ def solve(scenario: Scenario, method: Method = 'joint',
         other were found.
     :raises TimeLimitError: when the time limit is over before that.
     """
+    checked_kind('scenario', scenario, Scenario)
+    if initial is not None:
+        checked_kind('initial', initial, Plan)
     if objective is None and initial is not None and initial.method == method:
         objective = initial.objective
     objective = checked_objective(method, objective)
     _check_size(scenario, method)
     _check_channel(scenario, method)
-    _check_time_limit(time_limit)
+    time_limit = checked_time_limit(time_limit)
+    checked_callback('on_iteration', on_iteration)
     termination = Termination(on_iteration, time_limit, not is_open(scenario))
     positions, powers = (
         fly_hover_fly_positions(scenario, termination.check), constant_powers(scenario)
@@ -87,9 +92,6 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     """
     Return the paper's baselines: fly-hover-fly with constant or with optimised powers.
 
-    With constant power a slot's guaranteed rate can be negative; it then counts as it is, before
-    the [x]^+ of equation (R_sec).
-
     :param scenario: a Scenario.
     :param power: 'constant', the average power in every slot, or 'optimised', by Section III-A.
     :param on_iteration: as for solve.
@@ -98,9 +100,11 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     :raises OptionError: for another power, or a time limit that is not positive.
     :raises InfeasibleMissionError: as for solve, as StoppedError and TimeLimitError are.
     """
+    checked_kind('scenario', scenario, Scenario)
     if power not in get_args(Power):
         raise OptionError(f"power is {shown(power)}; it must be 'constant' or 'optimised'")
-    _check_time_limit(time_limit)
+    time_limit = checked_time_limit(time_limit)
+    checked_callback('on_iteration', on_iteration)
     method = f'fly_hover_fly_{power}'
     termination = Termination(on_iteration, time_limit, not is_open(scenario))
     positions = fly_hover_fly_positions(scenario, termination.check)
@@ -153,10 +157,3 @@ def _check_channel(scenario: Scenario, method: Method) -> None:
     if method == 'alternating' and scenario.colluding:
         raise OptionError("method is 'alternating'; it counts with the best single eavesdropper, "
                           "and the scenario is colluding: use 'joint'")
-
-
-def _check_time_limit(time_limit: float | None) -> None:
-    if time_limit is not None and (
-            isinstance(time_limit, (bool, str)) or not time_limit > 0):
-        raise OptionError(
-            f'time_limit is {shown(time_limit)}; it must be above 0 s, or None')

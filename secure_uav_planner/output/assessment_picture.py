@@ -5,7 +5,7 @@ import math
 from matplotlib.figure import Figure
 import numpy as np
 
-from .colors import EAVESDROPPER, RATE
+from .drawing import EAVESDROPPER, RATE
 
 _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200

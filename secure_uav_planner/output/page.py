@@ -7,9 +7,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from . import mobile_layout as narrow
-from .airspace_shapes import altitudes_of, corners_of_map, is_in_the_way, middle_of, rims
-from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, RATE, uav_color
-from .labels import receiver_label
+from .drawing import (
+    altitudes_of, corners_of_map, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
+    middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
 from ..mission.files import atomic_file
 from ..model import channel
 
@@ -225,9 +225,9 @@ def _watts(power):
 
 
 def _label_axes(figure, ranges, peak):
-    figure.update_xaxes(title_text='x (m)', range=ranges[0], constrain='domain', row=1, col=1)
-    figure.update_yaxes(title_text='y (m)', range=ranges[1], constrain='domain', scaleanchor='x',
-                        row=1, col=1)
+    figure.update_xaxes(title_text='east (m)', range=ranges[0], constrain='domain', row=1, col=1)
+    figure.update_yaxes(title_text='north (m)', range=ranges[1], constrain='domain',
+                        scaleanchor='x', row=1, col=1)
     figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
                         range=np.log10([_LEAST_POWER * peak, 2 * peak]), row=1, col=2)
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero', row=2, col=2)

@@ -1,5 +1,6 @@
 """The picture of a plan: a map, and below it the powers and the rates over time."""
 
+from io import BytesIO
 from textwrap import wrap
 
 from matplotlib.collections import LineCollection
@@ -9,17 +10,19 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.patheffects import withStroke
+from matplotlib.transforms import ScaledTranslation
 import numpy as np
 
-from .airspace_shapes import altitudes_of, corners_of_map, is_in_the_way, middle_of, rims
-from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, RATE, uav_color
-from .labels import energy_label, receiver_label
+from .drawing import (
+    altitudes_of, corners_of_map, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE,
+    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
 
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2
 _TITLE_WIDTH = 90  # In characters.
 _DOTS_PER_INCH = 200
 _FAINT = 1e-3
+_COMPASS = 0.32  # Length of its arrows in inches.
 _TIME_MARKS = 12
 _TIME_STEPS = [digit * 10.0 ** power for power in range(-6, 9) for digit in (1, 2, 5)]
 _STYLES = ('--', ':', '-.')
@@ -28,10 +31,20 @@ _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
 _ZONE_BESIDE = {**_ZONE, 'facecolor': 'none', 'linestyle': ':'}
 _MARGIN = {'facecolor': MARGIN, 'edgecolor': 'none'}
 _FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
+_ROLES = ('transmits', 'jams')
 _NAMES = {
     'fly_hover_fly_constant': 'fly-hover-fly, constant power',
     'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
 }
+
+
+class _Picture(Figure):
+    """A Figure that notebooks show, without pyplot."""
+
+    def _repr_png_(self):
+        with BytesIO() as file:
+            self.savefig(file, format='png')
+            return file.getvalue()
 
 
 def save_picture(plan, path, baselines=()):
@@ -47,15 +60,13 @@ def save_picture(plan, path, baselines=()):
 
 def draw_plan(plan, baselines=()):
     """Return a matplotlib Figure of a plan, as save_picture writes it."""
-    width, height = np.diff(_extent([plan, *baselines]), axis=0)[0]
-    ratio = width / height if _is_turned(width, height) else height / width
-    tall = min(5.6, _MAP_WIDTH * ratio)
+    tall = _map_height(_extent(plan.scenario, [plan, *baselines]))
     title = (f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
              f'{plan.worst_case_rate:.3f} in the worst case')
     if plan.bound is not None:
         title = '\n'.join([title, *wrap(plan.claim, _TITLE_WIDTH)])
     total = tall + 4.7 + 0.2 * title.count('\n')
-    figure = Figure(figsize=(_WIDTH, total))
+    figure = _Picture(figsize=(_WIDTH, total))
     # Axes are placed in inches, because constrained layout cuts off legends beside axes of equal
     # aspect.
     map_axes, power_axes, rate_axes = (
@@ -69,6 +80,28 @@ def draw_plan(plan, baselines=()):
     return figure
 
 
+def draw_scenario(scenario):
+    """Return a matplotlib Figure with the map of a Scenario."""
+    extent = _extent(scenario)
+    tall = _map_height(extent)
+    figure = _Picture(figsize=(_WIDTH, tall + 0.8))
+    axes = figure.add_axes((0.75 / _WIDTH, 0.6 / (tall + 0.8), _MAP_WIDTH / _WIDTH,
+                            tall / (tall + 0.8)))
+    place_of = _set_up_map(axes, scenario, extent)
+    _draw_ground(axes, scenario, place_of)
+    for index, uav in enumerate(scenario.uavs):
+        way = place_of([uav.start, uav.goal])
+        axes.annotate('', way[1], way[0], zorder=3, arrowprops={
+            'arrowstyle': '-', 'linestyle': (0, (2, 4)), 'color': uav_color(index)})
+        _draw_ends(axes, index, way)
+    _add_compass(axes, place_of, np.stack([scenario.starts, scenario.goals]))
+    lines = {f'{uav.name}, {uav.altitude:g} m high': Line2D(
+        [], [], color=uav_color(index), linestyle=(0, (2, 4)))
+        for index, uav in enumerate(scenario.uavs)}
+    _explain_map(axes, scenario, lines)
+    return figure
+
+
 def name_of(method):
     """Return the name of a method in words."""
     return _NAMES.get(method, method)
@@ -78,18 +111,48 @@ def draw_map(axes, plan, baselines=(), legend=True):
     """
     Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
 
-    A mission that is much longer in y than in x is rotated by 90 degrees, so that the flight goes
-    from left to right.
+    North is up, except in a mission that is much longer from south to north than from west to
+    east: it is rotated by 90 degrees, so that the flight goes from left to right, and has arrows
+    to the east and to the north.
 
     :param axes: matplotlib Axes.
     :param baselines: Plans for the same mission, whose paths are drawn in grey.
     :param legend: whether to explain the symbols beside the map.
     """
     scenario = plan.scenario
-    place_of = _set_up_map(axes, plan, _extent([plan, *baselines]))
+    place_of = _set_up_map(axes, scenario, _extent(scenario, [plan, *baselines]))
     for other in baselines:
         for path in other.positions:
             axes.plot(*place_of(path).T, color=_GREY, linewidth=0.9, zorder=1)
+    _draw_ground(axes, scenario, place_of)
+    peak = max(uav.peak_power for uav in scenario.uavs)
+    heights = [axes.transData.transform(place_of(path))[:, 1].mean() for path in plan.positions]
+    labelled = [place_of(middle_of(zone)) for zone in scenario.no_fly_zones]
+    for index, (path, powers) in enumerate(zip(plan.positions, plan.powers)):
+        points = place_of(path)
+        # Power n holds from point n to point n + 1; before point 1 the power is zero.
+        level = power_level(np.concatenate([[0.0], powers]), peak)
+        axes.add_collection(LineCollection(
+            np.stack([points[:-1], points[1:]], axis=1), colors=_ramp(index)(level),
+            linewidths=_width(level), capstyle='round', zorder=3), autolim=False)
+        axes.plot(*points.T, color=uav_color(index), linewidth=0.8, zorder=4)
+        _draw_ends(axes, index, points)
+        upper = heights[index] >= np.median(heights) if index == 0 else (
+            heights[index] > np.median(heights))
+        _mark_times(axes, plan.times, points, uav_color(index), 1 if upper else -1, labelled)
+    _add_compass(axes, place_of, plan.positions)
+    if legend:
+        levels = np.linspace(0, 1, 9)
+        ramps = {
+            f'{uav.name}, 0 to {peak:g} W': tuple(
+                Line2D([], [], color=_ramp(index)(level), linewidth=_width(level),
+                       solid_capstyle='butt') for level in levels)
+            for index, uav in enumerate(scenario.uavs)}
+        _explain_map(axes, scenario, ramps, bool(baselines))
+
+
+def _draw_ground(axes, scenario, place_of):
+    """Draw what does not fly: zones and fence, discs, and the ground node."""
     draw_airspace(axes, scenario, place_of)
     for eve in scenario.eavesdroppers:
         place = place_of(eve.position)
@@ -100,25 +163,13 @@ def draw_map(axes, plan, baselines=(), legend=True):
                       color=EAVESDROPPER, zorder=8, path_effects=[
                           withStroke(linewidth=2.5, foreground='white')])
     axes.plot(*place_of(scenario.ground_node), '^', **_sign(GROUND_NODE, 10), zorder=6)
-    peak = max(uav.peak_power for uav in scenario.uavs)
-    heights = [axes.transData.transform(place_of(path))[:, 1].mean() for path in plan.positions]
-    for index, (path, powers) in enumerate(zip(plan.positions, plan.powers)):
-        points = place_of(path)
-        # Power n holds from point n to point n + 1; before point 1 the power is zero.
-        level = power_level(np.concatenate([[0.0], powers]), peak)
-        axes.add_collection(LineCollection(
-            np.stack([points[:-1], points[1:]], axis=1), colors=_ramp(index)(level),
-            linewidths=_width(level), capstyle='round', zorder=3), autolim=False)
-        axes.plot(*points.T, color=uav_color(index), linewidth=0.8, zorder=4)
-        size = 7 + 4 * index
-        for point, sign in ((points[0], 'o'), (points[-1], 's')):
-            axes.plot(*point, sign, color='white', markeredgecolor=uav_color(index),
-                      markeredgewidth=1.5, markersize=size, zorder=5 - 0.1 * index)
-        upper = heights[index] >= np.median(heights) if index == 0 else (
-            heights[index] > np.median(heights))
-        _mark_times(axes, plan.times, points, uav_color(index), 1 if upper else -1)
-    if legend:
-        _explain_map(axes, plan, baselines, peak)
+
+
+def _draw_ends(axes, index, points):
+    """Draw start and goal of a UAV; where several are at one place, one around the other."""
+    for point, sign in ((points[0], 'o'), (points[-1], 's')):
+        axes.plot(*point, sign, color='white', markeredgecolor=uav_color(index),
+                  markeredgewidth=1.5, markersize=7 + 4 * index, zorder=5 - 0.1 * index)
 
 
 def draw_airspace(axes, scenario, place_of=np.asarray):
@@ -156,7 +207,7 @@ def draw_powers(axes, plan):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
                     label='\n'.join(filter(None, (
-                        f'{uav.name} ({"jams" if index else "transmits"})',
+                        f'{uav.name} ({_ROLES[index > 0]})',
                         energy_label(plan.energies[index])))))
     for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
         limits = {getattr(uav, field) for uav in plan.scenario.uavs}
@@ -216,18 +267,25 @@ def _ramp(index):
     return LinearSegmentedColormap.from_list(f'uav{index}', [0.2 * color + 0.8, 0.75 * color])
 
 
-def _is_turned(width, height):
+def _is_turned(extent):
+    width, height = extent[1] - extent[0]
     return height > 1.4 * width
+
+
+def _map_height(extent):
+    """Return the height of the map in inches."""
+    sides = extent[1] - extent[0]
+    return min(5.6, _MAP_WIDTH * (sides[0] / sides[1] if _is_turned(extent) else
+                                  sides[1] / sides[0]))
 
 
 def _width(level):
     return 1.5 + 5.5 * level
 
 
-def _extent(plans):
+def _extent(scenario, plans=()):
     """Return the lower left and the upper right corner of the map, (2, 2) in m."""
-    scenario = plans[0].scenario
-    points = [np.array(scenario.ground_node)[None], *(
+    points = [np.array(scenario.ground_node)[None], scenario.starts, scenario.goals, *(
         path for plan in plans for path in plan.positions), *(
         np.array(eve.position) + eve.error_radius * np.array([[-1.0], [1.0]])
         for eve in scenario.eavesdroppers)]
@@ -238,11 +296,10 @@ def _extent(plans):
     return np.array([low - margin, high + margin])
 
 
-def _set_up_map(axes, plan, extent):
+def _set_up_map(axes, scenario, extent):
     """Set the limits of a map; return the function from positions in m to map coordinates."""
-    width, height = extent[1] - extent[0]
-    turned = _is_turned(width, height)
-    labels = ('y (m)', 'x (m)') if turned else ('x (m)', 'y (m)')
+    turned = _is_turned(extent)
+    labels = ('north (m)', 'east (m)') if turned else ('east (m)', 'north (m)')
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect='equal', anchor='W')
     corners = extent[:, ::-1] if turned else extent
     axes.set(xlim=corners[:, 0], ylim=corners[:, 1])
@@ -252,22 +309,25 @@ def _set_up_map(axes, plan, extent):
     if not turned:
         return np.asarray
     # Exactly one axis is inverted. Otherwise the map would be a mirror image.
-    if plan.positions[0, -1, 1] < plan.positions[0, 0, 1]:
+    if scenario.goals[0, 1] < scenario.starts[0, 1]:
         axes.invert_xaxis()
     else:
         axes.invert_yaxis()
     return lambda places: np.asarray(places)[..., ::-1]
 
 
-def _mark_times(axes, times, points, color, side):
-    """Mark round times along a path; where the UAV hovers, one label gives the interval."""
+def _mark_times(axes, times, points, color, side, labelled):
+    """
+    Mark round times along a path; where the UAV hovers, one label gives the interval.
+
+    :param labelled: places that have a label, near which there is no other; it grows.
+    """
     step = next(step for step in _TIME_STEPS if times[-1] / step <= _TIME_MARKS)
     marks = np.arange(step, times[-1] - step / 3, step)
     places = np.stack([np.interp(marks, times, points[:, axis]) for axis in (0, 1)], axis=-1)
     axes.plot(*places.T, 'o', color='white', markeredgecolor=color, markersize=3.5,
               linestyle='none', zorder=7)
     near = 0.04 * np.ptp(axes.get_xlim())
-    labelled = []
     first = 0
     for last in range(len(marks)):
         if last + 1 < len(marks) and np.hypot(*(places[last + 1] - places[first])) < near:
@@ -283,26 +343,42 @@ def _mark_times(axes, times, points, color, side):
                       zorder=8, path_effects=[withStroke(linewidth=2.5, foreground='white')])
 
 
-def _explain_map(axes, plan, baselines, peak):
-    levels = np.linspace(0, 1, 9)
-    entries = {
-        f'{uav.name}, 0 to {peak:g} W': tuple(
-            Line2D([], [], color=_ramp(index)(level), linewidth=_width(level),
-                   solid_capstyle='butt') for level in levels)
-        for index, uav in enumerate(plan.scenario.uavs)}
+def _add_compass(axes, place_of, paths):
+    """Draw arrows to the east and to the north, in the corner farthest from paths, if turned."""
+    if place_of is np.asarray:
+        return
+    used = axes.transAxes.inverted().transform(axes.transData.transform(
+        place_of(paths).reshape(-1, 2)))
+    corners = np.array([(x, y) for x in (0.0, 1.0) for y in (0.0, 1.0)])
+    corner = max(corners, key=lambda one: np.linalg.norm(used - one, axis=1).min())
+    inches = (axes.figure.dpi_scale_trans + ScaledTranslation(*corner, axes.transAxes)
+              + ScaledTranslation(*(_COMPASS * (1.6 - 3.2 * corner)), axes.figure.dpi_scale_trans))
+    ahead = -1 if axes.xaxis_inverted() else 1
+    aside = -1 if axes.yaxis_inverted() else 1
+    for name, tip in (('N', (ahead * _COMPASS, 0.0)), ('E', (0.0, aside * _COMPASS))):
+        axes.annotate('', tip, (0.0, 0.0), xycoords=inches, textcoords=inches, zorder=9,
+                      arrowprops={'arrowstyle': '-|>', 'color': '0.25', 'shrinkA': 0,
+                                  'shrinkB': 0})
+        axes.text(*(1.3 * np.array(tip)), name, transform=inches, ha='center', va='center',
+                  color='0.25', fontsize=9, zorder=9)
+
+
+def _explain_map(axes, scenario, ways, baselines=False):
+    """Explain the symbols beside the map, after the artists that stand for the UAVs."""
+    entries = dict(ways)
     entries['start'] = Line2D([], [], marker='o', color='white', markeredgecolor='0.2')
     entries['goal'] = Line2D([], [], marker='s', color='white', markeredgecolor='0.2')
     entries['ground node'] = Line2D([], [], marker='^', **_sign(GROUND_NODE, 10))
-    blurred = any(eve.error_radius for eve in plan.scenario.eavesdroppers)
+    blurred = any(eve.error_radius for eve in scenario.eavesdroppers)
     entries['eavesdropper' + ', disc' * blurred] = Line2D(
         [], [], marker='X', **_sign(EAVESDROPPER, 8))
-    if plan.scenario.no_fly_zones:
+    if scenario.no_fly_zones:
         entries['no-fly zone'] = Patch(**_ZONE)
-    if plan.scenario.geofence is not None:
+    if scenario.geofence is not None:
         entries['geofence'] = Line2D([], [], color=GEOFENCE, linewidth=1.2,
                                      linestyle=_FENCE['linestyle'])
-    if plan.scenario.tracking_margin:
-        entries[f'margin of {plan.scenario.tracking_margin:g} m'] = Patch(**_MARGIN)
+    if scenario.tracking_margin:
+        entries[f'margin of {scenario.tracking_margin:g} m'] = Patch(**_MARGIN)
     if baselines:
         entries['baseline'] = Line2D([], [], color=_GREY, linewidth=0.9)
     _legend(axes, list(entries.values()), list(entries), handlelength=3,

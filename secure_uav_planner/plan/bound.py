@@ -7,11 +7,15 @@ import math
 from typing import Any, Protocol
 
 from ..errors import OptionError, shown
-from ..mission.choices import OBJECTIVES
+from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
+from ..mission.validation import checked_kind
 
 STATUSES = ('converged', 'time_limit', 'cancelled')
 """Why the search ended; the bound is valid whatever the reason."""
+
+RATE_NAMES = {'guaranteed': 'guaranteed rate', 'worst_case': 'worst-case rate'}
+"""What each objective maximises, in words."""
 
 _FIELDS = ('rate', 'objective', 'ignored', 'solve_time', 'status')
 
@@ -72,12 +76,16 @@ class Bound:
     status: str = 'converged'
 
     def __post_init__(self) -> None:
-        checked_scenario(self.scenario)
+        checked_kind('scenario', self.scenario, Scenario)
         object.__setattr__(self, 'rate', _checked_rate(self.rate))
         checked_objective(self.objective)
         _checked_status(self.status)
         object.__setattr__(self, 'ignored', _checked_names(self.ignored))
         object.__setattr__(self, 'solve_time', _checked_time(self.solve_time))
+
+    def __repr__(self) -> str:
+        return (f'<Bound: no plan has a {RATE_NAMES[self.objective]} above {self.rate:.4f} '
+                f'bit/s/Hz, {self.status}>')
 
     def gap(self, plan: Rated) -> float:
         """
@@ -139,13 +147,6 @@ class Bound:
         if data['rate'] is None:
             data['rate'] = math.inf
         return cls(scenario=scenario, **data)
-
-
-def checked_scenario(scenario: Any) -> Scenario:
-    """Return the scenario, or raise OptionError for anything else."""
-    if not isinstance(scenario, Scenario):
-        raise OptionError(f'scenario is {shown(scenario)}; it must be a Scenario')
-    return scenario
 
 
 def checked_objective(objective: Any) -> str:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from .bound import Bound
 from .iteration import Iteration
 from ..errors import path_of, Place, PlanFileError, shown, within, words_of_files
-from ..mission.files import atomic_file, read_text
+from ..mission.files import atomic_file, checked_path, read_text
 from ..mission.scenario import checked_fields, Scenario
 
 _FORMAT = 'secure_uav_planner/plan'
@@ -47,6 +47,7 @@ def save(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
 
 def load(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
     """Return the plan of a file, of the class Plan; Plan.load describes it."""
+    checked_path(path)
     try:
         with words_of_files():
             return _plan_of(json.loads(read_text(path, _MOST_BYTES)), kind)

@@ -1,27 +1,34 @@
 """What is answered: trajectories and powers, what they achieve, and how they were found."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from hashlib import blake2b
 import math
 import os
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from . import file
-from .bound import Bound
+from .bound import Bound, RATE_NAMES
 from .iteration import Iteration, Status, STATUS_TEXTS, STATUSES
 from ..errors import OptionError, PlanError, shown
-from ..mission.choices import Objective, OBJECTIVES
+from ..mission import Objective, OBJECTIVES
 from ..mission.kinematics import shortened
 from ..mission.scenario import Array, LIMITS, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
+from ..mission.validation import checked_kind
+from ..mission.views import view
 from ..model import channel
 from ..model.clearance import Clearance
 from ..model.curve import Curve, mean_guaranteed_rates
 from ..model.energy import energies, Energy
 from ..model.limits import limits_of
 from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 _LAST_SECOND = 2**31 - 1  # The last that a builtin_interfaces/Time can hold.
 
@@ -61,6 +68,7 @@ class Plan:
     bound: Bound | None = None
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         count, slots = len(self.scenario.uavs), self.scenario.slots
         for field, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
             object.__setattr__(self, field, _checked_array(field, getattr(self, field), shape))
@@ -68,13 +76,29 @@ class Plan:
                                      ('objective', self.objective, OBJECTIVES)):
             if value not in allowed:
                 raise PlanError(f'{name} is {shown(value)}; it must be one of {allowed}', (name,))
-        object.__setattr__(self, 'history', tuple(self.history))
         self._check_bound()
         self._check_start()
         self._check_ends()
         for limit in limits_of(self.scenario):
             limit.check(self.positions, self.powers)
         self.clearance.check()
+
+    def _check_kinds(self) -> None:
+        if not isinstance(self.scenario, Scenario):
+            raise PlanError(f'scenario is {shown(self.scenario)}; it must be a Scenario',
+                            ('scenario',))
+        if not isinstance(self.method, str):
+            raise PlanError(f'method is {shown(self.method)}; it must be a string', ('method',))
+        if not isinstance(self.history, (tuple, list)) or not all(
+                isinstance(one, Iteration) for one in self.history):
+            raise PlanError(f'history is {shown(self.history)}; it must be a tuple of Iterations',
+                            ('history',))
+        object.__setattr__(self, 'history', tuple(self.history))
+        if (isinstance(self.solve_time, bool)
+                or not isinstance(self.solve_time, (int, float, np.integer))
+                or not math.isfinite(self.solve_time)):
+            raise PlanError(f'solve_time is {shown(self.solve_time)}; it must be a finite number '
+                            'in s', ('solve_time',))
 
     def _check_start(self) -> None:
         if self.start_ns is None:
@@ -102,9 +126,18 @@ class Plan:
                                     f'it must be {getattr(uav, field)}', ('positions',))
 
     def __repr__(self) -> str:
-        return (f'<Plan by {self.method} for {len(self.scenario.uavs)} UAVs and '
-                f'{self.scenario.slots} slots: guaranteed rate {self.guaranteed_rate:.4f} '
-                f'bit/s/Hz, {self.status}{self.claim and ", " + self.claim}>')
+        return (f'<Plan: {RATE_NAMES[self.objective]} {self.rate:.4f} bit/s/Hz by {self.method}, '
+                f'{self.status}; UAVs: {len(self.scenario.uavs)}, slots: {self.scenario.slots}'
+                f'{self.claim and "; " + self.claim}>')
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Plan):
+            return NotImplemented
+        return all(np.array_equal(mine, yours) if isinstance(mine, np.ndarray) else mine == yours
+                   for mine, yours in zip(_values(self), _values(other), strict=True))
+
+    def __hash__(self) -> int:
+        return hash((self.scenario, self.identity))
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items()
@@ -135,13 +168,13 @@ class Plan:
 
     @cached_property
     def guaranteed_rates(self) -> Array:
-        """Guaranteed rate R-bar of every slot, (N,) in bit/s/Hz; see channel."""
-        return read_only(channel.guaranteed_rates(self.scenario, self.positions, self.powers))
+        """Guaranteed rate [R-bar]^+ of every slot, (N,) in bit/s/Hz; see channel."""
+        return _secret(channel.guaranteed_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
     def worst_case_rates(self) -> Array:
-        """Worst-case rate R of every slot, (N,) in bit/s/Hz; see channel."""
-        return read_only(channel.worst_case_rates(self.scenario, self.positions, self.powers))
+        """Worst-case rate R of every slot, equation (R_sec), (N,) in bit/s/Hz; see channel."""
+        return _secret(channel.worst_case_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
     def curve(self) -> Curve:
@@ -160,7 +193,7 @@ class Plan:
 
         They differ from guaranteed_rates, which are those at the points, by the discretisation.
         """
-        return read_only(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
+        return _secret(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
 
     @cached_property
     def energies(self) -> tuple[Energy | None, ...]:
@@ -174,7 +207,7 @@ class Plan:
 
     @property
     def guaranteed_rate(self) -> float:
-        """Mean of guaranteed_rates, the objective of problem (P2), in bit/s/Hz."""
+        """Mean of guaranteed_rates, the objective of (P2) with [x]^+, in bit/s/Hz."""
         return float(self.guaranteed_rates.mean())
 
     @property
@@ -192,8 +225,7 @@ class Plan:
         """Return in words what the bound proves of the rate, or nothing without a bound."""
         if self.bound is None:
             return ''
-        name = 'guaranteed' if self.bound.objective == 'guaranteed' else 'worst-case'
-        return f'{name} rate {self.bound.claim(self)}'
+        return f'{RATE_NAMES[self.bound.objective]} {self.bound.claim(self)}'
 
     def with_bound(self, bound: Bound | None) -> 'Plan':
         """
@@ -224,9 +256,10 @@ class Plan:
         :param point: where to start, from 0 to slots - 1.
         :raises OptionError: for another point.
         """
-        if not 0 <= point < self.scenario.slots:
-            raise OptionError(
-                f'point is {shown(point)}; it must be from 0 to {self.scenario.slots - 1}')
+        if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
+                or not 0 <= point < self.scenario.slots):
+            raise OptionError(f'point is {shown(point)}; it must be a whole number from 0 to '
+                              f'{self.scenario.slots - 1}', ('point',))
         slots = self.scenario.slots - point
         left = self.scenario.slots * self.scenario.average_powers - (
             self.powers[:, :point].sum(axis=1))
@@ -254,6 +287,7 @@ class Plan:
         :param beginning: positions and powers up to the point, where they are not this plan's.
         :return: a Plan of the whole mission against those.
         """
+        checked_kind('tail', tail, Plan)
         positions, powers = beginning or (self.positions, self.powers)
         return replace(
             tail, scenario=replace(self.scenario, ground_node=tail.scenario.ground_node,
@@ -261,6 +295,37 @@ class Plan:
             positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
             powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
             start_ns=self.start_ns, bound=None)
+
+    def plot(self, baselines: 'Sequence[Plan]' = ()) -> 'Figure':
+        """
+        Return a picture of the plan: a map, and powers and rates over time.
+
+        :param baselines: Plans for the same mission, which are drawn in grey.
+        :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
+        :raises MissingPackageError: when Matplotlib is not installed.
+        """
+        figure: Figure = view('plot_plan', self, baselines)
+        return figure
+
+    def to_dataframe(self) -> 'DataFrame':
+        """
+        Return the flight as a table with the columns and rows of `plan.csv`.
+
+        :return: a pandas DataFrame with a row for every point of every UAV: uav, point, time in
+            s, x, y and z in m, velocity_x and velocity_y in m/s, and power in W.
+        :raises MissingPackageError: when pandas is not installed.
+        """
+        table: DataFrame = view('plan_to_dataframe', self)
+        return table
+
+    def save_mcap(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write the messages of a flight of the plan to an MCAP file, for Foxglove and `ros2 bag`.
+
+        :raises MissingPackageError: when ROS's Python packages or mcap are not installed.
+        :raises OSError: when the file cannot be written; an old one is left as it was.
+        """
+        view('save_mcap', self, path)
 
     def save(self, path: str | os.PathLike[str], evaluate: bool = True) -> None:
         """
@@ -284,6 +349,15 @@ class Plan:
             breaks its own scenario.
         """
         return file.load(path, cls)
+
+
+def _secret(rates: Array) -> Array:
+    """Return [x]^+ of rates: in a slot that would lose nothing secret need be sent."""
+    return read_only(np.maximum(rates, 0.0))
+
+
+def _values(plan: Plan) -> tuple[Any, ...]:
+    return tuple(getattr(plan, field.name) for field in fields(plan))
 
 
 def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:

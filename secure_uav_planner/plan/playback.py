@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from .plan import Plan
 from ..mission.scenario import Array
+from ..mission.validation import checked_kind
 from ..model import channel
 
 
@@ -41,7 +42,7 @@ class Playback:
     """
 
     def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+        self.plan = checked_kind('plan', plan, Plan)
         self.curve = plan.curve
         self.begin, self.duration = self.curve.begin, self.curve.end
 

@@ -1,16 +1,19 @@
 """The rows of a campaign as tables and as a figure."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import csv
 import json
 from pathlib import Path
 from typing import Any
 
 from .evaluation import COLUMNS
-from ...mission.choices import OBJECTIVES
+from ...mission import OBJECTIVES
 from ...mission.files import atomic_file
 
 Rows = Sequence[dict[str, Any]]
+
+_DASHES = ('-', '--', ':', '-.')
+_MOST_LINES = 6  # Of values of a second field.
 
 
 def save_tables(rows: Rows, folder: Path) -> list[Path]:
@@ -45,56 +48,93 @@ def save_tables(rows: Rows, folder: Path) -> list[Path]:
 
 
 def save_figure(rows: Rows, path: Path) -> None:
-    """
-    Draw the rates over the first field with several numbers, or else how often each comes.
-
-    There is an axis for each rate that some row maximises. Lines are medians, bands hold eight of
-    ten missions; each method and objective has a line in all of them.
-    """
-    from matplotlib.figure import Figure
-    good = [row for row in rows if row['outcome'] == 'ok']
-    name = _numeric_field(good)
-    shown = [one for one in OBJECTIVES if any(row['objective'] == one for row in good)]
-    figure = Figure(figsize=(6.5 * max(1, len(shown)), 4.5), layout='constrained')
-    grid = figure.subplots(1, max(1, len(shown)), sharey=name is not None, squeeze=False)[0]
-    for axes, rate in zip(grid, shown):
-        _draw(axes, good, name, f'{rate}_rate')
-        label = f'{_words(rate)} rate (bit/s/Hz)'
-        axes.set_xlabel(label if name is None else name)
-        axes.set_ylabel('missions' if name is None else label)
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
+    """Write what draw_figure draws of the rows to a PNG file."""
+    figure = draw_figure(rows)
     with atomic_file(path, binary=True) as file:
         figure.savefig(file, dpi=150, format='png')
 
 
-def _draw(axes: Any, rows: Rows, name: str | None, rate: str) -> None:
-    """Draw one of the rates for each method and objective."""
-    import numpy as np
-    for scheme in sorted({(row['method'], row['objective']) for row in rows}):
-        mine = [row for row in rows if (row['method'], row['objective']) == scheme]
-        rates = np.array([row[rate] for row in mine])
-        label = f'{scheme[0]}, objective {_words(scheme[1])} rate'
+def draw_figure(rows: Rows) -> Any:
+    """
+    Return a Figure of the rates over the first field with several numbers, or else histograms.
+
+    There is an axis for each rate that some row maximises, with a line for each method, objective
+    and value of a second field that has few. Lines are medians, bands hold eight of ten missions.
+    """
+    from matplotlib.figure import Figure
+    good = [row for row in rows if row['outcome'] == 'ok']
+    name, second = _swept_fields(good)
+    shown = [one for one in OBJECTIVES if any(row['objective'] == one for row in good)]
+    figure = Figure(figsize=(6.5 * max(1, len(shown)), 4.8), layout='constrained')
+    grid = figure.subplots(1, max(1, len(shown)), sharey=name is not None, squeeze=False)[0]
+    for axes, rate in zip(grid, shown):
         if name is None:
-            axes.hist(rates, bins=30, alpha=0.6, label=label)
-            continue
-        x = np.array([row['fields'][name] for row in mine], float)
-        places = np.unique(x)
-        low, middle, high = np.array([
-            np.quantile(rates[x == place], (0.1, 0.5, 0.9)) for place in places]).T
-        [line] = axes.plot(places, middle, marker='o', markersize=3, label=label)
-        axes.fill_between(places, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
+            _draw_counts(axes, good, f'{rate}_rate')
+        else:
+            _draw_lines(axes, good, name, second, f'{rate}_rate')
+        label = f'{_words(rate)} rate (bit/s/Hz)'
+        axes.set_xlabel(label if name is None else name)
+        axes.set_ylabel('missions' if name is None else label)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8, framealpha=0.6)
+    if name is not None:
+        others = [one for one in good[0]['fields'] if one not in (name, second)]
+        figure.suptitle('lines: medians; bands: from 10 to 90% of the missions'
+                        + (f', over {", ".join(others)}' if others else ''), fontsize=9)
+    return figure
+
+
+def _draw_counts(axes: Any, rows: Rows, rate: str) -> None:
+    """Draw how often each value of a rate comes, for each method and objective."""
+    for scheme, mine in _grouped(rows, _scheme):
+        axes.hist([row[rate] for row in mine], bins=30, alpha=0.6, label=scheme)
+
+
+def _draw_lines(axes: Any, rows: Rows, name: str, second: str | None, rate: str) -> None:
+    """Draw a rate over a field: a colour for each value of the second, a dash for each scheme."""
+    import numpy as np
+    schemes = [scheme for scheme, _ in _grouped(rows, _scheme)]
+    values = [] if second is None else [value for value, _ in _grouped(
+        rows, lambda row: row['fields'][second])]
+    for scheme, of_scheme in _grouped(rows, _scheme):
+        for value, mine in [(None, of_scheme)] if second is None else _grouped(
+                of_scheme, lambda row: row['fields'][second]):
+            places = [place for place, _ in _grouped(mine, lambda row: row['fields'][name])]
+            low, middle, high = np.array([
+                np.quantile([row[rate] for row in there], (0.1, 0.5, 0.9))
+                for _, there in _grouped(mine, lambda row: row['fields'][name])]).T
+            number = schemes.index(scheme) if second is None else values.index(value)
+            dash = '-' if second is None else _DASHES[schemes.index(scheme) % len(_DASHES)]
+            label = scheme if second is None else f'{second} {json.dumps(value)}, {scheme}'
+            [line] = axes.plot(places, middle, dash, color=f'C{number % 10}', marker='o',
+                               markersize=3, label=label)
+            axes.fill_between(places, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
+
+
+def _grouped(rows: Rows, key: Callable[[dict[str, Any]], Any]
+             ) -> list[tuple[Any, list[dict[str, Any]]]]:
+    """Return the rows by a key of theirs: numbers in order, and anything else as JSON."""
+    found: dict[str, tuple[Any, list[dict[str, Any]]]] = {}
+    for row in rows:
+        found.setdefault(json.dumps(key(row)), (key(row), []))[1].append(row)
+    return sorted(found.values(), key=lambda one: (
+        (0, one[0], '') if isinstance(one[0], (int, float)) else (1, 0, json.dumps(one[0]))))
+
+
+def _scheme(row: dict[str, Any]) -> str:
+    return f'{row["method"]}, objective {_words(row["objective"])} rate'
 
 
 def _words(objective: str) -> str:
     return objective.replace('_', '-')
 
 
-def _numeric_field(rows: Rows) -> str | None:
-    """Return the first field that has a few different numbers, each in several rows."""
-    for name in rows[0]['fields'] if rows else ():
-        values = {json.dumps(row['fields'][name]) for row in rows}
-        if 1 < len(values) <= max(2, len(rows) // 2) and all(
-                isinstance(row['fields'][name], (int, float)) for row in rows):
-            return name
-    return None
+def _swept_fields(rows: Rows) -> tuple[str | None, str | None]:
+    """Return the first field with a few different numbers, and another one with very few."""
+    fields = rows[0]['fields'] if rows else ()
+    counts = {name: len({json.dumps(row['fields'][name]) for row in rows}) for name in fields}
+    first = next((name for name, count in counts.items() if 1 < count <= max(2, len(rows) // 2)
+                  and all(isinstance(row['fields'][name], (int, float)) for row in rows)), None)
+    second = next((name for name, count in counts.items() if name != first
+                   and 1 < count <= min(_MOST_LINES, len(rows) // 2)), None)
+    return first, first and second

@@ -5,11 +5,11 @@ from dataclasses import fields, replace
 from pathlib import Path
 import sys
 
-from .missions import loaded_plan
-from .status import DONE
+from .main import DONE
+from .missions import loaded
 from ...assessment import assess, World
 from ...assessment.flown import read_flown
-from ...errors import OptionError, ScenarioError
+from ...errors import OptionError, PlanFileError, ScenarioError
 from ...mission.propagation import Channel
 from ...output.table import assessment_table
 from ...plan.plan import Plan
@@ -17,9 +17,9 @@ from ...plan.plan import Plan
 _SUFFIXES = ('.png', '.svg', '.pdf')
 
 
-def run(options: argparse.Namespace) -> int:
+def assess_plan(options: argparse.Namespace) -> int:
     """Assess a plan; return the exit status."""
-    plan = loaded_plan(options.plan)
+    plan = loaded(options.plan, Plan.load, PlanFileError)
     file = Path(options.out) if options.out else Path(options.plan).with_suffix('.assess.png')
     if file.suffix.lower() not in _SUFFIXES:
         raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '

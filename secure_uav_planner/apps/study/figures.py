@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from .environments import draw_environments, found_in_environments, HEADER
-from ...output.colors import uav_color
+from ...output.drawing import uav_color
 from ...output.picture import draw_map, name_of
 
 _SIZE = (9.0, 6.0)

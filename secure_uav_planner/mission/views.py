@@ -1,0 +1,67 @@
+"""
+Views of missions and plans as their methods: pictures, tables, recordings.
+
+Rooms further down make the views, with packages that are optional. The package says where each
+one is made, by `offer`; it is imported when it is asked for, so that this room, and that of
+plans, import neither those rooms nor their packages.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+from ..errors import MissingPackageError
+
+_EXTRAS = {'matplotlib': 'view', 'mcap': 'view', 'pandas': 'view', 'plotly': 'view'}
+
+_homes: dict[str, str] = {}
+
+
+def offer(package: str, **homes: str) -> None:
+    """
+    Say which function makes each view.
+
+    :param package: to which the names of modules are relative.
+    :param homes: by the name of the view, the module and the function, such as
+        `.output.picture:draw_plan`.
+    """
+    _homes.update({name: f'{package}{home}' for name, home in homes.items()})
+
+
+def view(name: str, *arguments: Any, **options: Any) -> Any:
+    """
+    Return what makes a view of these arguments.
+
+    :param name: that was offered.
+    :raises MissingPackageError: when it needs a package that is not installed.
+    """
+    with _naming_what_is_missing():
+        return _maker(name)(*arguments, **options)
+
+
+def check_view(name: str) -> None:
+    """
+    Import what makes a view, before the work that it will show.
+
+    :raises MissingPackageError: when it needs a package that is not installed.
+    """
+    with _naming_what_is_missing():
+        _maker(name)
+
+
+def _maker(name: str) -> Callable[..., Any]:
+    module, _, function = _homes[name].partition(':')
+    maker: Callable[..., Any] = getattr(import_module(module), function)
+    return maker
+
+
+@contextmanager
+def _naming_what_is_missing() -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        missing = (error.name or '').partition('.')[0]
+        raise MissingPackageError(
+            f'{missing} is not installed; pip install '
+            f'"secure_uav_planner[{_EXTRAS.get(missing, "ros")}]"') from error

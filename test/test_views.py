@@ -1,0 +1,149 @@
+"""Views of missions and plans as their methods: `plot`, `to_dataframe`, `save_mcap`."""
+
+from dataclasses import replace
+import subprocess
+import sys
+
+from hypothesis import given, settings
+import numpy as np
+import pytest
+import secure_uav_planner
+from secure_uav_planner import Bound, fly_hover_fly, Plan, Scenario, solve, upper_bound
+from secure_uav_planner.errors import MissingPackageError, OptionError, PlanError
+from secure_uav_planner.output.spreadsheet import COLUMNS
+from secure_uav_planner.plan.playback import Playback
+from strategies import scenarios
+from test_cli import environment
+
+PNG = b'\x89PNG'
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return fly_hover_fly(Scenario.paper(120.0, slots=12))
+
+
+def limited(scenario):
+    """Return a scenario whose UAVs have a limit of acceleration."""
+    return replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=2.0) for uav in scenario.uavs))
+
+
+def test_a_plan_and_its_mission_plot_themselves_without_pyplot(plan, tmp_path):
+    for figure in (plan.plot(), plan.plot([plan]), plan.scenario.plot()):
+        figure.savefig(tmp_path / 'figure.png')
+        assert (tmp_path / 'figure.png').read_bytes().startswith(PNG)
+        assert figure._repr_png_().startswith(PNG)  # What a notebook asks for.
+    done = subprocess.run(
+        [sys.executable, '-c', 'import secure_uav_planner as s, sys; '
+         's.fly_hover_fly(s.Scenario.paper(120.0, slots=12)).plot(); '
+         'sys.exit("matplotlib.pyplot" in sys.modules)'], env=environment(), timeout=300)
+    assert done.returncode == 0
+
+
+@settings(max_examples=10)
+@given(scenario=scenarios())
+def test_the_map_of_any_mission_has_all_who_take_part(scenario):
+    [axes] = scenario.plot().axes
+    texts = {text.get_text() for text in axes.get_legend().get_texts()}
+    assert {f'{uav.name}, {uav.altitude:g} m high' for uav in scenario.uavs} <= texts
+    points = np.array([line.get_xydata()[0] for line in axes.lines if len(line.get_xydata()) == 1])
+    if axes.get_xlabel().startswith('north'):
+        points = points[:, ::-1]
+    for place in (scenario.ground_node, *scenario.starts, *scenario.goals,
+                  *scenario.eavesdropper_positions):
+        assert np.abs(points - place).max(axis=1).min() < 1e-9
+
+
+def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
+    pytest.importorskip('pandas')
+    for scenario in (plan.scenario, limited(plan.scenario)):
+        flight = fly_hover_fly(scenario)
+        table = flight.to_dataframe()
+        assert tuple(table.columns) == COLUMNS
+        for number, (uav, rows) in enumerate(table.groupby('uav')):
+            first, last = rows.iloc[0], rows.iloc[-1]
+            assert (first.x, first.y) == pytest.approx(scenario.uavs[number].start)
+            assert (last.x, last.y) == pytest.approx(scenario.uavs[number].goal)
+            assert (first.power, last.power) == (0.0, 0.0)
+            inner = rows[rows.point.between(1, scenario.slots)]
+            assert inner.power.to_numpy() == pytest.approx(flight.powers[number])
+            for row in rows.itertuples():
+                moment = Playback(flight).at(row.time)
+                assert (row.x, row.y) == pytest.approx(tuple(moment.positions[number]), abs=1e-9)
+        steps = table[table.uav == scenario.uavs[0].name].time.diff().dropna()
+        # A UAV with a limit of acceleration leaves half a slot before point 0.
+        half = 0.5 if scenario.uavs[0].max_acceleration else 1.0
+        assert steps.iloc[0] == steps.iloc[-1] == pytest.approx(half * scenario.slot_duration)
+
+
+def test_what_is_missing_for_a_view_is_named_with_how_to_install_it(plan, tmp_path, monkeypatch):
+    for module, view, extra in (
+            ('matplotlib', plan.plot, 'view'), ('matplotlib', plan.scenario.plot, 'view'),
+            ('pandas', plan.to_dataframe, 'view'),
+            ('mcap', lambda: plan.save_mcap(tmp_path / 'plan.mcap'), 'view'),
+            ('rclpy', lambda: plan.save_mcap(tmp_path / 'plan.mcap'), 'ros')):
+        with monkeypatch.context() as without:
+            for name in list(sys.modules):
+                if name.partition('.')[0] == module or name.startswith((
+                        'secure_uav_planner.output.picture', 'secure_uav_planner.ros')):
+                    without.delitem(sys.modules, name)
+            without.setitem(sys.modules, module, None)
+            with pytest.raises(MissingPackageError, match=rf'{module} is not installed.*{extra}'):
+                view()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_version_is_that_of_the_installed_package(packaging):
+    assert secure_uav_planner.__version__ == packaging['version']
+
+
+def test_a_repr_is_short_and_has_the_rate_that_was_maximised():
+    scenario = Scenario.paper(120.0, slots=12)
+    for objective, name in (('worst_case', 'worst-case'), ('guaranteed', 'guaranteed')):
+        plan = solve(scenario, objective=objective)
+        bound = upper_bound(scenario, objective=objective, plan=plan, time_limit=0.5)
+        assert repr(plan).startswith(f'<Plan: {name} rate {plan.rate:.4f} bit/s/Hz by joint')
+        assert repr(plan.with_bound(bound)).endswith(f'; {name} rate {bound.claim(plan)}>')
+        assert f'{name} rate above {bound.rate:.4f}' in repr(bound)
+        for one in (plan, plan.with_bound(bound), bound, plan.clearance):
+            assert len(repr(one)) < 200 and '\n' not in repr(one)
+    nearest = plan.clearance.between_uavs
+    assert f'UAVs at least {nearest.distance:.4g} m apart (uav1 and uav2' in repr(plan.clearance)
+
+
+def test_a_plan_is_equal_to_what_its_file_holds_and_to_no_other(tmp_path):
+    plan = replace(solve(Scenario.paper(120.0, slots=12)), start_ns=5)
+    plan = plan.with_bound(Bound(plan.scenario, np.inf, plan.objective))
+    plan.save(tmp_path / 'plan.json')
+    again = Plan.load(tmp_path / 'plan.json')
+    assert again == plan and hash(again) == hash(plan) and len({again, plan}) == 1
+    for change in ({'start_ns': 6}, {'method': 'other'}, {'bound': None}, {'history': ()},
+                   {'powers': 0.5 * plan.powers}, {'solve_time': 0.0}):
+        assert replace(plan, **change) != plan
+    assert plan != 'plan' and plan != fly_hover_fly(plan.scenario)
+
+
+@pytest.mark.parametrize('call, kind, message', [
+    (lambda plan: solve('x'), OptionError, "scenario is 'x'; it must be a Scenario"),
+    (lambda plan: fly_hover_fly(5), OptionError, 'scenario is 5; it must be a Scenario'),
+    (lambda plan: solve(plan.scenario, initial='x'), OptionError, "initial is 'x'; it must be a"),
+    (lambda plan: solve(plan.scenario, on_iteration=5), OptionError, 'on_iteration is 5; it must'),
+    (lambda plan: solve(plan.scenario, time_limit=[1]), OptionError, r'time_limit is \[1\]; it'),
+    (lambda plan: Plan(None, [], []), PlanError, 'scenario is None; it must be a Scenario'),
+    (lambda plan: replace(plan, history=5), PlanError, 'history is 5; it must be'),
+    (lambda plan: replace(plan, history=(5,)), PlanError, r'history is \(5,\); it must be'),
+    (lambda plan: replace(plan, method=5), PlanError, 'method is 5; it must be a string'),
+    (lambda plan: replace(plan, solve_time='x'), PlanError, "solve_time is 'x'; it must be"),
+    (lambda plan: plan.tail(1.5), OptionError, 'point is 1.5; it must be a whole number from 0'),
+    (lambda plan: plan.continued(2, 'x'), OptionError, "tail is 'x'; it must be a Plan"),
+    (lambda plan: Playback('x'), OptionError, "plan is 'x'; it must be a Plan"),
+    (lambda plan: Plan.load(5), OptionError, 'path is 5; it must be a string or a path'),
+    (lambda plan: plan.save(None), OptionError, 'path is None; it must be a string or a path'),
+    (lambda plan: Scenario.load(5), OptionError, 'path is 5; it must be'),
+    (lambda plan: plan.scenario.save(5), OptionError, 'path is 5; it must be'),
+    (lambda plan: Scenario.paper('x'), ValueError, "duration is 'x'; it must be a number from"),
+])
+def test_a_wrong_type_is_told_as_every_wrong_value_is(plan, call, kind, message):
+    with pytest.raises(kind, match=message):
+        call(plan)
