@@ -11,10 +11,10 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
-from secure_uav_planner.apps.bench.missions import random_mission
+from secure_uav_planner.apps.bench.missions import random_city_mission, random_mission
 from secure_uav_planner.bound import upper_bound
 from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
-from secure_uav_planner.errors import PlanFileError
+from secure_uav_planner.errors import PlanFileError, PlanningError
 from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.limits import (
     AccelerationLimit, AveragePower, LIMITS, PeakPower, SpeedLimit)
@@ -345,16 +345,42 @@ def test_many_slots_share_stages():
     assert fly_hover_fly(scenario).guaranteed_rate <= bound.rate
 
 
+def any_mission(seed):
+    """Return a random mission: free, with limits of acceleration, or in a city."""
+    rng = np.random.default_rng(seed)
+    slots = int(rng.integers(3, 13))
+    if seed % 4 == 3:
+        return random_city_mission(seed, slots=12, slack=float(rng.uniform(0.3, 2.0)))
+    mission = random_mission(seed, slots=slots, jammers=int(rng.integers(0, 4)))
+    if seed % 4 < 2:
+        return mission
+    # In short slots velocities matter; a UAV may be at rest, moving, or free at its ends.
+    ends = [None, (0.0, 0.0), tuple(rng.uniform(-3, 3, 2))]
+    uavs = tuple(replace(
+        uav, max_acceleration=float(rng.uniform(0.3, 3)),
+        start_velocity=ends[rng.integers(3)], goal_velocity=ends[rng.integers(3)])
+        for uav in mission.uavs)
+    return replace(mission, uavs=uavs, duration=2.0 * mission.duration, slots=2 * slots)
+
+
 @pytest.mark.soak
-@pytest.mark.parametrize('first', range(0, 300, 10))
+@pytest.mark.parametrize('first', range(0, 1000, 20))
 def test_no_plan_of_random_missions_exceeds_their_bounds(first):
-    for seed in range(first, first + 10):
-        rng = np.random.default_rng(seed)
-        scenario = random_mission(seed, slots=int(rng.integers(3, 9)))
-        objective = OBJECTIVES[seed % 2]
-        found = solve(scenario, objective=objective)
-        plans = [found, fly_hover_fly(scenario), *random_plans(scenario, rng, 50)]
-        plans += [solve(scenario, objective=objective, initial=start) for start in plans[2:4]]
-        # Any bound is to hold, also one that was cut short.
-        bound = upper_bound(scenario, objective=objective, plan=found, time_limit=1.0)
-        assert max(rate(candidate, objective) for candidate in plans) <= bound.rate, seed
+    for seed in range(first, first + 20):
+        assert least_gap(seed) >= 0, seed
+
+
+def least_gap(seed):
+    """Return by how much a bound is above the best plan of 20 starts, infinite for no plan."""
+    try:
+        scenario, rng = any_mission(seed), np.random.default_rng(seed)
+        objective = OBJECTIVES[seed // 4 % 2]
+        plans = [solve(scenario, objective=objective)]
+    except PlanningError:
+        return math.inf
+    starts = random_plans(scenario, rng, 20) if not scenario.no_fly_zones else []
+    plans += [fly_hover_fly(scenario), *starts] + [
+        solve(scenario, objective=objective, initial=start) for start in starts]
+    # Any bound is to hold, also one that was cut short.
+    bound = upper_bound(scenario, objective=objective, plan=plans[0], time_limit=1.0)
+    return bound.rate - max(rate(candidate, objective) for candidate in plans)

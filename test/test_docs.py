@@ -20,9 +20,8 @@ import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, Scenario
 from secure_uav_planner.apps.campaign.evaluation import COLUMNS
 from secure_uav_planner.apps.campaign.specification import BASELINES, Campaign
-from secure_uav_planner.mission.propagation import ENVIRONMENTS
+from secure_uav_planner.mission import propagation
 from secure_uav_planner.model import clearance
-from secure_uav_planner.model.channel import links
 from secure_uav_planner.optimize.joint.schedule import Schedule
 from secure_uav_planner.output import spreadsheet
 from secure_uav_planner.plan import playback
@@ -440,15 +439,15 @@ def known_names():
                   secure_uav_planner.Propulsion, secure_uav_planner.Channel,
                   secure_uav_planner.World, secure_uav_planner.Assessment,
                   clearance.Clearance, clearance.Approach, playback, playback.Playback,
-                  playback.Moment, secure_uav_planner.model.channel, links, Schedule):
+                  playback.Moment, secure_uav_planner.model.channel, Schedule):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
                      secure_uav_planner.upper_bound):
         names |= set(inspect.signature(function).parameters)
     names |= set(secure_uav_planner.METHODS) | set(spreadsheet.COLUMNS) | set(COLUMNS)
-    names |= set(ENVIRONMENTS)
     names |= set(BASELINES) | {field.name for field in fields(Campaign)} | {
         'bound_time_limit', 'worker_lost'}
+    names |= set(propagation.ENVIRONMENTS)
     names |= {kind.code for kind in vars(errors).values() if hasattr(kind, 'code')}
     return names | set(secure_uav_planner.plan.plan.STATUSES)
 

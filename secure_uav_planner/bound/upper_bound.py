@@ -46,7 +46,7 @@ FINE = ((0.03, 1),)
 CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same with quadratic potentials."""
 
-LINEAR = ((0.03, 2), (0.01, 5), (0.003, 5))
+LINEAR = ((0.03, 1), (0.01, 3), (0.003, 3))
 """What follows instead with two jammers, or where potentials must stay linear."""
 
 MORE = ((0.003, 1), (0.002, 1), (0.001, 1))

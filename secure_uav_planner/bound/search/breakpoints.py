@@ -21,8 +21,8 @@ from ..proof.team import Team
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Breakpoints w0 of the certificate, beside those that the search has used."""
 
-SPLITS = {0: 0, 1: 0, 2: 7}
-"""How often the jammers' shares are divided, by the number of jammers that are followed."""
+SPLITS, MORE = 5, 16
+"""How often the shares of two jammers are divided at all breakpoints, and at those needed."""
 
 END, STEPS = 0.005, 16
 """Share of a jammer from which it is cut no finer, and steps for the best theta."""
@@ -36,7 +36,7 @@ TOLERANCES = {0: 5e-4, 1: 5e-4, 2: 2e-3}
 SPARED = 1e-4
 """By how much a stage's bound may rise for a breakpoint that is left out, in nats."""
 
-SLACK = 0.3
+SLACK = 0.5
 """Share of what a node's maximum could be too large without raising its stage's bound."""
 
 
@@ -55,7 +55,7 @@ def breakpoint_multipliers(search: MultiplierSearch,
     breakpoints = np.sort([*(np.full(count, w0) for w0 in BREAKPOINTS), *search.weights], axis=0)
     shares = np.array([_shares(search, dual, weight) for weight in breakpoints])
     boxes = _Boxes(search, dual, breakpoints, shares)
-    for _ in range(SPLITS[team.jammers]):
+    for _ in range(SPLITS if team.jammers > 1 else 0):
         boxes.split()
     still = np.array([dual.values(i, point, search.silent(i))[0].max(1) for i in range(uavs)])
     known = [dual.values(i, point, search.seen[i], list(zip(breakpoints, shares))).max(2)
@@ -76,7 +76,25 @@ def breakpoint_multipliers(search: MultiplierSearch,
         _helpers(search), tuple(known), still, np.ones(breakpoints.shape, bool),
         np.full((len(breakpoints) + 1, count), tolerance),
         np.full(boxes.theta.shape, tolerance))
-    return _thinned(team, given, tolerance)
+    needed = _needed(team, given)
+    given = replace(given, needed=needed)
+    if team.jammers > 1:
+        # The needed breakpoints of every stage first, as many as the stage with the most has.
+        order = np.argsort(~needed, axis=0, kind='stable')[:needed.sum(0).max()]
+        finer = _Boxes(search, dual, np.take_along_axis(breakpoints, order, 0),
+                       np.take_along_axis(shares, order[..., None], 0))
+        for _ in range(MORE):
+            finer.split()
+
+        def spread(values: Array) -> Array:
+            found = np.zeros(values.shape[:-2] + breakpoints.shape, values.dtype)
+            np.put_along_axis(found, np.broadcast_to(order, values.shape), values, -2)
+            return found
+        box, share, at = finer.splits
+        given = replace(given, splits=(spread(box), spread(share), spread(at)),
+                        theta=spread(finer.theta), theta_slope=spread(finer.slope),
+                        known=(given.known[0], *spread(finer.known)))
+    return _with_slack(team, given, tolerance)
 
 
 def _boxes(team: Team, given: Multipliers) -> Array:
@@ -89,25 +107,32 @@ def _boxes(team: Team, given: Multipliers) -> Array:
     return over_boxes(values, low, high, given.shares)
 
 
-def _thinned(team: Team, given: Multipliers, tolerance: float) -> Multipliers:
-    """Return multipliers without breakpoints that matter little, and slack for the others."""
+def _over(team: Team, given: Multipliers, boxes: Array,
+          needed: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return about the bounds of all pieces of w0, (PIECES, K, G), and of the stages, (G,)."""
     silent, weights = given.still.sum(0), given.weights
-    boxes = _boxes(team, given)
-    estimate = given.known[0] + boxes.max(0)
+    joint = interpolated((given.known[0] + boxes.max(0))[None], silent, weights, needed)[0]
+    total = on_chords(weights, given.shares, needed).sum(-1)
+    value = over_pieces(team, silent, joint, weights, total, given.prices[0])
+    return value, np.maximum(silent, value.max((0, 1)))
 
-    def over(needed: NDArray[np.bool_]) -> tuple[Array, Array]:
-        joint = interpolated(estimate[None], silent, weights, needed)[0]
-        total = on_chords(weights, given.shares, needed).sum(-1)
-        value = over_pieces(team, silent, joint, weights, total, given.prices[0])
-        return value, np.maximum(silent, value.max((0, 1)))
 
-    needed = given.needed.copy()
-    most = over(needed)[1] + SPARED
-    for k in range(len(weights) - 1):
+def _needed(team: Team, given: Multipliers) -> NDArray[np.bool_]:
+    """Return which breakpoints matter, (K, G)."""
+    needed, boxes = given.needed.copy(), _boxes(team, given)
+    most = _over(team, given, boxes, needed)[1] + SPARED
+    for k in range(len(needed) - 1):
         trial = needed.copy()
         trial[k] = False
-        needed[k] = ~(over(trial)[1] <= most)
-    value, best = over(needed)
+        needed[k] = ~(_over(team, given, boxes, trial)[1] <= most)
+    return needed
+
+
+def _with_slack(team: Team, given: Multipliers, tolerance: float) -> Multipliers:
+    """Return multipliers with what their maxima may be too large."""
+    silent, weights, needed = given.still.sum(0), given.weights, given.needed
+    boxes = _boxes(team, given)
+    value, best = _over(team, given, boxes, needed)
     # A breakpoint that is too high lifts the pieces on both sides, the less the farther they are.
     slack = np.concatenate([(best - silent)[None], np.full(weights.shape, np.inf)])
     column = np.arange(weights.shape[1])
@@ -124,7 +149,7 @@ def _thinned(team: Team, given: Multipliers, tolerance: float) -> Multipliers:
     factor = SLACK / len(team.regions)
     # Only the highest of all boxes counts.
     box = np.nan_to_num(boxes.max(0) - boxes, posinf=0.0)
-    return replace(given, needed=needed, slack=tolerance + factor * slack,
+    return replace(given, slack=tolerance + factor * slack,
                    box_slack=tolerance + factor * (slack[1:] + box))
 
 
@@ -148,7 +173,7 @@ class _Boxes:
         low, high = share_boxes(self.splits, shares.shape[-1])
         self.theta, self.slope = np.ones((1, *weights.shape)), np.zeros_like(low)
         if search.team.jammers == 2:
-            self._columns = [search.few(dual, j) for j in (1, 2)]
+            self._columns = search.candidates[1:]
             self.theta, self.slope, self.known, self._sum, self._slopes = self._fitted(low, high)
 
     def split(self) -> None:

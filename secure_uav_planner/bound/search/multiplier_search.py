@@ -98,6 +98,7 @@ class MultiplierSearch:
         self.columns: list[Columns] = []
         self._latest: list[list[Columns]] = []
         self._seen: list[Columns] = []
+        self._candidates: tuple[DualPoint, list[Columns]] = self.point, []
         self._descent = Descent()
 
     # -- what the present multipliers ask for
@@ -136,8 +137,12 @@ class MultiplierSearch:
     @property
     def candidates(self) -> list[Columns]:
         """Return of the latest columns those that may matter, of every UAV."""
-        dual = Dual(self.team, [], [], [], 1e-9)
-        return [self.seen[0], *(self.few(dual, j) for j in (1, 2))]
+        known, found = self._candidates
+        if known is not self.point or not found:
+            dual = Dual(self.team, [], [], [], 1e-9)
+            found = [self.seen[0], *(self.few(dual, j) for j in (1, 2))]
+            self._candidates = self.point, found
+        return found
 
     def few(self, dual: Dual, uav: int) -> Columns:
         """Return the columns of a jammer that are best for some theta and some shares."""
@@ -169,7 +174,7 @@ class MultiplierSearch:
         dual = Dual(self.team, [], [], branches, tau)
         self.columns = [self._priced(dual, i, branches) for i in range(len(self.team.regions))]
         self._latest = [*self._latest, self.columns][-LATEST:]
-        self._seen = []
+        self._seen, self._candidates = [], (self.point, [])
         silent = []
         for i in range(len(self.team.regions)):
             self._look_for_silence(dual, i)
