@@ -18,7 +18,7 @@ def random_positions(scenario, rng):
 
 
 def by_the_paper(scenario, place_of, powers, eavesdropper):
-    """Write equations (R_UG) and (R_UE) out for one slot and one place of the eavesdropper."""
+    """Write equations (4) and (5) out for one slot and one place of the eavesdropper."""
     def snr(index, point, advantage):
         uav = scenario.uavs[index]
         distance = np.hypot(*(np.array(place_of[index]) - point))

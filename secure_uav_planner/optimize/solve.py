@@ -92,7 +92,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     Return the paper's baselines: fly-hover-fly with constant or with optimised powers.
 
     With constant power a slot's guaranteed rate can be negative; it then counts as it is, before
-    the [x]^+ of equation (R_sec).
+    the [x]^+ of equation (6).
 
     :param scenario: a Scenario.
     :param power: 'constant', the average power in every slot, or 'optimised', by Section III-A.

@@ -26,7 +26,7 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     """
     Return r_0[n] less the largest leak to any one point of any disc, (N,) in bit/s/Hz.
 
-    This is R[n] of problem (P1), equation (R_sec), before its [x]^+, from the sure side: a branch
+    This is R[n] of problem (P1), equation (6), before its [x]^+, from the sure side: a branch
     and bound over the discs proves that no point leaks more than what is subtracted, and what is
     subtracted is at most 1e-6 above the leak at worst_case_places. Only where more than
     MOST_SECTORS parts of the discs would have to be examined in a slot, or where
