@@ -17,7 +17,7 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace a
 	mission_file plan playback planner_node relay_node replay_node restrictions scenario \
 	worst_case worst_case_objective))
 
-.PHONY: demo test bench fly soak study docs compat clean
+.PHONY: demo test test-slow bench fly soak study docs compat clean
 
 MISSION ?= paper
 
@@ -27,6 +27,9 @@ demo: $(VENV)/.view
 # Tests of nodes mostly wait for each other: two at a time.
 test: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+test-slow: $(VENV)/.test
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m slow
 
 soak: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m soak -rP

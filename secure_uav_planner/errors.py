@@ -74,6 +74,8 @@ class MissionFileError(ScenarioError):
     A file does not hold a mission; the text has the file, the line and what is wrong first.
 
     :ivar problems: all that is wrong, each with its line (or None) and a text.
+    :ivar rest: the Scenario of what is right in the file, with wide limits in place of what is
+        wrong, where what it cannot fly could not be flown otherwise; or None.
     """
 
     code = 'invalid_mission_file'
@@ -81,6 +83,7 @@ class MissionFileError(ScenarioError):
     def __init__(self, text: str, problems: tuple[tuple[int | None, str], ...] = ()) -> None:
         super().__init__(text)
         self.problems = problems
+        self.rest: Any = None
 
 
 class OptionError(PlanningError, ValueError):

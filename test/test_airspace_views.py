@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import NoFlyZone, Scenario
 from secure_uav_planner.mission.polygons import grown
-from secure_uav_planner.output.airspace_shapes import altitudes_of, corners_of_map, rims
+from secure_uav_planner.output.drawing import altitudes_of, corners_of_map, rims
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.ros import messages
 import shapely

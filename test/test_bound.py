@@ -15,7 +15,7 @@ from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.bound import upper_bound
 from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
 from secure_uav_planner.errors import PlanFileError
-from secure_uav_planner.mission.choices import OBJECTIVES
+from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.limits import AveragePower, LIMITS, PeakPower, SpeedLimit
 from secure_uav_planner.plan.bound import Bound
 from strategies import scenarios

@@ -9,6 +9,7 @@ import threading
 import clarabel
 import numpy as np
 import pytest
+from ros_client import wait_for
 from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
 from secure_uav_planner.apps.bench.missions import random_city_mission
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
@@ -271,7 +272,7 @@ def test_many_uavs_are_moved_a_few_at_a_time(monkeypatch):
     sizes, healthy = [], clarabel.DefaultSolver
     monkeypatch.setattr(clarabel, 'DefaultSolver', lambda *problem: (
         sizes.append(problem[2].shape[1]) or healthy(*problem)))
-    monkeypatch.setattr(projection, '_MOST_POINTS', 120)
+    monkeypatch.setattr(projection, '_MOST_MOVED', 120)
     scenario = barred(80, 3.0)
     uavs = tuple(replace(scenario.uavs[0], name=f'uav{index}', start=(30.0 * index, 500.0),
                          goal=(30.0 * (index ^ 1), -500.0)) for index in range(6))
@@ -288,6 +289,7 @@ def test_a_worker_has_progress_and_can_be_cancelled_while_first_flights_are_sear
     with worker.reserved():
         future = worker.start(lambda: (replace(scenario, uavs=uavs), {'method': 'joint'}))
         assert called.wait(60.0) and worker.busy
+        wait_for(lambda: worker.progress is not None)
         assert (worker.progress.number, worker.progress.rate) == (0, 0.0)
         assert worker.cancel()
         with pytest.raises(StoppedError, match='cancelled before flights'):

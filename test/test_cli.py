@@ -17,9 +17,7 @@ import threading
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
-from secure_uav_planner.apps.cli.main import main
-from secure_uav_planner.apps.cli.parser import make_parser
-from secure_uav_planner.apps.cli.status import STATUSES
+from secure_uav_planner.apps.cli.main import main, make_parser, STATUSES
 from secure_uav_planner.output.geodesy import Origin
 from secure_uav_planner.output.qgroundcontrol import mission, TOLERANCE
 from secure_uav_planner.plan.plan import OBJECTIVES
@@ -126,7 +124,11 @@ def test_the_new_mission_is_right_and_explains_every_field(tmp_path, capsys):
     file = tmp_path / 'mission.yaml'
     assert main(['new', str(file)]) == 0
     assert main(['check', str(file)]) == 0
-    assert 'can be flown' in capsys.readouterr().out
+    out, err = capsys.readouterr()
+    assert 'can be flown' in out and err == ''
+    example = Scenario.load(file)
+    assert example.separation > 0 and math.dist(*example.starts) > example.separation
+    assert math.dist(*example.goals) > example.separation
     data = RICH.to_dict()
     for name in [*data, *data['uavs'][0], *data['eavesdroppers'][0], *data['no_fly_zones'][0]]:
         assert re.search(rf'\b{name}:', file.read_text()), name
@@ -148,6 +150,66 @@ def test_check_says_all_that_is_wrong_a_line_each(tmp_path, capsys):
     assert out == '' and len(err.splitlines()) == 5
     for line, number in zip(err.splitlines(), (1, 1, 2, 3, 4)):
         assert line.startswith(f'secure_uav_planner: {file}:{number}: ')
+
+
+WALL = '  - {name: wall, vertices: [[-600, -5], [600, -5], [600, 5], [-600, 5]]}'
+
+
+@pytest.mark.parametrize('fence, line, reason', [
+    ('', 1, 'duration is 90 s; {} needs at least 1'),
+    ('[[-500, -500], [500, -500], [500, 500], [-500, 500]]', 4,
+     'no way leads {} from start to goal: wall is in its way')])
+def test_check_and_plan_refuse_the_same_missions_in_the_same_words(
+        tmp_path, capsys, fence, line, reason):
+    file = tmp_path / 'mission.yaml'
+    text = f"""\
+duration: 90
+slots: 90
+uavs:
+  - &one {{name: a, start: [90, 300], goal: [90, -300], altitude: 100, max_speed: 10}}
+  - {{<<: *one, name: b, start: [120, 300], goal: [120, -300]}}
+ground_node: [0, 0]
+eavesdroppers: [{{position: [200, 0], error_radius: 10}}]
+no_fly_zones:
+{WALL}
+geofence: {fence or 'null'}
+"""
+    file.write_text(text)
+    told = []
+    for arguments in (['check', str(file)], ['plan', str(file), '-o', str(tmp_path / 'out')]):
+        assert main(arguments) == 2
+        out, err = capsys.readouterr()
+        assert out == '' and len(err.splitlines()) == 2
+        for number, name, words in zip((0, 1), 'ab', err.splitlines()):
+            where = line + number if fence else line
+            assert words.startswith(f'secure_uav_planner: {file}:{where}: {reason.format(name)}')
+        told.append(err)
+    assert told[0] == told[1]
+    # Beside values that are wrong, if these have nothing to do with it.
+    file.write_text(text.replace('max_speed: 10', 'max_speed: 10, average_power: 9').replace(
+        'error_radius: 10', 'error_radius: 10 m'))
+    assert main(['check', str(file)]) == 2
+    err = capsys.readouterr().err
+    assert err.count('peak_power is 4.0') == 2 and "error_radius is '10 m'" in err
+    assert len(err.splitlines()) == 5 and {*told[0].splitlines()} < {*err.splitlines()}
+    file.write_text(text.replace('duration: 90', 'duration: short'))
+    assert main(['check', str(file)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
+    file = tmp_path / 'mission.yaml'
+    for altitude, warnings in ((110.0, ()), (100.0, (
+            'warning: nothing keeps uav1 and uav2 5 m apart; set separation',
+            'warning: uav1 and uav2 come within 0.0 m of each other at'))):
+        scenario = Scenario.paper(120.0, slots=10)
+        replace(scenario, uavs=tuple(replace(uav, altitude=height) for uav, height in zip(
+            scenario.uavs, (100.0, altitude)))).save(file)
+        assert main(['check', str(file)]) == 0
+        assert main(['plan', str(file), '-o', str(tmp_path), '--bound-time-limit', '0']) == 0
+        err = capsys.readouterr().err.splitlines()
+        assert len(err) == len(warnings)
+        assert all(line.startswith(warning) for line, warning in zip(err, warnings))
 
 
 @pytest.mark.parametrize('arguments, reason', [

@@ -10,6 +10,8 @@ import sys
 import pytest
 from ros_client import stopped
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 
 # What PyPI has and neither an installed ROS nor rosdep brings; the package does without.

@@ -21,6 +21,7 @@ from secure_uav_planner import errors, Iteration, Plan, Scenario
 from secure_uav_planner.apps.campaign.evaluation import COLUMNS
 from secure_uav_planner.apps.campaign.specification import BASELINES, Campaign
 from secure_uav_planner.model import clearance
+from secure_uav_planner.optimize.joint.schedule import Schedule
 from secure_uav_planner.output import spreadsheet
 from secure_uav_planner.plan import playback
 from secure_uav_planner.ros import reference
@@ -201,7 +202,7 @@ class Walkthrough:
         """Check a command that is not run here; return whether it is of a known kind."""
         first, rest = words[0], words[1:]
         if first == 'make':
-            targets = re.findall(r'^([a-z]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
+            targets = re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
             for target in rest:
                 assert '=' in target or target in targets, f'{told}: no target {target}'
         elif first in ('pip', 'pip3'):
@@ -356,6 +357,7 @@ def assert_same(printed, written, where):
         assert abs(float(is_now) - float(was)) <= tolerance, f'{where}: {is_now} is not {was}'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_every_block_of_a_page_does_what_it_says(
         page, packaging, interfaces, tmp_path, monkeypatch):
@@ -432,7 +434,7 @@ def known_names():
     for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
                   secure_uav_planner.Eavesdropper, secure_uav_planner.NoFlyZone,
                   clearance.Clearance, clearance.Approach, playback, playback.Playback,
-                  playback.Moment, secure_uav_planner.model.channel):
+                  playback.Moment, secure_uav_planner.model.channel, Schedule):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
                      secure_uav_planner.upper_bound):

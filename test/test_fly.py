@@ -17,6 +17,8 @@ from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope='module')
 def plan():

@@ -8,6 +8,7 @@ import array
 from dataclasses import replace
 import math
 from random import Random
+import time
 
 from fuzzing import (
     ANY, COORDINATE, fuzz, HEADER, parameter_sets, PLACE, reached, STAMP, STAMPED, Target, UAVS)
@@ -112,7 +113,7 @@ def fuzz_replay(examples, chance, **least):
         replay.call('reset')
         replay.change([rclpy.Parameter(key, value=value).to_parameter_msg() for key, value in {
             'speed': 100.0, 'loop': False, 'autostart': False}.items()], atomically=True)
-        replay.send_good(replace(plan, start_ns=2 * 10**18))
+        replay.send_good(replace(plan, start_ns=time.time_ns()))  # No other plan begins later.
         received = replay.setpoints[0]
 
         def arrived():

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Scenario, Uav
 from secure_uav_planner.errors import MissionFileError, ScenarioError
+from secure_uav_planner.mission.formats.diagnosis import UNITS
 from secure_uav_planner.mission.formats.documents import MOST_BYTES
-from secure_uav_planner.mission.formats.schema import UNITS
 from strategies import scenarios
 import yaml
 

@@ -46,8 +46,8 @@ def test_two_planners_plan_at_once_each_its_own_mission(teams):
     for team, path in paths.items():
         wait_for(lambda path=path: len(path) >= 2, what=f'the paths of {team}')
         assert {len(one.poses) for one in path} == {SLOTS[team] + 2}
-        # Both missions are the same but for where they are.
-        first = path[-1].poses[0].pose.position
+        # Both missions are the same but for where they are; the second plan begins in flight.
+        first = path[0].poses[0].pose.position
         assert (first.x, first.y) == (100.0 + EAST[team], 500.0)
 
 

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, Iteration, Plan, Scenario
+from secure_uav_planner import fly_hover_fly, Iteration, Plan, Scenario, solve
 from secure_uav_planner.errors import PlanError, PlanFileError
+from secure_uav_planner.model import channel
 from secure_uav_planner.plan.plan import STATUS_TEXTS, STATUSES
 from strategies import scenarios
 
@@ -44,6 +45,21 @@ def test_a_plan_made_by_hand_says_so_and_shows_itself_in_one_line(plan):
     given = Plan(plan.scenario, plan.positions, plan.powers)
     assert (given.status, given.message) == ('given', 'made by hand')
     assert len(repr(given)) < 150 and '\n' not in repr(given)
+
+
+def test_rates_count_only_in_the_slots_in_which_something_is_secret():
+    scenario = Scenario.paper(104.0, 60.0, slots=26)
+    plan, baseline = solve(scenario), fly_hover_fly(scenario)
+    unhelped = replace(baseline, powers=baseline.powers * [[1.0], [0.0]])
+    for one in (plan, baseline, unhelped):
+        before = channel.guaranteed_rates(scenario, one.positions, one.powers)
+        worst = channel.worst_case_rates(scenario, one.positions, one.powers)
+        assert before.min() < -0.01
+        assert one.guaranteed_rates == pytest.approx(np.where(before > 0, before, 0.0))
+        assert one.guaranteed_rate == one.guaranteed_rates.mean() > before.mean()
+        assert one.worst_case_rates == pytest.approx(np.where(worst > 0, worst, 0.0))
+        assert one.curve_rates.min() == 0.0
+        assert (worst.min() < -0.01) == (one is unhelped)
 
 
 def test_every_status_has_a_text():

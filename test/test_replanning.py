@@ -36,7 +36,7 @@ class Bench:
         self.plan, self.last = plan, last or plan
         self.poses = PoseBook()
         self.tracking = PlanTracking(self.poses)
-        self.tracking.follow(plan)
+        self.tracking.follow(plan, START)
         self.states = []  # Whether the worker was busy, and had made progress, at every report.
         self.worker = Worker(lambda: self.states.append(
             (self.worker.busy, self.worker.progress is not None)))
@@ -196,7 +196,7 @@ def test_a_follower_that_falls_silent_is_not_believed_to_fly_on(bench):
 def test_a_plan_that_is_not_taken_up_is_reported(bench, plan):
     report(bench, 40.0, 40.0)
     newer = replace(plan, start_ns=plan.start_ns + 40 * 10**9)
-    bench.tracking.follow(newer)
+    bench.tracking.follow(newer, START + 40)
     for clock in (40.5, 41.0, 41.5, 42.0, 42.5):
         report(bench, clock, clock)
     assert bench.tracking.flight(START + 42.5).playback.plan is plan
@@ -204,3 +204,13 @@ def test_a_plan_that_is_not_taken_up_is_reported(bench, plan):
     assert problems == [f'plan {newer.identity} is not flown: the follower has not taken it up '
                         f'and flies {plan.identity}']
     assert values['track.plan'] == plan.identity and values['track.state'] == 'flying'
+
+
+def test_however_many_plans_wait_the_one_that_is_flown_is_known(bench, plan):
+    for reported in (False, True):
+        for number in range(20):
+            if reported:
+                report(bench, 40.0 + number, 40.0 + number)
+            bench.tracking.follow(
+                replace(plan, start_ns=plan.start_ns + (60 + number) * 10**9), START + 40 + number)
+            assert bench.tracking.flight(START + 40 + number).playback.plan is plan

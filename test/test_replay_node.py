@@ -168,6 +168,13 @@ def of_another_frame(kind, uav, message):
         message.header.frame_id = 'odom'
 
 
+def of_a_long_frame(kind, uav, message):
+    if kind == 'path':
+        message.header.frame_id = 'x' * 10_000
+        for pose in message.poses:
+            pose.header.frame_id = ''
+
+
 def with_a_pose_of_another_frame(kind, uav, message):
     if kind == 'path' and uav == 1:
         message.poses[3].header.frame_id = 'odom'
@@ -201,6 +208,7 @@ def of_endless_power(kind, uav, message):
 @pytest.mark.parametrize('change, reason', [
     (shorter, 'uav1 has 28 points and 5 powers'),
     (of_another_frame, "uav1/path in 'earth', uav2/path in 'odom'"),
+    (of_a_long_frame, 'the frame_id of the paths has 10000 characters; it may have 255'),
     (with_a_pose_of_another_frame, "uav2/path is in frame 'earth' and has a pose in frame 'odom'"),
     (of_another_plan, 'their stamps differ'), (irregular, 'equally spaced'),
     (climbing, 'the altitude must be constant'), (beyond_numbers, 'coordinates beyond'),

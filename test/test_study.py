@@ -20,6 +20,8 @@ from secure_uav_planner.apps.campaign.tasks import plan_file
 from secure_uav_planner.apps.study.claims import check_claims, write_claims
 from secure_uav_planner.apps.study.figures import write_figures
 
+pytestmark = pytest.mark.slow
+
 ROOT = pathlib.Path(__file__).parents[1]
 
 
@@ -119,7 +121,7 @@ def test_figures_and_tables_are_written(plans, tmp_path):
             float(row['guaranteed_rate']) for row in rows if row['objective'] == 'guaranteed'}
     proven, = (row for row in rows if row['upper_bound'])
     assert float(proven['worst_case_rate']) <= float(proven['upper_bound']) < 3.3
-    assert kept[200.0, 'fly-hover-fly, constant power', 10.0] == pytest.approx(1.439, abs=1e-3)
+    assert kept[200.0, 'fly-hover-fly, constant power', 10.0] == pytest.approx(1.442, abs=1e-3)
     with (tmp_path / 'trajectories.csv').open() as file:
         assert len(list(csv.DictReader(file))) == 2 * (104 + 106 + 202)
 
@@ -183,7 +185,7 @@ def test_the_backend_that_is_asked_for_plans_it(tmp_path, given):
     with joblib.parallel_config('threading', n_jobs=2):
         study.run(some, tmp_path, **given)
     found = study.plans_of(some, tmp_path)
-    assert found[some[0]].guaranteed_rate == pytest.approx(0.616, abs=1e-3)
+    assert found[some[0]].guaranteed_rate == pytest.approx(0.622, abs=1e-3)
 
 
 def test_wrong_options_are_refused_in_a_line(tmp_path, capsys):

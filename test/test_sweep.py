@@ -316,6 +316,7 @@ def cluster(tmp_path, request):
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_cluster_loses_nothing_when_a_worker_the_driver_and_the_scheduler_are_killed(
         folder, cluster):
     address, (scheduler, victim, _) = cluster
@@ -350,6 +351,7 @@ def distributed_client(address):
     return Client(address)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'cluster', [{'DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES': '0'}], indirect=True)
 def test_a_mission_that_lost_its_worker_is_told_of_and_planned_again(folder, cluster):

@@ -39,7 +39,8 @@ def test_it_is_never_below_the_plan_by_the_formula_and_rises_all_the_way(scenari
     assert (np.diff(rates) >= 0).all()
     assert rates[-1] == pytest.approx(plan.worst_case_rate, abs=5e-6)
     assert plan.worst_case_rate >= solve(scenario, objective='guaranteed').worst_case_rate - 1e-9
-    assert plan.worst_case_rates.min() >= -1e-9
+    slots = channel.worst_case_rates(scenario, plan.positions, plan.powers)
+    assert slots.min() >= -1e-9
 
 
 def test_the_history_ends_with_the_rate_of_the_plan_where_steps_run_out():

@@ -8,7 +8,6 @@ import os
 from typing import Any, TYPE_CHECKING
 
 from .files import checked_path
-from .formats.schema import Schema
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, grown, Vertices
 from .validation import (
@@ -377,7 +376,7 @@ class Scenario:
             is wrong.
         """
         from . import formats
-        scenario: Scenario = formats.load(checked_path(path), _schema())
+        scenario: Scenario = formats.load(checked_path(path), formats.Schema(*_neutral()))
         return scenario
 
 
@@ -387,12 +386,11 @@ def _member(kind: type[Any], field: str, number: int, data: object) -> Any:
         return kind(**checked_fields(kind, data))
 
 
-def _schema() -> Schema:
-    """Return what a mission file may have: each class with limits that any right value fits."""
+def _neutral() -> tuple[Scenario, dict[str, Any]]:
+    """Return a scenario and a member of each list with limits that any right value fits."""
     uav = Uav('uav', (0.0, 0.0), (0.0, 0.0), LIMITS['altitude'][0], LIMITS['max_speed'][1],
               LIMITS['average_power'][0], LIMITS['peak_power'][1], None, None, None)
     eavesdropper = Eavesdropper((0.0, 0.0))
     zone = NoFlyZone(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
-    return Schema(
-        Scenario((0.0, 0.0), (eavesdropper,), (uav,), LIMITS['duration'][1], slots=1),
-        {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone})
+    return (Scenario((0.0, 0.0), (eavesdropper,), (uav,), LIMITS['duration'][1], slots=1),
+            {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone})

@@ -23,6 +23,15 @@ CLOSE_DISTANCE = 5.0
 _Indices = NDArray[np.intp]
 
 
+def kept_apart_by_nothing(scenario: Scenario) -> tuple[str, str] | None:
+    """Return two UAVs that may come within CLOSE_DISTANCE and margins, or None if none may."""
+    least = CLOSE_DISTANCE + 2 * scenario.tracking_margin
+    for one, other in combinations(scenario.uavs, 2):
+        if scenario.separation == 0 and abs(one.altitude - other.altitude) < least:
+            return one.name, other.name
+    return None
+
+
 class Approach(NamedTuple):
     """
     Where two things are closest.
@@ -116,6 +125,19 @@ class Clearance:
     def is_close(self) -> bool:
         """Whether no separation is asked for and UAVs come within CLOSE_DISTANCE and margins."""
         return self._scenario.separation == 0 and self.uavs_beyond_margin < CLOSE_DISTANCE
+
+    @property
+    def between_uavs_text(self) -> str:
+        """How close UAVs come to each other in words, and what to do if it is too close."""
+        found, margin = self.between_uavs, self._scenario.margin_text
+        if found is None:
+            return ''
+        left = margin and f' ({self.uavs_beyond_margin:.1f} m{margin})'
+        text = (f'{found.names[0]} and {found.names[1]} come within {found.distance:.1f} m of '
+                f'each other{left}')
+        return text if not self.is_close else (
+            f'{text} at {found.time:.1f} s, less than {CLOSE_DISTANCE:g} m{margin}; set '
+            'separation to keep them apart')
 
     @cached_property
     def to_zones(self) -> Approach | None:

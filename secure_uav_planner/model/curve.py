@@ -135,7 +135,7 @@ class Curve:
 
 def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Array:
     """
-    Return the means of the guaranteed rate in each slot along a curve, (N,) in bit/s/Hz.
+    Return the means of R-bar in each slot along a curve, before [x]^+, (N,) in bit/s/Hz.
 
     :param powers: (U, N) in W; power n holds from the time of point n to that of point n + 1.
     """

@@ -9,7 +9,7 @@ from .initial import constant_powers, fly_hover_fly_positions
 from .search import Search
 from .termination import OnIteration, Termination
 from ..errors import OptionError, shown
-from ..mission.choices import Method, METHODS, Objective, OBJECTIVES, Power
+from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..model.limits import is_open
@@ -90,9 +90,6 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
                   time_limit: float | None = None) -> Plan:
     """
     Return the paper's baselines: fly-hover-fly with constant or with optimised powers.
-
-    With constant power a slot's guaranteed rate can be negative; it then counts as it is, before
-    the [x]^+ of equation (6).
 
     :param scenario: a Scenario.
     :param power: 'constant', the average power in every slot, or 'optimised', by Section III-A.

@@ -7,9 +7,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from . import mobile_layout as narrow
-from .airspace_shapes import altitudes_of, corners_of_map, is_in_the_way, middle_of, rims
-from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, RATE, uav_color
-from .labels import receiver_label
+from .drawing import (
+    altitudes_of, corners_of_map, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
+    middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
 from ..mission.files import atomic_file
 from ..model import channel
 

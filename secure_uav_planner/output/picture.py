@@ -13,9 +13,9 @@ from matplotlib.patheffects import withStroke
 from matplotlib.transforms import ScaledTranslation
 import numpy as np
 
-from .airspace_shapes import altitudes_of, corners_of_map, is_in_the_way, middle_of, rims
-from .colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, RATE, uav_color
-from .labels import receiver_label
+from .drawing import (
+    altitudes_of, corners_of_map, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
+    middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
 
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2

@@ -7,7 +7,7 @@ import math
 from typing import Any, Protocol
 
 from ..errors import OptionError, shown
-from ..mission.choices import OBJECTIVES
+from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_kind
 

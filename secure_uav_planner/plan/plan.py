@@ -14,7 +14,7 @@ from . import file
 from .bound import Bound, RATE_NAMES
 from .iteration import Iteration, Status, STATUS_TEXTS, STATUSES
 from ..errors import OptionError, PlanError, shown
-from ..mission.choices import Objective, OBJECTIVES
+from ..mission import Objective, OBJECTIVES
 from ..mission.kinematics import shortened
 from ..mission.scenario import Array, LIMITS, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
 from ..mission.validation import checked_kind
@@ -167,13 +167,13 @@ class Plan:
 
     @cached_property
     def guaranteed_rates(self) -> Array:
-        """Guaranteed rate R-bar of every slot, (N,) in bit/s/Hz; see channel."""
-        return read_only(channel.guaranteed_rates(self.scenario, self.positions, self.powers))
+        """Guaranteed rate [R-bar]^+ of every slot, (N,) in bit/s/Hz; see channel."""
+        return _secret(channel.guaranteed_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
     def worst_case_rates(self) -> Array:
-        """Worst-case rate R of every slot, (N,) in bit/s/Hz; see channel."""
-        return read_only(channel.worst_case_rates(self.scenario, self.positions, self.powers))
+        """Worst-case rate R of every slot, equation (R_sec), (N,) in bit/s/Hz; see channel."""
+        return _secret(channel.worst_case_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
     def curve(self) -> Curve:
@@ -192,7 +192,7 @@ class Plan:
 
         They differ from guaranteed_rates, which are those at the points, by the discretisation.
         """
-        return read_only(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
+        return _secret(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
 
     @property
     def curve_rate(self) -> float:
@@ -201,7 +201,7 @@ class Plan:
 
     @property
     def guaranteed_rate(self) -> float:
-        """Mean of guaranteed_rates, the objective of problem (P2), in bit/s/Hz."""
+        """Mean of guaranteed_rates, the objective of (P2) with [x]^+, in bit/s/Hz."""
         return float(self.guaranteed_rates.mean())
 
     @property
@@ -347,6 +347,11 @@ class Plan:
 
 def _values(plan: Plan) -> tuple[Any, ...]:
     return tuple(getattr(plan, field.name) for field in fields(plan))
+
+
+def _secret(rates: Array) -> Array:
+    """Return [x]^+ of rates: in a slot that would lose nothing secret need be sent."""
+    return read_only(np.maximum(rates, 0.0))
 
 
 def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:

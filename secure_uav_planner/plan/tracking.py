@@ -215,7 +215,7 @@ class Track:
         rates = channel.guaranteed_rates(
             scenario, np.pad(both, ((0, 0), (1, 1), (0, 0))),
             np.stack([moment.powers] * 2, axis=1))
-        self._sums += elapsed * np.array([1.0, *rates])
+        self._sums += elapsed * np.array([1.0, *np.maximum(rates, 0.0)])
 
     @property
     def rates(self) -> tuple[float, float] | None:

@@ -2,25 +2,19 @@
 
 from typing import Any
 
-from ..model.clearance import CLOSE_DISTANCE
 from ..plan.plan import Plan
 
 
 def approaches_text(plan: Plan) -> str:
     """Return the smallest distances of a plan in words, with a warning where UAVs are close."""
     clearance = plan.clearance
-    uavs, zones = clearance.between_uavs, clearance.to_zones
-    found = []
-    if uavs is not None:
-        found.append(f'{uavs.names[0]} and {uavs.names[1]} come within {uavs.distance:.1f} m of '
-                     f'each other{_left(plan, clearance.uavs_beyond_margin)}')
-        if plan.clearance.is_close:
-            found[-1] += (f' at {uavs.time:.1f} s, less than {CLOSE_DISTANCE:g} '
-                          f'm{plan.scenario.margin_text}; set separation to keep them apart')
+    zones, margin = clearance.to_zones, plan.scenario.margin_text
+    found = [clearance.between_uavs_text]
     if zones is not None:
+        left = margin and f' ({clearance.zones_beyond_margin:.1f} m{margin})'
         found.append(f'{zones.names[0]} comes within {zones.distance:.1f} m of {zones.names[1]}'
-                     f'{_left(plan, clearance.zones_beyond_margin)}')
-    return '; '.join(found)
+                     f'{left}')
+    return '; '.join(filter(None, found))
 
 
 def approaches_values(plan: Plan) -> dict[str, Any]:
@@ -36,9 +30,3 @@ def approaches_values(plan: Plan) -> dict[str, Any]:
             found[f'plan.{key}.between'] = ', '.join(approach.names)
             found[f'plan.{key}.time'] = approach.time
     return found
-
-
-def _left(plan: Plan, distance: float) -> str:
-    """Return in words what is left of a distance beyond the margin, '' without a margin."""
-    text = plan.scenario.margin_text
-    return text and f' ({distance:.1f} m{text})'

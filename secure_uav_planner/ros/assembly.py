@@ -8,6 +8,7 @@ import numpy as np
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from .text import LONGEST_FRAME
 from ..errors import PlanError, shown
 from ..mission.scenario import Array, Eavesdropper, LIMITS, Point, Scenario, Uav
 from ..model.curve import Curve, flown
@@ -226,6 +227,10 @@ def _check_frames(paths: Mapping[str, Path]) -> None:
     if len(set(frames.values())) > 1:
         raise PlanError('the paths are in different frames: ' + ', '.join(
             f'{name}/path in {shown(frame)}' for name, frame in list(frames.items())[:4]))
+    longest = max(map(len, frames.values()))
+    if longest > LONGEST_FRAME:
+        raise PlanError(f'the frame_id of the paths has {longest} characters; it may have '
+                        f'{LONGEST_FRAME}')
     for name, path in paths.items():
         for at in path.poses:
             if at.header.frame_id not in ('', path.header.frame_id):

@@ -30,9 +30,9 @@ from ..errors import OptionError
 from ..mission.participants import NoFlyZone
 from ..mission.polygons import convex_parts, grown, Vertices
 from ..mission.scenario import Scenario
-from ..output.airspace_shapes import middle_of
 from ..output.autopilots import rotation, Setpoint
-from ..output.colors import EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, NO_FLY_ZONE, uav_color
+from ..output.drawing import (
+    EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, middle_of, NO_FLY_ZONE, uav_color)
 from ..plan.plan import Plan
 
 

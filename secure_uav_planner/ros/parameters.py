@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .spec import Spec
+from .text import LONGEST_FRAME
 from ..mission.polygons import MAX_VERTICES
 from ..mission.scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario, Uav
 from ..optimize import METHODS
@@ -27,9 +28,8 @@ PLANNER = {
     'uavs': _UAVS,
     'eavesdroppers': Spec(['eavesdropper'], 'Names of the eavesdroppers.', length=_NAMES,
                           read_only=True),
-    # A path carries it once for every point.
     'frame_id': Spec('map', 'Frame of all poses and paths, z up (REP-103, REP-105).',
-                     length=(0, 255)),
+                     length=(0, LONGEST_FRAME)),
     'duration': Spec(_PAPER.duration, 'T, mission duration in s.', LIMITS['duration']),
     'slots': Spec(_PAPER.slots, 'N, number of slots of the duration.', LIMITS['slots']),
     'reference_snr_db': Spec(_PAPER.reference_snr_db,
@@ -153,7 +153,7 @@ REPLAY = {
     'uavs': _UAVS,
     'plan_file': Spec('', 'Saved plan to replay; empty to replay the plan of the topics.',
                       read_only=True),
-    'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.', length=(0, 255)),
+    'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.', length=(0, LONGEST_FRAME)),
     'picture_file': Spec('', 'PNG file in which every new plan is drawn; empty for none.',
                          read_only=True),
     'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
@@ -181,7 +181,8 @@ RELAY = {
     'stack': Spec('mavros', 'Whose messages to publish.', choices=tuple(STACKS), read_only=True),
     'vehicles': Spec([], 'Namespaces of the vehicles, one for each UAV; empty for the names of '
                      'the UAVs.', length=(0, MAX_MEMBERS), read_only=True),
-    'frame_id': Spec('map', 'Frame of the plan, and so of the odometry that is published.'),
+    'frame_id': Spec('map', 'Frame of the plan, and so of the odometry that is published.',
+                     length=(0, LONGEST_FRAME)),
     'publish_odometry': Spec(True, 'Publish where the vehicles are, as their autopilots report '
                              'it, in the frame of the plan.', read_only=True),
     'setpoint_timeout': Spec(1.0, 'Age in s beyond which a setpoint is not relayed; also the time '

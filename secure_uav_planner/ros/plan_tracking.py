@@ -82,13 +82,16 @@ class PlanTracking:
         self._track = Track()
         self._lock = threading.Lock()
 
-    def follow(self, plan: Plan) -> None:
-        """Take up a plan that has been published."""
+    def follow(self, plan: Plan, now: float) -> None:
+        """Take up a plan that is published at a time in s; it replaces what has not begun."""
         with self._lock:
-            self._plans.pop(plan.identity, None)
+            reported = self._reports.identity if self._reports else None
+            begun = [identity for identity, playback in self._plans.items() if now > (
+                playback.plan.start_ns * 1e-9 + playback.begin) and identity != reported]
+            kept = {reported, *begun[1 - _MOST_PLANS:]} - {plan.identity}
+            self._plans = {identity: playback for identity, playback in self._plans.items()
+                           if identity in kept}
             self._plans[plan.identity] = Playback(plan)
-            if len(self._plans) > _MOST_PLANS:
-                del self._plans[next(iter(self._plans))]
 
     def hear(self, message: TimeReference) -> None:
         """Take up what a follower says of the time of its plan."""

@@ -203,13 +203,14 @@ class Planner(Node):
             self._progress_sent = time.monotonic()
             self._publish_status()
 
-    def _refuse(self, error: Exception, failure: str, level: bytes = DiagnosticStatus.WARN
-                ) -> str:
+    def _refuse(self, error: Exception, failure: str, level: bytes = DiagnosticStatus.WARN,
+                is_replan: bool = False) -> str:
         """
         Note, log and return why there is no new plan.
 
         :param failure: what failed; used for an error that is not a PlanningError.
         :param level: the level for a PlanningError; for any other error it is ERROR.
+        :param is_replan: whether nobody asked for the plan.
         """
         expected = isinstance(error, PlanningError)
         reason = (brief(error, _LONGEST_REASON) if expected
@@ -217,7 +218,7 @@ class Planner(Node):
         if not expected:
             level = DiagnosticStatus.ERROR
         with self._lock:
-            text = self._state.refuse(error, reason, level)
+            text = self._state.refuse(error, reason, level, is_replan)
         log_at(self.get_logger(), level, f'no new plan: {text}')
         self._publish_status()
         return text
@@ -227,6 +228,10 @@ class Planner(Node):
     def _on_check(self) -> None:
         settings, now = self._settings.snapshot(), self._now()
         self._tracking.observe(settings, now)
+        flight = self._tracking.flight(now)
+        if flight is not None and flight.state == 'ended':
+            with self._lock:
+                self._state.end_flight()
         self._replanning.start_when_due(lambda: self._state.plan, settings, now)
 
     def _publish_replan(self, plan: Plan, continued: Plan, effect: float) -> None:
@@ -236,7 +241,7 @@ class Planner(Node):
     def _refuse_replan(self, error: Exception) -> None:
         stopped = isinstance(error, StoppedError)
         self._refuse(error, 'the replan failed',
-                     DiagnosticStatus.OK if stopped else DiagnosticStatus.WARN)
+                     DiagnosticStatus.OK if stopped else DiagnosticStatus.WARN, is_replan=True)
 
     # Publishing
 
@@ -276,7 +281,7 @@ class Planner(Node):
             with self._lock:
                 text = self._state.publish(plan, count, 'restored: ' if restored else '')
                 level = self._state.outcome.level
-            self._tracking.follow(plan)
+            self._tracking.follow(plan, self._now())
             self._replanning.planned(self._now())
             if self._settings['bound'] == 'after' and plan.bound is None:
                 self._bounding.start(plan)

@@ -25,11 +25,13 @@ class Outcome(NamedTuple):
     :ivar level: a level of DiagnosticStatus.
     :ivar code: 'ok', or the code of the error.
     :ivar text: a summary of the plan in one line, or the reason why there is no new plan.
+    :ivar is_replan: whether it is a replan that was refused.
     """
 
     level: bytes
     code: str
     text: str
+    is_replan: bool = False
 
 
 @dataclass
@@ -92,11 +94,16 @@ class State:
         self.evaluated, self.bound = plan, bound
         return True
 
-    def refuse(self, error: Exception, reason: str, level: bytes) -> str:
+    def end_flight(self) -> None:
+        """Note that the last plan has been flown; a replan of it is no longer missed."""
+        if self.refusal is not None and self.refusal.is_replan:
+            self.refusal = None
+
+    def refuse(self, error: Exception, reason: str, level: bytes, is_replan: bool = False) -> str:
         """Note why there is no new plan; return the reason, and whether the last plan remains."""
         text = reason + (LAST_PLAN_STANDS if self.plan is not None else '')
         self.counts['refusals'] += 1
-        self.refusal = Outcome(level, getattr(error, 'code', PlanningError.code), text)
+        self.refusal = Outcome(level, getattr(error, 'code', PlanningError.code), text, is_replan)
         return text
 
 

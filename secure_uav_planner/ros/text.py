@@ -1,5 +1,8 @@
 """Texts for people, in one line of limited length."""
 
+LONGEST_FRAME = 255
+"""The most characters of a frame_id; a path carries it once for every point."""
+
 _MOST = 400
 
 

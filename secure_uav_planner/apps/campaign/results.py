@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .evaluation import COLUMNS
-from ...mission.choices import OBJECTIVES
+from ...mission import OBJECTIVES
 from ...mission.files import atomic_file
 
 Rows = Sequence[dict[str, Any]]

@@ -15,7 +15,7 @@ import numpy as np
 
 from .tasks import Task, task_of
 from ...errors import shown, words_of_files
-from ...mission.choices import METHODS, OBJECTIVES
+from ...mission import METHODS, OBJECTIVES
 from ...mission.formats.documents import Document, Problem, read, refusal
 from ...mission.scenario import Scenario
 from ...optimize.solve import checked_objective

@@ -1,1 +1,1 @@
-"""The command `secure_uav_planner`, which needs no ROS: a module for each of its parts."""
+"""The command `secure_uav_planner`, which needs no ROS; its parts are imported when they run."""

@@ -1,16 +1,51 @@
-"""From the command line to an exit status."""
+"""What the command accepts, and from there to an exit status."""
 
-from collections.abc import Sequence
+import argparse
+from collections.abc import Callable, Sequence
 from importlib import import_module
+import math
 import os
 import signal
 import sys
 
-from .parser import make_parser
-from .status import BAD_INPUT, DONE, FAILED, STOPPED
+from ... import __version__
 from ...errors import (
     MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError,
-    ScenarioError, StoppedError)
+    ScenarioError, shown, StoppedError)
+from ...mission import METHODS, OBJECTIVES
+from ...output.autopilot_limits import AUTOPILOTS
+
+NAME = 'secure_uav_planner'
+
+NODES = ('planner', 'relay', 'replay')
+"""The nodes that the command can run."""
+
+DONE, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
+
+STATUSES = {
+    DONE: 'done',
+    FAILED: 'failed on the way, for example because the disk is full',
+    BAD_INPUT: 'bad input: a wrong option, mission or plan, or a folder that cannot be written',
+    STOPPED: 'stopped by Ctrl-C; a plan that was under way is kept as far as it had come',
+}
+"""The meaning of each exit status."""
+
+_ABOUT = """\
+Plan how UAVs fly and radiate so that a transmission stays secret. ROS is not needed.
+
+A first plan:
+  secure_uav_planner new mission.yaml      write an example, to edit
+  secure_uav_planner check mission.yaml    say all that is wrong with it
+  secure_uav_planner plan mission.yaml     plan it; results in out/
+"""
+_STATUS = 'exit status:\n' + '\n'.join(
+    f'  {number:<5}{text}' for number, text in STATUSES.items())
+_COMPLETION = """
+
+completion, in bash and zsh:
+  eval "$(register-python-argcomplete secure_uav_planner)"
+"""
+_MISSION = 'mission file: YAML, or JSON if its name ends with .json'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        return import_module(f'.{options.module}', __package__).run(options)
+        return _function(options.run)(options)
     except MissionFileError as error:
         for line, text in error.problems:
             _tell(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
@@ -51,6 +86,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return STOPPED
 
 
+def _function(name: str) -> Callable[[argparse.Namespace], int]:
+    """Return a function of a module of this package, which is imported only now."""
+    module, _, function = name.partition('.')
+    found: Callable[[argparse.Namespace], int] = getattr(
+        import_module(f'.{module}', __package__), function)
+    return found
+
+
 def _tell(text: str) -> None:
     print(f'secure_uav_planner: {text}', file=sys.stderr)
 
@@ -64,7 +107,6 @@ def _offer_completion(parser) -> None:
 
 def _run_node(name: str, arguments: list[str]) -> int:
     """Run a node in this process, with all that follows its name for ROS."""
-    from .nodes import NODES
     if name not in NODES:
         _tell(f'there is no node {name}; there are {", ".join(NODES)}')
         return BAD_INPUT
@@ -77,3 +119,144 @@ def _run_node(name: str, arguments: list[str]) -> int:
               'pip install "secure_uav_planner[ros]", or source an installed ROS')
         return BAD_INPUT
     return DONE
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command."""
+    parser = argparse.ArgumentParser(
+        prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
+    commands = parser.add_subparsers(title='commands', metavar='command', required=True)
+    _add_plan(commands)
+    _add_check(commands)
+    _add_new(commands)
+    _add_show(commands)
+    _add_sweep(commands)
+    _add_link_budget(commands)
+    _add_node(commands)
+    return parser
+
+
+def _add(commands, name: str, run: str, about: str, more: str = '') -> argparse.ArgumentParser:
+    """Return the parser of a new command, which a function `module.name` runs."""
+    parser = commands.add_parser(
+        name, help=about, description=f'{about[0].upper()}{about[1:]}.{more}', epilog=_STATUS,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _add_plan(commands) -> None:
+    parser = _add(commands, 'plan', 'planning.make_plan',
+                  'plan a mission and write what it needs', """
+
+It prints the plan's rates beside those of the baselines and a proven bound of what any plan can
+reach, and writes plan.json, plan.csv, plan.png and plan.html. Ctrl-C ends the search and keeps
+the best plan so far.""")
+    parser.add_argument('mission', help=_MISSION)
+    parser.add_argument('-o', '--out', default='out', metavar='FOLDER',
+                        help='folder for the results, made if needed (default: %(default)s)')
+    parser.add_argument('--method', choices=METHODS, default=METHODS[0],
+                        help='optimisation method (default: %(default)s)')
+    parser.add_argument('--objective', choices=OBJECTIVES,
+                        help='rate to maximise: the lower bound by formula, or the true worst '
+                        'case over the discs, only with the method joint, of which it is the '
+                        'default')
+    parser.add_argument('--time-limit', type=_seconds, metavar='S',
+                        help='end the search for a plan after so many seconds and keep the best '
+                        'plan so far (default: none)')
+    parser.add_argument('--bound-time-limit', type=_seconds_or_none, default=10.0, metavar='S',
+                        help='the same for the bound; 0 for no bound (default: %(default)g)')
+    parser.add_argument('--origin', nargs='+', type=float, metavar=('LAT LON', 'ALT'),
+                        help='place of the origin in degrees (WGS 84), its height above sea level '
+                        'in m: write plan_<uav>.plan for QGroundControl as well')
+    parser.add_argument('--mcap', action='store_true',
+                        help='write plan.mcap as well, the recording of a flight for Foxglove and '
+                        '`ros2 bag`; needs ROS')
+
+
+def _add_check(commands) -> None:
+    parser = _add(commands, 'check', 'missions.check',
+                  'say all that is wrong with a mission, line by line')
+    parser.add_argument('mission', help=_MISSION)
+    parser.add_argument('--autopilot', choices=tuple(AUTOPILOTS),
+                        help='compare the speed and acceleration of its UAVs with what this '
+                        'autopilot carries by default, and name the parameters to change')
+
+
+def _add_new(commands) -> None:
+    parser = _add(commands, 'new', 'missions.new',
+                  'write an example of a mission with every field explained')
+    parser.add_argument('mission', help='file to write')
+    parser.add_argument('--force', action='store_true', help='replace a file that is there')
+
+
+def _add_show(commands) -> None:
+    parser = _add(commands, 'show', 'planning.show', 'draw a saved plan and print its rates')
+    parser.add_argument('plan', help='a plan file, such as out/plan.json')
+    parser.add_argument('-o', '--out', metavar='FILE',
+                        help='picture (.png, .svg, .pdf) or web page (.html) to write (default: '
+                        'a .png beside the plan)')
+
+
+def _add_sweep(commands) -> None:
+    parser = _add(commands, 'sweep', 'campaigns.sweep', 'plan all missions of a campaign', """
+
+A campaign is a mission, fields to vary over lists, ranges or random laws, and methods and
+objectives to compare. Every finished mission is written at once; a campaign that was stopped
+goes on with the same command. A mission that fails is a row with its reason; if that lies outside
+of it, such as too little memory, the same command plans it again.""")
+    parser.add_argument('mission', metavar='campaign', help='campaign file: YAML or JSON')
+    parser.add_argument('-o', '--out', default='out/sweep', metavar='FOLDER',
+                        help='folder for the results (default: %(default)s)')
+    parser.add_argument('--jobs', type=int, default=-1, metavar='N',
+                        help='processes on this computer (default: as many as there are cores)')
+    parser.add_argument('--scheduler', metavar='ADDRESS',
+                        help='a Dask scheduler, such as tcp://host:8786, whose workers are used '
+                        'instead; they need this package')
+
+
+def _add_link_budget(commands) -> None:
+    parser = _add(commands, 'link-budget', 'missions.link_budget',
+                  'compute reference_snr_db from data sheets', """
+
+The SNR at 1 m and 1 W in free space: G_t + G_r + 20 log10(c / (4 pi f)) - 10 log10(k T_0 B) - F,
+all in dB, with T_0 = 290 K. The receiver_advantage_db of an eavesdropper is by how much G_r - F
+of its receiver is larger than that of the ground node's.""")
+    parser.add_argument('--carrier-hz', type=float, required=True, metavar='HZ',
+                        help='f, frequency of the carrier')
+    parser.add_argument('--bandwidth-hz', type=float, required=True, metavar='HZ',
+                        help='B, bandwidth of the receiver')
+    for name, text in (('noise-figure-db', 'F, noise figure of the receiver with its cable'),
+                       ('transmit-gain-dbi', "G_t, gain of the UAV's antenna downwards"),
+                       ('receive-gain-dbi', "G_r, gain of the ground node's antenna upwards")):
+        parser.add_argument(f'--{name}', type=float, default=0.0, help=f'{text} (default: 0)',
+                            metavar=name.rpartition('-')[2].upper())
+
+
+def _add_node(commands) -> None:
+    parser = commands.add_parser(
+        'node', help='run a node, where there is no `ros2 run`', usage=f'{NAME} node '
+        f'{{{",".join(NODES)}}} [--ros-args ...]', description='Run a node of this package. What '
+        'follows its name is for ROS, as with `ros2 run secure_uav_planner <node>`.')
+    parser.add_argument('node', choices=NODES)
+
+
+def _seconds(text: str) -> float:
+    seconds = _number(text)
+    if not seconds > 0:
+        raise argparse.ArgumentTypeError(
+            f'{shown(text)} must be a number above 0, in s and without a unit')
+    return seconds
+
+
+def _seconds_or_none(text: str) -> float | None:
+    return None if _number(text) == 0 else _seconds(text)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

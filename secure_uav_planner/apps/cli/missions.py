@@ -1,35 +1,148 @@
-"""Mission files as all parts of the command read them."""
+"""Missions: `new`, `check` and `link-budget`, and how all parts read and write files."""
 
-from collections.abc import Callable
+import argparse
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import sys
+import tempfile
 from typing import TypeVar
 
-from ...errors import PlanFileError, PlanningError, ScenarioError
+from .main import DONE
+from ...errors import (
+    InfeasibleMissionError, MissionFileError, OptionError, PlanningError, ScenarioError)
+from ...mission.files import atomic_file
+from ...mission.formats.example import EXAMPLE
+from ...mission.link_budget import RANGES, reference_snr_db
 from ...mission.scenario import Scenario
-from ...plan.plan import Plan
+from ...model.clearance import CLOSE_DISTANCE, kept_apart_by_nothing
+from ...output.autopilot_limits import changes
 
 _Content = TypeVar('_Content')
 
 
-def loaded(path: str) -> Scenario:
+def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
+           kind: type[PlanningError] = ScenarioError) -> _Content:
     """
-    Return the mission of a file.
+    Return what a file holds.
 
-    :raises ScenarioError: when it holds none, or cannot be read.
+    :param load: what reads it.
+    :param kind: of the error for a file that cannot be read.
     """
-    return _loaded(path, Scenario.load, ScenarioError)
-
-
-def loaded_plan(path: str) -> Plan:
-    """
-    Return the plan of a file.
-
-    :raises PlanFileError: when it holds none, or cannot be read.
-    """
-    return _loaded(path, Plan.load, PlanFileError)
-
-
-def _loaded(path: str, load: Callable[[str], _Content], kind: type[PlanningError]) -> _Content:
     try:
         return load(path)
     except OSError as error:
         raise kind(f'{path} cannot be read: {error.strerror or error}') from None
+
+
+def writable(folder: Path) -> Path:
+    """
+    Return a folder after it has been made and tried; the work before would be in vain.
+
+    :raises OptionError: when it cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        raise OptionError(
+            f'{folder} cannot be written to: {error.strerror or error}; choose another folder '
+            'with --out') from None
+
+
+def new(options: argparse.Namespace) -> int:
+    """Write the example; return the exit status."""
+    path = Path(options.mission)
+    if path.exists() and not options.force:
+        raise OptionError(f'{path} is there already; --force replaces it')
+    if path.suffix.lower() == '.json':
+        raise OptionError(f'{path} cannot have comments as JSON; name it .yaml')
+    try:
+        with atomic_file(path) as file:
+            file.write(EXAMPLE)
+    except OSError as error:
+        raise OptionError(f'{path} cannot be written: {error.strerror or error}') from None
+    print(f'{path} is written; edit it, then: secure_uav_planner check {path}')
+    return DONE
+
+
+def check(options: argparse.Namespace) -> int:
+    """Check a mission; return the exit status."""
+    scenario = _that_can_be_flown(options.mission)
+    jammers = len(scenario.uavs) - 1
+    print(f'{options.mission}: {scenario.uavs[0].name} transmits, {jammers} '
+          f'jam{"s" if jammers == 1 else ""}, {len(scenario.eavesdroppers)} '
+          f'listen{"s" if len(scenario.eavesdroppers) == 1 else ""}; {scenario.slots} slots of '
+          f'{scenario.slot_duration:g} s. It can be flown.')
+    if (names := kept_apart_by_nothing(scenario)):
+        print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
+              f'{scenario.margin_text}; set separation, or altitudes that differ',
+              file=sys.stderr)
+    if options.autopilot:
+        print(*_advice(options.autopilot, scenario), sep='\n')
+    return DONE
+
+
+def _that_can_be_flown(path: str) -> Scenario:
+    """
+    Return the mission of a file after flights were found that keep its limits.
+
+    :raises MissionFileError: with all that is wrong in the file, and why there are no flights.
+    """
+    known = None
+    try:
+        scenario = loaded(path)
+    except MissionFileError as error:
+        if error.rest is None:
+            raise
+        known, scenario = error, error.rest
+    from ...optimize import fly_hover_fly
+    with lines_of(path, () if known is None else known.problems):
+        fly_hover_fly(scenario)
+    if known is not None:
+        raise known
+    return scenario
+
+
+@contextmanager
+def lines_of(path: str, known: Iterable[tuple[int | None, str]] = ()) -> Iterator[None]:
+    """
+    Give errors of a mission the lines of its file.
+
+    :param known: what else is wrong with it.
+    """
+    try:
+        yield
+    except InfeasibleMissionError as error:
+        from ...mission.formats import located
+        raise located(path, error, known) from None
+
+
+def _advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
+    """Yield in words what an autopilot needs to follow each UAV's plan."""
+    alike: dict[tuple[float, float | None], list[str]] = {}
+    for uav in scenario.uavs:
+        alike.setdefault((uav.max_speed, uav.max_acceleration), []).append(uav.name)
+    for (speed, acceleration), names in alike.items():
+        uavs = f'{", ".join((autopilot, *names))} at {speed:g} m/s'
+        if acceleration is None:
+            yield f'{uavs}: no autopilot follows a plan without max_acceleration'
+            continue
+        uavs += f' and {acceleration:g} m/s^2'
+        found = changes(autopilot, speed, acceleration)
+        if not found:
+            yield f'{uavs}: the defaults suffice'
+        for parameter, value in found:
+            text = f'set {parameter.name} to {value:g} {parameter.unit}'
+            if (least := parameter.least(speed, acceleration)) > value:
+                text = (f'{parameter.name} would have to be {least:.0f} {parameter.unit}; lower '
+                        'max_speed or max_acceleration')
+            yield f'{uavs}: {text} (default {parameter.default:g}, at most {parameter.most:g})'
+
+
+def link_budget(options: argparse.Namespace) -> int:
+    """Print the reference SNR; return the exit status."""
+    snr = reference_snr_db(**{name: getattr(options, name) for name in RANGES})
+    print(f'reference_snr_db: {snr:.2f}')
+    return DONE

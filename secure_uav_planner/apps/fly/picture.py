@@ -3,7 +3,7 @@
 from matplotlib.figure import Figure
 import numpy as np
 
-from ...output.colors import EAVESDROPPER, GROUND_NODE, RATE, uav_color
+from ...output.drawing import EAVESDROPPER, GROUND_NODE, RATE, uav_color
 from ...output.picture import draw_airspace
 
 

@@ -66,8 +66,8 @@ def mean_rate(plan, times, places):
     sending = (slot >= 1) & (slot <= slots)
     places, powers = places[:, sending], plan.powers[:, slot[sending] - 1]
     level = np.pad(places[..., :2], ((0, 0), (1, 1), (0, 0)))
-    return float(channel.guaranteed_rates(
-        plan.scenario, level, powers, altitudes=places[..., 2]).mean())
+    rates = channel.guaranteed_rates(plan.scenario, level, powers, altitudes=places[..., 2])
+    return float(np.maximum(rates, 0.0).mean())
 
 
 def smallest_distance(places):

@@ -5,7 +5,7 @@ import csv
 from matplotlib.figure import Figure
 import numpy as np
 
-from ...output.colors import uav_color
+from ...output.drawing import uav_color
 from ...output.picture import draw_map, name_of
 
 _SIZE = (9.0, 6.0)

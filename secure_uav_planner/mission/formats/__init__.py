@@ -1,5 +1,6 @@
 """Missions as files: YAML and JSON."""
 
-from .files import load, save
+from .diagnosis import Schema
+from .files import load, located, save
 
-__all__ = ['load', 'save']
+__all__ = ['Schema', 'load', 'located', 'save']

@@ -1,25 +1,50 @@
 """All that is wrong with the values of a mission at once, not only the first."""
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import fields, MISSING, replace
+from dataclasses import dataclass, fields, MISSING, replace
 from typing import Any
 
-from .documents import Document, Problem
-from .schema import Schema, UNITS
+from .documents import Document, in_order, Problem
 from ..validation import checked_fields
 from ...errors import Place, ScenarioError, shown
+
+
+@dataclass(frozen=True)
+class Schema:
+    """
+    The classes of a mission, each as an instance in which any one field can be tried.
+
+    This package imports none of them, so that Scenario can use it.
+
+    :param scenario: a Scenario with limits so wide that any right value of a field fits.
+    :param members: for each field of the scenario that is a list, such a Uav, Eavesdropper ...
+    """
+
+    scenario: Any
+    members: Mapping[str, Any]
+
+
+UNITS = {
+    'ground_node': 'm', 'position': 'm', 'start': 'm', 'goal': 'm', 'vertices': 'm',
+    'geofence': 'm', 'error_radius': 'm', 'altitude': 'm', 'separation': 'm', 'floor': 'm',
+    'ceiling': 'm', 'tracking_margin': 'm', 'max_speed': 'm/s', 'start_velocity': 'm/s',
+    'goal_velocity': 'm/s', 'max_acceleration': 'm/s^2', 'average_power': 'W',
+    'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
+}
+"""The unit of every field that has one."""
 
 
 def diagnosed(document: Document, schema: Schema) -> tuple[Any, list[Problem]]:
     """
     Return the scenario that a document describes, and what is wrong with it.
 
-    :return: a Scenario, or None where there are problems; and these in the order of the lines.
+    :return: a Scenario, and the problems in the order of the lines. Where there are any, it is
+        the `rest` of a MissionFileError.
     """
     work = _Diagnosis(document, schema)
     scenario = work.scenario()
     found = [*document.problems, *work.problems]
-    return (None if found else scenario), sorted(found, key=lambda one: one.line or 0)
+    return scenario, in_order(found)
 
 
 class _Diagnosis:
@@ -31,7 +56,7 @@ class _Diagnosis:
         self._schema = schema
 
     def scenario(self) -> Any:
-        """Return the Scenario, or None if something is wrong."""
+        """Return the Scenario, with wide limits in place of what is wrong, or None."""
         neutral, data = self._schema.scenario, self._document.data
         if data is None:
             self._add((), 'the file is empty; it must have the fields of a mission')
@@ -46,7 +71,11 @@ class _Diagnosis:
                 numbers[name] = [number for number, _ in found]
                 values[name] = tuple(member for _, member in found)
         try:
-            return _completed(neutral, values, known.keys() - values.keys())
+            scenario = _completed(neutral, values, known.keys() - values.keys())
+            # Without the flights' time, or a UAV, others may be refused that could be flown.
+            is_whole = {'duration', 'slots', 'uavs'} <= values.keys() and (
+                len(values['uavs']) == len(known['uavs']))
+            return scenario if is_whole else None
         except ScenarioError as error:
             for one in (error, *error.others):
                 field, *inner = one.place

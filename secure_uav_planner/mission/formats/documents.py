@@ -1,6 +1,6 @@
 """YAML and JSON files as plain values, with the line of each."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import os
@@ -127,6 +127,11 @@ def refusal(path: str | os.PathLike[str], problems: Sequence[Problem]) -> Missio
     more = f' (and {len(problems) - 1} more)' if len(problems) > 1 else ''
     where = f'{path}' if line is None else f'{path}:{line}'
     return MissionFileError(f'{where}: {text}{more}', tuple(problems))
+
+
+def in_order(problems: Iterable[Problem]) -> list[Problem]:
+    """Return problems in the order of their lines."""
+    return sorted(problems, key=lambda one: one.line or 0)
 
 
 def text_of(path: str | os.PathLike[str], data: Any) -> str:

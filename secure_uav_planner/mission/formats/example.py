@@ -19,8 +19,8 @@ eavesdroppers:
 uavs:
   - &sender                       # so that others can say only what is different
     name: sender
-    start: [100.0, 300.0]         # m
-    goal: [100.0, -300.0]         # m
+    start: [90.0, 300.0]          # m
+    goal: [90.0, -300.0]          # m
     altitude: 100.0               # m, all the way
     max_speed: 10.0               # m/s
     average_power: 1.0            # W, limit of the mean over the mission; default: 1
@@ -30,14 +30,15 @@ uavs:
     goal_velocity: [0.0, 0.0]     # m/s, likewise
   - <<: *sender                   # all as above, except
     name: jammer
-    altitude: 110.0
+    start: [120.0, 300.0]
+    goal: [120.0, -300.0]
 
 duration: 90.0                    # s, T
 slots: 90                         # N: power is chosen anew every T/N
 reference_snr_db: 80.0            # dB, beta_0 / sigma^2: SNR at 1 m and 1 W; default: 80;
                                   # secure_uav_planner link-budget --help computes it
 
-separation: 0.0                   # m, between any two UAVs at any time; default: 0, no limit
+separation: 20.0                  # m, between any two UAVs at any time; default: 0, no limit
 
 no_fly_zones: []                  # default: none; for example:
 #  - name: tower

@@ -1,13 +1,13 @@
 """From a file to a mission and back."""
 
+from collections.abc import Iterable
 import os
 from typing import Any
 
-from .diagnosis import diagnosed
-from .documents import Problem, read, refusal, text_of
-from .schema import Schema
+from .diagnosis import diagnosed, Schema
+from .documents import in_order, Problem, read, refusal, text_of
 from ..files import atomic_file
-from ...errors import words_of_files
+from ...errors import MissionFileError, ScenarioError, words_of_files
 
 _HEAD = """\
 # A mission of secure_uav_planner. Positions are (x, y) in m, x east and y north of the origin;
@@ -35,8 +35,23 @@ def load(path: str | os.PathLike[str], schema: Schema) -> Any:
     with words_of_files():
         scenario, problems = diagnosed(document, schema)
     if problems:
-        raise refusal(path, problems)
+        error = refusal(path, problems)
+        error.rest = scenario
+        raise error
     return scenario
+
+
+def located(path: str | os.PathLike[str], error: ScenarioError,
+            known: Iterable[tuple[int | None, str]] = ()) -> MissionFileError:
+    """
+    Return what is wrong with the mission of a file, each with its line.
+
+    :param error: an error of the mission, with its `others`.
+    :param known: what else is wrong.
+    """
+    document = read(path)
+    found = (Problem(document.line(one.place), str(one)) for one in (error, *error.others))
+    return refusal(path, in_order([*map(Problem._make, known), *found]))
 
 
 def _has(data: Any, field: str) -> bool:

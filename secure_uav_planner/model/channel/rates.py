@@ -44,7 +44,8 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     Return R-bar[n] of problem (P2), (N,) in bit/s/Hz, negative where the leak is larger.
 
-    A lower bound of worst_case_rates; equal to it when every error radius is zero.
+    A Plan counts [R-bar]^+, for in such a slot nothing secret need be sent. A lower bound of
+    worst_case_rates; equal to it when every error radius is zero.
 
     :param altitudes: heights at which the UAVs really were, (U, N) in m, instead of their own.
     """

@@ -1,5 +1,6 @@
 """Why a mission with zones, a fence or a separation cannot be flown, and how long it takes."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 import math
 from typing import NoReturn
@@ -25,30 +26,18 @@ def refuse(scenario: Scenario, check: Check) -> NoReturn:
     :param check: as for fly_hover_fly_positions. When it raises TimeLimitError after flights of
         the duration were searched in vain, no duration is named.
     :raises InfeasibleMissionError: naming the UAVs, what is in their way, and the shortest
-        duration with which flights were found.
+        duration with which flights were found; `others` are those of further UAVs.
     """
-    for uav in scenario.uavs:
-        alone = replace(scenario, uavs=(uav,), separation=0.0)
-        names = _in_the_way(alone)
-        if direct(alone, 0) is None:
-            raise InfeasibleMissionError(
-                f'no way leads {uav.name} from start to goal: {names} is in its way')
-        if names and not _is_flown(alone, check):
-            limits = f'{uav.max_speed:g} m/s' + (
-                '' if uav.max_acceleration is None else f' and {uav.max_acceleration:g} m/s^2')
-            try:
-                shortest = _shortest(alone, check)
-            except TimeLimitError:
-                searched = 'in the time for the search'
-            else:
-                searched = 'however long'
-                if shortest is not None:
-                    raise InfeasibleMissionError(
-                        f'duration is {scenario.duration:g} s; {uav.name} needs at least '
-                        f'{_text(shortest)} s from start to goal around {names} at {limits}')
-            raise InfeasibleMissionError(
-                f'no flight was found that takes {uav.name} from start to goal around '
-                f'{names} at {limits}, {searched}')
+    problems: list[InfeasibleMissionError] = []
+    try:
+        for number in range(len(scenario.uavs)):
+            problems += _of_one(scenario, number, check)
+    except TimeLimitError:
+        if not problems:
+            raise
+    if problems:
+        problems[0].others = tuple(problems[1:])
+        raise problems[0]
     names = ' and '.join(uav.name for uav in scenario.uavs)
     try:
         shortest = _shortest(scenario, check)
@@ -58,7 +47,36 @@ def refuse(scenario: Scenario, check: Check) -> NoReturn:
             f'; with a duration of {_text(shortest)} s, some were')
     raise InfeasibleMissionError(
         f'duration is {scenario.duration:g} s; no flights of {names} were found that keep the '
-        f'separation of {scenario.separation:g} m{more}')
+        f'separation of {scenario.separation:g} m{more}', ('separation',))
+
+
+def _of_one(scenario: Scenario, number: int, check: Check) -> Iterator[InfeasibleMissionError]:
+    """Yield why a UAV has no flight, even if it were alone."""
+    uav = scenario.uavs[number]
+    alone = replace(scenario, uavs=(uav,), separation=0.0)
+    names = _in_the_way(alone)
+    if direct(alone, 0) is None:
+        yield InfeasibleMissionError(
+            f'no way leads {uav.name} from start to goal: {names} is in its way',
+            ('uavs', number))
+    elif names and not _is_flown(alone, check):
+        limits = f'{uav.max_speed:g} m/s' + (
+            '' if uav.max_acceleration is None else f' and {uav.max_acceleration:g} m/s^2')
+        try:
+            shortest = _shortest(alone, check)
+        except TimeLimitError:
+            searched = 'in the time for the search'
+        else:
+            searched = 'however long'
+            if shortest is not None:
+                yield InfeasibleMissionError(
+                    f'duration is {scenario.duration:g} s; {uav.name} needs at least '
+                    f'{_text(shortest)} s from start to goal around {names} at {limits}',
+                    ('duration',))
+                return
+        yield InfeasibleMissionError(
+            f'no flight was found that takes {uav.name} from start to goal around '
+            f'{names} at {limits}, {searched}', ('uavs', number))
 
 
 def _in_the_way(scenario: Scenario) -> str:

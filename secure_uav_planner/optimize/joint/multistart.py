@@ -76,7 +76,7 @@ def improve_present(stepper: Stepper, mu: float) -> Status:
 
 
 def _coarse_starts(stepper: Stepper) -> tuple[Grid, _Starts, Iterator[_Starts]]:
-    """Return the coarsest grid on which there are starts, the first of them, and the others."""
+    """Return the coarsest grid with room for most starts, the first of them, and the others."""
     slots = COARSE_SLOTS
     while True:
         grid = stepper.grid.divided(min(stepper.grid.slots, slots))

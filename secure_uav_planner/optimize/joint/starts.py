@@ -19,6 +19,7 @@ STARTS = 15  # For each UAV,
 MOST_STARTS = 60  # and for all.
 FIRST = 8  # How many go first; where they agree, the others are not begun.
 PLACES = 13  # Hovering places where flights around zones, fence or UAVs must be found first.
+ENOUGH = 0.5  # Share of the first flights that a coarse grid must have room for.
 OTHER_WAYS = 8  # The most starts that pass what is in the way on other sides; they go first, too.
 DISTANCE = (0.03, 1.0)  # From targets to hovering places, in mean altitudes, log-uniform.
 JAMMING = (1e-4, 1e-2)  # Jamming powers in units of the average power, log-uniform.
@@ -68,7 +69,8 @@ def several_starts(grid: Grid, check: Check = lambda: None
 
     :param check: called before each flight; what it raises is passed on.
     :return: the starts, (S, N, U, 3), and the barrier parameters to begin with, (S,).
-    :raises NumericalError: when no flights strictly inside the limits are found.
+    :raises NumericalError: when no flights strictly inside the limits are found, or too few on a
+        grid that can be finer.
     """
     scenario = grid.scenario
     count = min(STARTS * len(scenario.uavs), MOST_STARTS)
@@ -82,6 +84,8 @@ def several_starts(grid: Grid, check: Check = lambda: None
     flights: list[tuple[Array, Array]] = []
     for asked, size in ((first, len(first)), (others, count - FIRST)):
         flights = [*_flights(grid, asked, check), *flights]
+        if len(flights) < ENOUGH * len(first) and grid.slots < scenario.slots:
+            raise NumericalError('the grid is too coarse for most flights')
         if not flights:
             known = fly_hover_fly_positions(scenario, check)
             inside = interior(grid, known, _SHARE, check)

@@ -1,4 +1,4 @@
-"""The part `plan`: plan a mission, and write what a user needs of the plan."""
+"""Plans: `plan` makes one and writes what a user needs of it, `show` draws one."""
 
 import argparse
 from collections.abc import Iterator
@@ -7,14 +7,13 @@ from pathlib import Path
 import re
 import signal
 import sys
+import time
 from typing import Any
 
-from .folders import writable
-from .missions import loaded
-from .progress import ProgressLine
-from .status import DONE, STOPPED
+from .main import DONE, STOPPED
+from .missions import lines_of, loaded, writable
 from ...bound import upper_bound
-from ...errors import OptionError, PlanningError
+from ...errors import OptionError, PlanFileError, PlanningError
 from ...mission.scenario import Scenario
 from ...mission.validation import told_apart
 from ...mission.views import check_view
@@ -26,15 +25,49 @@ from ...output.table import table
 from ...plan.bound import Bound, Progress
 from ...plan.plan import Iteration, Plan
 
+_SUFFIXES = ('.png', '.svg', '.pdf', '.html')
+_PERIOD = 0.1  # In s, of the line that says how far the work has come.
 
-def run(options: argparse.Namespace) -> int:
+
+class ProgressLine:
+    """
+    A line that is written over and over; nothing where the output is no terminal.
+
+    It is a context: at its end the line is gone.
+    """
+
+    def __init__(self) -> None:
+        self._shown = sys.stderr.isatty()
+        self._last = -_PERIOD
+        self._length = 0
+
+    def __enter__(self) -> 'ProgressLine':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.say('', force=True)
+
+    def say(self, text: str, force: bool = False) -> None:
+        """Show a text in place of the last one, at most ten times a second."""
+        now = time.monotonic()
+        if not self._shown or not force and now - self._last < _PERIOD:
+            return
+        self._last = now
+        sys.stderr.write(f'\r{text}{" " * (self._length - len(text))}')
+        if not text:
+            sys.stderr.write('\r')
+        sys.stderr.flush()
+        self._length = len(text)
+
+
+def make_plan(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = loaded(options.mission)
     origin = _origin(options.origin)
     if options.mcap:
         check_view('save_mcap')
     out = writable(Path(options.out))
-    with _interruptible() as stop, ProgressLine() as line:
+    with lines_of(options.mission), _interruptible() as stop, ProgressLine() as line:
         plan = _planned(scenario, options, stop, line)
         bound = _bound(plan, options, stop, line)
         proven = plan.with_bound(bound)
@@ -43,6 +76,8 @@ def run(options: argparse.Namespace) -> int:
         baselines = _baselines(scenario, options, stop, line)
     print(table([*baselines, plan], bound))
     print(f'\n{plan.message}' + (f'; {proven.claim}, which is proven' if bound else ''))
+    if plan.clearance.is_close:
+        print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     written = [out / 'plan.json', *_write(proven, baselines, out, origin)]
     if options.mcap:
         proven.save_mcap(out / 'plan.mcap')
@@ -140,3 +175,24 @@ def _write(plan: Plan, baselines: list[Plan], out: Path,
     except ModuleNotFoundError as error:
         print(f'{error.name} is not installed, so not everything is drawn; pip install '
               '"secure_uav_planner[view]"', file=sys.stderr)
+
+
+def show(options: argparse.Namespace) -> int:
+    """Draw a plan; return the exit status."""
+    plan = loaded(options.plan, Plan.load, PlanFileError)
+    file = Path(options.out) if options.out else Path(options.plan).with_suffix('.png')
+    if file.suffix.lower() not in _SUFFIXES:
+        raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
+                          f'{", ".join(_SUFFIXES)}')
+    print(table([plan]))
+    try:
+        if file.suffix.lower() == '.html':
+            from ...output.page import save_page as save
+        else:
+            from ...output.picture import save_picture as save
+    except ModuleNotFoundError as error:
+        raise OptionError(f'{error.name} is not installed; pip install '
+                          '"secure_uav_planner[view]"') from None
+    save(plan, file)
+    print(f'written: {file}')
+    return DONE

@@ -1,4 +1,4 @@
-"""The part `sweep`: plan all missions of a campaign."""
+"""Campaigns: `sweep` plans all missions of a campaign."""
 
 import argparse
 from collections import Counter
@@ -6,15 +6,15 @@ import logging
 from pathlib import Path
 import sys
 
-from .folders import writable
-from .status import BAD_INPUT, DONE, FAILED
+from .main import BAD_INPUT, DONE, FAILED
+from .missions import writable
 from ..campaign.results import save_figure, save_tables
 from ..campaign.run import failed, run as run_campaign
 from ..campaign.specification import load
 from ...errors import OptionError
 
 
-def run(options: argparse.Namespace) -> int:
+def sweep(options: argparse.Namespace) -> int:
     """Run a campaign; return the exit status."""
     try:
         campaign = load(options.mission)

@@ -1,3 +1,0 @@
-"""The nodes that the command can run."""
-
-NODES = ('planner', 'relay', 'replay')
