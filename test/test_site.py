@@ -2,6 +2,7 @@
 
 from html.parser import HTMLParser
 from pathlib import Path
+from posixpath import dirname, join, normpath
 import re
 import subprocess
 import sys
@@ -45,7 +46,8 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope='module')
 def site(folder):
     """Return the pages of the site by their file names."""
-    return {file.name: Page(file) for file in folder.glob('*.html')}
+    return {str(file.relative_to(folder)): Page(file)
+            for file in (*folder.glob('*.html'), *folder.glob('gallery/*.html'))}
 
 
 @pytest.fixture(scope='module')
@@ -101,18 +103,28 @@ def test_every_function_and_method_of_the_api_has_its_return_type_and_no_interna
 
 
 def test_every_page_is_in_the_site_and_in_its_table_of_contents(site):
-    names = {f'{file.stem}.html' for file in (ROOT / 'docs').iterdir()
-             if file.suffix in ('.md', '.rst')}
+    names = {str(file.relative_to(ROOT / 'docs').with_suffix('.html'))
+             for file in (ROOT / 'docs').rglob('*') if file.suffix in ('.md', '.rst')}
     assert names <= set(site)
     assert names - {'index.html'} <= site['index.html'].links
+
+
+def test_the_gallery_has_a_picture_of_every_page(folder, site):
+    for name, page in site.items():
+        if name.startswith('gallery/') and 'index' not in name:
+            pictures = [link for link in page.links if link.endswith('.png')]
+            assert pictures, name
+            for link in pictures:
+                assert (folder / 'gallery' / link).read_bytes().startswith(b'\x89PNG')
 
 
 def test_every_link_inside_the_site_leads_somewhere(site):
     for name, page in site.items():
         for link in page.links:
             target, _, anchor = link.partition('#')
-            if target.endswith('.html') and '/' not in target or not target:
-                other = site[target or name]
+            path = normpath(join(dirname(name), target)) if target else name
+            if path.endswith('.html') and not path.startswith('_'):
+                other = site[path]
                 assert not anchor or anchor in other.anchors, f'{name}: {link}'
 
 

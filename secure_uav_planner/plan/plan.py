@@ -172,7 +172,7 @@ class Plan:
 
     @cached_property
     def worst_case_rates(self) -> Array:
-        """Worst-case rate R of every slot, equation (R_sec), (N,) in bit/s/Hz; see channel."""
+        """Worst-case rate R of every slot, equation (6), (N,) in bit/s/Hz; see channel."""
         return _secret(channel.worst_case_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
