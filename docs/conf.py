@@ -60,7 +60,8 @@ def draw_gallery(app):
         blocks = re.findall('^```python\n(.*?)^```', page.read_text(), re.DOTALL | re.MULTILINE)
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run([sys.executable, '-c', '\n'.join(blocks)], cwd=folder, check=True,
-                           stdout=subprocess.DEVNULL, env={**os.environ, 'PYTHONPATH': sys.path[0]})
+                           stdout=subprocess.DEVNULL,
+                           env={**os.environ, 'PYTHONPATH': sys.path[0]})
             for picture in Path(folder).glob('*.png'):
                 shutil.copy(picture, page.parent)
 
