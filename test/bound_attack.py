@@ -62,12 +62,15 @@ def lagrangian(team, certificate, stage, places, powers):
         slope, bend = (part[stage] for part in potential.change)
         x, y = place.T
         value = value + place @ slope + bend @ np.array([x * x / 2, x * y, y * y / 2])
-        for share, edge in zip(team.stages.means, (stage, stage + 1)):
-            u, (a, b, c) = potential.slope[edge], potential.bend[edge]
+        for share, edge, turned in zip(
+                team.stages.means, (stage, stage + 1), potential.turned):
+            u, (a, b, c) = turned[stage], potential.bend[edge]
             tilt = np.hypot(u[0] + a * x + b * y, u[1] + b * x + c * y)
             largest = np.linalg.eigvalsh([[a, b], [b, c]])[1]
-            step = potential.region.step
-            value = value + share[stage] * (step * tilt + step**2 / 2 * max(0.0, largest))
+            step = potential.region.steps[stage]
+            value = value + share[stage] * (
+                step * tilt + step**2 / 2 * max(0.0, largest)
+                + potential.region.turn * np.hypot(*potential.turn[edge]))
     return value
 
 

@@ -5,11 +5,40 @@ Variables x are those of a Grid, and may be complex: `gradient` differentiates b
 """
 
 import numpy as np
+from scipy.stats import rice
 from secure_uav_planner.model.channel.rates import leakage_rates
 from secure_uav_planner.model.limits import limits_of
 from secure_uav_planner.model.limits.norm import NormLimit
 
 STEP = 1e-30  # Of complex steps, which nothing cancels.
+# a, b and the extra loss in dB, from Al-Hourani, Kandeepan and Lardner 2014.
+ENVIRONMENTS = {'suburban': (4.88, 0.43, 21.0), 'urban': (9.61, 0.16, 20.0),
+                'dense_urban': (12.08, 0.11, 23.0), 'highrise': (27.23, 0.08, 34.0)}
+
+
+def snr(scenario, squared, to_ground):
+    """
+    Return the SNR per watt that counts, of links at squared distances (..., U) in m^2.
+
+    :param to_ground: whether the links are those to the ground node, or to an eavesdropper.
+    """
+    channel, uavs = scenario.channel, len(scenario.uavs)
+    found = 10.0**(scenario.reference_snr_db / 10) / np.exp(
+        0.5 * channel.exponent * np.log(squared + scenario.altitudes**2))
+    harms = [(uav > 0) == to_ground for uav in range(uavs)]
+    if channel.los is not None:
+        a, b, loss = ENVIRONMENTS.get(channel.los, channel.los)
+        elevation = 90 - 180 / np.pi * np.arctan(np.sqrt(squared) / scenario.altitudes)
+        sight = 1 / (1 + a * np.exp(-b * (elevation - a)))
+        mean = sight + (1 - sight) / 10**(loss / 10)
+        found = found * np.where(np.logical_and(harms, channel.cautious), 1.0, mean)
+    if channel.outage is not None:
+        factor = 10**(channel.rician_k_db / 10)
+        share = channel.outage / (uavs * (1 + len(scenario.eavesdroppers)))
+        low, high = (quantile(share, np.sqrt(2 * factor))**2 / (2 * (factor + 1))
+                     for quantile in (rice.ppf, rice.isf))
+        found = found * np.where(harms, high, low)
+    return found
 
 
 def rates(grid, x, softening=0.0):
@@ -20,13 +49,14 @@ def rates(grid, x, softening=0.0):
     :param softening: of the jammers' distances to discs, in units of the grid.
     """
     scenario = grid.scenario
-    receivers = [(scenario.ground_node, 0.0, 1.0)] + list(zip(
-        scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages))
+    receivers = [(scenario.ground_node, 0.0, 1.0, True)] + list(zip(
+        scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages,
+        [False] * len(scenario.eavesdroppers)))
     found = [_rate(grid, x, *receiver, softening * grid.length) for receiver in receivers]
     return found[0], np.stack(found[1:], axis=-1)
 
 
-def _rate(grid, x, place, radius, advantage, softening):
+def _rate(grid, x, place, radius, advantage, to_ground, softening):
     power = x[..., 0] * grid.power
     offset = x[..., 1:] * grid.length + grid.origin - np.array(place)
     squared = offset[..., 0]**2 + offset[..., 1]**2
@@ -35,8 +65,9 @@ def _rate(grid, x, place, radius, advantage, softening):
         squared[..., 0] = np.where(distance.real > radius, (distance - radius)**2, 0.0)
         rounded = np.sqrt(squared[..., 1:] + softening**2)
         squared[..., 1:] += radius * (2 * rounded + radius)
-    received = advantage * grid.scenario.reference_snr / (
-        squared + grid.scenario.altitudes**2) * power
+    if not grid.scenario.channel.is_inverse_square:  # Whose kink is rounded as well.
+        squared = squared + softening**2
+    received = advantage * snr(grid.scenario, squared, to_ground) * power
     return np.log(1 + received[..., 0] / (1 + received[..., 1:].sum(axis=-1)))
 
 
@@ -85,6 +116,8 @@ def objective(grid, x, mu, softening):
     :param x: (..., N, U, 3).
     """
     ground, leaks = rates(grid, x, softening * np.sqrt(mu))
+    if grid.scenario.colluding and leaks.shape[-1] > 1:
+        return np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) - ground + mu
     if leaks.shape[-1] == 1:
         return leaks[..., 0] + mu - ground
     # The t that minimises t - mu sum log(t - leak): its own derivative does not matter.
@@ -141,7 +174,7 @@ def sampled_leaks(scenario, positions, powers, worst, rng, count=300):
 
     :param worst: places near which to look closely, (N, 2) in m.
     """
-    largest = np.full(powers.shape[1], -np.inf)
+    found = []
     for centre, radius, advantage in zip(
             scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages):
         angles = rng.uniform(0, 2 * np.pi, count)
@@ -150,11 +183,15 @@ def sampled_leaks(scenario, positions, powers, worst, rng, count=300):
         near = worst[:, None] + radius * 10**rng.uniform(-8, 0, (count, 1)) * rays - centre
         distance = np.linalg.norm(near, axis=-1, keepdims=True)
         near = centre + near * np.minimum(1.0, radius / np.maximum(distance, 1e-300))
+        largest = np.full(powers.shape[1], -np.inf)
         for places in (inside, centre + radius * rays, near):
             leaks = leakage_rates(scenario, positions[:, 1:-1], powers, np.broadcast_to(
                 places, (powers.shape[1], count, 2)), advantage)
             largest = np.maximum(largest, leaks.max(axis=1))
-    return largest
+        found.append(largest)
+    if scenario.colluding:
+        return np.log2(1 + (2**np.array(found) - 1).sum(axis=0))
+    return np.max(found, axis=0)
 
 
 def inverse_sinr(pairs, x, y):

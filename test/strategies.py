@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 import numpy as np
-from secure_uav_planner import Eavesdropper, Scenario, Uav
+from secure_uav_planner import Channel, Eavesdropper, Scenario, Uav
 
 COORDINATE = st.floats(-500, 500)
 PLACE = st.tuples(COORDINATE, COORDINATE)
@@ -32,6 +32,32 @@ def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
         for _ in range(draw(st.integers(1, max_eavesdroppers)))]
     return Scenario(draw(PLACE), tuple(eavesdroppers), tuple(uavs), duration, slots,
                     draw(st.sampled_from([60.0, 80.0, 100.0])))
+
+
+@st.composite
+def channels(draw):
+    """Return channels of every kind."""
+    numbers = st.tuples(st.floats(1, 60), st.floats(0.01, 0.5), st.floats(0, 60))
+    return Channel(
+        draw(st.one_of(st.just(2.0), st.floats(2, 6))),
+        draw(st.one_of(st.sampled_from([None, 'suburban', 'urban', 'dense_urban', 'highrise']),
+                       numbers)), draw(st.booleans()),
+        *draw(st.one_of(st.just((None, None)), st.tuples(
+            st.floats(-10, 20), st.floats(0.01, 0.5)))))
+
+
+@st.composite
+def missions_of_channels(draw, colluding=True, **options):
+    """Return missions with a channel of any kind, if allowed some with colluding eavesdroppers."""
+    scenario, channel = draw(scenarios(**options)), draw(channels())
+    return replace(scenario, channel=channel, colluding=colluding and draw(st.booleans()),
+                   # As strong at 100 m as in free space.
+                   reference_snr_db=scenario.reference_snr_db + 20 * (channel.exponent - 2))
+
+
+def missions(colluding=True, **options):
+    """Return missions in free space, and with channels of every kind."""
+    return st.one_of(scenarios(**options), missions_of_channels(colluding, **options))
 
 
 @st.composite

@@ -16,7 +16,8 @@ from secure_uav_planner.bound import upper_bound
 from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
 from secure_uav_planner.errors import PlanFileError
 from secure_uav_planner.mission import OBJECTIVES
-from secure_uav_planner.model.limits import AveragePower, LIMITS, PeakPower, SpeedLimit
+from secure_uav_planner.model.limits import (
+    AccelerationLimit, AveragePower, LIMITS, PeakPower, SpeedLimit)
 from secure_uav_planner.plan.bound import Bound
 from strategies import scenarios
 
@@ -265,8 +266,8 @@ def test_progress_comes_without_better_bounds_too_and_can_stop_a_long_proof(monk
 
 @given(scenarios())
 @settings(max_examples=50)
-def test_every_limit_but_those_of_speed_and_power_is_said_to_be_ignored(scenario):
-    counted = (SpeedLimit, PeakPower, AveragePower)
+def test_every_limit_but_those_that_count_is_said_to_be_ignored(scenario):
+    counted = (SpeedLimit, AccelerationLimit, PeakPower, AveragePower)
     limits = [limit for limit in LIMITS if limit.applies_to(scenario) and limit not in counted]
     assert len(ignored_limits(scenario)) >= len(limits)
 
@@ -279,9 +280,8 @@ def test_the_gap_is_a_share_of_the_plans_rate(plan):
 
 def test_limits_that_are_not_counted_with_are_named():
     class Limited:
-        uavs = [type('Uav', (), {'max_acceleration': 3.0})()]
         separation, no_fly_zones, geofence = 20.0, ('zone',), None
-    assert ignored_limits(Limited()) == ('max_acceleration', 'separation', 'no_fly_zones')
+    assert ignored_limits(Limited()) == ('separation', 'no_fly_zones')
     assert ignored_limits(PAPER) == ()
 
 

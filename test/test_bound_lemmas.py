@@ -1,5 +1,6 @@
 """Every lemma of the bound against brute force, and against a deliberate error in it."""
 
+from dataclasses import replace
 import importlib.util
 import os
 from pathlib import Path
@@ -97,45 +98,93 @@ def test_the_rectangle_and_the_support_hold_the_lens(seed, stage):
 def random_potential(region, stages, rng, curved):
     count = len(stages.count) + 1
     return Potential(np.cumsum(rng.normal(0, 1, (count, 2)), 0),
-                     np.cumsum(rng.normal(0, 0.5, (count, 3)), 0) * curved, stages, region)
+                     np.cumsum(rng.normal(0, 0.5, (count, 3)), 0) * curved,
+                     np.cumsum(rng.normal(0, 1, (count, 2)), 0) * (rng.random() < 0.7),
+                     stages, region)
 
 
-@given(st.integers(0, 10**6), st.sampled_from([(False, 6), (False, 4), (True, 6)]))
-@settings(max_examples=60)
-def test_lemma_2_costs_no_path_that_can_be_flown(seed, kind):
+def tight_flight(rng, limited, slots=6):
+    """Return a path (slots + 2, 2) and a Scenario whose limits it uses to the last."""
+    ts = float(rng.uniform(1, 5))
+    moves = np.cumsum(rng.normal(0, 10, (slots + 3, 2)), 0) * rng.choice([0.0, 1.0], 2) + (
+        rng.normal(0, 10, (slots + 3, 2)))
+    if limited == 'at rest':
+        moves[[0, -1]] = 0.0
+    path = np.cumsum(np.concatenate([rng.uniform(-200, 200, (1, 2)), moves[1:-1]]), 0)
+    ends = [tuple(move / ts) if given else None
+            for given, move in zip(rng.random(2) < 0.7, moves[[0, -1]])]
+    counted = moves[int(ends[0] is None):len(moves) - int(ends[1] is None)]
+    acceleration = np.hypot(*np.diff(counted, axis=0).T).max() / ts**2
+    uav = Uav('uav1', tuple(path[0]), tuple(path[-1]), 80.0, np.hypot(*counted.T).max() / ts,
+              max_acceleration=acceleration if limited else None,
+              start_velocity=ends[0], goal_velocity=ends[1])
+    eve = Eavesdropper(tuple(rng.uniform(-200, 200, 2)))
+    return path, Scenario((0.0, 0.0), (eve,), (uav,), slots * ts, slots)
+
+
+@given(st.integers(0, 10**6), st.sampled_from([(False, 6), (False, 4), (True, 6)]),
+       st.sampled_from(['', 'at any speed', 'at rest']))
+@settings(max_examples=150, deadline=None)
+def test_lemmas_2_and_10_cost_no_path_that_can_be_flown(seed, kind, limited):
+    assert least_cost(seed, kind, limited) >= -1e-9
+
+
+def least_cost(seed, kind, limited):
+    """Return what potentials add to paths at the end of what they may, which must not be < 0."""
     curved, most = kind
     rng = np.random.default_rng(seed)
-    scenario = mission(seed, slots=6)
+    path, scenario = tight_flight(rng, limited)
     stages = Stages.of(6, most)
     region = ReachableSet.of(scenario, 0, stages, EavesdropperSubset.of(scenario, 'guaranteed'))
-    potential = random_potential(region, stages, rng, curved)
-    # Paths that use all of their speed, by walking at random as far as the goal allows.
+    path, stage = region.local(path), stages.of_slots()
+    assert region.inside(path[1:-1], stage).all()
+    assert (np.hypot(*np.diff(path, axis=0)[1:].T) <= region.steps[stage]).all()
+    least = np.inf
     for _ in range(20):
-        path = [np.zeros(2)]
-        for n in range(1, 7):
-            stage = stages.of_slots()[n - 1]
-            angle = rng.uniform(0, 2 * np.pi)
-            trial = path[-1] + region.step * rng.choice([1.0, 0.5]) * np.array(
-                [np.cos(angle), np.sin(angle)])
-            goal = np.array([region.distance, 0.0])
-            room = (7 - n) * region.step
-            away = trial - goal
-            distance = max(np.hypot(*away), 1e-300)
-            trial = goal + away * min(1.0, room / distance)
-            if np.hypot(*(trial - path[-1])) > region.step:
-                move = goal - path[-1]
-                trial = path[-1] + move * min(1.0, region.step / max(np.hypot(*move), 1e-300))
-            path.append(trial)
+        potential = random_potential(region, stages, rng, curved)
+        # Along the path's own moves, and at one change of them, the limits are felt most.
+        if most == 6 and rng.random() < 0.5:
+            turn, slope, at = np.zeros((7, 2)), np.zeros((7, 2)), rng.integers(0, 8)
+            if at < 7:
+                turn[at] = [*np.diff(path, n=2, axis=0), rng.normal(size=2)][at]
+                slope = -np.diff(turn, axis=0, prepend=0.0)
+            else:
+                slope[0] = rng.normal(size=2)
+            potential = Potential(slope, 0.0 * potential.bend, turn, stages, region)
+        elif rng.random() < 0.7:
+            moves = np.diff(path, axis=0)[stages.edges] * rng.normal(0, 0.3)
+            potential = Potential(potential.slope * 0.1 + moves, potential.bend * 0.1,
+                                  potential.turn * rng.choice([0.0, 0.3, 1.0]), stages, region)
         total = potential.ends()
         for n in range(1, 7):
-            stage = stages.of_slots()[n - 1]
-            slope, bend = (part[stage] for part in potential.change)
+            k = stage[n - 1]
+            slope, bend = (part[k] for part in potential.change)
             x, y = path[n]
             total += slope @ path[n] + bend @ [x * x / 2, x * y, y * y / 2]
-            total += potential.constant()[stage]
-            f, u1, u2, s11, s12, s22 = potential.tilt()[stage]
+            total += potential.constant()[k]
+            f, u1, u2, s11, s12, s22 = potential.tilt()[k]
             total += f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
-        assert total >= -1e-9
+        least = min(least, total)
+    return least
+
+
+@pytest.mark.parametrize('field', ['turn', 'end_turns', 'end_moves', 'steps', 'step'])
+def test_a_limit_of_moves_taken_too_small_is_noticed(field, monkeypatch):
+    right = ReachableSet.of
+
+    def wrong(*args):
+        region = right(*args)
+        return replace(region, **{field: 0.7 * getattr(region, field)})
+    kinds = [(False, 6), (False, 4), (True, 6)]
+    monkeypatch.setattr(ReachableSet, 'of', wrong)
+
+    def noticed(seed):
+        limited = ('at any speed', 'at rest', '')[seed // 3 % 3]
+        try:
+            return least_cost(seed, kinds[seed % 3], limited) < -1e-9
+        except AssertionError:
+            return True
+    assert any(noticed(seed) for seed in range(400))
 
 
 def test_quadratic_potentials_in_stages_of_several_slots_are_refused():

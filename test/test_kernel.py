@@ -175,7 +175,7 @@ def test_places_that_are_no_arrays_of_pairs_are_refused():
     answers = np.zeros(2), np.zeros(2, np.int64), np.zeros((2, 2))
     for slots in ([0, 1, 2], [1, 0, 0], [-1, 0, 0]):
         with pytest.raises(ValueError):
-            core.prove(pairs, np.array(slots), np.ones(3), 100, *answers)
+            core.prove(pairs, np.array(slots), np.ones(3), 100, 1e-6, *answers)
 
 
 def test_others_run_while_a_long_step_is_taken_and_can_stop_it():

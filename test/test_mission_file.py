@@ -8,7 +8,7 @@ import pickle
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Scenario, Uav
+from secure_uav_planner import Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Scenario, Uav
 from secure_uav_planner.errors import MissionFileError, ScenarioError
 from secure_uav_planner.mission.formats.diagnosis import UNITS
 from secure_uav_planner.mission.formats.documents import MOST_BYTES
@@ -19,7 +19,8 @@ ROOT = Path(__file__).resolve().parents[1]
 ZONE = NoFlyZone(((150.0, 0.0), (160.0, 0.0), (150.0, 10.0)), 5.0, 120.0, 'tower')
 RICH = replace(Scenario.paper(), separation=5.0, tracking_margin=1.5, no_fly_zones=(
     ZONE, NoFlyZone(((170.0, 0.0), (180.0, 0.0), (170.0, 10.0)))),
-    geofence=((-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0)))
+    geofence=((-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0)),
+    channel=Channel(2.6, 'urban', True, 3.0, 0.1), colluding=True)
 
 
 def written(folder, text, name='mission.yaml'):
@@ -335,6 +336,8 @@ def test_the_error_of_a_file_survives_a_pickle(tmp_path):
 def test_every_field_that_has_a_unit_is_known_with_it():
     data = RICH.to_dict()
     names = set(data) | {name for field in ('uavs', 'eavesdroppers', 'no_fly_zones')
-                         for name in data[field][0]}
+                         for name in data[field][0]} | set(data['channel'])
     assert set(UNITS) < names
-    assert names - set(UNITS) == {'uavs', 'eavesdroppers', 'no_fly_zones', 'slots', 'name'}
+    assert names - set(UNITS) == {
+        'uavs', 'eavesdroppers', 'no_fly_zones', 'slots', 'name', 'channel', 'colluding', 'exponent',
+        'los', 'cautious', 'outage'}

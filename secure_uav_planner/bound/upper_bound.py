@@ -80,8 +80,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     """
     Return a proven upper bound on the mean rate of every feasible plan of a scenario.
 
-    It holds for everything that a Plan accepts, with its tolerances. It does not use limits of
-    acceleration, zones, a geofence or separation: they only lower what plans can reach.
+    It holds for everything that a Plan accepts, with its tolerances. It does not use zones, a
+    geofence or separation: they only lower what plans can reach.
     The bound is close for at most one jammer, and for two jammers and one eavesdropper; it is
     looser for two jammers and several eavesdroppers, and only valid for more jammers.
 
@@ -94,12 +94,14 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     :param on_progress: called with a Progress after every bound that was proven, and twice a
         second; returning True ends the search.
     :return: a Bound.
-    :raises OptionError: for an unknown objective, a time limit that is not above 0, or a plan of
-        another scenario.
+    :raises OptionError: for an unknown objective, a time limit that is not above 0, a plan of
+        another scenario, or a channel other than free space without fading, for which nothing is
+        proven.
     """
     started = time.monotonic()
     checked_kind('scenario', scenario, Scenario)
     checked_objective(objective)
+    _check_channel(scenario)
     limit = checked_time_limit(time_limit)
     checked_callback('on_progress', on_progress)
     if plan is not None:
@@ -113,6 +115,12 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
             _search(run, objective, plan)
     return Bound(scenario, run.rate, objective, ignored_limits(scenario),
                  time.monotonic() - started, run.outcome)
+
+
+def _check_channel(scenario: Scenario) -> None:
+    if not scenario.channel.is_free_space:
+        raise OptionError(f'channel is {scenario.channel}; the proof of upper_bound holds for '
+                          'free space without fading only')
 
 
 def plain_bound(scenario: Scenario) -> float:
@@ -136,10 +144,7 @@ def plain_bound(scenario: Scenario) -> float:
 
 def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
-    uavs = scenario.uavs
     has = {
-        'max_acceleration': any(getattr(uav, 'max_acceleration', None) is not None
-                                for uav in uavs),
         'separation': bool(getattr(scenario, 'separation', None)),
         'no_fly_zones': bool(getattr(scenario, 'no_fly_zones', None)),
         'geofence': bool(getattr(scenario, 'geofence', None)),

@@ -10,6 +10,7 @@ from typing import Any, TYPE_CHECKING
 from .files import checked_path
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, grown, Vertices
+from .propagation import Channel
 from .validation import (
     Array, checked_fields, checked_members, checked_number, checked_point, LIMITS, Point,
     read_only, told_apart)
@@ -33,7 +34,7 @@ MAX_ZONES = 64
 MAX_COUPLINGS = 10**7
 """The most pairs of variables that meet in a slot, slots * (3 uavs)^2: a step takes about 1 s."""
 
-__all__ = ['Array', 'Eavesdropper', 'LIMITS', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
+__all__ = ['Array', 'Channel', 'Eavesdropper', 'LIMITS', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
            'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav', 'checked_fields',
            'read_only']
 
@@ -60,6 +61,9 @@ class Scenario:
         None for no limit.
     :param tracking_margin: largest error in m of a vehicle on its plan, in any direction. For the
         plan, zones grow and the geofence shrinks by it, and a separation grows by twice it.
+    :param channel: a Channel; by default free space.
+    :param colluding: whether the eavesdroppers put together what they hear, so that their SINRs
+        add up; otherwise the one that hears most counts.
     :raises ScenarioError: naming the field, its value and what is allowed.
     :raises InfeasibleMissionError: for a mission that cannot be flown, naming the UAV and the
         shortest duration that can.
@@ -75,6 +79,8 @@ class Scenario:
     no_fly_zones: tuple[NoFlyZone, ...] = ()
     geofence: Vertices | None = None
     tracking_margin: float = 0.0
+    channel: Channel = Channel()
+    colluding: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'ground_node', checked_point('', 'ground_node', self.ground_node))
@@ -93,6 +99,12 @@ class Scenario:
             'no_fly_zones', self.no_fly_zones, NoFlyZone, 0, MAX_ZONES))
         if self.geofence is not None:
             object.__setattr__(self, 'geofence', checked_polygon('', 'geofence', self.geofence))
+        if not isinstance(self.channel, Channel):
+            raise ScenarioError(
+                f'channel is {shown(self.channel)}; it must be a Channel', ('channel',))
+        if not isinstance(self.colluding, bool):
+            raise ScenarioError(f'colluding is {shown(self.colluding)}; it must be true or false',
+                                ('colluding',))
         problems = [*self._of_names_and_size(), *self._of_ends(), *self._of_durations()]
         if problems:
             problems[0].others = tuple(problems[1:])
@@ -321,8 +333,16 @@ class Scenario:
                           for uav in self.uavs])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the scenario as plain values that JSON has; an infinite ceiling is None."""
+        """
+        Return the scenario as plain values that JSON has; an infinite ceiling is None.
+
+        The fields `channel` and `colluding`, which version 0.1.0 does not know, are there where
+        they are not the default.
+        """
         data = asdict(self)
+        for field in ('channel', 'colluding'):
+            if getattr(self, field) == getattr(Scenario, field):
+                del data[field]
         for zone in data['no_fly_zones']:
             if math.isinf(zone['ceiling']):
                 zone['ceiling'] = None
@@ -342,7 +362,10 @@ class Scenario:
             members = values.get(field, ())
             if not isinstance(members, (list, tuple)):
                 raise ScenarioError(f'{field} is {shown(members)}; it must be a list', (field,))
-            values[field] = tuple(_member(kind, field, *member) for member in enumerate(members))
+            values[field] = tuple(_part(kind, member, field, number)
+                                  for number, member in enumerate(members))
+        if 'channel' in values:
+            values['channel'] = _part(Channel, values['channel'], 'channel')
         return cls(**values)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -380,17 +403,18 @@ class Scenario:
         return scenario
 
 
-def _member(kind: type[Any], field: str, number: int, data: object) -> Any:
-    """Return a member of a list of a scenario's dictionary."""
-    with within(field, number):
+def _part(kind: type[Any], data: object, *place: str | int) -> Any:
+    """Return an object in a scenario's dictionary."""
+    with within(*place):
         return kind(**checked_fields(kind, data))
 
 
-def _neutral() -> tuple[Scenario, dict[str, Any]]:
-    """Return a scenario and a member of each list with limits that any right value fits."""
+def _neutral() -> tuple[Scenario, dict[str, Any], dict[str, Any]]:
+    """Return a scenario, a member of each list and its parts, which any right value fits."""
     uav = Uav('uav', (0.0, 0.0), (0.0, 0.0), LIMITS['altitude'][0], LIMITS['max_speed'][1],
               LIMITS['average_power'][0], LIMITS['peak_power'][1], None, None, None)
     eavesdropper = Eavesdropper((0.0, 0.0))
     zone = NoFlyZone(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
     return (Scenario((0.0, 0.0), (eavesdropper,), (uav,), LIMITS['duration'][1], slots=1),
-            {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone})
+            {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone},
+            {'channel': Channel()})

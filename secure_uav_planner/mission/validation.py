@@ -31,6 +31,12 @@ LIMITS = {
     'tracking_margin': (0.0, 1e6),
     'floor': (0.0, 1e6),
     'ceiling': (0.0, math.inf),
+    'exponent': (2.0, 6.0),
+    'los_a': (0.01, 100.0),
+    'los_b': (0.001, 2.0),
+    'los_loss_db': (0.0, 100.0),
+    'rician_k_db': (-40.0, 40.0),
+    'outage': (1e-6, 0.5),
 }
 """Smallest and largest value of every field; beyond them squares lose their accuracy."""
 

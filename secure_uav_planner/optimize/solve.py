@@ -74,6 +74,7 @@ def solve(scenario: Scenario, method: Method = 'joint',
         objective = initial.objective
     objective = checked_objective(method, objective)
     _check_size(scenario, method)
+    _check_channel(scenario, method)
     time_limit = checked_time_limit(time_limit)
     checked_callback('on_iteration', on_iteration)
     termination = Termination(on_iteration, time_limit, not is_open(scenario))
@@ -144,3 +145,15 @@ def _check_size(scenario: Scenario, method: Method) -> None:
         raise OptionError(
             f"method is 'alternating'; it takes at most {MAX_GAINS} slots * uavs * eavesdroppers, "
             f"and this scenario has {gains}: use 'joint'")
+
+
+def _check_channel(scenario: Scenario, method: Method) -> None:
+    channel = scenario.channel
+    if method == 'alternating' and not channel.is_inverse_square:
+        raise OptionError(
+            f"method is 'alternating'; its convex restriction holds for a channel of exponent 2 "
+            f'and a line of sight everywhere, and this one has the exponent {channel.exponent:g} '
+            f"and los {shown(channel.los)}: use 'joint'")
+    if method == 'alternating' and scenario.colluding:
+        raise OptionError("method is 'alternating'; it counts with the best single eavesdropper, "
+                          "and the scenario is colluding: use 'joint'")

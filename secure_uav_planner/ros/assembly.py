@@ -10,6 +10,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .text import LONGEST_FRAME
 from ..errors import PlanError, shown
+from ..mission.propagation import Channel
 from ..mission.scenario import Array, Eavesdropper, LIMITS, Point, Scenario, Uav
 from ..model.curve import Curve, flown
 from ..plan.plan import Plan
@@ -84,8 +85,8 @@ class Assembly:
             return ''
         return f'nothing new has come on {", ".join(self._missing(new))}'
 
-    def plan(self, ground_node: Point, reference_snr_db: float, eavesdropper: Point | None
-             ) -> tuple[Plan, str]:
+    def plan(self, ground_node: Point, reference_snr_db: float, channel: Channel,
+             eavesdropper: Point | None) -> tuple[Plan, str]:
         """
         Return the plan that the messages contain, and its frame.
 
@@ -98,7 +99,8 @@ class Assembly:
         missing = self._missing(chosen)
         if missing:
             raise PlanError(f'nothing new has come on {", ".join(missing)}')
-        found = plan_from(self._names, chosen, ground_node, reference_snr_db, eavesdropper)
+        found = plan_from(
+            self._names, chosen, ground_node, reference_snr_db, channel, eavesdropper)
         self._new, self._last = _Messages({}, {}, {}), chosen
         return found, chosen.paths[self._names[0]].header.frame_id
 
@@ -145,7 +147,7 @@ class _Messages(NamedTuple):
 
 
 def plan_from(names: Sequence[str], messages: _Messages, ground_node: Point,
-              reference_snr_db: float, eavesdropper: Point | None) -> Plan:
+              reference_snr_db: float, channel: Channel, eavesdropper: Point | None) -> Plan:
     """
     Return the Plan that messages contain; its limits are the smallest that the plan keeps.
 
@@ -178,7 +180,7 @@ def plan_from(names: Sequence[str], messages: _Messages, ground_node: Point,
             names, positions, places[:, 0, 2], watts, strict=True))
     scenario = Scenario(
         tuple(ground_node), (Eavesdropper(eavesdropper or tuple(ground_node)),), uavs,
-        slot_duration * slots, slots, reference_snr_db)
+        slot_duration * slots, slots, reference_snr_db, channel=channel)
     plan = Plan(scenario, positions, watts, start_ns=start_ns)
     _check_motions(plan, motions)
     return plan

@@ -5,6 +5,7 @@ from itertools import chain
 import math
 from typing import Any
 
+from .channel_parameters import values_of_channel
 from .parameters import NO_LIMIT, UAV_FIELDS
 from ..errors import ParameterError, ScenarioError
 from ..mission.scenario import Point, Scenario
@@ -34,6 +35,7 @@ def values_of(mission: Scenario) -> dict[str, Any]:
         'ground_node': list(mission.ground_node), 'geofence': _flat(mission.geofence or ()),
         'uavs': [uav.name for uav in mission.uavs],
         'eavesdroppers': list(mission.eavesdropper_names), 'no_fly_zones': zones}
+    values.update(values_of_channel(mission))
     for uav in mission.uavs:
         values.update({f'{uav.name}.{field}': _plain(field, getattr(uav, field))
                        for field in UAV_FIELDS})

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from .channel_parameters import CHANNEL, COLLUDING
 from .spec import Spec
 from .text import LONGEST_FRAME
 from ..mission.polygons import MAX_VERTICES
@@ -35,6 +36,8 @@ PLANNER = {
     'reference_snr_db': Spec(_PAPER.reference_snr_db,
                              'beta_0/sigma^2, SNR at 1 m and 1 W, in dB.',
                              LIMITS['reference_snr_db']),
+    **CHANNEL,
+    **COLLUDING,
     'separation': Spec(_PAPER.separation, 'Smallest distance in space between any two UAVs at any '
                        'time in m; 0 for no limit.', LIMITS['separation']),
     'no_fly_zones': Spec([], 'Names of the no-fly zones.', length=(0, MAX_ZONES), read_only=True),
@@ -170,6 +173,7 @@ REPLAY = {
                         length=(2, 2)),
     'reference_snr_db': Spec(_PAPER.reference_snr_db, 'SNR at 1 m and 1 W in dB, for the rates '
                              'of a plan from the topics.', LIMITS['reference_snr_db']),
+    **CHANNEL,
     'true_eavesdropper': Spec([], 'True position (x, y) of the eavesdropper in m; empty if it is '
                               'not known.', LIMITS['coordinate'], length=(0, 2)),
 }

@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from . import messages
 from .bounding import Bounding
+from .channel_parameters import channel_from
 from .frames import Frames
 from .intake import Intake
 from .latest import Latest
@@ -134,6 +135,7 @@ class Planner(Node):
         for name in self._uavs:
             uav_from(values, name)
         airspace_from(values)
+        channel_from(values)
 
     # Planning on request
 

@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from . import messages
 from .assembly import Assembly
+from .channel_parameters import channel_from
 from .drawing import Drawing
 from .node_parameters import Parameters
 from .parameters import REPLAY
@@ -128,7 +129,7 @@ class Replay(Node):
         try:
             plan, frame_id = self._assembly.plan(
                 self._settings['ground_node'], self._settings['reference_snr_db'],
-                self._eavesdropper)
+                channel_from(self._settings), self._eavesdropper)
         except PlanningError as error:
             reason = self._problem = brief(error)
             self._starts_next = False

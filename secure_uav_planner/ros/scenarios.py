@@ -5,6 +5,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from .channel_parameters import channel_from
 from .parameters import uav_from
 from .poses import error_radius, KnownPose, PoseBook
 from .start_time import StartTime
@@ -100,7 +101,8 @@ def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, start: StartTi
         ground_node=poses.get(GROUND_NODE_TOPIC).position,
         eavesdroppers=_eavesdroppers(parameters, poses), uavs=tuple(uavs),
         duration=parameters['duration'], slots=parameters['slots'],
-        reference_snr_db=parameters['reference_snr_db'], **airspace_from(parameters))
+        reference_snr_db=parameters['reference_snr_db'], channel=channel_from(parameters),
+        colluding=parameters['colluding'], **airspace_from(parameters))
 
 
 def _begun(uav: Uav, index: int, sighting: Sighting | None, parameters: Mapping[str, Any],

@@ -72,8 +72,9 @@ def certify(team: Team, given: Multipliers,
     :param given: the multipliers.
     :param stop: asked now and then; True ends the search, and the bound is valid but larger.
     """
-    potentials = tuple(Potential(slope, bend, team.stages, region)
-                       for slope, bend, region in zip(given.slope, given.bend, team.regions))
+    potentials = tuple(Potential(slope, bend, turn, team.stages, region)
+                       for slope, bend, turn, region in zip(
+                           given.slope, given.bend, given.turn, team.regions))
     prices, helper_prices = np.maximum(given.prices, 0.0), np.maximum(given.helpers, 0.0)
     if not given.needed[-1].all():
         raise AssertionError('the last breakpoint of w0 is always needed')

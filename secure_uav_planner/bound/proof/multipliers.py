@@ -14,10 +14,11 @@ from .jammer_shares import Splits
 @dataclass(frozen=True, eq=False)
 class Multipliers:
     """
-    The multipliers of speed, power and leakage.
+    The multipliers of speed, acceleration, power and leakage.
 
     :param slope: u of every UAV's potential, (U, G + 1, 2) in nats per unit of its set.
     :param bend: S of every UAV's potential, (U, G + 1, 3) in nats per unit^2.
+    :param turn: w of every UAV, (U, G + 1, 2) in nats per unit.
     :param prices: lam, (U,) in nats per W, not negative.
     :param weights: w0 at the breakpoints, rising, (K, G), within (0, 1].
     :param shares: v at the breakpoints, (K, G, E), not negative, with a sum of at most w0.
@@ -37,6 +38,7 @@ class Multipliers:
 
     slope: Array
     bend: Array
+    turn: Array
     prices: Array
     weights: Array
     shares: Array

@@ -1,8 +1,9 @@
-"""Lemma 2: limits of speed, paid for by potentials."""
+"""Lemmas 2 and 10: limits of speed and acceleration, paid for by potentials."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,12 +39,25 @@ class Potential:
     that cost something. W is an estimate of what being somewhere is worth for the rest of the
     flight.
 
-    Within a stage of several slots W is interpolated between the edges. T is convex in (u, S), so
-    it is at most the interpolated T; where S = 0 that is the same at every place, and its
-    mean over the slots of the stage is all that counts. S is for stages of one slot each.
+    Lemma 10 (acceleration). With the moves d_n = q[n+1] - q[n], d_{-1} and d_{N+1} being those
+    beyond the ends, and |d_n - d_{n-1}| <= A_n, for any vectors w_0..w_{N+1}
+
+        0 <= sum over n = 0..N of (w_{n+1} - w_n) . d_n + sum over n = 0..N+1 of A_n |w_n|
+             + w_0 . d_{-1} - w_{N+1} . d_{N+1},
+
+    because the other sums are those of w_n . (d_n - d_{n-1}). Added to W_n(q + d) - W_n(q) it
+    turns u_n in T_n, not in W_n, into u_n + w_{n+1} - w_n: a move that is dear here is paid for
+    where the velocity for it was gained. With w_0 = 0, or with w_0 the whole of the slope g = u_0
+    + w_1, T_0(start) is at most the smaller of step |g| and A_0 |g| + g . d_{-1}.
+    A velocity that is free at an end is d = 0 there with A = step.
+
+    Within a stage of several slots u and w are interpolated between the edges. T is convex in (u,
+    S, w), so it is at most the interpolated T; where S = 0 that is the same at every place, and
+    its mean over the slots of the stage is all that counts. S is for stages of one slot each.
 
     :param slope: u, (G + 1, 2) in nats per unit.
     :param bend: S as (S_11, S_12, S_22), (G + 1, 3) in nats per unit^2.
+    :param turn: w_{n+1} at the edge after slot n, (G + 1, 2) in nats per unit.
     :param stages: between the edges.
     :param region: of the UAV.
     :raises AssertionError: for S in stages of several slots.
@@ -51,6 +65,7 @@ class Potential:
 
     slope: Array
     bend: Array
+    turn: Array
     stages: Stages
     region: ReachableSet
 
@@ -73,15 +88,23 @@ class Potential:
         """Return step^2 / 2 max(0, the largest eigenvalue of S) at every edge, (G + 1,)."""
         half = (self.bend[:, 0] - self.bend[:, 2]) / 2
         largest = (self.bend[:, 0] + self.bend[:, 2]) / 2 + np.hypot(half, self.bend[:, 1])
-        return np.asarray(self.region.step**2 / 2 * np.maximum(largest, 0))
+        steps = np.append(self.region.step, self.region.steps)
+        return np.asarray(steps**2 / 2 * np.maximum(largest, 0))
+
+    @cached_property
+    def turned(self) -> Array:
+        """Return u + w_{n+1} - w_n at the edges before and after every stage, (2, G, 2)."""
+        change = np.diff(self.turn, axis=0) / self.stages.count[:, None]
+        return np.stack([self.slope[:-1] + change, self.slope[1:] + change])
 
     def constant(self) -> Array:
         """Return what a slot of every stage gets wherever the UAV is, (G,) in nats."""
+        turn = self.region.turn * np.hypot(*self.turn.T)
         if self.curved:
-            return self.jump()[1:]
-        length = self.region.step * np.hypot(self.slope[:, 0], self.slope[:, 1])
+            return np.asarray(self.jump()[1:] + turn[1:])
         before, after = self.stages.means
-        return np.asarray(before * length[:-1] + after * length[1:])
+        length = self.region.steps * np.hypot(*np.moveaxis(self.turned, 2, 0))
+        return np.asarray(before * (length[0] + turn[:-1]) + after * (length[1] + turn[1:]))
 
     def tilt(self) -> Array:
         """
@@ -89,18 +112,24 @@ class Potential:
 
         Zeros where S = 0: `constant` has it then.
         """
-        step = np.full((len(self.slope) - 1, 1), self.region.step)
-        found = np.concatenate([step, self.slope[1:], self.bend[1:]], axis=1)
+        found = np.concatenate(
+            [self.region.steps[:, None], self.turned[1], self.bend[1:]], axis=1)
         return found if self.curved else 0.0 * found
 
     def ends(self) -> float:
-        """Return T_0(start) + W_0(start) - W_N(goal) with the ends' tolerance, in nats."""
+        """Return T_0(start) + W_0(start) - W_N(goal) - w . d_{N+1} with all tolerances."""
         region = self.region
         miss = 2e-6 / region.unit + 1e-12
         goal = region.distance
         first, last = self.slope[0], self.slope[-1]
         size0, size1 = np.abs(self.bend[0]).sum(), np.abs(self.bend[-1]).sum()
-        start = region.step * np.hypot(*first) + float(self.jump()[0])
+        push, pull = first + self.turn[0], self.turn[-1]
+        turns = region.end_turns
+        start = float(self.jump()[0] + region.turn * np.hypot(*self.turn[0])
+                      + min(region.step * np.hypot(*push),
+                            turns[0] * np.hypot(*push) + region.end_moves[0] @ push)
+                      + max(turns[1] - region.turn, 0.0) * np.hypot(*pull)
+                      - region.end_moves[1] @ pull)
         at_goal = last[0] * goal + self.bend[-1, 0] * goal**2 / 2
         # At most |grad W| + |S| step, and |grad W|, times how far an end may be off.
         first_slope = np.hypot(*first) + size0 * (region.step + miss)
@@ -112,7 +141,7 @@ class Potential:
         """Return how large the terms of every stage can be, (G,) in nats, for `margin`."""
         region = self.region
         reach = np.minimum(region.from_start, region.distance + region.to_goal)
-        slope = np.hypot(self.slope[:, 0], self.slope[:, 1])
+        slope = np.hypot(*self.slope.T) + 2 * np.hypot(*self.turn.T)
         bend = np.abs(self.bend).sum(1)
         slope = np.maximum(slope[:-1], slope[1:])
         bend = np.maximum(bend[:-1], bend[1:])

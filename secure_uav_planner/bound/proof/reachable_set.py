@@ -13,7 +13,7 @@ from .conjugate import Array
 from .rounding import COORDINATE_ROUNDING, position_tolerance
 from .stages import Stages
 from .subset import EavesdropperSubset
-from ...plan.plan import POWER_TOLERANCE
+from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
 
 if TYPE_CHECKING:
     from ...mission.scenario import Scenario
@@ -26,15 +26,21 @@ class ReachableSet:
 
     The origin is the start, the first axis points to the goal, and lengths are divided by
     `unit`, so that everything that matters lies within a few units. In slot n a UAV is within n
-    steps of its start and N + 1 - n steps of its goal: a reachable set, the part that two discs
-    share.
+    moves of its start and N + 1 - n moves of its goal: a reachable set, the part that two discs
+    share. Where the velocity changes by at most an acceleration limit, moves are short near ends
+    at which it is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 10 in potential.py.
 
     :param unit: length of one unit in m.
     :param origin: of the frame, (2,) in m.
     :param axes: rows are the frame's axes, (2, 2).
     :param distance: from start to goal, in units.
     :param step: largest move from one point to the next, tolerance included, in units.
-    :param steps: the same from every edge between stages on, (G + 1,).
+    :param steps: the same after the slots of every stage, (G,).
+    :param turn: A, the largest change of a move from one slot to the next, in units; without a
+        limit of acceleration that is two steps.
+    :param end_turns: the same at the start and at the goal, where a free velocity counts as one
+        of zero that may change by a step, (2,).
+    :param end_moves: d_{-1} and d_{N+1}, the moves before the start and after the goal, (2, 2).
     :param from_start: radius of the disc about the start in every stage, (G,) in units.
     :param to_goal: radius of the disc about the goal in every stage, (G,) in units.
     :param altitude: in units.
@@ -54,6 +60,9 @@ class ReachableSet:
     distance: float
     step: float
     steps: Array
+    turn: float
+    end_turns: Array
+    end_moves: Array
     from_start: Array
     to_goal: Array
     altitude: float
@@ -81,14 +90,20 @@ class ReachableSet:
         axes = np.array([along, [-along[1], along[0]]])
         tolerance, ends = position_tolerance(scenario)
         step = float(scenario.max_step[index]) + tolerance
+        turn, end_turns, end_moves = _turns(scenario, index, step)
+        number = np.arange(1, scenario.slots + 2)
+        ramps = np.hypot(*end_moves.T)[:, None] + end_turns[:, None] + (number - 1) * turn
+        # A move is a difference of coordinates, each of them rounded.
+        moves = np.minimum(step, np.minimum(ramps[0], ramps[1, ::-1]) * (1 + 1e-12))
+        ahead = np.concatenate([[0.0], np.cumsum(moves)]) * (1 + 1e-12)
+        behind = np.concatenate([np.cumsum(moves[::-1])[::-1], [0.0]]) * (1 + 1e-12)
         frame = (people - start) @ axes.T / unit
         return cls(
             unit=unit, origin=start, axes=axes, distance=length / unit, step=step / unit,
-            steps=np.full(len(stages.edges), step / unit),
-            from_start=np.asarray(
-                (stages.last * step + ends) / unit * (1 + COORDINATE_ROUNDING), float),
-            to_goal=np.asarray(((scenario.slots + 1 - stages.first) * step + ends) / unit * (
-                1 + COORDINATE_ROUNDING), float),
+            steps=np.maximum.reduceat(moves[1:], stages.edges[:-1]) / unit,
+            turn=turn / unit, end_turns=end_turns / unit, end_moves=end_moves @ axes.T / unit,
+            from_start=(ahead[stages.last] + ends) / unit * (1 + COORDINATE_ROUNDING),
+            to_goal=(behind[stages.first] + ends) / unit * (1 + COORDINATE_ROUNDING),
             altitude=uav.altitude / unit,
             log_gain=float(np.log(scenario.reference_snr) - 2 * np.log(unit)),
             ground=frame[0], eavesdroppers=frame[1:],
@@ -220,3 +235,14 @@ class ReachableSet:
                      + second[:, 0] * self.distance)
             best[at] = np.minimum(best[at], split)
         return np.asarray(best)
+
+
+def _turns(scenario: Scenario, index: int, step: float) -> tuple[float, Array, Array]:
+    """Return A, A at both ends, (2,), and the moves beyond them, (2, 2), all in m; see of."""
+    uav = scenario.uavs[index]
+    if uav.max_acceleration is None:
+        return 2 * step, np.array([step, step]), np.zeros((2, 2))
+    turn = min(uav.max_acceleration * scenario.slot_duration**2 + POSITION_TOLERANCE, 2 * step)
+    ends = (uav.start_velocity, uav.goal_velocity)
+    return (turn, np.array([step if velocity is None else turn for velocity in ends]),
+            scenario.slot_duration * np.array([velocity or (0.0, 0.0) for velocity in ends]))

@@ -83,6 +83,11 @@ class Team:
         return len(self.regions) - 1
 
     @property
+    def accelerates(self) -> bool:
+        """Return whether any velocity is limited in how fast it changes."""
+        return any(region.turn < 2 * region.step for region in self.regions)
+
+    @property
     def copies(self) -> int:
         """Return how many times a jammer's gain counts in lemma 8."""
         return max(self.jammers, 1)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .descent import golden
-from .dual import Branch, curved, Dual
+from .dual import Branch, curved, Dual, unpacked
 from .multiplier_search import MultiplierSearch
 from ..proof.chords import interpolated, neighbours, on_chords, over_pieces, pieces
 from ..proof.conjugate import Array, entropy, mixing, sigmoid, transmit_power
@@ -67,11 +67,11 @@ def breakpoint_multipliers(search: MultiplierSearch,
         still[i] += constant
         known[i] = known[i] + constant
     x = point.potentials.transpose(1, 0, 2)
-    bend = x[..., 2:5] if curved(x.shape[2]) else np.zeros(x.shape[:2] + (3,))
+    slope, bend, turn = unpacked(x)
     if tolerance is None:
         tolerance = TOLERANCES[team.jammers]
     given = Multipliers(
-        x[..., :2], bend, point.prices, breakpoints, shares, boxes.splits, boxes.theta,
+        slope, bend, turn, point.prices, breakpoints, shares, boxes.splits, boxes.theta,
         boxes.slope,
         _helpers(search), tuple(known), still, np.ones(breakpoints.shape, bool),
         np.full((len(breakpoints) + 1, count), tolerance),

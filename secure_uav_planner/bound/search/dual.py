@@ -132,26 +132,41 @@ class Dual:
         value = 0.0
         grad, hess = np.zeros((count, u, p)), np.zeros((count, u * p, u * p))
 
-        def length(i: int, first: int, vector: Array, factor: Array) -> float:
-            """Add lengths of vectors (count, 2) that are the unknowns from `first` on."""
+        def length(i: int, firsts: tuple[int, ...], vector: Array, factor: Array) -> float:
+            """Add lengths of sums (count, 2) of the unknowns from all of `firsts` on."""
             delta = self.tau / self.team.regions[i].step
             norm = np.sqrt((vector * vector).sum(-1) + delta * delta)
             share = factor / norm
-            grad[:, i, first:first + 2] += share[:, None] * vector
-            two = slice(i * p + first, i * p + first + 2)
-            hess[:, two, two] += share[:, None, None] * (
+            second = share[:, None, None] * (
                 np.eye(2) - vector[:, :, None] * vector[:, None] / (norm * norm)[:, None, None])
+            for first in firsts:
+                grad[:, i, first:first + 2] += share[:, None] * vector
+                for other in firsts:
+                    hess[:, i * p + first:i * p + first + 2,
+                         i * p + other:i * p + other + 2] += second
             return float(factor @ norm)
 
         for i, region in enumerate(self.team.regions):
-            start = region.steps * np.eye(1, count)[0]
-            value += length(i, 0, x[:, i, :2], start)
+            # The slope of the first move: u_0, and w_1 where accelerations are limited.
+            turns, (limited, at_rest) = p in (4, 7), (region.end_turns, region.end_moves)
+            shorter = turns and limited[0] < region.step
+            start = (limited[0] if shorter else region.step) * np.eye(1, count)[0]
+            firsts = (0, p - 2) if turns else (0,)
+            value += length(i, firsts, np.sum([x[:, i, at:at + 2] for at in firsts], 0), start)
+            if turns:
+                for at in firsts if shorter else ():
+                    value += float(x[0, i, at:at + 2] @ at_rest[0])
+                    grad[0, i, at:at + 2] += at_rest[0]
+                value -= float(x[-1, i, -2:] @ at_rest[1])
+                grad[-1, i, -2:] -= at_rest[1]
+                last = max(limited[1] - region.turn, 0.0) * np.eye(1, count)[0][::-1]
+                value += length(i, (p - 2,), x[:, i, -2:], region.turn * self.edge + last)
             goal = monomials(np.array([region.distance, 0.0]), curved(p))
             value -= float(goal @ x[-1, i, :len(goal)])
             grad[-1, i, :len(goal)] -= goal
             if curved(p):
                 jump, slope, second = _jump(x[:, i, 2:5])
-                factor = region.steps**2 / 2 * self.edge
+                factor = np.append(region.step, region.steps)**2 / 2 * self.edge
                 value += float(factor @ jump)
                 grad[:, i, 2:5] += factor[:, None] * slope
                 three = slice(i * p + 2, i * p + 5)
@@ -170,7 +185,7 @@ class Dual:
             'step': self.team.regions[uav].steps, 'mean': np.array(self.team.stages.means),
             'weights': weights, 'shares': shares, 'parts': parts}
         return {**{name: np.ascontiguousarray(array, float) for name, array in fields.items()},
-                'curved': curved(width), 'tau': self.tau,
+                'curved': curved(width), 'turns': width in (4, 7), 'tau': self.tau,
                 'price': float(point.prices[uav])}
 
     def values(self, uav: int, point: DualPoint, columns: Columns,
@@ -283,6 +298,13 @@ class Dual:
 def curved(width: int) -> bool:
     """Return whether potentials of so many entries have a quadratic part."""
     return width >= 5
+
+
+def unpacked(x: Array) -> tuple[Array, Array, Array]:
+    """Return u, S and w, zero where there are none, of potentials (..., P)."""
+    none = np.zeros(x.shape[:-1] + (3,))
+    return (x[..., :2], x[..., 2:5] if curved(x.shape[-1]) else none,
+            x[..., -2:] if x.shape[-1] in (4, 7) else none[..., :2])
 
 
 def _jump(bend: Array) -> tuple[Array, Array, Array]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from . import columns as candidates
 from .columns import Columns
 from .descent import Descent, golden
-from .dual import Branch, curved, Dual
+from .dual import Branch, curved, Dual, unpacked
 from .initial_multipliers import InitialMultipliers
 from .newton import DualPoint
 from ..proof.certificate import terms_of
@@ -70,7 +70,8 @@ class MultiplierSearch:
         self.team, self.initial, self.stop = team, initial, stop
         count, uavs = len(team.stages.count), len(team.regions)
         self.point = point if point is not None else DualPoint(
-            np.zeros((count + 1, uavs, 2)), initial.shares[None], initial.prices)
+            np.zeros((count + 1, uavs, 4 if team.accelerates else 2)), initial.shares[None],
+            initial.prices)
         self.weights = [initial.weight]
         self.tables: list[Columns] = []
         self.grids: list[Array] = []
@@ -303,9 +304,8 @@ class MultiplierSearch:
 
     def potential(self, uav: int) -> Potential:
         """Return the present potential of a UAV."""
-        x = self.point.potentials[:, uav]
-        bend = x[:, 2:5] if curved(x.shape[1]) else np.zeros((len(x), 3))
-        return Potential(x[:, :2], bend, self.team.stages, self.team.regions[uav])
+        return Potential(*unpacked(self.point.potentials[:, uav]), self.team.stages,
+                         self.team.regions[uav])
 
     # -- Newton's method
 

@@ -15,8 +15,8 @@ class DualPoint:
     """
     Where the dual function is evaluated.
 
-    :param potentials: u, and S where it has 5 instead of 2 entries, at every edge,
-        (G + 1, U, P).
+    :param potentials: at every edge u, then S where potentials are quadratic, then w where
+        accelerations are limited, (G + 1, U, P).
     :param shares: v of every set, (B, G, E).
     :param prices: lam, (U,).
     """

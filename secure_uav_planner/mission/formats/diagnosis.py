@@ -6,7 +6,7 @@ from typing import Any
 
 from .documents import Document, in_order, Problem
 from ..validation import checked_fields
-from ...errors import Place, ScenarioError, shown
+from ...errors import path_of, Place, ScenarioError, shown
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,12 @@ class Schema:
 
     :param scenario: a Scenario with limits so wide that any right value of a field fits.
     :param members: for each field of the scenario that is a list, such a Uav, Eavesdropper ...
+    :param parts: for each field of the scenario that is an object of its own, such a Channel.
     """
 
     scenario: Any
     members: Mapping[str, Any]
+    parts: Mapping[str, Any]
 
 
 UNITS = {
@@ -30,6 +32,7 @@ UNITS = {
     'ceiling': 'm', 'tracking_margin': 'm', 'max_speed': 'm/s', 'start_velocity': 'm/s',
     'goal_velocity': 'm/s', 'max_acceleration': 'm/s^2', 'average_power': 'W',
     'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
+    'rician_k_db': 'dB',
 }
 """The unit of every field that has one."""
 
@@ -62,7 +65,8 @@ class _Diagnosis:
             self._add((), 'the file is empty; it must have the fields of a mission')
             return None
         known = self._known_fields(neutral, data, (), '')
-        values = {name: value for name, value in known.items() if name not in self._schema.members
+        composed = {**self._schema.members, **self._schema.parts}
+        values = {name: value for name, value in known.items() if name not in composed
                   and self._is_right(neutral, name, value, (name,))}
         numbers: dict[str | int, list[int]] = {}
         for name in [name for name in known if name in self._schema.members]:
@@ -70,6 +74,10 @@ class _Diagnosis:
             if found or known[name] == []:
                 numbers[name] = [number for number, _ in found]
                 values[name] = tuple(member for _, member in found)
+        for name in known.keys() & self._schema.parts.keys():
+            part = self._object(self._schema.parts[name], known[name], (name,))
+            if part is not None:
+                values[name] = part
         try:
             scenario = _completed(neutral, values, known.keys() - values.keys())
             # Without the flights' time, or a UAV, others may be refused that could be flown.
@@ -108,15 +116,14 @@ class _Diagnosis:
             self._add((field,), f'{field} is {shown(values)}; it must be a list')
             return
         for number, data in enumerate(values):
-            member = self._member(field, number, data)
+            member = self._object(self._schema.members[field], data, (field, number))
             if member is not None:
                 yield number, member
 
-    def _member(self, field: str, number: int, data: Any) -> Any:
-        """Return a member of a list, or None if what is wrong with it could hide other things."""
-        neutral, place = self._schema.members[field], (field, number)
+    def _object(self, neutral: Any, data: Any, place: Place) -> Any:
+        """Return an object, or None if what is wrong with it could hide other things."""
         before = len(self.problems)
-        known = self._known_fields(neutral, data, place, f'{field}[{number}]: ')
+        known = self._known_fields(neutral, data, place, f'{path_of(place)}: ')
         if 'name' in known:
             if self._is_right(neutral, 'name', known['name'], (*place, 'name')):
                 neutral = replace(neutral, name=known['name'])
@@ -130,10 +137,12 @@ class _Diagnosis:
                 member = _completed(neutral, known, wrong)
                 break
             except ScenarioError as error:
+                if error.place[0] in wrong:  # What stands in for it does not fit to the others.
+                    return None
                 self._add((*place, *error.place), str(error))
                 wrong.add(str(error.place[0]))
         # Of a UAV that has its places, altitude and speed, the rest can be neutral.
-        is_judged = field == 'uavs' and _needed(type(neutral)) <= known.keys() - wrong
+        is_judged = place[0] == 'uavs' and _needed(type(neutral)) <= known.keys() - wrong
         return member if is_judged or len(self.problems) == before else None
 
     def _is_right(self, neutral: Any, field: str, value: Any, place: Place) -> bool:

@@ -51,5 +51,16 @@ geofence: null                    # m, vertices of a polygon that no UAV leaves;
 tracking_margin: 0.0              # m, largest error of a vehicle on its plan, which keeps that
                                   # much more away from zones and fence, and twice that more from
                                   # others where there is a separation; default: 0
+
+channel:                          # default: free space without fading
+  exponent: 2.0                   # path loss exponent, 2 to 6; default: 2
+  los: null                       # probability of a line of sight: suburban, urban, dense_urban,
+                                  # highrise, or [a, b, extra loss in dB]; null (the default) for
+                                  # a line of sight everywhere
+  cautious: false                 # true: what leaks or interferes has a line of sight
+  rician_k_db: null               # dB, Rician factor of the fading; null (the default) for none
+  outage: null                    # with fading: probability that a slot's secrecy rate is lower
+
+colluding: false                  # true: eavesdroppers put together what they hear
 """
 """What `secure_uav_planner new` writes."""

@@ -2,18 +2,20 @@
 Links: the gain of a link as a function of the squared horizontal distance.
 
 A channel model is one class here with the methods of FreeSpace, and one of the class Channel in
-`kernel/channel.hpp`, which has the gain's derivatives as well. Two ask for more: the convex
-restrictions of the paper's Section III, in the method `alternating`, and the proof of the worst
-case, in `kernel/discs.hpp`, are valid for free space only, where 1 / gain is the squared distance
-and a constant, times a factor that all UAVs share.
+`kernel/channel.hpp`, which has the gain's derivatives as well. Each kind of link, from the
+transmitter or a jammer to the ground node or an eavesdropper, has a gain of its own; `link_of`
+says which.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import lru_cache
+from typing import Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernel import core
+from ...mission.propagation import Channel
 from ...mission.scenario import Array, Scenario
 
 
@@ -30,19 +32,9 @@ class FreeSpace:
     reference_snr: Array | float
     squared_altitudes: Array
 
-    @classmethod
-    def of(cls, scenario: Scenario, axes: int = 1) -> 'FreeSpace':
+    def for_receivers(self, advantages: Array | float) -> Self:
         """
-        Return the link of a scenario's UAVs, in m and W.
-
-        :param axes: how many axes the squared distances have behind that of the UAVs.
-        """
-        heights = scenario.altitudes.reshape(-1, *[1] * axes)
-        return cls(scenario.reference_snr, heights**2)
-
-    def for_receivers(self, advantages: Array | float) -> 'FreeSpace':
-        """
-        Return the link to other receivers than the ground node's.
+        Return the link to receivers that are better than others.
 
         :param advantages: by what factor the SNR is larger there, as for reference_snr.
         """
@@ -56,11 +48,162 @@ class FreeSpace:
         """Return the derivative of the gain by the squared distance."""
         return -self.gain(squared) / (squared + self.squared_altitudes)
 
+    def taken(self, receivers: NDArray[np.intp]) -> Self:
+        """Return the link to some of its receivers, given as an index array, of arrays (K, U)."""
+        return replace(self, reference_snr=np.asarray(self.reference_snr)[receivers])
+
     def compiled(self, receivers: int, uavs: int) -> Any:
         """Return the kernel's form of the links from every UAV to every receiver."""
-        return core.FreeSpace(*(
-            np.ascontiguousarray(np.broadcast_to(values, (receivers, uavs)), float)
-            for values in (self.reference_snr, self.squared_altitudes)))
+        return core.FreeSpace(*self._arrays(receivers, uavs))
+
+    def _arrays(self, *shape: int) -> list[Array]:
+        return [np.ascontiguousarray(np.broadcast_to(values, shape), float)
+                for values in (self.reference_snr, self.squared_altitudes)]
+
+
+@dataclass(frozen=True, eq=False)
+class PathLoss(FreeSpace):
+    """
+    Path loss with an exponent and a probability of line of sight.
+
+    The gain is beta_0 / sigma^2 (d^2 + H^2)^(-exponent / 2) (kappa + (1 - kappa) P), where P =
+    1 / (1 + a exp(-b (theta - a))) at the elevation theta in degrees (Al-Hourani, Kandeepan and
+    Lardner 2014; the mean of both cases as in Zeng, Wu and Zhang 2019).
+
+    :param losses: kappa, what is left of the gain without a line of sight; 1 for a link that has
+        one. As reference_snr.
+    :param exponent: alpha.
+    :param los: a, and b per degree.
+    """
+
+    losses: Array | float = 1.0
+    exponent: float = 2.0
+    los: tuple[float, float] = (1.0, 1.0)
+
+    def gain(self, squared: Array) -> Array:
+        """Return the gain over the noise power at squared horizontal distances."""
+        found: Array = self._in_sight(squared) * self._mean(self._probability(squared))
+        return found
+
+    def slope(self, squared: Array) -> Array:
+        """Return the derivative of the gain by the squared distance; without end at 0."""
+        heights, (_, b) = self.squared_altitudes, self.los
+        likely = self._probability(squared)
+        with np.errstate(divide='ignore'):
+            turn = -0.5 * np.degrees(np.sqrt(heights / squared)) / (squared + heights) * b
+        steeper = np.where(np.less(self.losses, 1.0), turn * likely * (1 - likely), 0.0)
+        found: Array = self._in_sight(squared) * (
+            -0.5 * self.exponent / (squared + heights) * self._mean(likely)
+            + (1 - self.losses) * steeper)
+        return found
+
+    def taken(self, receivers: NDArray[np.intp]) -> Self:
+        """Return the link to some of its receivers, as that of FreeSpace."""
+        losses = self.losses if np.isscalar(self.losses) else np.asarray(self.losses)[receivers]
+        return replace(super().taken(receivers), losses=losses)
+
+    def compiled(self, receivers: int, uavs: int) -> Any:
+        """Return the kernel's form of the links from every UAV to every receiver."""
+        losses = np.ascontiguousarray(np.broadcast_to(self.losses, (receivers, uavs)), float)
+        return core.PathLoss(*self._arrays(receivers, uavs), losses, self.exponent, *self.los)
+
+    def _in_sight(self, squared: Array) -> Array:
+        found: Array = self.reference_snr * (
+            squared + self.squared_altitudes)**(-0.5 * self.exponent)
+        return found
+
+    def _mean(self, likely: Array) -> Array:
+        return self.losses + (1 - self.losses) * likely
+
+    def _probability(self, squared: Array) -> Array:
+        a, b = self.los
+        elevation = np.degrees(np.arctan2(np.sqrt(self.squared_altitudes), np.sqrt(squared)))
+        found: Array = 1 / (1 + a * np.exp(-b * (elevation - a)))
+        return found
+
+
+Receiver = Literal['ground_node', 'eavesdropper']
+_RECEIVERS: tuple[Receiver, ...] = ('ground_node', 'eavesdropper')
+
+
+def link_of(scenario: Scenario, receiver: Receiver, axes: int = 1) -> FreeSpace:
+    """
+    Return the link of a scenario's UAVs to the ground node, or to an eavesdropper, in m and W.
+
+    Its gains are those that the guarantee counts with: means or, where the channel is cautious, of
+    a line of sight on the bad side; with fading, quantiles.
+
+    :param axes: how many axes the squared distances have behind that of the UAVs.
+    """
+    row = _RECEIVERS.index(receiver)
+    shape = -1, *[1] * axes
+    return _link(scenario, scenario.reference_snr, scenario.altitudes.reshape(shape)**2,
+                 *(None if values is None else values[row].reshape(shape)
+                   for values in _of_kinds(scenario)))
+
+
+def links_of(scenario: Scenario, length: float, power: Array) -> FreeSpace:
+    """
+    Return the links to the ground node and to every eavesdropper, for arrays (..., K, U).
+
+    :param length: the unit of length in m.
+    :param power: the units of the UAVs' powers in W, (U,).
+    """
+    rows = [0] + [1] * len(scenario.eavesdroppers)
+    link = _link(scenario, scenario.reference_snr * power / length**scenario.channel.exponent,
+                 (scenario.altitudes / length)**2,
+                 *(None if values is None else values[rows] for values in _of_kinds(scenario)))
+    return link.for_receivers(np.append(1.0, scenario.receiver_advantages)[:, None])
+
+
+def _link(scenario: Scenario, snr: Array | float, squared_altitudes: Array,
+          fading: Array | None, losses: Array | None) -> FreeSpace:
+    """Return a link with factors of fading and losses, or None for those that are 1."""
+    channel = scenario.channel
+    if fading is not None:
+        snr = snr * fading
+    if channel.is_inverse_square:
+        return FreeSpace(snr, squared_altitudes)
+    a, b, _ = channel.los_numbers or (1.0, 1.0, 0.0)
+    return PathLoss(snr, squared_altitudes, 1.0 if losses is None else losses, channel.exponent,
+                    (a, b))
+
+
+def _of_kinds(scenario: Scenario) -> tuple[Array | None, Array | None]:
+    """Return the fading and the losses of each kind of link, (2, U), or None where all are 1."""
+    channel, uavs = scenario.channel, len(scenario.uavs)
+    transmits = np.arange(uavs) == 0
+    # To the ground node a jammer interferes, to an eavesdropper the transmitter leaks.
+    harms = np.stack([~transmits, transmits])
+    fading = losses = None
+    if channel.outage is not None:
+        low, high = fading_quantiles(channel, uavs * (1 + len(scenario.eavesdroppers)))
+        fading = np.where(harms, high, low)
+    if channel.los_numbers is not None:
+        loss = 10.0**(-channel.los_numbers[2] / 10.0)
+        losses = np.where(harms & channel.cautious, 1.0, loss)
+    return fading, losses
+
+
+@lru_cache(maxsize=256)
+def fading_quantiles(channel: Channel, links: int) -> tuple[float, float]:
+    """
+    Return between what the power gain of Rician fading is, each side but for a small probability.
+
+    With the factor K, 2 (K + 1) |h|^2 is noncentral chi-square with 2 degrees of freedom and the
+    noncentrality 2 K. The probability is that of the outage divided by the number of links, so
+    that all links are on the right side at once but for the outage (union bound).
+
+    :param channel: one with an outage.
+    :param links: how many fade.
+    """
+    from scipy.stats import ncx2  # Here, because it takes half a second to import.
+    assert channel.rician_k_db is not None and channel.outage is not None
+    factor = 10.0**(channel.rician_k_db / 10.0)
+    share = channel.outage / links
+    low, high = (quantile(share, 2, 2 * factor) / (2 * (factor + 1))
+                 for quantile in (ncx2.ppf, ncx2.isf))
+    return float(low), float(high)
 
 
 def guaranteed_squared_distance(squared: Array, edge: Array) -> Array:

@@ -1,9 +1,11 @@
 """The rates of a plan, by the plain formulas: what every published number comes from."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .links import FreeSpace, guaranteed_squared_distance
+from .links import guaranteed_squared_distance, link_of
 from ...mission.scenario import Array, Eavesdropper, Scenario
 
 
@@ -25,12 +27,13 @@ def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
 
 def ground_gains(scenario: Scenario, positions: Array) -> Array:
     """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
-    return FreeSpace.of(scenario).gain(ground_squared_distances(scenario, positions))
+    return link_of(scenario, 'ground_node').gain(ground_squared_distances(scenario, positions))
 
 
 def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
     """Return the gains at guaranteed_squared_distances, h-tilde / sigma^2, (E, U, N) in 1/W."""
-    link = FreeSpace.of(scenario).for_receivers(scenario.receiver_advantages[:, None, None])
+    link = link_of(scenario, 'eavesdropper').for_receivers(
+        scenario.receiver_advantages[:, None, None])
     return link.gain(guaranteed_squared_distances(scenario, positions))
 
 
@@ -50,15 +53,21 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     :param altitudes: heights at which the UAVs really were, (U, N) in m, instead of their own.
     """
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
-    leak = np.full(powers.shape[1], -np.inf)
-    link = (FreeSpace.of(scenario) if altitudes is None else
-            FreeSpace(scenario.reference_snr, altitudes**2))
+    leak = np.full(powers.shape[1], 0.0 if scenario.colluding else -np.inf)
+    links = link_of(scenario, 'ground_node'), link_of(scenario, 'eavesdropper')
+    ground, link = (links if altitudes is None else
+                    [replace(one, squared_altitudes=altitudes**2) for one in links])
     for eve, advantage in zip(
             scenario.eavesdroppers, scenario.receiver_advantages.tolist(), strict=True):
-        gains = link.for_receivers(advantage).gain(
-            _guaranteed_squared_distances_to(eve, positions))
-        np.maximum(leak, rate_of(gains * powers), out=leak)
-    gains = link.gain(ground_squared_distances(scenario, positions))
+        received = link.for_receivers(advantage).gain(
+            _guaranteed_squared_distances_to(eve, positions)) * powers
+        if scenario.colluding:
+            leak += sinr_of(received)
+        else:
+            np.maximum(leak, rate_of(received), out=leak)
+    if scenario.colluding:
+        leak = np.log1p(leak) / np.log(2.0)
+    gains = ground.gain(ground_squared_distances(scenario, positions))
     rates: Array = rate_of(gains * powers) - leak
     return rates
 
@@ -89,7 +98,8 @@ def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
     :param advantage: of the receivers, by what factor their SNR is larger than the ground node's.
     """
     offset = uav_positions[:, :, None] - places
-    gains = FreeSpace.of(scenario, axes=2).for_receivers(advantage).gain(_squared_norm(offset))
+    link = link_of(scenario, 'eavesdropper', axes=2).for_receivers(advantage)
+    gains = link.gain(_squared_norm(offset))
     return rate_of(gains * powers[..., None])
 
 
@@ -100,9 +110,25 @@ def rate_of(received: Array) -> Array:
     :param received: powers over the noise power, the transmitter's S first, then those of the
         jammers, whose sum is J; (U, ...).
     """
-    interference: Array = received[1:].sum(axis=0)
-    rate: Array = np.log1p(received[0] / (1.0 + interference)) / np.log(2.0)
+    rate: Array = np.log1p(sinr_of(received)) / np.log(2.0)
     return rate
+
+
+def sinr_of(received: Array) -> Array:
+    """Return S / (1 + J) of powers as in rate_of, (...)."""
+    interference: Array = received[1:].sum(axis=0)
+    ratio: Array = received[0] / (1.0 + interference)
+    return ratio
+
+
+def put_together(leaks: Array) -> Array:
+    """
+    Return what colluding eavesdroppers leak, log2(1 + sum of their SINRs), (N,).
+
+    :param leaks: to each, (N, E) in bit/s/Hz.
+    """
+    found: Array = np.log1p(np.expm1(leaks * np.log(2.0)).sum(axis=1)) / np.log(2.0)
+    return found
 
 
 def _guaranteed_squared_distances_to(eve: Eavesdropper, positions: Array) -> Array:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .links import FreeSpace
+from .links import FreeSpace, links_of
 from ..grid import Grid
 from ...mission.scenario import Array
 
@@ -34,10 +34,7 @@ class Receivers:
         radii = np.append(0.0, scenario.error_radii)
         edge = np.repeat(radii[:, None], len(scenario.uavs), axis=1) / grid.length
         edge[:, 0] *= -1
-        link = FreeSpace(scenario.reference_snr * grid.power / grid.length**2,
-                         (scenario.altitudes / grid.length)**2)
-        advantages = np.append(1.0, scenario.receiver_advantages)[:, None]
-        return cls(positions / grid.length, edge, link.for_receivers(advantages))
+        return cls(positions / grid.length, edge, links_of(scenario, grid.length, grid.power))
 
     def at_places(self, places: Array) -> 'Receivers':
         """
@@ -48,7 +45,7 @@ class Receivers:
         ground = np.broadcast_to(self.positions[..., :1, :], (*places.shape[:-2], 1, 2))
         each = places.shape[-2] // (len(self.edge) - 1)
         copies = np.repeat(np.arange(len(self.edge)), [1] + [each] * (len(self.edge) - 1))
-        link = replace(self.link, reference_snr=np.asarray(self.link.reference_snr)[copies])
+        link = self.link.taken(copies)
         return Receivers(np.concatenate([ground, places], axis=-2),
                          np.zeros((1 + places.shape[-2], self.edge.shape[-1])), link)
 

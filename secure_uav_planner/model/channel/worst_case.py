@@ -1,11 +1,13 @@
 """The worst case: the place in the discs where the leak is largest, proven in every slot."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from .links import FreeSpace, guaranteed_squared_distance
-from .rates import ground_rates, guaranteed_rates, rate_of
+from .links import guaranteed_squared_distance, link_of, PathLoss
+from .rates import ground_rates, guaranteed_rates, put_together, rate_of
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 
@@ -101,18 +103,28 @@ def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
                           powers: Array) -> tuple[Array, Array]:
     offsets = _offsets(scenario, uav_positions)
     most = _guaranteed_leaks(scenario, offsets, powers)
-    leaks, eves = most.max(axis=1), most.argmax(axis=1)
+    leaks = put_together(most) if scenario.colluding else most.max(axis=1)
+    eves = most.argmax(axis=1)
     places = np.zeros((len(leaks), 2))
     # Where no leak matters, as in a silent slot, the formula is near enough, and the centre.
     active = np.flatnonzero(leaks > core.TOLERANCE)
     if active.size:
-        slot = np.repeat(np.arange(active.size), most.shape[1])
-        proven, pair = np.empty(active.size), np.empty(active.size, np.int64)
-        place = np.empty((active.size, 2))
-        core.prove(_pairs(scenario, offsets[:, active], powers[:, active]), slot,
-                   most[active].ravel(), MOST_SECTORS, proven, pair, place)
+        pairs = _pairs(scenario, offsets[:, active], powers[:, active])
+        # Of eavesdroppers that collude every one counts, or else the one with the largest leak.
+        count = most.shape[1] if scenario.colluding else 1
+        groups = active.size * count
+        slot = np.repeat(np.arange(groups), most.shape[1] // count)
+        proven, pair = np.empty(groups), np.empty(groups, np.int64)
+        place = np.empty((groups, 2))
+        core.prove(pairs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
+                   proven, pair, place)
+        proven, place = proven.reshape(-1, count), place.reshape(-1, count, 2)
+        each = np.arange(active.size)
+        worst = proven.argmax(axis=1)
+        eves[active], places[active] = (
+            pair.reshape(-1, count)[each, worst] % most.shape[1], place[each, worst])
+        proven = put_together(proven) if scenario.colluding else proven[:, 0]
         leaks[active] = np.minimum(leaks[active], proven + _ROUNDING)
-        eves[active], places[active] = pair % most.shape[1], place
     return leaks, scenario.eavesdropper_positions[eves] + places
 
 
@@ -122,23 +134,32 @@ def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
     return offsets
 
 
-def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Array]:
+def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
     """Return the Pairs of `kernel/discs.hpp`, of all slots and eavesdroppers, slot by slot."""
     uavs, slots, eves = offsets.shape[:3]
-    link = FreeSpace.of(scenario).for_receivers(np.tile(scenario.receiver_advantages, slots))
+    link = link_of(scenario, 'eavesdropper').for_receivers(
+        np.tile(scenario.receiver_advantages, slots))
     offsets, powers = offsets.reshape(uavs, -1, 2), np.repeat(powers, eves, axis=1)
+    snr = np.broadcast_to(link.reference_snr, (uavs, slots * eves))
+    jamming = powers[1:] / powers[0]
+    if scenario.channel.outage is not None:
+        jamming *= snr[1:] / snr[0]
     pairs = {'x': offsets[..., 0], 'y': offsets[..., 1],
              'squared_altitudes': link.squared_altitudes,
-             'noise': 1.0 / (link.reference_snr * powers[0]), 'jamming': powers[1:] / powers[0],
+             'noise': 1.0 / (snr[0] * powers[0]), 'jamming': jamming,
              'radius': np.tile(scenario.error_radii, slots)}
-    return {name: np.ascontiguousarray(values) for name, values in pairs.items()}
+    found: dict[str, Any] = {name: np.ascontiguousarray(values) for name, values in pairs.items()}
+    if isinstance(link, PathLoss):
+        found['channel'] = replace(
+            link_of(scenario, 'eavesdropper', axes=0), reference_snr=1.0).compiled(1, uavs)
+    return found
 
 
 def _guaranteed_leaks(scenario: Scenario, offsets: Array, powers: Array) -> Array:
     """Return what no leak exceeds by the formula of the guarantee, (N, E) in bit/s/Hz."""
     edge = np.repeat(scenario.error_radii[None], len(offsets), axis=0)
     edge[0] *= -1
-    link = FreeSpace.of(scenario, axes=2).for_receivers(scenario.receiver_advantages)
+    link = link_of(scenario, 'eavesdropper', axes=2).for_receivers(scenario.receiver_advantages)
     gains = link.gain(guaranteed_squared_distance(
         offsets[..., 0]**2 + offsets[..., 1]**2, edge[:, None]))
     return rate_of(gains * powers[..., None])

@@ -14,6 +14,7 @@ using kernel::Array;
 namespace {
 
 constexpr double kNegligible = 1e-10;  // Weight of a column that has no part in the derivatives.
+constexpr int kSlopes = 14;            // Entries of the potentials at both edges of a stage.
 constexpr double kLeast = -40.0;       // Logarithm of one that has no part in the value, either.
 
 // One UAV's columns in G stages, C in each, and B branches: see dual.py for what they hold.
@@ -26,13 +27,14 @@ public:
           eavesdroppers_(kernel::size_of(given, "shares") / std::max<std::size_t>(
               kernel::size_of(given, "weights"), 1)),
           width_(kernel::size_of(given, "potentials") / (stages_ + 1)),
-          curved_(given["curved"].cast<bool>()),
+          curved_(given["curved"].cast<bool>()), base_(curved_ ? 5 : 2),
+          turns_(given["turns"].cast<bool>()),
           tau_(given["tau"].cast<double>()), price_(given["price"].cast<double>()),
           place_(given, "place", 2 * stages_ * columns_),
           power_(given, "power", stages_ * columns_), ground_(given, "ground", stages_ * columns_),
           leaks_(given, "leaks", stages_ * columns_ * eavesdroppers_),
           potentials_(given, "potentials", (stages_ + 1) * width_),
-          count_(given, "count", stages_), step_(given, "step", stages_ + 1),
+          count_(given, "count", stages_), step_(given, "step", stages_),
           mean_(given, "mean", 2 * stages_), weights_(given, "weights", branches_ * stages_),
           shares_(given, "shares", branches_ * stages_ * eavesdroppers_),
           parts_(given, "parts", branches_ * stages_ * eavesdroppers_),
@@ -40,7 +42,7 @@ public:
           features_(eavesdroppers_ + 2 * width_ + 1), second_(given["second"].cast<bool>()),
           slope_(given, "slope", second_ ? branches_ * stages_ * features_ : 0),
           hessian_(given, "hessian", second_ ? branches_ * stages_ * features_ * features_ : 0) {
-        if (width_ != (curved_ ? 5 : 2))
+        if (width_ != base_ + (turns_ ? 2 : 0))
             throw std::invalid_argument("wrong array: potentials");
     }
 
@@ -69,7 +71,7 @@ private:
     // A column's derivatives by the potentials at the edge before and the one after, and the two
     // tilts |u + S q|, from which the second derivatives come.
     struct Derivatives {
-        double slope[10];
+        double slope[kSlopes];
         Tilt tilts[2];
     };
 
@@ -80,17 +82,17 @@ private:
         const double* before = &potentials_[g * width_];
         const double* after = before + width_;
         double value = 0.0;
-        for (std::size_t i = 0; i < width_; ++i) value += phi[i] * (after[i] - before[i]);
+        for (std::size_t i = 0; i < base_; ++i) value += phi[i] * (after[i] - before[i]);
         value /= count_[g];
         if (found) {
-            std::fill(found->slope, found->slope + 10, 0.0);
-            for (std::size_t i = 0; i < width_; ++i) {
+            std::fill(found->slope, found->slope + kSlopes, 0.0);
+            for (std::size_t i = 0; i < base_; ++i) {
                 found->slope[i] = -phi[i] / count_[g];
                 found->slope[width_ + i] = phi[i] / count_[g];
             }
         }
         for (std::size_t edge = 0; edge < 2; ++edge) {
-            const double step = step_[g + edge], factor = mean_[edge * stages_ + g] * step;
+            const double step = step_[g], factor = mean_[edge * stages_ + g] * step;
             if (found) found->tilts[edge].factor = 0.0;
             if (factor == 0.0) continue;
             const double* u = edge ? after : before;
@@ -99,20 +101,25 @@ private:
                 g0 += u[2] * x + u[3] * y;
                 g1 += u[3] * x + u[4] * y;
             }
+            if (turns_) {
+                g0 += (after[base_] - before[base_]) / count_[g];
+                g1 += (after[base_ + 1] - before[base_ + 1]) / count_[g];
+            }
             const double delta = tau_ / step, norm = std::sqrt(g0 * g0 + g1 * g1 + delta * delta);
             value += factor * (norm - delta);
             if (!found) continue;
             found->tilts[edge] = {factor / norm, g0 / norm, g1 / norm, delta / norm};
-            double row[10];
-            chain(edge, x, y, g0 / norm, g1 / norm, row);
+            double row[kSlopes];
+            chain(g, edge, x, y, g0 / norm, g1 / norm, row);
             for (std::size_t i = 0; i < 2 * width_; ++i) found->slope[i] += factor * row[i];
         }
         return value;
     }
 
-    // The derivative of a . (u + S q) by the potentials at both edges.
-    void chain(std::size_t edge, double x, double y, double a0, double a1, double* row) const {
-        std::fill(row, row + 10, 0.0);
+    // The derivative of a . (u + S q + the change of w) by the potentials at both edges.
+    void chain(std::size_t g, std::size_t edge, double x, double y, double a0, double a1,
+               double* row) const {
+        std::fill(row, row + kSlopes, 0.0);
         double* own = row + edge * width_;
         own[0] = a0;
         own[1] = a1;
@@ -120,6 +127,12 @@ private:
             own[2] = a0 * x;
             own[3] = a0 * y + a1 * x;
             own[4] = a1 * y;
+        }
+        if (turns_) {
+            row[width_ + base_] = a0 / count_[g];
+            row[width_ + base_ + 1] = a1 / count_[g];
+            row[base_] = -row[width_ + base_];
+            row[base_ + 1] = -row[width_ + base_ + 1];
         }
     }
 
@@ -172,8 +185,8 @@ private:
                 const double ways[3][2] = {
                     {-tilt.n1, tilt.n0}, {tilt.small, 0.0}, {0.0, tilt.small}};
                 for (const auto& way : ways) {
-                    double row[10];
-                    chain(edge, place_[2 * column], place_[2 * column + 1], way[0], way[1], row);
+                    double row[kSlopes];
+                    chain(g, edge, place_[2 * column], place_[2 * column + 1], way[0], way[1], row);
                     add_square(hessian, weight * tilt.factor, row, e, e + 2 * width_);
                 }
             }
@@ -196,6 +209,8 @@ private:
 
     std::size_t stages_, columns_, branches_, eavesdroppers_, width_;
     bool curved_;
+    std::size_t base_;
+    bool turns_;
     double tau_, price_;
     Array<double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_, weights_,
         shares_, parts_, value_;

@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-
-#include "channel.hpp"
+#include <memory>
 
 namespace kernel {
 
@@ -34,13 +33,21 @@ struct Derivatives {
     double value, x, y, xx, xy, yy;
 };
 
-// One of the Pairs at a time.
+// v around a place.
+struct Expansion {
+    Derivatives v;
+    double first;    // v is not below it in the ball around the place,
+    double lowered;  // nor below Taylor's quadratic there with a Hessian that is lower by this,
+    double slack;    // less this, for rounding.
+};
+
+// One of the Pairs at a time, for any channel.
 class Pair {
 public:
     explicit Pair(const Pairs& pairs) : pairs_(pairs), uavs_(pairs.uavs) {
-        for (Reals* numbers : {&x_, &y_, &jamming_, &dx_, &dy_, &loss_, &distance_})
-            numbers->resize(uavs_);
+        for (Reals* numbers : {&x_, &y_, &jamming_, &dx_, &dy_, &distance_}) numbers->resize(uavs_);
     }
+    virtual ~Pair() = default;
 
     void choose(std::size_t pair) {
         double farthest = 0.0;
@@ -111,57 +118,28 @@ public:
             * (1.0 + ULPS) + doubt_;
         at.x = radius * cosine;
         at.y = radius * sine;
-        const double* altitudes = pairs_.squared_altitudes;
-        for (int u = 0; u < uavs_; ++u) {
-            dx_[u] = at.x - x_[u];
-            dy_[u] = at.y - y_[u];
-            const double squared = dx_[u] * dx_[u] + dy_[u] * dy_[u];
-            distance_[u] = std::sqrt(squared);
-            loss_[u] = loss(squared, u);
-        }
-        const double best = loss(square(std::max(distance_[0] - ball, 0.0)), 0);
-        double first = noise_ * best, third = 0.0;
-        double doubtful = noise_, weights = noise_, slopes = 0.0;
-        for (int j = 1; j < uavs_; ++j) {
-            const double near = loss(square(std::max(distance_[j] - ball, 0.0)), j);
-            const double far = loss(square(distance_[j] + ball), j);
-            // From q_0 to q_j, and L_j with how much it changes in the ball.
-            const double apart_x = x_[j] - x_[0], apart_y = y_[j] - y_[0];
-            const double apart = std::sqrt(apart_x * apart_x + apart_y * apart_y) + doubt_;
-            const double change =
-                2.0 * apart * (ball + ULPS * (distance_[0] + distance_[j]));
-            const double difference = apart_x * (dx_[0] + dx_[j]) + apart_y * (dy_[0] + dy_[j])
-                + (altitudes[0] - altitudes[j]);
-            const double lowest = difference - change;
-            first += jamming_[j]
-                * std::max(best / far, 1.0 + lowest / (lowest > 0.0 ? far : near));
-            // Along a line, |(1 / D)''| <= 6 / D^2, |(1 / D)'''| <= 24 / D^(5/2); L_j is affine.
-            third += jamming_[j] / (near * near)
-                * (24.0 * (std::fabs(difference) + change) / std::sqrt(near) + 36.0 * apart);
-            const double weight = jamming_[j] / loss_[j], ratio = loss_[0] / loss_[j];
-            doubtful += weight * (1.0 + ratio);
-            weights += weight;
-            slopes += weight * ratio * distance_[j];
-        }
-        first *= 1.0 - ULPS;
-        slopes += weights * distance_[0];
-        const Derivatives v = derivatives();
-        at.v = v.value;
-        const double fall = least_fall(v, sector, radius, bow, cosine, sine, ball,
-                                       third * ball / 3.0 + ULPS * doubtful);
-        const double second = v.value * (1.0 - ULPS) + fall
-            - 2.0 * slopes * (doubt_ + ULPS * ball);
-        return second > first ? second : first;
+        const Expansion found = expanded(at.x, at.y, ball);
+        at.v = found.v.value;
+        const double fall = least_fall(
+            found.v, sector, radius, bow, cosine, sine, ball, found.lowered);
+        const double second = found.v.value * (1.0 - ULPS) + fall - found.slack;
+        return second > found.first ? second : found.first;
     }
 
-private:
+protected:
     static double square(double number) { return number * number; }
 
-    // D of a UAV, at a squared distance.
-    double loss(double squared, int u) const {
-        return FreeSpace::loss(squared, pairs_.squared_altitudes[u]);
-    }
+    virtual double value_at(double x, double y) const = 0;
+    virtual Derivatives derivatives_at(double x, double y) const = 0;
+    virtual Expansion expanded(double x, double y, double ball) const = 0;
 
+    const Pairs& pairs_;
+    const int uavs_;
+    double noise_ = 0.0, radius_ = 0.0, doubt_ = 0.0;
+    Reals x_, y_, jamming_;             // Of the pair.
+    mutable Reals dx_, dy_, distance_;  // Of a place, while it is examined.
+
+private:
     static void take_better(Found& best, const Found& other) {
         if (other.v < best.v) best = other;
     }
@@ -171,47 +149,12 @@ private:
         const double share = std::min(1.0, radius_ / std::max(std::hypot(x, y), LEAST));
         x *= share;
         y *= share;
-        const auto loss_at = [&](int u) { return loss(square(x - x_[u]) + square(y - y_[u]), u); };
-        double sum = noise_;
-        for (int j = 1; j < uavs_; ++j) sum += jamming_[j] / loss_at(j);
-        return {loss_at(0) * sum, x, y};
-    }
-
-    // At a place whose offsets from the UAVs are in dx, dy and loss.
-    static Derivatives derivatives(int uavs, const double* dx, const double* dy,
-                                   const double* loss, const double* jamming, double noise) {
-        double sum = noise, isotropic = noise, slope_x = 0.0, slope_y = 0.0;
-        double xx = 0.0, xy = 0.0, yy = 0.0;
-        for (int j = 1; j < uavs; ++j) {
-            const double weight = jamming[j] / loss[j], ratio = loss[0] / loss[j];
-            // Half the gradient of D_0 / D_j is (x - q_0 - (D_0 / D_j) (x - q_j)) / D_j.
-            const double along_x = weight * (dx[0] - ratio * dx[j]);
-            const double along_y = weight * (dy[0] - ratio * dy[j]);
-            const double shift_x = 2.0 * dx[j] / loss[j], shift_y = 2.0 * dy[j] / loss[j];
-            sum += weight;
-            isotropic += weight * (1.0 - ratio);
-            slope_x += along_x;
-            slope_y += along_y;
-            xx += along_x * shift_x;
-            xy += along_x * shift_y + along_y * shift_x;
-            yy += along_y * shift_y;
-        }
-        return {loss[0] * sum, 2.0 * (noise * dx[0] + slope_x), 2.0 * (noise * dy[0] + slope_y),
-                2.0 * (isotropic - 2.0 * xx), -2.0 * xy, 2.0 * (isotropic - 2.0 * yy)};
-    }
-
-    Derivatives derivatives() const {
-        return derivatives(uavs_, dx_.data(), dy_.data(), loss_.data(), jamming_.data(), noise_);
+        return {value_at(x, y), x, y};
     }
 
     Found newton_step(const Found& here, double longest) const {
         double x = here.x, y = here.y;
-        for (int u = 0; u < uavs_; ++u) {
-            dx_[u] = x - x_[u];
-            dy_[u] = y - y_[u];
-            loss_[u] = loss(dx_[u] * dx_[u] + dy_[u] * dy_[u], u);
-        }
-        const Derivatives v = derivatives();
+        const Derivatives v = derivatives_at(x, y);
         const double pull = (v.x * x + v.y * y) / radius_;
         // Along the eigenvectors of the Hessian, or only along the edge, whose curvature counts
         // too.
@@ -273,18 +216,225 @@ private:
         }
         return std::max(fall, on_arcs);
     }
-
-    const Pairs& pairs_;
-    const int uavs_;
-    double noise_ = 0.0, radius_ = 0.0, doubt_ = 0.0;
-    Reals x_, y_, jamming_;                     // Of the pair.
-    mutable Reals dx_, dy_, loss_, distance_;   // Of a place, while it is examined.
 };
+
+// In free space.
+class FreeSpacePair final : public Pair {
+public:
+    explicit FreeSpacePair(const Pairs& pairs) : Pair(pairs) { loss_.resize(uavs_); }
+
+protected:
+    double value_at(double x, double y) const override {
+        const auto loss_at = [&](int u) { return loss(square(x - x_[u]) + square(y - y_[u]), u); };
+        double sum = noise_;
+        for (int j = 1; j < uavs_; ++j) sum += jamming_[j] / loss_at(j);
+        return loss_at(0) * sum;
+    }
+
+    Derivatives derivatives_at(double x, double y) const override {
+        for (int u = 0; u < uavs_; ++u) {
+            dx_[u] = x - x_[u];
+            dy_[u] = y - y_[u];
+            loss_[u] = loss(dx_[u] * dx_[u] + dy_[u] * dy_[u], u);
+        }
+        return derivatives();
+    }
+
+    Expansion expanded(double x, double y, double ball) const override {
+        const double* altitudes = pairs_.squared_altitudes;
+        for (int u = 0; u < uavs_; ++u) {
+            dx_[u] = x - x_[u];
+            dy_[u] = y - y_[u];
+            const double squared = dx_[u] * dx_[u] + dy_[u] * dy_[u];
+            distance_[u] = std::sqrt(squared);
+            loss_[u] = loss(squared, u);
+        }
+        const double best = loss(square(std::max(distance_[0] - ball, 0.0)), 0);
+        double first = noise_ * best, third = 0.0;
+        double doubtful = noise_, weights = noise_, slopes = 0.0;
+        for (int j = 1; j < uavs_; ++j) {
+            const double near = loss(square(std::max(distance_[j] - ball, 0.0)), j);
+            const double far = loss(square(distance_[j] + ball), j);
+            // From q_0 to q_j, and L_j with how much it changes in the ball.
+            const double apart_x = x_[j] - x_[0], apart_y = y_[j] - y_[0];
+            const double apart = std::sqrt(apart_x * apart_x + apart_y * apart_y) + doubt_;
+            const double change =
+                2.0 * apart * (ball + ULPS * (distance_[0] + distance_[j]));
+            const double difference = apart_x * (dx_[0] + dx_[j]) + apart_y * (dy_[0] + dy_[j])
+                + (altitudes[0] - altitudes[j]);
+            const double lowest = difference - change;
+            first += jamming_[j]
+                * std::max(best / far, 1.0 + lowest / (lowest > 0.0 ? far : near));
+            // Along a line, |(1 / D)''| <= 6 / D^2, |(1 / D)'''| <= 24 / D^(5/2); L_j is affine.
+            third += jamming_[j] / (near * near)
+                * (24.0 * (std::fabs(difference) + change) / std::sqrt(near) + 36.0 * apart);
+            const double weight = jamming_[j] / loss_[j], ratio = loss_[0] / loss_[j];
+            doubtful += weight * (1.0 + ratio);
+            weights += weight;
+            slopes += weight * ratio * distance_[j];
+        }
+        first *= 1.0 - ULPS;
+        slopes += weights * distance_[0];
+        return {derivatives(), first, third * ball / 3.0 + ULPS * doubtful,
+                2.0 * slopes * (doubt_ + ULPS * ball)};
+    }
+
+private:
+    // D of a UAV, at a squared distance.
+    double loss(double squared, int u) const {
+        return FreeSpace::loss(squared, pairs_.squared_altitudes[u]);
+    }
+
+    // At a place whose offsets from the UAVs are in dx, dy and loss.
+    static Derivatives derivatives(int uavs, const double* dx, const double* dy,
+                                   const double* loss, const double* jamming, double noise) {
+        double sum = noise, isotropic = noise, slope_x = 0.0, slope_y = 0.0;
+        double xx = 0.0, xy = 0.0, yy = 0.0;
+        for (int j = 1; j < uavs; ++j) {
+            const double weight = jamming[j] / loss[j], ratio = loss[0] / loss[j];
+            // Half the gradient of D_0 / D_j is (x - q_0 - (D_0 / D_j) (x - q_j)) / D_j.
+            const double along_x = weight * (dx[0] - ratio * dx[j]);
+            const double along_y = weight * (dy[0] - ratio * dy[j]);
+            const double shift_x = 2.0 * dx[j] / loss[j], shift_y = 2.0 * dy[j] / loss[j];
+            sum += weight;
+            isotropic += weight * (1.0 - ratio);
+            slope_x += along_x;
+            slope_y += along_y;
+            xx += along_x * shift_x;
+            xy += along_x * shift_y + along_y * shift_x;
+            yy += along_y * shift_y;
+        }
+        return {loss[0] * sum, 2.0 * (noise * dx[0] + slope_x), 2.0 * (noise * dy[0] + slope_y),
+                2.0 * (isotropic - 2.0 * xx), -2.0 * xy, 2.0 * (isotropic - 2.0 * yy)};
+    }
+
+    Derivatives derivatives() const {
+        return derivatives(uavs_, dx_.data(), dy_.data(), loss_.data(), jamming_.data(), noise_);
+    }
+
+    mutable Reals loss_;  // Of a place, as the distances.
+};
+
+// With a PathLoss. The derivatives of a term g_j / g_0 are its products with those of the
+// difference of log g_j and log g_0.
+class PathLossPair final : public Pair {
+public:
+    explicit PathLossPair(const Pairs& pairs) : Pair(pairs), channel_(*pairs.channel) {}
+
+protected:
+    double value_at(double x, double y) const override {
+        const auto gain = [&](int u) {
+            return channel_.gain(u, square(x - x_[u]) + square(y - y_[u]));
+        };
+        double sum = noise_;
+        for (int j = 1; j < uavs_; ++j) sum += jamming_[j] * gain(j);
+        return sum / gain(0);
+    }
+
+    Derivatives derivatives_at(double x, double y) const override {
+        Derivatives found{};
+        const Logarithm own = logarithm(x, y, 0);
+        add(found, noise_, less(ONE, own));
+        for (int j = 1; j < uavs_; ++j) add(found, jamming_[j], less(logarithm(x, y, j), own));
+        return found;
+    }
+
+    Expansion expanded(double x, double y, double ball) const override {
+        const Logarithm own = logarithm(x, y, 0);
+        const Range mine = range(0, own, ball);
+        Expansion found{};
+        double third = 0.0, second = 0.0, doubtful = 0.0;
+        for (int u = 0; u < uavs_; ++u) {
+            const double weight = u ? jamming_[u] : noise_;
+            const Logarithm theirs = u ? logarithm(x, y, u) : ONE;
+            const Logarithm of = less(theirs, own);
+            Range in{1.0, 1.0, {}};
+            if (u) in = range(u, theirs, ball);
+            const double bend = in.slopes.second + mine.slopes.second;
+            const double twist = in.slopes.third + mine.slopes.third;
+            double slope = in.slopes.first + mine.slopes.first;
+            // Of UAVs that are close together most of the slope cancels.
+            slope = std::min(slope, std::hypot(of.x, of.y) + ball * bend + GAIN_ULPS * slope);
+            const double curved = bend + slope * slope;
+            const double cubed = twist + 3.0 * slope * bend + slope * slope * slope;
+            found.first += weight
+                * std::max(in.least / mine.most, of.gain * std::exp(-ball * slope));
+            const double most = weight * in.most / mine.least;
+            third += most * cubed;
+            second += most * curved;
+            doubtful += most * (slope + ball * (curved + ball * cubed));
+            add(found.v, weight, of);
+        }
+        found.first *= 1.0 - GAIN_ULPS;
+        found.lowered = third * ball / 3.0 + GAIN_ULPS * second;
+        found.slack = GAIN_ULPS * found.v.value
+            + 4.0 * doubtful * (doubt_ + GAIN_ULPS * ball);
+        if (!(found.lowered < NOTHING_YET)) {  // Above a kink.
+            found.lowered = 0.0;
+            found.slack = NOTHING_YET;
+        }
+        return found;
+    }
+
+private:
+    // More than the rounding of a gain, of its powers and exponentials.
+    static constexpr double GAIN_ULPS = 1e-12;
+
+    // A gain at a distance, and gradient and Hessian of its logarithm.
+    struct Logarithm {
+        double gain, x, y, xx, xy, yy, distance;
+    };
+    static constexpr Logarithm ONE{1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+
+    // Between what a gain is in a ball, and bounds of the derivatives of its logarithm there.
+    struct Range {
+        double least, most;
+        PathLoss::Slopes slopes;
+    };
+
+    Range range(int u, const Logarithm& at, double ball) const {
+        const double near = std::max(at.distance - ball, 0.0), far = at.distance + ball;
+        return {channel_.gain(u, far * far), channel_.gain(u, near * near),
+                channel_.slopes(u, near, far)};
+    }
+
+    Logarithm logarithm(double x, double y, int u) const {
+        const double dx = x - x_[u], dy = y - y_[u], squared = dx * dx + dy * dy;
+        const Gain gain = channel_.derivatives(u, squared);
+        const double slope = gain.first / gain.value;
+        const double bend = 4.0 * (gain.second / gain.value - slope * slope);
+        return {gain.value, 2.0 * slope * dx, 2.0 * slope * dy, 2.0 * slope + bend * dx * dx,
+                bend * dx * dy, 2.0 * slope + bend * dy * dy, std::sqrt(squared)};
+    }
+
+    static Logarithm less(const Logarithm& one, const Logarithm& other) {
+        return {one.gain / other.gain, one.x - other.x, one.y - other.y, one.xx - other.xx,
+                one.xy - other.xy, one.yy - other.yy, 0.0};
+    }
+
+    static void add(Derivatives& sum, double weight, const Logarithm& of) {
+        const double term = weight * of.gain;
+        sum.value += term;
+        sum.x += term * of.x;
+        sum.y += term * of.y;
+        sum.xx += term * (of.x * of.x + of.xx);
+        sum.xy += term * (of.x * of.y + of.xy);
+        sum.yy += term * (of.y * of.y + of.yy);
+    }
+
+    const PathLoss& channel_;
+};
+
+std::unique_ptr<Pair> pair_of(const Pairs& pairs) {
+    if (pairs.channel) return std::make_unique<PathLossPair>(pairs);
+    return std::make_unique<FreeSpacePair>(pairs);
+}
 
 // The branch and bound of one slot after the other.
 class Search {
 public:
-    Search(const Pairs& pairs, const Proof& proof) : pair_(pairs), pairs_(pairs), proof_(proof) {}
+    Search(const Pairs& pairs, const Proof& proof)
+        : pair_of_(pair_of(pairs)), pair_(*pair_of_), pairs_(pairs), proof_(proof) {}
 
     // Examine the pairs from one to before another, all of one slot; return how many sectors
     // that took.
@@ -297,7 +447,7 @@ public:
                 pair_.choose(pair);
                 offer(pair, likely ? pair_.likely() : pair_.nearest());
             }
-            const double enough = leak_of(least_.v) + TOLERANCE;
+            const double enough = leak_of(least_.v) + proof_.tolerance;
             alive_.erase(std::remove_if(alive_.begin(), alive_.end(), [&](std::size_t pair) {
                 return !(proof_.most[pair] > enough);
             }), alive_.end());
@@ -316,7 +466,7 @@ public:
         while (!level_.empty()) {
             examined += std::int64_t(level_.size());
             bound_level();
-            const double enough = inverse_of(leak_of(least_.v) + TOLERANCE);
+            const double enough = inverse_of(leak_of(least_.v) + proof_.tolerance);
             next_.clear();
             for (const Sector& sector : level_) {
                 if (sector.bound < enough && examined < proof_.most_sectors) divide(sector);
@@ -387,7 +537,8 @@ private:
         }
     }
 
-    Pair pair_;
+    std::unique_ptr<Pair> pair_of_;
+    Pair& pair_;
     const Pairs& pairs_;
     const Proof& proof_;
     Found least_{};
@@ -399,18 +550,18 @@ private:
 }  // namespace
 
 Found bound_sector(const Pairs& pairs, Sector& sector) {
-    Pair pair(pairs);
-    pair.choose(sector.pair);
+    const std::unique_ptr<Pair> pair = pair_of(pairs);
+    pair->choose(sector.pair);
     Found at;
-    sector.bound = std::max(sector.bound, pair.least_in(sector, at));
+    sector.bound = std::max(sector.bound, pair->least_in(sector, at));
     return at;
 }
 
 void likely_places(const Pairs& pairs, double* v, double* x, double* y) {
-    Pair pair(pairs);
+    const std::unique_ptr<Pair> pair = pair_of(pairs);
     for (std::size_t i = 0; i < pairs.count; ++i) {
-        pair.choose(i);
-        const Found found = pair.likely();
+        pair->choose(i);
+        const Found found = pair->likely();
         v[i] = found.v;
         x[i] = found.x;
         y[i] = found.y;

@@ -1,24 +1,26 @@
 // The largest leak over discs: a quick search for it, and the proof that no place leaks more.
 //
 // With the transmitter's S and the jammers' J over the noise power, v = (1 + J) / S decides the
-// leak log2(1 + 1 / v): the worst place of a disc is where v is least. In free space, with
-// D_i = |x - q_i|^2 + H_i^2 and the SNR g at unit distance and unit power,
+// leak log2(1 + 1 / v): the worst place of a disc is where v is least. With the gains g_i of its
+// links,
 //
-//     v = D_0 / (g p_0) + sum_j p_j / p_0 D_0 / D_j,   D_0 / D_j = 1 + L_j / D_j,
+//     v = 1 / (g_0 p_0) + sum_j p_j / p_0 g_j / g_0.
 //
-// where L_j = D_0 - D_j is affine in x. UAVs at the same place so cancel before anything is
-// bounded, and a leak that is flat over the disc is seen to be flat. The derivatives
-// and all bounds but the first are those of free space; see Channel.
+// In free space, with D_i = |x - q_i|^2 + H_i^2, g_j / g_0 is D_0 / D_j = 1 + L_j / D_j times a
+// constant, where L_j = D_0 - D_j is affine in x. UAVs at the same place so cancel before anything
+// is bounded, and a leak that is flat over the disc is seen to be flat. With a PathLoss, all terms
+// are products of gains, whose derivatives are bounded by those of their logarithms.
 #pragma once
 
 #include <cstdint>
 #include <functional>
 
+#include "channel.hpp"
 #include "limit.hpp"
 
 namespace kernel {
 
-// How far in bit/s/Hz a proven leak may lie above the largest one found.
+// How far in bit/s/Hz a proven leak may lie above the largest one found, where that is chosen.
 constexpr double TOLERANCE = 8e-7;
 
 // Pairs of a slot and an eavesdropper, P of them, with places relative to the centre of its disc,
@@ -28,9 +30,10 @@ struct Pairs {
     int uavs;
     const double *x, *y;              // Of the UAVs, (U, P).
     const double* squared_altitudes;  // H^2, (U).
-    const double* noise;              // 1 / (g p_0), (P).
+    const double* noise;              // 1 / p_0, divided by the SNR at unit distance, (P).
     const double* radius;             // Of the disc, (P).
-    const double* jamming;            // p_j / p_0, (U - 1, P).
+    const double* jamming;            // p_j / p_0, times the ratio of those, (U - 1, P).
+    const PathLoss* channel;          // Of the U links, with an SNR of 1, or null in free space.
 };
 
 // A sector of a ring around the centre of a disc: r in [inner, outer], |angle - middle| <= half.
@@ -57,6 +60,7 @@ struct Proof {
     const std::int64_t* slot;   // Of every pair, not falling, from 0 to M - 1, (P).
     const double* most;         // That each pair leaks at most, in bit/s/Hz, (P).
     std::int64_t most_sectors;  // That are examined in a slot, about.
+    double tolerance;           // Such as TOLERANCE.
     double* leaks;              // What no place leaks more than, (M).
     std::int64_t* pair;         // Which has the worst place found, (M).
     double* place;              // Where it is, (M, 2).
@@ -66,7 +70,7 @@ struct Proof {
 // long.
 //
 // A branch and bound: discs are divided into sectors of rings, and sectors whose bound shows that
-// the leak in them is at most TOLERANCE above the largest one found are dropped. It ends when none
+// the leak in them is at most `tolerance` above the largest one found are dropped. It ends when none
 // is left, or in a slot after `most_sectors`; what those that are left might leak is part of the
 // result, which then is further from the largest leak, and as sure.
 void prove(const Pairs& pairs, const Proof& proof, const std::function<void()>& wait);

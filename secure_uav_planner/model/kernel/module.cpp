@@ -260,6 +260,23 @@ std::shared_ptr<kernel::FreeSpace> free_space(const py::buffer& snr,
         reals(snr, links, "snr"), reals(squared_altitudes, links, "squared_altitudes"));
 }
 
+std::shared_ptr<kernel::PathLoss> path_loss(const py::buffer& snr,
+                                            const py::buffer& squared_altitudes,
+                                            const py::buffer& losses, double exponent, double a,
+                                            double b) {
+    const std::size_t links = View<double>(snr, "snr").size();
+    return std::make_shared<kernel::PathLoss>(
+        reals(snr, links, "snr"), reals(squared_altitudes, links, "squared_altitudes"),
+        reals(losses, links, "losses"), exponent, a, b);
+}
+
+// Bounds of the derivatives of log gain, for tests.
+py::tuple slopes(const kernel::PathLoss& channel, std::size_t link, double near, double far) {
+    expect(link < channel.links() && near <= far, "link, near, far");
+    const kernel::PathLoss::Slopes found = channel.slopes(link, near, far);
+    return py::make_tuple(found.first, found.second, found.third);
+}
+
 py::tuple gain(const kernel::Channel& channel, std::size_t link, double squared) {
     expect(link < channel.links(), "link");
     const kernel::Gain found = channel.derivatives(link, squared);
@@ -296,6 +313,7 @@ kernel::Problem problem_of(const py::dict& given) {
     found.receivers = receivers_of(found, given["positions"], given["edge"]);
     found.channel = given["channel"].cast<std::shared_ptr<kernel::Channel>>();
     expect(found.channel->links() == found.receivers.edge.size(), "channel");
+    found.colluding = given["colluding"].cast<bool>();
     if (!given["places"].is_none())
         found.places = places_of(found, given["places"].cast<py::dict>());
     return found;
@@ -394,19 +412,24 @@ public:
           squared_altitudes_(given["squared_altitudes"].cast<py::buffer>(), "squared_altitudes"),
           noise_(given["noise"].cast<py::buffer>(), "noise"),
           radius_(given["radius"].cast<py::buffer>(), "radius"),
-          jamming_(given["jamming"].cast<py::buffer>(), "jamming") {
+          jamming_(given["jamming"].cast<py::buffer>(), "jamming"),
+          channel_(given.contains("channel")
+                   ? given["channel"].cast<std::shared_ptr<kernel::PathLoss>>() : nullptr) {
         const std::size_t count = noise_.size(), uavs = squared_altitudes_.size();
         expect(uavs >= 1 && radius_.size() == count, "radius");
         expect(x_.size() == count * uavs && y_.size() == count * uavs, "x, y");
         expect(jamming_.size() == count * (uavs - 1), "jamming");
+        expect(!channel_ || channel_->links() == uavs, "channel");
     }
     kernel::Pairs pairs() const {
         return {noise_.size(), int(squared_altitudes_.size()), x_.data(), y_.data(),
-                squared_altitudes_.data(), noise_.data(), radius_.data(), jamming_.data()};
+                squared_altitudes_.data(), noise_.data(), radius_.data(), jamming_.data(),
+                channel_.get()};
     }
 
 private:
     View<double> x_, y_, squared_altitudes_, noise_, radius_, jamming_;
+    std::shared_ptr<const kernel::PathLoss> channel_;
 };
 
 void likely_places(const py::dict& given, const py::buffer& found) {
@@ -437,7 +460,7 @@ void bound_sectors(const py::dict& given, const py::dict& sectors, const py::buf
 }
 
 void prove(const py::dict& given, const py::buffer& slot, const py::buffer& most,
-           std::int64_t most_sectors, const py::buffer& leaks, const py::buffer& pair,
+           std::int64_t most_sectors, double tolerance, const py::buffer& leaks, const py::buffer& pair,
            const py::buffer& place) {
     const PairsView view(given);
     const kernel::Pairs pairs = view.pairs();
@@ -450,7 +473,7 @@ void prove(const py::dict& given, const py::buffer& slot, const py::buffer& most
     for (std::size_t i = 0; i < pairs.count; ++i)
         expect(slots.data()[i] >= (i ? slots.data()[i - 1] : 0)
                    && std::size_t(slots.data()[i]) < leak.size(), "slot");
-    const kernel::Proof proof{slots.data(), mosts.data(), most_sectors,
+    const kernel::Proof proof{slots.data(), mosts.data(), most_sectors, tolerance,
                               leak.data(), of_pair.data(), places.data()};
     const py::gil_scoped_release release;
     kernel::prove(pairs, proof, look_for_signals);
@@ -472,6 +495,8 @@ PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
         .def("gain", &gain);
     py::class_<kernel::FreeSpace, kernel::Channel, std::shared_ptr<kernel::FreeSpace>>(
         module, "FreeSpace").def(py::init(&free_space));
+    py::class_<kernel::PathLoss, kernel::Channel, std::shared_ptr<kernel::PathLoss>>(
+        module, "PathLoss").def(py::init(&path_loss)).def("slopes", &slopes);
 
     py::class_<kernel::Limit, std::shared_ptr<kernel::Limit>>(module, "Limit")
         .def("answers", &answers);

@@ -41,6 +41,7 @@ struct Problem {
     Receivers receivers;
     std::shared_ptr<const Channel> channel;
     Places places;
+    bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
     Numbers numbers;
 
     // How many rows of the Hessian's band are below its diagonal.

@@ -29,8 +29,10 @@ template <int UAVS, class Model>
 class Rates {
 public:
     explicit Rates(const Problem& problem)
-        : p_(problem), channel_(static_cast<const Model&>(*problem.channel)), slots_(problem.slots), count_(problem.uavs),
-          eves_(problem.receivers.count - 1) {
+        : p_(problem), channel_(static_cast<const Model&>(*problem.channel)),
+          slots_(problem.slots), count_(problem.uavs),
+          eves_(problem.receivers.count - 1), several_(eves_ > 1 && !problem.colluding),
+          colluding_(eves_ > 1 && problem.colluding) {
         const std::size_t v = 3 * count_;
         space_.resize(4 * v);
         followed_.resize(4 * v);
@@ -46,7 +48,7 @@ public:
         const int U = uavs(), K = receivers();
         double sum = 0.0;
         for (std::size_t n = 0; n < slots_; ++n) {
-            double ground = 0.0, leak = -INFINITE;
+            double ground = 0.0, leak = -INFINITE, together = 0.0;
             for (int k = 0; k < K; ++k) {
                 double received = 0.0, interference = 1.0;
                 for (int u = 0; u < U; ++u) {
@@ -56,10 +58,15 @@ public:
                     const double got = channel_.gain(k * U + u, squared) * x[0];
                     (u ? interference : received) += got;
                 }
+                if (k && colluding_) {
+                    together += received / interference;
+                    continue;
+                }
                 const double rate = rate_of(received, interference);
                 if (k == 0) ground = rate;
                 else leak = std::max(leak, rate);
             }
+            if (colluding_) leak = std::log1p(together);
             sum += std::max(ground - leak, 0.0);
         }
         return sum / double(slots_);
@@ -79,6 +86,7 @@ public:
         LogSum leak_less_ground, gaps;  // Of all slots.
         double value = 0.0;
         for (std::size_t n = 0; n < slots_; ++n) {
+            double together = 0.0;
             for (int k = 0; k < K; ++k) {
                 double received = 0.0, interference = 1.0;
                 for (int u = 0; u < U; ++u) {
@@ -90,7 +98,9 @@ public:
                 }
                 found.interference[n * K + k] = interference;
                 found.total[n * K + k] = interference + received;
-                if (k && eves_ > 1) {
+                if (k && colluding_) {
+                    together += received / interference;
+                } else if (k && several_) {
                     found.leaks[n * eves_ + k - 1] = rate_of(received, interference);
                 } else if (received < 1e-2 * interference) {  // More accurate if it is small.
                     const double rate = std::log1p(received / interference);
@@ -100,7 +110,9 @@ public:
                                            : interference / (interference + received));
                 }
             }
-            if (eves_ > 1) {
+            if (colluding_) {
+                value += found.largest[n] = std::log1p(together);
+            } else if (several_) {
                 const double* leaks = &found.leaks[n * eves_];
                 const double largest = epigraph(leaks, mu);
                 found.largest[n] = largest;
@@ -108,7 +120,7 @@ public:
                 for (int e = 0; e < eves_; ++e) gaps.add((largest - leaks[e]) / mu);
             }
         }
-        value += leak_less_ground.total() + (eves_ > 1 ? 0.0 : mu * double(slots_));
+        value += leak_less_ground.total() + (several_ ? 0.0 : mu * double(slots_));
         return value - mu * gaps.total();
     }
 
@@ -116,8 +128,7 @@ public:
     void model(State& state, const Evaluation& here, double mu, double* gradients,
                double* hessians) {
         const int U = uavs(), K = receivers(), V = size();
-        const bool several = eves_ > 1;
-        if (several && state.shares.empty()) {
+        if (several_ && state.shares.empty()) {
             state.shares.resize(slots_ * eves_);
             for (std::size_t n = 0; n < slots_; ++n)
                 for (int e = 0; e < eves_; ++e)
@@ -136,7 +147,10 @@ public:
                 const double total = here.total[n * K + k];
                 const double interference = here.interference[n * K + k];
                 double weight = k ? 1.0 : -1.0, pull = weight;
-                if (k && several) {
+                if (k && colluding_) {
+                    weight = pull = leak_central_[n * eves_ + k - 1] =
+                        total / interference * std::exp(-here.largest[n]);
+                } else if (k && several_) {
                     const std::size_t i = n * eves_ + k - 1;
                     weight = state.shares[i];
                     pull = leak_central_[i] = mu / (here.largest[n] - here.leaks[i]);
@@ -150,26 +164,27 @@ public:
                     for (int j = 0; j <= i; ++j)
                         hessian[i * V + j] += more * of_interference[j] - less * of_total[j];
                 }
-                if (!k || !several) continue;
+                if (!k || eves_ == 1) continue;
                 const std::size_t i = n * eves_ + k - 1;
                 for (int j = 0; j < V; ++j)
                     leak_gradients_[i * V + j] = of_total[j] - of_interference[j];
                 if (!p_.places.followed.empty() && p_.places.followed[i])
                     add_following(state, here, n, k, weight, of_total, of_interference, hessian);
             }
-            if (several) spread_leaks(state, here, n, mean, hessian);
+            if (several_) spread_leaks(state, here, n, mean, hessian);
+            if (colluding_) join_leaks(n, mean, hessian);
         }
     }
 
     // Find the Newton step of the leaks' duals for a step of x, and lower how far duals may go.
     void find_moves(const State& state, const Evaluation& here, const double* step, double& by) {
-        if (eves_ > 1)
+        if (several_)
             for (std::size_t n = 0; n < slots_; ++n) move_leaks(state, here, n, step, by);
     }
 
     // Move the leaks' duals, whose sum is 1 in every slot.
     void move(State& state, double by) const {
-        if (eves_ == 1) return;
+        if (!several_) return;
         for (std::size_t n = 0; n < slots_; ++n) {
             double sum = 0.0;
             for (int e = 0; e < eves_; ++e)
@@ -188,7 +203,8 @@ private:
     }
 
     // The distance d from a UAV to a receiver, and ([d + edge]^+)^2. The kink at d = 0 is rounded:
-    // of jammers d becomes sqrt(d^2 + soft), which only raises it and so lowers the rate.
+    // of jammers d becomes sqrt(d^2 + soft), which only raises it and so lowers the rate. A gain
+    // with a kink of its own is that of (d + edge)^2 + soft.
     void place(const double* x, std::size_t n, int k, int u, double soft, double& distance,
                double& squared) const {
         const double* at = receiver(n, k);
@@ -201,6 +217,7 @@ private:
             // Without the softening in its first term.
             squared = distance > -edge ? squared + edge * (2.0 * distance + edge) : 0.0;
         }
+        if constexpr (Model::KINKED) squared += soft;
     }
 
     // The t that minimises t - mu sum_e log(t - leak_e), by Newton's method on sum mu / (t -
@@ -335,6 +352,24 @@ private:
         }
     }
 
+    // The curvature of log(1 + sum of SINRs) on top of that of each leak, whose shares are its own
+    // exponential in the whole.
+    void join_leaks(std::size_t n, double* mean, double* hessian) const {
+        const int V = size();
+        std::fill(mean, mean + V, 0.0);
+        for (int e = 0; e < eves_; ++e) {
+            const double share = leak_central_[n * eves_ + e];
+            const double* gradient = &leak_gradients_[(n * eves_ + e) * V];
+            for (int j = 0; j < V; ++j) {
+                mean[j] += share * gradient[j];
+                for (int k = 0; k <= j; ++k)
+                    hessian[j * V + k] += share * gradient[j] * gradient[k];
+            }
+        }
+        for (int j = 0; j < V; ++j)
+            for (int k = 0; k <= j; ++k) hessian[j * V + k] -= mean[j] * mean[k];
+    }
+
     // The Newton step of the leaks' duals in a slot.
     void move_leaks(const State& state, const Evaluation& here, std::size_t n,
                     const double* step, double& by) {
@@ -365,6 +400,7 @@ private:
     const Model& channel_;
     const std::size_t slots_;
     const int count_, eves_;
+    const bool several_, colluding_;  // Eavesdroppers, the largest leak or all of which count.
     Reals space_, followed_, rises_;
     Reals leak_gradients_, leak_central_, leak_moves_;  // (N, E, 3 U), (N, E), (N, E).
 };

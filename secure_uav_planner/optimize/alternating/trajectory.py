@@ -14,7 +14,7 @@ import numpy as np
 from . import clarabel
 from ...mission.scenario import Array, Eavesdropper, Scenario
 from ...model.channel import ground_squared_distances, guaranteed_squared_distances
-from ...model.channel.links import FreeSpace
+from ...model.channel.links import FreeSpace, link_of
 from ...model.limits import limits_of
 from ...model.limits.base import ConvexVariables
 
@@ -43,7 +43,6 @@ class TrajectoryProblem:
         self.scenario = scenario
         self.compile_time: float | None = None
         self.unit = 1.0
-        self._link = FreeSpace.of(scenario)
         self._limits = limits_of(scenario)
         slots = scenario.slots
         self.moves: list[Any] = [cp.Variable((slots + 2, 2)) for _ in scenario.uavs]
@@ -92,7 +91,7 @@ class TrajectoryProblem:
         for limit in self._limits:
             limit.set_local_point(positions, powers)
         squared = ground_squared_distances(self.scenario, positions)
-        gains, inverse = self._gains(squared)
+        gains, inverse = _gains(link_of(self.scenario, 'ground_node'), squared)
         self.unit = unit = float(1 / np.sqrt(np.median(inverse)))
         self._scale.value = 1 / unit
         for parameter, path in zip(self._local, positions, strict=True):
@@ -122,8 +121,9 @@ class TrajectoryProblem:
             where there is none.
         """
         squared = guaranteed_squared_distances(self.scenario, positions)
-        gains, inverse = self._gains(
-            squared, self.scenario.receiver_advantages[:, None, None])
+        gains, inverse = _gains(
+            link_of(self.scenario, 'eavesdropper').for_receivers(
+                self.scenario.receiver_advantages[:, None, None]), squared)
         received, inverse = gains * powers, inverse * self.unit**2
         distances = np.sqrt(squared) / self.unit
         # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and the one
@@ -140,20 +140,18 @@ class TrajectoryProblem:
             self._jamming.set_local_point(
                 received[:, 1:] / jamming[:, None] * inverse[:, 1:], distances[:, 1:])
 
-    def _gains(self, squared: Array,
-               advantages: Array | float = 1.0) -> tuple[Array, Array]:
-        """
-        Return the gains at squared distances, and 1 / (d^2 + H^2).
 
-        The latter is -g' / g, in free space and only there.
+def _gains(link: FreeSpace, squared: Array) -> tuple[Array, Array]:
+    """
+    Return the gains at squared distances, and 1 / (d^2 + H^2).
 
-        :param squared: (..., U, N) in m^2.
-        :param advantages: of the receivers, likewise.
-        :return: (..., U, N) in 1/W and (..., U, N) in 1/m^2.
-        """
-        link = self._link.for_receivers(advantages)
-        gains, slopes = link.gain(squared), link.slope(squared)
-        return gains, -slopes / gains
+    The latter is -g' / g, in free space and only there.
+
+    :param squared: (..., U, N) in m^2.
+    :return: (..., U, N) in 1/W and (..., U, N) in 1/m^2.
+    """
+    gains, slopes = link.gain(squared), link.slope(squared)
+    return gains, -slopes / gains
 
 
 class _ReceivedLoss:

@@ -12,8 +12,6 @@ from ...model.grid import Grid
 
 _ANGLES = (0.0, 2.0, 4.0)  # Of the first places of a disc, from the worst one, in rad.
 _NEAR = 0.5  # In radii of the disc.
-PER_DISC = len(_ANGLES)
-
 
 class WorstPlaces:
     """
@@ -36,11 +34,13 @@ class WorstPlaces:
         self._guarantee = Receivers.of(grid)
         worst, leaks = self._worst(x)
         offset = worst - self._centres[:, None]
+        # Of eavesdroppers that collude the SINRs of all places add up: each has one place.
+        angles = _ANGLES[:1] if self._scenario.colluding else _ANGLES
         turns = np.array([[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-                          for angle in _ANGLES])
-        # (E, N, PER_DISC, 2)
+                          for angle in angles])
+        # (E, N, P, 2), P places for each disc.
         self._places = self._centres[:, None, None] + np.einsum('aij,enj->enai', turns, offset)
-        # Which are where the leak is largest at the last x, (E, N, PER_DISC).
+        # Which are where the leak is largest at the last x, (E, N, P).
         self._largest: NDArray[np.bool_] = np.zeros(self._places.shape[:-1], bool)
         self._largest[..., 0] = True
         self.receivers = self._made()
@@ -61,9 +61,9 @@ class WorstPlaces:
         worst, leaks = self._worst(x)
         ground, leaks_known = self.receivers.rates(x)
         self.rate = self._rate(ground, leaks_known, leaks)
-        known = np.moveaxis(leaks_known.reshape(len(x), len(worst), PER_DISC), 1, 0)
+        known = np.moveaxis(leaks_known.reshape(len(x), len(worst), -1), 1, 0)
         # Only what is worse than all places of all discs matters.
-        worse = leaks > known.max(axis=(0, 2)) + tolerance
+        worse = leaks > known.max(axis=2 if self._scenario.colluding else (0, 2)) + tolerance
         apart = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
         near = apart.min(axis=-1) < _NEAR * self._scenario.error_radii[:, None]
         left = np.where(near, apart.argmin(axis=-1), known.argmin(axis=-1))
@@ -77,17 +77,18 @@ class WorstPlaces:
 
     @property
     def radii(self) -> Array:
-        """Radii of the discs of all places, (E PER_DISC,) in units of the grid."""
-        return np.repeat(self._scenario.error_radii / self._grid.length, PER_DISC)
+        """Radii of the discs of all places, (E P,) in units of the grid."""
+        return np.repeat(
+            self._scenario.error_radii / self._grid.length, self._places.shape[2])
 
     @property
     def offsets(self) -> Array:
-        """All places from the centres of their discs, (N, E PER_DISC, 2) in its units."""
+        """All places from the centres of their discs, (N, E P, 2) in its units."""
         return self._by_slots(self._places - self._centres[:, None, None]) / self._grid.length
 
     @property
     def followed(self) -> NDArray[np.bool_]:
-        """Whether a place moves along with the UAVs, (N, E PER_DISC)."""
+        """Whether a place moves along with the UAVs, (N, E P)."""
         return self._by_slots(self._largest) & (self.radii > 0)
 
     def _worst(self, x: Array) -> tuple[Array, Array]:
@@ -102,11 +103,13 @@ class WorstPlaces:
 
     @staticmethod
     def _by_slots(values: NDArray[Any]) -> NDArray[Any]:
-        """Return (N, E PER_DISC, ...) of (E, N, PER_DISC, ...)."""
+        """Return (N, E P, ...) of (E, N, P, ...)."""
         values = np.swapaxes(values, 0, 1)
         return values.reshape(len(values), -1, *values.shape[3:])
 
-    @staticmethod
-    def _rate(ground: Array, known: Array, leaks: Array) -> float:
-        most = np.maximum(leaks.max(axis=0), known.max(axis=-1))
+    def _rate(self, ground: Array, known: Array, leaks: Array) -> float:
+        if self._scenario.colluding:
+            most: Array = np.log1p(np.expm1(np.maximum(leaks, known.T)).sum(axis=0))
+        else:
+            most = np.maximum(leaks.max(axis=0), known.max(axis=-1))
         return float(np.maximum(ground - most, 0.0).mean())

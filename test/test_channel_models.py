@@ -1,0 +1,242 @@
+"""Every channel model falls with the distance, is planned for and proven for, or is refused."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import oracle
+import pytest
+from secure_uav_planner import (
+    Channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav, upper_bound)
+from secure_uav_planner.errors import OptionError
+from secure_uav_planner.model import channel
+from secure_uav_planner.model.channel.links import fading_quantiles, link_of
+from secure_uav_planner.model.kernel import core
+from strategies import channels, random_powers
+
+SEEDS = st.integers(0, 2**32 - 1)
+# design: duration, environment, P2 rate of a plan for free space in it, and of one made for it
+REFERENCE = [
+    (120, 'suburban', 2.0206, 2.0235), (120, 'urban', 3.2051, 3.3723),
+    (120, 'dense_urban', 3.6599, 3.7168), (200, 'suburban', 3.0397, 3.0415),
+    (200, 'urban', 4.4565, 4.7711), (200, 'dense_urban', 5.4694, 5.5634)]
+MODELS = {
+    'exponent': Channel(2.8), 'suburban': Channel(los='suburban'), 'urban': Channel(los='urban'),
+    'cautious': Channel(los='urban', cautious=True), 'dense_urban': Channel(los='dense_urban'),
+    'highrise': Channel(los='highrise'), 'numbers': Channel(2.2, (5.0, 0.3, 10.0), True),
+    'fading': Channel(rician_k_db=15.0, outage=0.1),
+    'all': Channel(2.2, 'urban', True, 15.0, 0.1)}
+
+
+def adapted(scenario, model):
+    """Return a scenario with a channel, as strong at 100 m as before."""
+    return replace(scenario, channel=model, reference_snr_db=scenario.reference_snr_db
+                   + 20 * (model.exponent - scenario.channel.exponent))
+
+
+def mission(seed):
+    """Return a random mission of 1 to 3 UAVs and 1 to 3 eavesdroppers."""
+    rng = np.random.default_rng(seed)
+    uavs, eves = int(rng.choice([1, 2, 2, 2, 3])), int(rng.choice([1, 1, 2, 3]))
+    ends = rng.uniform(-300, 300, (uavs, 2, 2))
+    longest = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1).max()
+    return Scenario(
+        (0.0, 0.0), tuple(Eavesdropper(tuple(place), float(rng.choice([0.0, 10.0, 30.0])))
+                          for place in rng.uniform(-300, 300, (eves, 2))),
+        tuple(Uav(f'uav{number}', *map(tuple, pair), float(altitude), 10.5)
+              for number, (pair, altitude) in enumerate(
+                  zip(ends, rng.uniform(50, 150, uavs), strict=True))),
+        float(rng.uniform(1.1, 2.5)) * max(longest / 10, 20.0), 40, float(rng.uniform(70, 90)))
+
+
+@pytest.mark.parametrize('duration, los, of_free_space, planned', REFERENCE)
+def test_plans_have_the_reference_rates(duration, los, of_free_space, planned):
+    scenario = Scenario.paper(duration, 10.0)
+    known = solve(scenario, objective='guaranteed')
+    scenario = replace(scenario, channel=Channel(los=los))
+    assert Plan(scenario, known.positions, known.powers).guaranteed_rate == pytest.approx(
+        of_free_space, abs=2e-4)
+    assert solve(scenario, objective='guaranteed').guaranteed_rate >= planned - 2e-4
+
+
+@given(channels(), st.floats(1, 1e4), st.sampled_from(['ground_node', 'eavesdropper']))
+def test_gains_fall_with_the_distance_and_have_the_derivatives_that_are_said(
+        model, altitude, receiver):
+    scenario = replace(Scenario.paper(), channel=model, uavs=tuple(
+        replace(uav, altitude=altitude) for uav in Scenario.paper().uavs))
+    squared = (altitude * np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 40)]))**2
+    link = link_of(scenario, receiver)
+    gains = link.gain(np.array([squared, squared]))
+    assert (np.diff(gains) < 0).all() and (gains > 0).all()
+    assert gains == pytest.approx(oracle.snr(
+        scenario, np.stack([squared] * 2, axis=-1), receiver == 'ground_node').T, rel=1e-9)
+    kernel = link_of(scenario, receiver, axes=0).compiled(1, 2)
+    for uav in range(2):
+        for place, gain, slope in zip(
+                squared[1:], gains[uav, 1:], link.slope(squared[1:])[uav], strict=True):
+            value, same, first, second = kernel.gain(uav, place)
+            assert [value, same, first] == pytest.approx([gain, gain, slope], rel=1e-9)
+            step = 1e-4 * place
+            above, below = (kernel.gain(uav, place + move) for move in (step, -step))
+            assert (above[0] - below[0]) / (2 * step) == pytest.approx(
+                first, rel=1e-3)
+            assert (above[2] - below[2]) / (2 * step) == pytest.approx(
+                second, rel=1e-3, abs=1e-4 * abs(first) / place)
+        assert np.isfinite(kernel.gain(uav, 0.0)).all()
+
+
+@given(channels().filter(lambda model: not model.is_inverse_square), SEEDS)
+def test_the_derivatives_of_a_gain_along_any_line_are_within_their_bounds(model, seed):
+    rng = np.random.default_rng(seed)
+    scenario = replace(Scenario.paper(), channel=model)
+    kernel = link_of(scenario, 'eavesdropper', axes=0).compiled(1, 2)
+    uav, near = int(rng.integers(2)), 10**rng.uniform(-1, 4)
+    far = near * 10**rng.uniform(0, 1)
+    bounds = np.array(kernel.slopes(uav, near, far))
+    times, step = np.arange(-3, 4), 1e-2 * near
+    for _ in range(20):
+        angle, start = rng.uniform(0, 2 * np.pi), rng.uniform(near, far)
+        line = start + step * times * np.exp(1j * angle)
+        if np.abs(line).min() < near or np.abs(line).max() > far:
+            continue
+        values = np.log([kernel.gain(uav, float(abs(place)**2))[0] for place in line])
+        found = np.polynomial.Polynomial.fit(times * step, values, 5, domain=[-1, 1],
+                                             window=[-1, 1]).coef[1:4] * [1, 2, 6]
+        rounding = 1e-13 * (1 + np.abs(values).max()) / step**np.array([1, 2, 3])
+        assert (np.abs(found) <= bounds * (1 + 1e-2) + rounding).all()
+
+
+@given(channels().filter(lambda model: not model.is_inverse_square), SEEDS, st.integers(1, 4),
+       st.floats(-1, 3), st.sampled_from([0.0, 1e-3, 100.0]))
+def test_no_place_of_a_sector_is_below_its_bound(model, seed, uavs, decades, apart):
+    rng = np.random.default_rng(seed)
+    count, radius = 50, np.full(50, 10**decades)
+    altitudes = rng.choice([50.0, 100.0, 120.0], uavs)
+    scenario = replace(Scenario.paper(), channel=model, uavs=tuple(
+        Uav(f'uav{number}', (0.0, 0.0), (0.0, 0.0), float(altitude), 10.0)
+        for number, altitude in enumerate(altitudes)))
+    kernel = replace(link_of(scenario, 'eavesdropper', axes=0), reference_snr=1.0).compiled(
+        1, uavs)
+    x, y = rng.normal(0, apart, (2, uavs, count)) + radius * rng.normal(0, 1, (2, 1, count))
+    pairs = {'x': x, 'y': y, 'squared_altitudes': altitudes**2, 'radius': radius,
+             'noise': 10**rng.uniform(-20, 3, count), 'channel': kernel,
+             'jamming': 10**rng.uniform(-3, 3, (uavs - 1, count))}
+    inner = radius * rng.random(count)
+    outer = inner + (radius - inner) * 10**rng.uniform(-6, 0, count)
+    half = 0.5 * np.pi * 10**rng.uniform(-6, 0, count)
+    middle = rng.uniform(-np.pi, np.pi, count)
+    bound, value = np.empty((2, count))
+    core.bound_sectors(pairs, {'inner': inner, 'outer': outer, 'middle': middle, 'half': half},
+                       bound, value)
+    assert (bound <= value).all()
+    for _ in range(20):
+        distance = inner + (outer - inner) * rng.choice([0.0, 1.0, rng.random()], count)
+        angle = middle + half * np.clip(rng.uniform(-1.5, 1.5, count), -1, 1)
+        squared = (distance * np.cos(angle) - x)**2 + (distance * np.sin(angle) - y)**2
+        gains = np.array([[kernel.gain(uav, one)[0] for one in line]
+                          for uav, line in enumerate(squared.tolist())])
+        found = (pairs['noise'] + (pairs['jamming'] * gains[1:]).sum(axis=0)) / gains[0]
+        assert (found >= bound * (1 - 1e-11)).all()
+
+
+@pytest.mark.parametrize('factor_db', [-20.0, 0.0, 6.0, 15.0])
+def test_fading_is_within_its_quantiles_but_for_the_share_of_the_outage(factor_db):
+    rng = np.random.default_rng(0)
+    factor = 10**(factor_db / 10)
+    scattered = rng.standard_normal((2, 400_000)) / np.sqrt(2 * (factor + 1))
+    scattered[0] += np.sqrt(factor / (factor + 1))
+    gains = (scattered**2).sum(axis=0)
+    assert gains.mean() == pytest.approx(1.0, abs=0.01)
+    low, high = fading_quantiles(Channel(rician_k_db=factor_db, outage=0.04), links=4)
+    assert np.mean(gains < low) == pytest.approx(0.01, abs=1e-3)
+    assert np.mean(gains > high) == pytest.approx(0.01, abs=1e-3)
+
+
+def test_what_is_cautious_promises_less_and_never_too_much():
+    scenario = replace(Scenario.paper(120), channel=MODELS['urban'])
+    rng = np.random.default_rng(0)
+    positions = rng.uniform(-300, 300, (2, scenario.slots + 2, 2))
+    powers = random_powers(scenario, rng)
+    cautious = replace(scenario, channel=MODELS['cautious'])
+    for rates in (channel.guaranteed_rates, channel.worst_case_rates):
+        assert (rates(cautious, positions, powers) <= rates(scenario, positions, powers)).all()
+    # A line of sight everywhere makes caution meaningless.
+    assert replace(Channel(), cautious=True).is_free_space
+
+
+@pytest.mark.parametrize('colluding', [False, True])
+@pytest.mark.parametrize('name', MODELS)
+def test_a_plan_for_a_model_is_no_worse_in_it_than_one_for_free_space(name, colluding):
+    for seed in (1, 9):
+        check_planned_for(MODELS[name], replace(mission(seed), colluding=colluding))
+
+
+def check_planned_for(model, scenario, objective='worst_case'):
+    """Check that it pays to know a channel, and return both rates."""
+    known = solve(scenario, objective=objective)
+    scenario = adapted(scenario, model)
+    there = Plan(scenario, known.positions, known.powers)
+    winning = (there.worst_case_rates if objective == 'worst_case'
+               else there.guaranteed_rates) > 0
+    there = Plan(scenario, known.positions, known.powers * winning, objective=objective)
+    plan = solve(scenario, objective=objective)
+    assert plan.rate >= there.rate * (1 - 1e-3) - 1e-9
+    return there.rate, plan.rate
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('name', MODELS)
+def test_of_100_missions_none_is_worse_where_the_channel_is_known(name):
+    found = np.array([check_planned_for(MODELS[name], mission(seed)) for seed in range(100)])
+    assert found[:, 1].mean() > found[:, 0].mean()
+
+
+def test_eavesdroppers_that_collude_leak_more_than_the_best_and_less_than_all_their_rates():
+    scenario = replace(Scenario.paper(120), eavesdroppers=tuple(
+        Eavesdropper(place, 20.0) for place in ((200.0, 0.0), (150.0, 150.0), (180.0, -90.0))))
+    alone, together = solve(scenario), solve(replace(scenario, colluding=True))
+    assert together.status == 'converged' and together.worst_case_rate > 0.5
+    assert together.worst_case_rate < alone.worst_case_rate
+    same = Plan(replace(scenario, colluding=True), alone.positions, alone.powers)
+    assert (same.worst_case_rates <= alone.worst_case_rates + 1e-9).all()
+    assert same.worst_case_rate <= together.worst_case_rate * (1 + 1e-4)
+    assert same.guaranteed_rate < same.worst_case_rate
+
+
+def test_one_eavesdropper_has_nobody_to_collude_with():
+    scenario = Scenario.paper(120, slots=40)
+    plans = [solve(replace(scenario, colluding=colluding)) for colluding in (False, True)]
+    assert plans[1].worst_case_rate == pytest.approx(plans[0].worst_case_rate, rel=1e-5)
+    same = Plan(plans[0].scenario, plans[1].positions, plans[1].powers)
+    for rate in ('guaranteed_rate', 'worst_case_rate'):
+        assert getattr(same, rate) == pytest.approx(getattr(plans[1], rate), rel=1e-9)
+
+
+@pytest.mark.parametrize('name', MODELS)
+def test_what_is_proven_for_free_space_only_refuses_other_channels(name):
+    scenario = replace(Scenario.paper(120, slots=10), channel=MODELS[name])
+    with pytest.raises(OptionError, match='channel is .*free space'):
+        upper_bound(scenario)
+    if scenario.channel.is_inverse_square:
+        assert solve(scenario, method='alternating').status
+    else:
+        with pytest.raises(OptionError, match="use 'joint'"):
+            solve(scenario, method='alternating')
+
+
+def test_a_bound_for_the_best_eavesdropper_holds_for_those_that_collude():
+    scenario = replace(Scenario.paper(120, slots=10), colluding=True, eavesdroppers=(
+        Eavesdropper((200.0, 0.0), 10.0), Eavesdropper((0.0, 200.0), 10.0)))
+    plan = solve(scenario)
+    assert plan.rate <= upper_bound(scenario, plan=plan).rate
+    with pytest.raises(OptionError, match='colluding'):
+        solve(scenario, method='alternating')
+
+
+@settings(max_examples=10)
+@given(channels())
+def test_the_baselines_fly_in_every_channel(model):
+    scenario = adapted(Scenario.paper(120, slots=8), model)
+    constant = fly_hover_fly(scenario)
+    assert fly_hover_fly(scenario, 'optimised').guaranteed_rate >= constant.guaranteed_rate - 1e-9
