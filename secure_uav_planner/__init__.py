@@ -12,20 +12,26 @@ from typing import TYPE_CHECKING
 from .mission import views
 
 if TYPE_CHECKING:
+    from .assessment import assess, Assessment, World
     from .bound.upper_bound import upper_bound
     from .errors import PlanningError
     from .mission.link_budget import reference_snr_db
+    from .mission.propulsion import Propulsion
     from .mission.scenario import Channel, Eavesdropper, NoFlyZone, Scenario, Uav
     from .optimize.solve import fly_hover_fly, METHODS, solve
     from .plan.bound import Bound
     from .plan.plan import Iteration, Plan
     __version__: str
 
-__all__ = ['Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone', 'Plan',
-           'PlanningError', 'Scenario', 'Uav', 'fly_hover_fly', 'reference_snr_db', 'solve', 'upper_bound']
+__all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone',
+           'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'World', 'assess',
+           'fly_hover_fly', 'reference_snr_db', 'solve', 'upper_bound']
 
-_HOMES = {'bound': ('upper_bound',), 'errors': ('PlanningError',),
+_HOMES = {'assessment': ('Assessment', 'World', 'assess'),
+          'bound': ('upper_bound',),
+          'errors': ('PlanningError',),
           'mission.link_budget': ('reference_snr_db',),
+          'mission.propulsion': ('Propulsion',),
           'mission.scenario': ('Channel', 'Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav'),
           'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
           'plan': ('Bound', 'Iteration', 'Plan')}

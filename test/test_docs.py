@@ -437,6 +437,8 @@ def known_names():
     names = set(FOREIGN) | set(PLANNER) | set(REPLAY) | set(RELAY) | {'U', 'N', 'E'}
     for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
                   secure_uav_planner.Eavesdropper, secure_uav_planner.NoFlyZone,
+                  secure_uav_planner.Propulsion, secure_uav_planner.Channel,
+                  secure_uav_planner.World, secure_uav_planner.Assessment,
                   clearance.Clearance, clearance.Approach, playback, playback.Playback,
                   playback.Moment, secure_uav_planner.model.channel, Schedule):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))

@@ -238,7 +238,8 @@ def stamp_of(message):
 
 def test_the_planner_plans_before_the_first_clock_and_while_it_stands_still(client):
     paths = client.listen(Path, 'uav1/path')
-    with node_process('planner', use_sim_time='true', pose_timeout=0.0, **SHORT):
+    with node_process('planner', use_sim_time='true', pose_timeout=0.0, replan_lead=100.0,
+                      **SHORT):
         zero = Time(nanoseconds=0).to_msg()
         client.send_pose('ground_node/pose', 0, 0, stamp=zero)
         client.send_estimate('eavesdropper/pose', 200, 0, stamp=zero)

@@ -1,6 +1,6 @@
 """Missions as files: what is right survives, and all that is wrong is told at once."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 import json
 from pathlib import Path
 import pickle
@@ -8,7 +8,8 @@ import pickle
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from secure_uav_planner import Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Scenario, Uav
+from secure_uav_planner import (
+    Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Propulsion, Scenario, Uav)
 from secure_uav_planner.errors import MissionFileError, ScenarioError
 from secure_uav_planner.mission.formats.diagnosis import UNITS
 from secure_uav_planner.mission.formats.documents import MOST_BYTES
@@ -336,8 +337,9 @@ def test_the_error_of_a_file_survives_a_pickle(tmp_path):
 def test_every_field_that_has_a_unit_is_known_with_it():
     data = RICH.to_dict()
     names = set(data) | {name for field in ('uavs', 'eavesdroppers', 'no_fly_zones')
-                         for name in data[field][0]} | set(data['channel'])
+                         for name in data[field][0]} | set(data['channel']) | {
+        field.name for field in fields(Propulsion)}
     assert set(UNITS) < names
     assert names - set(UNITS) == {
-        'uavs', 'eavesdroppers', 'no_fly_zones', 'slots', 'name', 'channel', 'colluding', 'exponent',
-        'los', 'cautious', 'outage'}
+        'uavs', 'eavesdroppers', 'no_fly_zones', 'slots', 'name', 'channel', 'colluding',
+        'exponent', 'los', 'cautious', 'outage', 'propulsion', 'fuselage_drag_ratio', 'solidity'}

@@ -163,7 +163,8 @@ def test_no_place_of_ground_node_or_eavesdropper_is_in_the_output():
             client.set_parameters('planner', **values)
         client.set_parameters('replay', true_eavesdropper=[EVE[0]])
         # From where a flight has come to, no duration may be too short.
-        wait_for(lambda: client.call('replay/reset') and not client.call('planner/plan').success)
+        wait_for(lambda: (client.call('replay/reset'), client.call('planner/plan'), any(
+            'no new plan: duration' in line for line in planner.lines))[-1])
     output = output_of(planner) + output_of(replay)
     assert 'no new plan: duration' in output and 'is not used' in output  # it does speak
     for place in (GROUND, EVE):

@@ -18,11 +18,14 @@ from secure_uav_planner.apps import study
 from secure_uav_planner.apps.campaign.run import JOURNAL
 from secure_uav_planner.apps.campaign.tasks import plan_file
 from secure_uav_planner.apps.study.claims import check_claims, write_claims
+from secure_uav_planner.apps.study.environments import found_in_environments
+from secure_uav_planner.apps.study.experiments import sources
 from secure_uav_planner.apps.study.figures import write_figures
 
 pytestmark = pytest.mark.slow
 
 ROOT = pathlib.Path(__file__).parents[1]
+PACKAGE = ROOT / 'secure_uav_planner'
 
 
 @pytest.fixture(scope='module')
@@ -110,7 +113,7 @@ def test_figures_and_tables_are_written(plans, tmp_path):
     names = {path.name for path in written}
     assert {f'{name}.{suffix}' for suffix in ('png', 'csv') for name in (
         'trajectories', 'rate_against_duration', 'rate_against_radius', 'rate_against_snr',
-        'rate_against_jammers', 'convergence')} == names
+        'rate_against_jammers', 'convergence', 'environments')} == names
     for path in written:
         if path.suffix == '.png':
             assert imread(path).std() > 0.05
@@ -124,6 +127,27 @@ def test_figures_and_tables_are_written(plans, tmp_path):
     assert kept[200.0, 'fly-hover-fly, constant power', 10.0] == pytest.approx(1.442, abs=1e-3)
     with (tmp_path / 'trajectories.csv').open() as file:
         assert len(list(csv.DictReader(file))) == 2 * (104 + 106 + 202)
+
+
+def test_a_plan_for_the_model_is_guaranteed_more_there_than_one_for_free_space(plans):
+    found = {(one.environment, one.scheme[8:]): one for one in found_in_environments(plans)}
+    free, moved, city = (found[key] for key in (
+        ('free space', 'for the model'), ('urban', 'for free space'), ('urban', 'for the model')))
+    assert free.planned == free.guaranteed == moved.planned
+    assert city.planned == pytest.approx(city.guaranteed)
+    assert city.guaranteed > 1.02 * moved.guaranteed
+    for one in found.values():
+        assert one.quantiles[0] < one.mean < one.quantiles[2]
+        assert one.delivered <= one.promised_delivery
+    assert free.outage == 0.0 < city.outage
+
+
+def test_the_key_of_a_plan_depends_on_all_code_that_makes_it():
+    names = {path.relative_to(PACKAGE).as_posix() for path in sources()}
+    assert {'optimize/solve.py', 'model/kernel/newton.cpp', 'mission/scenario.py'} < names
+    assert {path.relative_to(PACKAGE).as_posix() for path in sources(True)} - names == {
+        path.relative_to(PACKAGE).as_posix() for path in (PACKAGE / 'bound').rglob('*.py')}
+    assert not {name.partition('/')[0] for name in names} & {'apps', 'ros', 'output'}
 
 
 def test_what_is_finished_is_not_planned_again_and_what_is_damaged_is(plans, folder):

@@ -20,6 +20,7 @@ from .search.breakpoints import breakpoint_multipliers, second_breakpoint
 from .search.initial_multipliers import InitialMultipliers
 from .search.multiplier_search import MultiplierSearch
 from .search.newton import DualPoint
+from ..errors import OptionError
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..plan.bound import Bound, checked_objective, checked_plan, Progress

@@ -12,5 +12,10 @@ Method: TypeAlias = Literal['joint', 'alternating']
 
 METHODS: tuple[Method, ...] = get_args(Method)
 
+Place: TypeAlias = Literal['disc', 'normal', 'beyond', 'fixed']
+"""Where an eavesdropper is in an assessment: a law of its place."""
+
+PLACES: tuple[Place, ...] = get_args(Place)
+
 Power: TypeAlias = Literal['constant', 'optimised']
 """The powers of fly_hover_fly."""

@@ -5,7 +5,8 @@ import math
 
 from .kinematics import Vehicle
 from .polygons import checked_polygon, Vertices
-from .validation import checked_name, checked_number, checked_point, Point
+from .propulsion import Propulsion
+from .validation import checked_block, checked_name, checked_number, checked_point, Point
 from ..errors import ScenarioError, shown
 
 _ROUNDING = 1e-9
@@ -55,6 +56,7 @@ class Uav:
     :param start_velocity: (x, y) in m/s at the start, or None where it is free. It counts only
         with a limit of acceleration.
     :param goal_velocity: likewise at the goal.
+    :param propulsion: what flying takes, a Propulsion, or None where no energy is asked for.
     :raises ScenarioError: naming the UAV, the field, its value and what is allowed.
     """
 
@@ -68,6 +70,7 @@ class Uav:
     max_acceleration: float | None = None
     start_velocity: Point | None = (0.0, 0.0)
     goal_velocity: Point | None = (0.0, 0.0)
+    propulsion: Propulsion | None = None
 
     def __post_init__(self) -> None:
         checked_name('uav', self.name)
@@ -92,6 +95,9 @@ class Uav:
                         f'{owner}{field} is {velocity}, {math.hypot(*velocity):g} m/s; it must '
                         f'be at most max_speed, which is {self.max_speed:g} m/s', (field,))
                 object.__setattr__(self, field, velocity)
+        if self.propulsion is not None:
+            object.__setattr__(self, 'propulsion', checked_block(
+                'propulsion', self.propulsion, Propulsion))
 
     def bend_at(self, end: str, slot_duration: float) -> float:
         """

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import OptionError, ScenarioError, shown
+from ..errors import OptionError, ScenarioError, shown, within
 
 Array: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float]
@@ -31,12 +31,25 @@ LIMITS = {
     'tracking_margin': (0.0, 1e6),
     'floor': (0.0, 1e6),
     'ceiling': (0.0, math.inf),
+    'blade_power': (0.0, 1e6),
+    'induced_power': (0.0, 1e6),
+    'tip_speed': (1.0, 1e4),
+    'induced_velocity': (1e-3, 1e3),
+    'fuselage_drag_ratio': (0.0, 1e3),
+    'air_density': (0.0, 1e3),
+    'solidity': (0.0, 1.0),
+    'disc_area': (0.0, 1e4),
     'exponent': (2.0, 6.0),
     'los_a': (0.01, 100.0),
     'los_b': (0.001, 2.0),
     'los_loss_db': (0.0, 100.0),
     'rician_k_db': (-40.0, 40.0),
     'outage': (1e-6, 0.5),
+    'beyond': (0.0, 1e6),
+    'los_distance': (0.0, 1e6),
+    'receiver_db': (-100.0, 100.0),
+    'tracking_std': (0.0, 1e4),
+    'tracking_time': (0.0, 1e6),
 }
 """Smallest and largest value of every field; beyond them squares lose their accuracy."""
 
@@ -67,6 +80,14 @@ def checked_fields(kind: type[Any], data: object) -> dict[str, Any]:
     if missing:
         raise ScenarioError(f'{kind.__name__} lacks {", ".join(missing)}')
     return dict(data)
+
+
+def checked_block(field: str, value: object, kind: type[_Kind]) -> _Kind:
+    """Return value, one of a kind or a mapping of its fields, as one of that kind."""
+    if isinstance(value, kind):
+        return value
+    with within(field):
+        return kind(**checked_fields(kind, value))
 
 
 def checked_members(field: str, values: object, kind: type[Any],

@@ -29,6 +29,12 @@ def receiver_label(eavesdropper):
     return f'{advantage:+g} dB' if advantage else ''
 
 
+def energy_label(energy):
+    """Return an Energy in words, such as '29.3 kJ (hovering 15.7)', '' for None."""
+    return '' if energy is None else (
+        f'{energy.total / 1e3:.3g} kJ (hovering {energy.hovering / 1e3:.3g})')
+
+
 def altitudes_of(zone):
     """Return at which altitudes a zone is forbidden, in words, or '' for all of them."""
     if math.isinf(zone.ceiling):

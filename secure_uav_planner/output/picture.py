@@ -14,8 +14,8 @@ from matplotlib.transforms import ScaledTranslation
 import numpy as np
 
 from .drawing import (
-    altitudes_of, corners_of_map, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
-    middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
+    altitudes_of, corners_of_map, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE,
+    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
 
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2
@@ -206,7 +206,9 @@ def draw_powers(axes, plan):
     for index, (uav, powers) in enumerate(zip(plan.scenario.uavs, plan.powers)):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
-                    label=f'{uav.name} ({_ROLES[index > 0]})')
+                    label='\n'.join(filter(None, (
+                        f'{uav.name} ({_ROLES[index > 0]})',
+                        energy_label(plan.energies[index])))))
     for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
         limits = {getattr(uav, field) for uav in plan.scenario.uavs}
         if len(limits) == 1:

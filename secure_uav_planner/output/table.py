@@ -1,8 +1,10 @@
 """The rates of plans as a table of text, for a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import math
 from typing import Any
+
+import numpy as np
 
 _NAME, _RATE, _TIME = 26, 17, 9
 
@@ -10,6 +12,8 @@ _NAME, _RATE, _TIME = 26, 17, 9
 def table(plans: Sequence[Any], bound: Any = None) -> str:
     """
     Return a text table with a line for each Plan and one for a Bound, if there is one.
+
+    Where UAVs have a propulsion, lines with what their flights take follow.
 
     Where plans have bounds, a column has the largest share of the best rate that they may miss.
 
@@ -28,7 +32,23 @@ def table(plans: Sequence[Any], bound: Any = None) -> str:
         rates = {'guaranteed': '', 'worst_case': '', bound.objective: f'{bound.rate:.4f}'}
         lines.append(f'{"bound of any plan":<{_NAME}}{rates["guaranteed"]:>{_RATE}}'
                      f'{rates["worst_case"]:>{_RATE}}{bound.solve_time:>{_TIME}.2f}')
+    lines += _energies(plans)
     return '\n'.join(lines)
+
+
+def _energies(plans: Sequence[Any]) -> Iterator[str]:
+    """Yield lines with the energy of each UAV that has a propulsion, if there are any."""
+    known = [(plan, uav.name, energy) for plan in plans
+             for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
+    if known:
+        width = max(_TIME, *(len(name) + 2 for _, name, _ in known))
+        yield ''
+        yield (f'{"scheme":<{_NAME}}{"UAV":>{width}}{"energy":>{_RATE}}{"hovering":>{_RATE}}'
+               f'{"flying":>{_RATE}}')
+        yield f'{"":<{_NAME + width}}' + f'{"J":>{_RATE}}' * 3
+    for plan, name, energy in known:
+        yield f'{plan.method:<{_NAME}}{name:>{width}}' + ''.join(
+            f'{joules:>{_RATE}.0f}' for joules in energy)
 
 
 def _missing(plan: Any) -> str:
@@ -37,3 +57,21 @@ def _missing(plan: Any) -> str:
         return 'unknown'
     # Rounded up, as all that is said to be proven.
     return f'{math.ceil(1000 * plan.bound.share_missing(plan)) / 10:.1f}%'
+
+
+def assessment_table(assessment: Any) -> str:
+    """Return a text table of what an Assessment found beside what its plan promised."""
+    found = assessment.summary
+    lines = [f'{"of " + str(assessment.draws) + " draws":<{_NAME}}{"promised":>{_RATE}}'
+             f'{"mean":>{_RATE}}{"5%":>{_RATE}}{"50%":>{_RATE}}']
+    low, middle = np.quantile(assessment.delivered, (0.05, 0.5))
+    for name, numbers in (
+            ('secrecy rate, bit/s/Hz', (found['promised'], found['mean'], found['quantile_5'],
+                                        found['quantile_50'])),
+            ('delivered, bit/Hz', (found['promised_delivery'], found['delivered'], low, middle))):
+        lines.append(f'{name:<{_NAME}}' + ''.join(f'{number:>{_RATE}.4f}' for number in numbers))
+    lines += ['', f'{"of all slots":<{_NAME}}{"promised":>{_RATE}}{"mean":>{_RATE}}'
+              f'{"largest":>{_RATE}}',
+              f'{"outage":<{_NAME}}' + ''.join(f'{share:>{_RATE}.4%}' for share in (
+                  found['promised_outage'], assessment.outages.mean(), found['outage']))]
+    return '\n'.join(lines)

@@ -22,6 +22,7 @@ from ..mission.views import view
 from ..model import channel
 from ..model.clearance import Clearance
 from ..model.curve import Curve, mean_guaranteed_rates
+from ..model.energy import energies, Energy
 from ..model.limits import limits_of
 from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
 
@@ -193,6 +194,11 @@ class Plan:
         They differ from guaranteed_rates, which are those at the points, by the discretisation.
         """
         return _secret(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
+
+    @cached_property
+    def energies(self) -> tuple[Energy | None, ...]:
+        """Energy that the flight of each UAV takes, None for one without a propulsion."""
+        return energies(self.scenario, self.curve)
 
     @property
     def curve_rate(self) -> float:

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from .channel_parameters import values_of_channel
-from .parameters import NO_LIMIT, UAV_FIELDS
+from .parameters import NO_LIMIT, PROPULSION_FIELDS, PROPULSIONS, UAV_FIELDS
 from ..errors import ParameterError, ScenarioError
 from ..mission.scenario import Point, Scenario
 
@@ -39,6 +39,10 @@ def values_of(mission: Scenario) -> dict[str, Any]:
     for uav in mission.uavs:
         values.update({f'{uav.name}.{field}': _plain(field, getattr(uav, field))
                        for field in UAV_FIELDS})
+        values[f'{uav.name}.propulsion.model'] = PROPULSIONS[uav.propulsion is not None]
+        if uav.propulsion is not None:
+            values.update({f'{uav.name}.propulsion.{field}': getattr(uav.propulsion, field)
+                           for field in PROPULSION_FIELDS})
     for name, eve in zip(mission.eavesdropper_names, mission.eavesdroppers, strict=True):
         values.update({f'{name}.{field}': getattr(eve, field)
                        for field in ('error_radius', 'receiver_advantage_db')})

@@ -7,6 +7,7 @@ from .channel_parameters import CHANNEL, COLLUDING
 from .spec import Spec
 from .text import LONGEST_FRAME
 from ..mission.polygons import MAX_VERTICES
+from ..mission.propulsion import Propulsion
 from ..mission.scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario, Uav
 from ..optimize import METHODS
 from ..optimize.solve import checked_objective
@@ -102,6 +103,20 @@ UAV_FIELDS = {
 }
 """Meanings of the parameters of a UAV that are fields of Uav."""
 
+PROPULSION_FIELDS = {
+    'blade_power': 'P_0, power of the blade profile while hovering in W.',
+    'induced_power': 'P_i, induced power while hovering in W.',
+    'tip_speed': 'U_tip, speed of the rotor blades in m/s.',
+    'induced_velocity': 'v_0, mean induced velocity of the rotor while hovering in m/s.',
+    'fuselage_drag_ratio': 'd_0, drag ratio of the fuselage.',
+    'air_density': 'rho, density of the air in kg/m^3.',
+    'solidity': 's, solidity of the rotor.',
+    'disc_area': 'A, area of the rotor disc in m^2.',
+}
+"""Meanings of the parameters of a UAV's propulsion that are fields of Propulsion."""
+
+PROPULSIONS = ('none', 'rotary_wing')
+
 NO_LIMIT = 0.0
 
 
@@ -110,6 +125,12 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     uav = _PAPER.uavs[min(index, len(_PAPER.uavs) - 1)]
     return {**{f'{name}.{field}': _uav_spec(getattr(uav, field), text, field)
                for field, text in UAV_FIELDS.items()},
+            f'{name}.propulsion.model': Spec(
+                PROPULSIONS[0], 'What flying takes; with a model, the status says the energy of '
+                'the plan.', choices=PROPULSIONS),
+            **{f'{name}.propulsion.{field}': Spec(
+                getattr(Propulsion(), field), text, LIMITS[field])
+               for field, text in PROPULSION_FIELDS.items()},
             f'{name}.use_pose': Spec(
                 True, 'Whether to plan from the last odometry or pose of the UAV, if one has '
                 'arrived, instead of from its start.'),
@@ -216,4 +237,7 @@ def uav_from(values: Mapping[str, Any], name: str) -> Uav:
     fields['max_acceleration'] = fields['max_acceleration'] or None
     for field in ('start_velocity', 'goal_velocity'):
         fields[field] = fields[field] or None
+    if values[f'{name}.propulsion.model'] != PROPULSIONS[0]:
+        fields['propulsion'] = Propulsion(**{
+            field: values[f'{name}.propulsion.{field}'] for field in PROPULSION_FIELDS})
     return Uav(name, **fields)

@@ -177,7 +177,7 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
             'plan.identity': plan.identity, 'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
             'plan.age': now - plan.start_ns * 1e-9,
             'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
-            **approaches_values(plan)})
+            **approaches_values(plan), **_energy_values(plan)})
         if state.evaluated is plan:
             found['plan.worst_case_rate'] = plan.worst_case_rate
         found.update({
@@ -192,6 +192,15 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
         known = poses.get(topic)
         found[f'pose_age.{topic}'] = 'none' if known is None else known.age(now)
     return found
+
+
+def _energy_values(plan: Plan) -> dict[str, float]:
+    """Return the energy of each UAV that has a propulsion in J by key."""
+    return {key: joules for uav, energy in zip(plan.scenario.uavs, plan.energies, strict=True)
+            if energy is not None for key, joules in (
+                (f'plan.energy.{uav.name}', energy.total),
+                (f'plan.energy.{uav.name}.hovering', energy.hovering),
+                (f'plan.energy.{uav.name}.flying', energy.flying))}
 
 
 def _iterations(plan: Plan) -> int:

@@ -22,8 +22,8 @@ def row_of(task: Task) -> dict[str, Any]:
     """
     Return the row of a task; a failure is a row with its reason.
 
-    :return: COLUMNS and 'fields', the varied fields by name, all plain values; and 'plan', the
-        Plan, if the task has 'plans'.
+    :return: COLUMNS and 'fields', the varied fields by name, all plain values; 'more', further
+        results by name, where the mission has any; and 'plan', the Plan, if the task has 'plans'.
     """
     started = time.monotonic()
     row = empty_row(task)
@@ -44,6 +44,8 @@ def empty_row(task: Task) -> dict[str, Any]:
 
 
 def _results(task: Task) -> dict[str, Any]:
+    from ...assessment import assess
+    from ...assessment.monte_carlo import arguments
     from ...bound import upper_bound
     scenario = Scenario.from_dict(task['mission'])
     plan = _plan(scenario, task)
@@ -54,6 +56,12 @@ def _results(task: Task) -> dict[str, Any]:
         'iterations': max(0, len(plan.history) - 1),  # The first entry is the start.
         'solve_time': plan.solve_time}
     found['rate'] = found[f'{objective}_rate']
+    more = _energies(plan)
+    if 'assess' in task:
+        more.update({f'assess.{name}': number for name, number in assess(
+            plan, **arguments(task['assess'])).summary.items()})
+    if more:
+        found['more'] = more
     if limit is not None:
         bound = upper_bound(scenario, objective=objective, plan=plan, time_limit=limit)
         gap = bound.gap(plan)
@@ -61,6 +69,15 @@ def _results(task: Task) -> dict[str, Any]:
                      gap=gap if math.isfinite(gap) else None)
         plan = plan.with_bound(bound)
     return {**found, 'plan': plan} if task.get('plans') else found
+
+
+def _energies(plan: Plan) -> dict[str, float]:
+    """Return the energy of each UAV that has a propulsion in J, by the names of columns."""
+    return {f'{name}.{uav.name}': joules
+            for uav, energy in zip(plan.scenario.uavs, plan.energies, strict=True)
+            if energy is not None for name, joules in (
+                ('energy', energy.total), ('hovering_energy', energy.hovering),
+                ('flying_energy', energy.flying))}
 
 
 def _plan(scenario: Scenario, task: Task) -> Plan:

@@ -20,13 +20,16 @@ def save_tables(rows: Rows, folder: Path) -> list[Path]:
     """
     Write all rows as results.csv and, where PyArrow is installed, as results.parquet.
 
-    Each varied field has a column of its name; values that are no numbers are JSON.
+    Each varied field and each further result has a column of its name; values of fields that are
+    no numbers are JSON.
 
     :return: the files.
     """
-    names = [*COLUMNS, *dict.fromkeys(name for row in rows for name in row['fields'])]
-    flat = [{**row, **{name: value if isinstance(value, (int, float)) else json.dumps(value)
-                       for name, value in row['fields'].items()}} for row in rows]
+    names = [*COLUMNS, *dict.fromkeys(
+        name for part in ('more', 'fields') for row in rows for name in row.get(part, ()))]
+    flat = [{**row, **row.get('more', {}), **{
+        name: value if isinstance(value, (int, float)) else json.dumps(value)
+        for name, value in row['fields'].items()}} for row in rows]
     files = [folder / 'results.csv']
     with atomic_file(files[0]) as file:
         writer = csv.DictWriter(file, names, extrasaction='ignore', lineterminator='\n')

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from .tasks import Task, task_of
-from ...errors import shown, words_of_files
+from ...assessment.monte_carlo import arguments
+from ...errors import OptionError, shown, words_of_files
 from ...mission import METHODS, OBJECTIVES
 from ...mission.formats.documents import Document, Problem, read, refusal
 from ...mission.scenario import Scenario
@@ -30,7 +31,7 @@ MOST_TASKS = 10**8
 
 _DEFAULTS: dict[str, Any] = {
     'vary': {}, 'samples': 1, 'seed': 0, 'methods': [METHODS[0]], 'objectives': None,
-    'time_limit': None, 'bound_time_limit': None, 'plans': False}
+    'time_limit': None, 'bound_time_limit': None, 'plans': False, 'assess': None}
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class Campaign:
     :param samples: how often the random fields are drawn.
     :param seed: of the draws; sample k has the same draws at every place of the grid.
     :param schemes: pairs of a method and an objective.
-    :param settings: 'time_limit' and 'bound_time_limit' in s, None for no limit and for no bound,
-        and 'plans' if the plans are to be kept.
+    :param settings: 'time_limit' and 'bound_time_limit' in s, None for no limit and for no bound;
+        'plans' if the plans are to be kept; 'assess' if they are to be assessed, and how.
     """
 
     mission: dict[str, Any]
@@ -168,12 +169,15 @@ class _Reader:
         values = {**_DEFAULTS, **data}
         grid, laws = self._varied(values['vary'], mission)
         self._check_numbers(values)
+        self._check_assess(values['assess'])
         schemes = self._schemes(values)
         if self.problems or mission is None:
             return None
         settings = {name: values[name] for name in ('time_limit', 'bound_time_limit')}
         if values['plans']:  # Without, rows are those of a campaign that has no such field.
             settings['plans'] = True
+        if values['assess'] is not None:
+            settings['assess'] = values['assess']
         campaign = Campaign(
             mission, grid, laws, values['samples'], values['seed'], schemes, settings)
         if not 1 <= campaign.size <= MOST_TASKS:
@@ -260,6 +264,13 @@ class _Reader:
                 self._add((name,), f'{name} is {shown(value)}; it must be above 0 s, or null')
         if not isinstance(values['plans'], bool):
             self._add(('plans',), f'plans is {shown(values["plans"])}; it must be true or false')
+
+    def _check_assess(self, given: Any) -> None:
+        if given is not None:
+            try:
+                arguments(given)
+            except OptionError as error:
+                self._add(('assess', *error.place), f'assess: {error}')
 
     def _schemes(self, values: dict[str, Any]) -> list[tuple[str, str]]:
         """Return the pairs of a method and an objective that exist."""

@@ -12,7 +12,8 @@ from ... import __version__
 from ...errors import (
     MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError,
     ScenarioError, shown, StoppedError)
-from ...mission import METHODS, OBJECTIVES
+from ...mission import METHODS, OBJECTIVES, PLACES
+from ...mission.propagation import ENVIRONMENTS
 from ...output.autopilot_limits import AUTOPILOTS
 
 NAME = 'secure_uav_planner'
@@ -132,6 +133,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_check(commands)
     _add_new(commands)
     _add_show(commands)
+    _add_assess(commands)
     _add_sweep(commands)
     _add_link_budget(commands)
     _add_node(commands)
@@ -198,6 +200,49 @@ def _add_show(commands) -> None:
     parser.add_argument('-o', '--out', metavar='FILE',
                         help='picture (.png, .svg, .pdf) or web page (.html) to write (default: '
                         'a .png beside the plan)')
+
+
+def _add_assess(commands) -> None:
+    parser = _add(commands, 'assess', 'assess.assess_plan',
+                  'say what a saved plan is worth when the world differs', """
+
+It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It
+prints the secrecy rate of the mission, the outage of its slots and what is delivered in secret
+beside what the plan promises, and draws them. Without options, the world differs only in what the
+plan allows for.""")
+    parser.add_argument('plan', help='a plan file, such as out/plan.json')
+    parser.add_argument('-o', '--out', metavar='FILE', help='picture (.png, .svg, .pdf) to write '
+                        '(default: a .assess.png beside the plan)')
+    parser.add_argument('--draws', type=int, default=1000, metavar='D',
+                        help='how many worlds (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, metavar='S',
+                        help='of the draws (default: %(default)s)')
+    parser.add_argument('--place', choices=PLACES, help='where each eavesdropper is: anywhere in '
+                        'its disc (the default), normal around its centre, in the ring of the '
+                        'width --beyond around the disc, or at --positions')
+    parser.add_argument('--beyond', type=float, metavar='M', help='width of that ring')
+    parser.add_argument('--covariance', nargs=3, type=float, metavar=('XX', 'XY', 'YY'),
+                        help='of the normal place in m^2 (default: the disc has a probability of '
+                        '95%%)')
+    parser.add_argument('--positions', nargs='+', type=float, metavar='X Y',
+                        help='fixed places (default: the centres)')
+    parser.add_argument('--receiver-db', type=float, metavar='DB',
+                        help="by how much the eavesdroppers' receivers are better than stated")
+    parser.add_argument('--tracking-std', type=float, metavar='M',
+                        help='standard deviation of the UAVs in x and in y around their plan')
+    parser.add_argument('--tracking-time', type=float, metavar='S',
+                        help='correlation time of these errors (default: 2)')
+    parser.add_argument('--flown', metavar='FILE', help='where the UAVs really were: CSV with the '
+                        'columns uav, time, x, y, or a bag (.mcap) with <uav>/odom')
+    parser.add_argument('--exponent', type=float, metavar='A',
+                        help="another path loss exponent than the plan's")
+    parser.add_argument('--los', choices=('none', *ENVIRONMENTS),
+                        help='another environment, for the probability of lines of sight')
+    parser.add_argument('--rician-k-db', type=float, metavar='DB', help='another Rician factor')
+    parser.add_argument('--los-distance', type=float, metavar='M', help='way of a UAV after which '
+                        'its lines of sight are drawn anew (default: 50)')
+    parser.add_argument('--mean-gain', action='store_true',
+                        help='draw no lines of sight, but take the mean gain')
 
 
 def _add_sweep(commands) -> None:

@@ -9,15 +9,17 @@ import pathlib
 
 from ..campaign.specification import BASELINES
 from ..campaign.tasks import task_of
-from ... import METHODS, Scenario, solve, Uav
+from ... import Channel, METHODS, Scenario, solve, Uav
+from ...mission.propagation import ENVIRONMENTS
 
 PROPOSED = inspect.signature(solve).parameters['method'].default
 """The method that represents the paper's proposed design."""
 
 _DURATIONS = (102, 104, 106, 108, 110, 115, 120, 130, 140, 150, 160, 170, 180, 190, 200)
 _RADII = (0, 5, 10, 15, 20, 30, 40, 50, 60)
+_ENVIRONMENTS = (None, *ENVIRONMENTS)
 _SNRS = (60, 65, 70, 75, 80, 85, 90, 95, 100)
-_NOT_PLANNING = ('bench', 'cli', 'export', 'fly', 'ros', 'study', 'view', 'demo.py')
+_NOT_PLANNING = ('apps', 'assessment', 'output', 'ros')
 _SOURCES = ('.py', '.cpp', '.hpp')
 
 
@@ -51,7 +53,7 @@ class Point:
                 'duration': scenario.duration,
                 'error_radius': scenario.eavesdroppers[0].error_radius,
                 'reference_snr_db': scenario.reference_snr_db,
-                'jammers': len(scenario.uavs) - 1})
+                'jammers': len(scenario.uavs) - 1, 'los': scenario.channel.los})
 
 
 def points(quick=False):
@@ -75,6 +77,9 @@ def points(quick=False):
         add('snr', snr, replace(paper, reference_snr_db=float(snr)))
     for jammers in (0, 1, 2) if quick else (0, 1, 2, 3):
         add('jammers', jammers, _with_jammers(paper, jammers))
+    for place, los in enumerate(_ENVIRONMENTS):
+        if not quick or los in (None, 'urban'):
+            add('environment', place, replace(paper, channel=Channel(los=los)), (PROPOSED,))
     for duration in (102,) if quick else (102, 200):
         add('convergence', duration, Scenario.paper(duration), tuple(METHODS))
     return found
@@ -96,11 +101,16 @@ def code_version(bounded=False):
 
     :param bounded: whether the code of the bound counts.
     """
-    package = pathlib.Path(__file__).parents[1]
     digest = hashlib.sha256()
-    for path in sorted(path for path in package.rglob('*') if path.suffix in _SOURCES):
-        # The nodes, the views and the programs do not change a plan.
-        part = path.relative_to(package).parts[0]
-        if part not in _NOT_PLANNING and (bounded or part != 'bound'):
-            digest.update(path.read_bytes())
+    for path in sources(bounded):
+        digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def sources(bounded=False):
+    """Return the files whose code makes a plan, or also its bound."""
+    package = pathlib.Path(__file__).parents[2]
+    # The nodes, the views and the programs do not change a plan.
+    others = {*_NOT_PLANNING, *(() if bounded else ('bound',))}
+    return sorted(path for path in package.rglob('*') if path.suffix in _SOURCES
+                  and path.relative_to(package).parts[0] not in others)

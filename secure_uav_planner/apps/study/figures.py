@@ -5,6 +5,7 @@ import csv
 from matplotlib.figure import Figure
 import numpy as np
 
+from .environments import draw_environments, found_in_environments, HEADER
 from ...output.drawing import uav_color
 from ...output.picture import draw_map, name_of
 
@@ -52,6 +53,9 @@ def write_figures(plans, folder):
                     'duration_s', 'uav', 'point', 'time_s', 'x_m', 'y_m', 'power_w'), [
                         row for duration, plan in shown.items()
                         for row in _trajectory_rows(duration, plan)])]
+    found = found_in_environments(plans)
+    written += [_save(draw_environments(found), folder / 'environments.png'),
+                _table(folder / 'environments.csv', HEADER, [one.row for one in found])]
     runs = {point: plan for point, plan in plans.items() if point.experiment == 'convergence'}
     written += [_save(_convergence(runs), folder / 'convergence.png'),
                 _table(folder / 'convergence.csv', (

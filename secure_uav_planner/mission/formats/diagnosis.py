@@ -32,6 +32,8 @@ UNITS = {
     'ceiling': 'm', 'tracking_margin': 'm', 'max_speed': 'm/s', 'start_velocity': 'm/s',
     'goal_velocity': 'm/s', 'max_acceleration': 'm/s^2', 'average_power': 'W',
     'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
+    'blade_power': 'W', 'induced_power': 'W', 'tip_speed': 'm/s', 'induced_velocity': 'm/s',
+    'air_density': 'kg/m^3', 'disc_area': 'm^2',
     'rician_k_db': 'dB',
 }
 """The unit of every field that has one."""
@@ -147,14 +149,21 @@ class _Diagnosis:
 
     def _is_right(self, neutral: Any, field: str, value: Any, place: Place) -> bool:
         """Return whether a field may have a value whatever the others are; note why not."""
-        try:
-            replace(neutral, **{field: value})
-        except ScenarioError as error:
-            # Otherwise the value does not fit to the neutral ones, which says nothing.
-            if error.place[:1] == (field,):
-                self._add((*place, *error.place[1:]), f'{error}{_unit(field, value)}')
-                return False
-        return True
+        is_right = True
+        while True:
+            try:
+                replace(neutral, **{field: value})
+            except ScenarioError as error:
+                # Otherwise the value does not fit to the neutral ones, which says nothing.
+                if error.place[:1] == (field,):
+                    is_right = False
+                    inner = error.place[1:]
+                    self._add((*place, *inner), f'{error}{_unit(error.place, value)}')
+                    if isinstance(value, dict) and inner and inner[0] in value:
+                        # The block may have more that is wrong.
+                        value = {name: one for name, one in value.items() if name != inner[0]}
+                        continue
+            return is_right
 
 
 def _completed(neutral: Any, values: Mapping[str, Any], wrong: Collection[str]) -> Any:
@@ -179,10 +188,13 @@ def _misfit(kind: type[Any], data: object) -> str:
     return ''
 
 
-def _unit(field: str, value: Any) -> str:
-    """Return what to add to a message about a wrong value of a field."""
-    if field not in UNITS:
+def _unit(place: Place, value: Any) -> str:
+    """Return what to add to a message about a wrong value of a field, or of one in its block."""
+    for part in place[1:]:
+        value = value.get(part) if isinstance(value, dict) else value
+    unit = UNITS.get(str(place[-1] if isinstance(place[-1], str) else place[0]))
+    if unit is None:
         return ''
     if isinstance(value, str):
-        return f', in {UNITS[field]}, without its unit'
-    return '' if isinstance(value, list) else f' {UNITS[field]}'
+        return f', in {unit}, without its unit'
+    return '' if isinstance(value, list) else f' {unit}'

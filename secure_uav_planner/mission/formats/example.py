@@ -28,6 +28,15 @@ uavs:
     max_acceleration: 3.0         # m/s^2; null (the default) for no limit
     start_velocity: [0.0, 0.0]    # m/s, counts with a limit of acceleration; null: free
     goal_velocity: [0.0, 0.0]     # m/s, likewise
+    propulsion:                   # of a rotary wing, for the energy; default: null, no energy
+      blade_power: 79.8563        # W, while hovering
+      induced_power: 88.6279      # W, while hovering
+      tip_speed: 120.0            # m/s, of the rotor blades
+      induced_velocity: 4.03      # m/s, while hovering
+      fuselage_drag_ratio: 0.6
+      air_density: 1.225          # kg/m^3
+      solidity: 0.05              # of the rotor
+      disc_area: 0.503            # m^2, of the rotor; defaults: these numbers
   - <<: *sender                   # all as above, except
     name: jammer
     start: [120.0, 300.0]

@@ -48,6 +48,15 @@ class FreeSpace:
         """Return the derivative of the gain by the squared distance."""
         return -self.gain(squared) / (squared + self.squared_altitudes)
 
+    def drawn_gain(self, squared: Array, numbers: Array) -> Array:
+        """
+        Return the gain with or without a line of sight, as numbers have drawn it.
+
+        :param numbers: from 0 to 1; a link has a line of sight where its number is below the
+            probability. As the squared distances.
+        """
+        return self.gain(squared)
+
     def taken(self, receivers: NDArray[np.intp]) -> Self:
         """Return the link to some of its receivers, given as an index array, of arrays (K, U)."""
         return replace(self, reference_snr=np.asarray(self.reference_snr)[receivers])
@@ -83,6 +92,12 @@ class PathLoss(FreeSpace):
     def gain(self, squared: Array) -> Array:
         """Return the gain over the noise power at squared horizontal distances."""
         found: Array = self._in_sight(squared) * self._mean(self._probability(squared))
+        return found
+
+    def drawn_gain(self, squared: Array, numbers: Array) -> Array:
+        """Return the gain with or without a line of sight, as numbers have drawn it."""
+        found: Array = self._in_sight(squared) * np.where(
+            numbers < self._probability(squared), 1.0, self.losses)
         return found
 
     def slope(self, squared: Array) -> Array:

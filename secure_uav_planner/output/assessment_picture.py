@@ -1,0 +1,85 @@
+"""The picture of an assessment: rates over time, of missions, and outages, beside the promised."""
+
+import math
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from .drawing import EAVESDROPPER, RATE
+
+_SIZE = (9.0, 7.6)
+_DOTS_PER_INCH = 200
+_BANDS = ((0, 4, 0.18, '5% to 95%'), (1, 3, 0.3, '25% to 75%'))
+_PROMISED = {'color': 'black', 'linewidth': 1.3, 'linestyle': '--'}
+_FEW = 1e-9  # bit/s/Hz, as good as one value.
+
+
+def save_assessment(assessment, path):
+    """
+    Write the picture of an Assessment to a file; the suffix, such as .png, gives the format.
+
+    :raises OSError: if the file cannot be written.
+    """
+    draw_assessment(assessment).savefig(path, dpi=_DOTS_PER_INCH)
+
+
+def draw_assessment(assessment):
+    """Return a matplotlib Figure of an Assessment, as save_assessment writes it."""
+    figure = Figure(figsize=_SIZE, layout='constrained')
+    fan, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
+    fan.set_title(
+        f'{assessment.draws} draws: {assessment.mean:.3f} bit/s/Hz in the mean, '
+        f'{assessment.quantile(0.05):.3f} at 5%; {assessment.promised_rate:.3f} promised',
+        fontsize=11, loc='left')
+    draw_fan(fan, assessment)
+    draw_outages(outages, assessment)
+    draw_missions(missions, assessment)
+    for axes in (fan, outages, missions):
+        axes.grid(color='0.9', linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.spines[['top', 'right']].set_visible(False)
+        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
+    return figure
+
+
+def draw_fan(axes, assessment):
+    """Draw the quantiles of the secrecy rate in each slot, and the promised rate."""
+    edges = assessment.plan.times[1:]
+    for low, high, alpha, label in _BANDS:
+        axes.stairs(assessment.fan[high], edges, baseline=assessment.fan[low], fill=True,
+                    color=RATE, alpha=alpha, linewidth=0, label=label)
+    axes.stairs(assessment.fan[2], edges, baseline=None, color=RATE, linewidth=1.8,
+                label='50%')
+    axes.stairs(assessment.promised_rates, edges, baseline=None, label='promised', **_PROMISED)
+    axes.set_xlim(0, edges[-1])
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel('secrecy rate of a slot\n(bit/s/Hz)')
+    axes.tick_params(labelbottom=False)
+
+
+def draw_outages(axes, assessment):
+    """Draw the outage of each slot beside the promised one."""
+    edges = assessment.plan.times[1:]
+    axes.stairs(assessment.outages, edges, fill=True, color=EAVESDROPPER, alpha=0.6, label='found')
+    axes.axhline(assessment.promised_outage, label='promised', **_PROMISED)
+    axes.set_xlim(0, edges[-1])
+    axes.set_ylim(0, max(0.01, 1.15 * max(assessment.outage, assessment.promised_outage)))
+    axes.yaxis.set_major_formatter(lambda share, _: f'{share:.3g}')
+    axes.set_ylabel('outage')
+    axes.set_xlabel('time (s)')
+
+
+def draw_missions(axes, assessment):
+    """Draw how the mission's secrecy rate is distributed, and the promised one."""
+    rates = assessment.rates
+    ends = rates.min(), rates.max()
+    if ends[1] - ends[0] < _FEW:
+        ends = ends[0] - 0.5, ends[0] + 0.5
+    axes.hist(rates, bins=min(60, math.ceil(2 * len(rates)**(1 / 3))), range=ends, color=RATE,
+              alpha=0.5, weights=np.full(len(rates), 1 / len(rates)), label='found')
+    for share, style in ((0.05, ':'), (0.5, '-')):
+        axes.axvline(assessment.quantile(share), color=RATE, linewidth=1.6, linestyle=style,
+                     label=f'{share:.0%}')
+    axes.axvline(assessment.promised_rate, label='promised', **_PROMISED)
+    axes.set_xlabel('secrecy rate of the mission (bit/s/Hz)')
+    axes.set_ylabel('share of draws')

@@ -1,0 +1,481 @@
+"""Assessments: draws have the laws that they should, and rates are those of every world drawn."""
+
+import csv
+from dataclasses import replace
+import itertools
+import json
+import math
+from pathlib import Path
+import tracemalloc
+
+from hypothesis import given, settings, strategies as st
+from matplotlib.image import imread
+import numpy as np
+import pytest
+from scipy import stats
+from secure_uav_planner import (
+    assess, Channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav, World)
+from secure_uav_planner.apps.cli.main import main
+from secure_uav_planner.assessment import draws as drawn
+from secure_uav_planner.assessment.flown import read_flown
+from secure_uav_planner.assessment.monte_carlo import promised_rates
+from secure_uav_planner.errors import MissionFileError, OptionError
+from secure_uav_planner.model import channel
+from secure_uav_planner.optimize.initial import fly_hover_fly_positions
+from secure_uav_planner.output.assessment_picture import draw_assessment
+from secure_uav_planner.output.spreadsheet import save_csv
+from secure_uav_planner.output.table import assessment_table
+from strategies import random_powers, scenarios
+
+URBAN = (9.61, 0.16, 20.0)  # Al-Hourani, Kandeepan and Lardner (2014).
+MANY = 20000
+
+
+def planned(scenario, seed=0):
+    """Return a plan with random powers."""
+    return Plan(scenario, fly_hover_fly_positions(scenario),
+                random_powers(scenario, np.random.default_rng(seed)))
+
+
+def team(error_radius=30.0, **fields):
+    """Return a scenario of three UAVs and two eavesdroppers."""
+    uavs = tuple(Uav(name, (x, 300.0), (x, -300.0), altitude, 12.0) for name, x, altitude in (
+        ('one', -50.0, 80.0), ('two', 100.0, 100.0), ('three', 150.0, 120.0)))
+    eavesdroppers = (Eavesdropper((200.0, 50.0), error_radius, 'near', 3.0),
+                     Eavesdropper((-100.0, -150.0), 2 * error_radius, 'far'))
+    return Scenario((10.0, 20.0), eavesdroppers, uavs, 60.0, 12, **fields)
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return planned(team())
+
+
+def agrees(samples, law):
+    """Return whether samples may be of a law, by the test of Kolmogorov and Smirnov."""
+    return stats.kstest(samples, law).pvalue > 1e-4
+
+
+# Rates
+
+
+def gain_of(one, heights, squared, sight=None):
+    """Return the gain of links over the noise power, from the sources' equations."""
+    a, b, loss = URBAN if one.channel.los == 'urban' else (0.0, 0.0, 0.0)
+    line = 10 ** (one.reference_snr_db / 10) / math.hypot(heights, math.sqrt(squared)) ** (
+        one.channel.exponent)
+    if a == 0.0:
+        return line
+    elevation = math.degrees(math.atan2(heights, math.sqrt(squared)))
+    probability = 1 / (1 + a * math.exp(-b * (elevation - a)))
+    if sight is None:
+        return line * (probability + (1 - probability) * 10 ** (-loss / 10))
+    return line if sight < probability else line * 10 ** (-loss / 10)
+
+
+def rates_of(plan, places, fades=None, sights=None, better=0.0, errors=None):
+    """Return the secrecy rates of a plan in one world, (N,), in plain loops."""
+    one, found = plan.scenario, []
+    for n in range(one.slots):
+        sinr = []
+        receivers = [(one.ground_node, 0.0), *(
+            (place, eve.receiver_advantage_db + better)
+            for place, eve in zip(places, one.eavesdroppers))]
+        for r, ((x, y), advantage) in enumerate(receivers):
+            got = []
+            for u, uav in enumerate(one.uavs):
+                at = plan.positions[u, n + 1] + (0.0 if errors is None else errors[n][u])
+                squared = (at[0] - x)**2 + (at[1] - y)**2
+                sight = None if sights is None else sights[n][u, r]
+                fade = 1.0 if fades is None else fades[n][u, r]
+                got.append(gain_of(one, uav.altitude, squared, sight) * fade
+                           * 10 ** (advantage / 10) * plan.powers[u, n])
+            sinr.append(got[0] / (1 + sum(got[1:])))
+        leak = sum(sinr[1:]) if one.colluding else max(sinr[1:])
+        found.append(max(0.0, math.log2(1 + sinr[0]) - math.log2(1 + leak)))
+    return np.array(found)
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(), st.integers(0, 2**32 - 1))
+def test_at_the_centres_in_free_space_the_rates_are_the_plain_ones(scenario, seed):
+    plan = planned(scenario, seed)
+    found = assess(plan, 3, world=World(place='fixed'))
+    wanted = np.min([channel.secrecy_rates(
+        scenario, plan.positions, plan.powers, eve.position, eve.receiver_advantage_db)
+        for eve in scenario.eavesdroppers], axis=0).clip(0.0)
+    assert np.abs(found.fan - wanted).max() <= 1e-12 * max(1.0, wanted.max())
+    assert np.abs(found.rates - wanted.mean()).max() <= 1e-12 * max(1.0, wanted.max())
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(), st.integers(0, 2**32 - 1), st.sampled_from(['guaranteed', 'worst_case']))
+def test_in_the_disc_no_promise_is_broken(scenario, seed, objective):
+    plan = replace(planned(scenario, seed), objective=objective)
+    found = assess(plan, 200, seed)
+    assert found.outage == 0.0 == found.promised_outage
+    assert (found.rates >= found.promised_rate - 1e-9).all()
+    assert found.delivered == pytest.approx(np.full(200, found.promised_delivery))
+
+
+@pytest.mark.parametrize('colluding', [False, True])
+@pytest.mark.parametrize('of, world', [
+    (Channel(), World()), (Channel(2.7), World(receiver_db=4.0)),
+    (Channel(los='urban'), World(los_distance=None)), (Channel(2.4, 'urban'), World()),
+    (Channel(rician_k_db=5.0, outage=0.1), World('beyond', beyond=50.0)),
+    (Channel(2.2, 'urban', False, 0.0, 0.1), World(los_distance=0.0, tracking_std=4.0))])
+def test_rates_are_those_of_plain_loops_in_every_world_drawn(of, world, colluding):
+    plan = planned(team(colluding=colluding))
+    world = replace(world, channel=of)
+    draws, seed = 6, 11
+    found = assess(plan, draws, seed, world)
+    one = replace(plan.scenario, channel=of)
+    slots, links = one.slots, (3, 3)
+
+    def first(states):
+        return list(itertools.islice(states, slots))
+
+    places = drawn.places(one, world, draws, seed)
+    sights = of.los and world.los_distance is not None and first(drawn.sights(
+        one, plan.positions[:, 1:-1], world.los_distance, draws, seed))
+    fades = of.outage and first(drawn.fading(of.rician_k_db, links, draws, seed))
+    errors = world.tracking_std and first(drawn.tracking_errors(one, world, draws, seed))
+    wanted = np.array([rates_of(
+        Plan(one, plan.positions, plan.powers), places[:, draw], *(
+            [state[:, :, draw] for state in states] if states else None
+            for states in (fades, sights)), world.receiver_db,
+        [error[:, draw] for error in errors] if errors else None) for draw in range(draws)])
+    np.testing.assert_allclose(found.rates, wanted.mean(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(found.fan[2], np.median(wanted, axis=0), rtol=1e-11, atol=1e-13)
+    kept = wanted >= promised_rates(plan) - 1e-9
+    np.testing.assert_allclose(found.outages, 1 - kept.mean(axis=0), atol=1e-15)
+    np.testing.assert_allclose(
+        found.delivered, one.slot_duration * (kept * promised_rates(plan)).sum(axis=1))
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_the_outage_of_every_slot_is_at_most_the_promised_one(seed):
+    rng = np.random.default_rng(seed)
+    objective = ('guaranteed', 'worst_case')[seed % 2]
+    scenario = replace(
+        team(colluding=seed % 5 == 0),
+        ground_node=tuple(rng.uniform(-50, 50, 2)), eavesdroppers=tuple(
+            Eavesdropper(tuple(place), rng.uniform(0.0, 30.0)) for place in
+            rng.uniform((250, -200), (500, 200), (1 + seed % 2, 2))),
+        uavs=team().uavs[:1 + seed % 3], duration=rng.uniform(60, 150), slots=20,
+        channel=Channel(rng.uniform(2.0, 2.8), (None, 'suburban', 'urban')[seed % 3],
+                        seed % 4 == 1, rng.uniform(8.0, 15.0), rng.choice([0.02, 0.1, 0.3])))
+    plan = solve(scenario, objective=objective)
+    assert plan.rate > 0
+    # The mean gain is what the model of a probability of line of sight promises for.
+    found = assess(plan, 10000, seed, World(los_distance=None))
+    assert found.promised_outage == scenario.channel.outage
+    assert (found.outages <= found.promised_outage).all()
+    # Otherwise it would say nothing; with the 9 links of three UAVs it can be as rare as that.
+    assert found.outage > 0 or seed % 3 == 2
+
+
+def test_a_better_receiver_than_stated_is_one_that_is_stated_better(plan):
+    better = replace(plan.scenario, eavesdroppers=tuple(
+        replace(eve, receiver_advantage_db=eve.receiver_advantage_db + 6.0)
+        for eve in plan.scenario.eavesdroppers))
+    stated = Plan(better, plan.positions, plan.powers)
+    np.testing.assert_allclose(assess(plan, 50, world=World(receiver_db=6.0)).rates,
+                               assess(stated, 50).rates, rtol=1e-12)
+
+
+def test_the_quantiles_are_those_of_the_missions_and_the_answer_is_short_and_true(plan):
+    found = assess(plan, 200, world=World('normal'))
+    assert found.quantile(0.05) == np.sort(found.rates)[[9, 10]] @ [0.05, 0.95]
+    assert found.mean == found.rates.mean() and found.draws == len(found.rates) == 200
+    text = repr(found)
+    assert len(text) < 250
+    for number in (f'{found.mean:.4f} bit/s/Hz in the mean', f'{found.quantile(0.5):.4f} at 50%',
+                   f'{found.promised_rate:.4f} promised', f'{found.outage:.2%}'):
+        assert number in text
+    for values in (found.rates, found.fan, found.outages, found.delivered):
+        assert not values.flags.writeable
+
+
+# Draws
+
+
+def test_places_in_the_disc_are_uniform():
+    scenario = team(40.0)
+    places = drawn.places(scenario, World(), MANY, 3)
+    for found, eve in zip(places, scenario.eavesdroppers):
+        x, y = (found - eve.position).T / eve.error_radius
+        assert agrees(x**2 + y**2, stats.uniform.cdf)
+        assert agrees(np.arctan2(y, x), stats.uniform(-np.pi, 2 * np.pi).cdf)
+    assert abs(np.corrcoef(places[0, :, 0], places[1, :, 0])[0, 1]) < 0.05
+
+
+def test_places_beyond_the_disc_are_uniform_in_the_ring():
+    scenario = team(40.0)
+    found = drawn.places(scenario, World('beyond', beyond=25.0), MANY, 3)[0]
+    squared = ((found - scenario.eavesdroppers[0].position)**2).sum(axis=1)
+    assert agrees(squared, stats.uniform(40.0**2, 65.0**2 - 40.0**2).cdf)
+
+
+def test_normal_places_have_their_covariance():
+    scenario = team(40.0)
+    offsets = drawn.places(scenario, World('normal'), MANY, 3)[0] - (200.0, 50.0)
+    # The disc has 95% of them: a squared distance is of the law chi-squared.
+    assert agrees((offsets**2).sum(axis=1) / 40.0**2 * stats.chi2(2).ppf(0.95), stats.chi2(2).cdf)
+    covariance = ((90.0, 40.0), (40.0, 30.0))
+    offsets = drawn.places(scenario, World('normal', covariance), MANY, 3)[1] - (-100.0, -150.0)
+    assert agrees(np.einsum('ni,ij,nj->n', offsets, np.linalg.inv(covariance), offsets),
+                  stats.chi2(2).cdf)
+    np.testing.assert_allclose(np.cov(offsets.T), covariance, rtol=0.05)
+    flat = drawn.places(scenario, World('normal', ((4.0, 0.0), (0.0, 0.0))), 9, 3)[0]
+    assert np.abs(flat[:, 1] - 50.0).max() < 1e-12 < np.ptp(flat[:, 0])
+
+
+def test_fixed_places_are_those_given():
+    found = drawn.places(team(), World('fixed', positions=((1, 2), (3, 4))), 2, 0)
+    assert found.tolist() == [[[1.0, 2.0]] * 2, [[3.0, 4.0]] * 2]
+
+
+@pytest.mark.parametrize('rician_k_db', [-40.0, 0.0, 10.0, 30.0])
+def test_fading_has_the_rician_law_and_is_independent(rician_k_db):
+    first, second = itertools.islice(drawn.fading(rician_k_db, (2, 2), MANY, 5), 2)
+    factor = 10 ** (rician_k_db / 10)
+    law = stats.ncx2(2, 2 * factor, scale=1 / (2 * (factor + 1)))
+    assert law.mean() == pytest.approx(1.0)
+    assert all(agrees(samples, law.cdf) for samples in first.reshape(4, -1))
+    both = np.corrcoef(np.concatenate([first.reshape(4, -1), second.reshape(4, -1)]))
+    assert np.abs(both - np.eye(8)).max() < 0.05
+
+
+def test_lines_of_sight_are_held_over_the_distance_and_as_frequent_as_they_are_probable():
+    scenario = team()
+    steps = np.array([30.0, 30.0, 0.0, 45.0, 10.0, 100.0, 1.0])
+    x = np.concatenate([[0.0], np.cumsum(steps)])  # 0, 30, 60, 60, 105, 115, 215, 216
+    positions = np.stack([np.stack([x, 0 * x], axis=-1)] * 2 + [np.zeros((8, 2))])
+    found = np.array(list(drawn.sights(scenario, positions, 50.0, MANY, 7)))
+    changed = (np.diff(found, axis=0) != 0)
+    assert (changed[:, :2].any(axis=(2, 3)) == changed[:, :2].all(axis=(2, 3))).all()
+    assert changed[:, 0, 0, 0].tolist() == [False, True, False, True, False, True, False]
+    assert not changed[:, 2].any()
+    assert agrees(found[0].ravel()[::5], stats.uniform.cdf)
+    flat = found[0].reshape(9, -1)
+    assert np.abs(np.corrcoef(flat) - np.eye(9)).max() < 0.05
+    assert (np.diff(list(drawn.sights(scenario, positions, 0.0, 9, 7)), axis=0) != 0).all()
+
+
+def test_tracking_errors_have_their_deviation_and_correlation():
+    scenario = team()
+    world = World(tracking_std=3.0, tracking_time=8.0)
+    found = np.array(list(itertools.islice(
+        drawn.tracking_errors(scenario, world, MANY, 9), 3)))[:, 0, :, 0]
+    assert agrees(found[0], stats.norm(0, 3.0).cdf) and agrees(found[2], stats.norm(0, 3.0).cdf)
+    kept = math.exp(-scenario.slot_duration / 8.0)
+    np.testing.assert_allclose(np.corrcoef(found), [
+        [1, kept, kept**2], [kept, 1, kept], [kept**2, kept, 1]], atol=0.03)
+
+
+def test_a_seed_gives_the_same_draws_on_any_machine():
+    # As numbers: they must not change from one version of NumPy to another.
+    scenario = team()
+    numbers = [
+        drawn.places(scenario, World(), 2, 42)[0, 1, 0],
+        drawn.places(scenario, World('normal'), 2, 42)[1, 1, 1],
+        next(drawn.sights(scenario, np.zeros((3, 1, 2)), 50.0, 2, 42))[2, 2, 1],
+        next(drawn.fading(3.0, (3, 3), 2, 42))[2, 2, 1],
+        next(drawn.tracking_errors(scenario, World(tracking_std=1.0), 2, 42))[2, 1, 1]]
+    assert numbers == pytest.approx([
+        213.2918245057113, -150.85115327553854, 0.092780403631184, 1.1606114855363339,
+        -0.5078319544544213], rel=1e-12)
+    plan = planned(scenario)
+    world = World(tracking_std=2.0, channel=Channel(los='urban', rician_k_db=3.0, outage=0.1))
+    first, again, other = (assess(plan, 20, seed, world) for seed in (1, 1, 2))
+    assert (first.rates == again.rates).all() and (first.rates != other.rates).any()
+
+
+def test_memory_does_not_grow_with_the_slots():
+    scenario = Scenario.paper(400.0, slots=4000)
+    plan = fly_hover_fly(scenario)
+    promised_rates(plan)
+    tracemalloc.start()
+    try:
+        assess(plan, 500, world=World(channel=Channel(los='urban')))
+        assert tracemalloc.get_traced_memory()[1] < 500 * 4000 * 8 / 4
+    finally:
+        tracemalloc.stop()
+
+
+# What is refused
+
+
+@pytest.mark.parametrize('fields, words', [
+    ({'place': 'here'}, "place is 'here'; it must be one of disc, normal, beyond, fixed"),
+    ({'beyond': -1.0}, 'beyond is -1.0; it must be a number from 0'),
+    ({'beyond': 5.0}, "beyond is 5.0 and place is 'disc'; it counts only with the place 'beyond'"),
+    ({'place': 'beyond'}, "beyond is 0.0; with the place 'beyond' it must be above 0 m"),
+    ({'positions': ((0, 0),)}, "it counts only with the place 'fixed'"),
+    ({'place': 'fixed', 'positions': ((0, 'x'),)}, r'positions\[0\] is .* two coordinates'),
+    ({'place': 'fixed', 'positions': 5}, 'positions is 5; it must be a list of pairs'),
+    ({'place': 'normal', 'covariance': ((1, 0),)}, 'it must be a list of 2 pairs'),
+    ({'place': 'normal', 'covariance': ((1, 2), (2, 1))}, 'positive semidefinite'),
+    ({'place': 'normal', 'covariance': ((1, 2), (0, 9))}, 'symmetric'),
+    ({'channel': 'urban'}, "Channel is 'urban'; it must be a mapping"),
+    ({'channel': {'exponent': 1.0}}, r'channel\.exponent is 1\.0; it must be a number from 2 to'),
+    ({'los_distance': -3}, 'los_distance is -3; it must be a number from 0'),
+    ({'receiver_db': math.nan}, 'receiver_db is nan; it must be a number from -100 to 100'),
+    ({'tracking_std': '3 m'}, "tracking_std is '3 m'; it must be a number from 0"),
+    ({'tracking_time': True}, 'tracking_time is True; it must be a number from 0')])
+def test_a_wrong_world_is_refused_with_field_value_and_what_is_allowed(fields, words):
+    with pytest.raises(OptionError, match=words) as caught:
+        World(**fields)
+    name = next(name for name in ('positions', 'covariance', 'channel', *fields) if name in fields)
+    assert caught.value.place[0] in (name, 'beyond')
+
+
+@pytest.mark.parametrize('arguments, words', [
+    ({'draws': 0}, 'draws is 0; it must be a whole number from 1 to 1000000'),
+    ({'draws': 10.0}, 'draws is 10.0'), ({'seed': -1}, 'seed is -1; it must be a whole number'),
+    ({'seed': True}, 'seed is True'),
+    ({'world': World('fixed', positions=((0, 0),))}, 'positions has 1 places; .* 2 eavesdroppers'),
+    ({'flown': np.zeros((3, 11, 2))}, r'flown is .*; it must be finite positions of the shape'),
+    ({'flown': [[['x']]]}, 'flown is'), ({'flown': np.full((3, 12, 2), np.nan)}, 'finite'),
+    ({'flown': np.zeros((3, 12, 2)), 'world': World(tracking_std=1.0)}, 'tracking_std is 1 m')])
+def test_wrong_arguments_are_refused(plan, arguments, words):
+    with pytest.raises(OptionError, match=words):
+        assess(plan, **arguments)
+
+
+# Flights
+
+
+def test_a_plan_that_is_flown_as_planned_is_assessed_as_planned(plan, tmp_path):
+    save_csv(plan, tmp_path / 'plan.csv')
+    flown = read_flown(tmp_path / 'plan.csv', plan)
+    np.testing.assert_allclose(flown, plan.positions[:, 1:-1], atol=1e-9)
+    np.testing.assert_allclose(assess(plan, 9, flown=flown).rates, assess(plan, 9).rates)
+
+
+def test_between_its_lines_a_uav_flew_straight(plan, tmp_path):
+    last = plan.times[-1]
+    (tmp_path / 'a.csv').write_text('time,note,y,uav,x\n' + ''.join(
+        f'0,,10,{name},0\n{last},,-10,{name},{last}\n' for name in ('two', 'one', 'three')))
+    flown = read_flown(tmp_path / 'a.csv', plan)
+    times = plan.times[1:-1]
+    for path in flown:
+        np.testing.assert_allclose(path, np.stack([times, 10 - 20 * times / last], axis=-1))
+    aside = assess(plan, 9, flown=flown)
+    assert aside.is_flown and (aside.rates != assess(plan, 9).rates).all()
+
+
+def test_a_bag_says_where_the_uavs_were(plan, tmp_path):
+    pytest.importorskip('mcap_ros2', reason='needs mcap-ros2-support, which reads bags')
+    from secure_uav_planner.ros.recording import record
+    flown = replace(plan, start_ns=10**18 + 5)
+    record(flown, tmp_path / 'a.mcap', rate=10.0)
+    found = read_flown(tmp_path / 'a.mcap', flown)
+    np.testing.assert_allclose(found, plan.positions[:, 1:-1], atol=2.0)
+    between = plan.curve.at(plan.times[1:-1]).positions
+    np.testing.assert_allclose(found, between, atol=1e-3)
+    with pytest.raises(OptionError, match='the plan has no start_ns'):
+        read_flown(tmp_path / 'a.mcap', plan)
+    (tmp_path / 'b.mcap').write_bytes((tmp_path / 'a.mcap').read_bytes()[:1000])
+    with pytest.raises(OptionError, match='b.mcap is no bag that can be read'):
+        read_flown(tmp_path / 'b.mcap', flown)
+
+
+@pytest.mark.parametrize('text, words', [
+    ('', ':1: it lacks the columns uav, time, x, y'), ('uav,x,y\n', ':1: it lacks the columns t'),
+    ('uav,time,x,y\none,0,0,0\n', 'has one from 0 to 0 s; it must be from 5 to 60 s or longer'),
+    ('uav,time,x,y\none,0,0,0\none,0,1,0\n', ':3: time is 0 s; it must be after the last of one'),
+    ('uav,time,x,y\none,0,0,zero\n', ":2: y is 'zero'; it must be a number from"),
+    ('uav,time,x,y\none,0,nan,0\n', ":2: x is 'nan'"), ('uav,time,x,y\none,0\n', ':2: x is None'),
+    ('uav,time,x,y\nfour,0,0,0\n', ":2: uav is 'four'; it must be one of one, two, three"),
+    ('uav,time,x,y\none,0,0,0\none,99,0,0\n', 'has nothing of two')])
+def test_a_wrong_flight_is_refused_with_its_line(plan, tmp_path, text, words):
+    (tmp_path / 'a.csv').write_text(text)
+    with pytest.raises(OptionError, match=words):
+        read_flown(tmp_path / 'a.csv', plan)
+
+
+# Command, picture, table and campaign
+
+
+def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, capsys):
+    plan.save(tmp_path / 'plan.json')
+    save_csv(plan, tmp_path / 'plan.csv')
+    assert main(['assess', str(tmp_path / 'plan.json'), '--draws', '50', '--seed', '4']) == 0
+    told = capsys.readouterr().out
+    found = assess(plan, 50, 4)
+    assert told == f'{assessment_table(found)}\n\nwritten: {tmp_path / "plan.assess.png"}\n'
+    assert imread(tmp_path / 'plan.assess.png').shape[1] == 1800
+    assert main(['assess', str(tmp_path / 'plan.json'), '-o', str(tmp_path / 'a.svg'),
+                 '--place', 'normal', '--covariance', '90', '40', '30', '--receiver-db', '3',
+                 '--los', 'urban', '--exponent', '2.2', '--rician-k-db', '7', '--mean-gain',
+                 '--draws', '50', '--flown', str(tmp_path / 'plan.csv')]) == 0
+    world = World('normal', ((90, 40), (40, 30)), receiver_db=3.0, los_distance=None,
+                  channel=Channel(2.2, 'urban', False, 7.0, 0.5))
+    wanted = assess(plan, 50, 0, world, read_flown(tmp_path / 'plan.csv', plan))
+    assert assessment_table(wanted) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('options', [
+    ['--draws', '0'], ['--place', 'beyond'], ['--positions', '1', '--place', 'fixed'],
+    ['--out', 'a.html'], ['--flown', 'missing.csv'], ['--exponent', '9'], ['--beyond', '-3']])
+def test_wrong_options_of_the_command_are_bad_input(plan, tmp_path, monkeypatch, capsys, options):
+    monkeypatch.chdir(tmp_path)
+    plan.save('plan.json')
+    assert main(['assess', 'plan.json', *options]) == 2
+    told = capsys.readouterr().err
+    assert told.count('\n') == 1 and told.startswith('secure_uav_planner: ')
+
+
+def test_the_table_has_what_is_found_beside_what_was_promised(plan):
+    plan = replace(plan, objective='worst_case')
+    found = assess(plan, 100, world=World('normal', receiver_db=30.0))
+    rows = {line.split('  ')[0]: line.split()[-4:] for line in assessment_table(
+        found).splitlines() if line}
+    assert rows['secrecy rate, bit/s/Hz'] == [f'{number:.4f}' for number in (
+        found.promised_rate, found.mean, found.quantile(0.05), found.quantile(0.5))]
+    assert rows['outage'][1:] == [f'{share:.4%}' for share in (
+        0.0, found.outages.mean(), found.outage)]
+    assert 0 < found.outage == found.outages.max() <= 1
+
+
+@pytest.mark.parametrize('world', [World(), World('fixed'), World('beyond', beyond=60.0)])
+def test_the_picture_shows_the_fan_the_outages_and_the_promise(plan, world):
+    found = assess(plan, 100, world=world)
+    fan, outages, missions = draw_assessment(found).axes
+    shown = {patch.get_label(): patch.get_data() for patch in fan.patches}
+    assert (shown['5% to 95%'].values == found.fan[4]).all()
+    assert (shown['5% to 95%'].baseline == found.fan[0]).all()
+    assert (shown['50%'].values == found.fan[2]).all()
+    assert (shown['promised'].values == found.promised_rates).all()
+    assert (outages.patches[0].get_data().values == found.outages).all()
+    shares = [patch.get_height() for patch in missions.patches]
+    assert sum(shares) == pytest.approx(1.0)
+    low, high = missions.get_xlim()
+    assert low <= min(found.rates.min(), found.promised_rate)
+    assert high >= max(found.rates.max(), found.promised_rate)
+
+
+def test_a_campaign_has_columns_for_it_where_it_asks_for_them(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mission = Scenario.paper(120.0, slots=8).to_dict()
+    given = {'draws': 20, 'seed': 5, 'place': 'normal', 'channel': {'los': 'urban'}}
+    Path('a.json').write_text(json.dumps({'mission': mission, 'assess': given}))
+    assert main(['sweep', 'a.json', '--out', 'out', '--jobs', '1']) == 0
+    with open('out/results.csv', newline='') as file:
+        [row] = csv.DictReader(file)
+    plan = solve(Scenario.from_dict(json.loads(json.dumps(mission))))
+    wanted = assess(plan, 20, 5, World('normal', channel=Channel(los='urban'))).summary
+    assert {name: float(row[f'assess.{name}']) for name in wanted} == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize('given, words', [
+    ({'draw': 5}, "World has no field 'draw'"), ({'draws': 0}, 'draws is 0'), (7, 'assess is 7'),
+    ({'channel': {'exponent': 9}}, 'channel.exponent is 9')])
+def test_a_campaign_with_a_wrong_assessment_is_refused(tmp_path, given, words):
+    from secure_uav_planner.apps.campaign.specification import load
+    (tmp_path / 'a.json').write_text(json.dumps(
+        {'mission': Scenario.paper().to_dict(), 'assess': given}))
+    with pytest.raises(MissionFileError, match=words):
+        load(tmp_path / 'a.json')
