@@ -7,7 +7,7 @@ import oracle
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.model import channel
-from strategies import channels, missions, random_powers
+from strategies import missions, random_powers
 
 # design: duration, error radius, fly-hover-fly with constant power, before the [x]^+ of each slot,
 # and with optimised power

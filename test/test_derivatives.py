@@ -52,7 +52,8 @@ def test_the_rates_are_those_of_the_channel(scenario, seed):
         Barrier(grid, x[None], 1.0, SCHEDULE).rates() / np.log(2), np.maximum(rates, 0).mean(),
         rtol=1e-9, atol=1e-9)
     ground, leaks = oracle.rates(grid, x)
-    leak = np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) if scenario.colluding else leaks.max(axis=-1)
+    leak = (np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) if scenario.colluding else
+            leaks.max(axis=-1))
     np.testing.assert_allclose((ground - leak) / np.log(2), rates,
                                rtol=1e-9, atol=1e-9)
 

@@ -34,7 +34,8 @@ MAX_ZONES = 64
 MAX_COUPLINGS = 10**7
 """The most pairs of variables that meet in a slot, slots * (3 uavs)^2: a step takes about 1 s."""
 
-__all__ = ['Array', 'Channel', 'Eavesdropper', 'LIMITS', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
+__all__ = ['Array', 'Channel', 'Eavesdropper', 'LIMITS', 'MAX_COUPLINGS', 'MAX_MEMBERS',
+           'MAX_ZONES',
            'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav', 'checked_fields',
            'read_only']
 

@@ -114,7 +114,7 @@ class PathLoss(FreeSpace):
 
     def taken(self, receivers: NDArray[np.intp]) -> Self:
         """Return the link to some of its receivers, as that of FreeSpace."""
-        losses = self.losses if np.isscalar(self.losses) else np.asarray(self.losses)[receivers]
+        losses = self.losses if np.ndim(self.losses) == 0 else np.asarray(self.losses)[receivers]
         return replace(super().taken(receivers), losses=losses)
 
     def compiled(self, receivers: int, uavs: int) -> Any:

@@ -1,6 +1,6 @@
 """Who receives what the UAVs radiate, in the units of a Grid."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 

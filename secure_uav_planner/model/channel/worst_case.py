@@ -114,15 +114,15 @@ def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
         count = most.shape[1] if scenario.colluding else 1
         groups = active.size * count
         slot = np.repeat(np.arange(groups), most.shape[1] // count)
-        proven, pair = np.empty(groups), np.empty(groups, np.int64)
-        place = np.empty((groups, 2))
+        proven: Array = np.empty(groups)
+        pair, place = np.empty(groups, np.int64), np.empty((groups, 2))
         core.prove(pairs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
                    proven, pair, place)
-        proven, place = proven.reshape(-1, count), place.reshape(-1, count, 2)
+        proven, places_of = proven.reshape(-1, count), place.reshape(-1, count, 2)
         each = np.arange(active.size)
         worst = proven.argmax(axis=1)
         eves[active], places[active] = (
-            pair.reshape(-1, count)[each, worst] % most.shape[1], place[each, worst])
+            pair.reshape(-1, count)[each, worst] % most.shape[1], places_of[each, worst])
         proven = put_together(proven) if scenario.colluding else proven[:, 0]
         leaks[active] = np.minimum(leaks[active], proven + _ROUNDING)
     return leaks, scenario.eavesdropper_positions[eves] + places

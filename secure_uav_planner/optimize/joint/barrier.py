@@ -110,7 +110,8 @@ def _problem(grid: Grid, receivers: Receivers, schedule: Schedule,
         'limits': [limit for limit in limits if limit is not None],
         'positions': _plain(receivers.positions), 'edge': _plain(receivers.edge),
         'channel': receivers.link.compiled(*receivers.edge.shape),
-        'colluding': grid.scenario.colluding, 'places': None if places is None else _places(places),
+        'colluding': grid.scenario.colluding,
+        'places': None if places is None else _places(places),
         'numbers': _numbers(schedule)}
 
 

@@ -13,6 +13,7 @@ from ...model.grid import Grid
 _ANGLES = (0.0, 2.0, 4.0)  # Of the first places of a disc, from the worst one, in rad.
 _NEAR = 0.5  # In radii of the disc.
 
+
 class WorstPlaces:
     """
     A few places of every disc in every slot, exchanged against worse ones.
