@@ -53,7 +53,7 @@ view = ['matplotlib>=3.6', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
 study = [*view, 'joblib>=1.4', 'tqdm>=4.64']
 campaign = [*study, 'distributed>=2024.1', 'pyarrow>=14']
 bench = [*view, 'casadi>=3.8']
-docs = ['myst-parser>=2.0', 'sphinx>=7.3']
+docs = ['furo>=2024.1', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.3']
 fly = ['matplotlib>=3.6', 'rotorpy>=3.0']
 # What the tests of the library and of the nodes need; other tests need more.
 check = [

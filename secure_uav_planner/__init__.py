@@ -87,6 +87,7 @@ class _Alias(Loader):
 
 sys.meta_path.insert(0, _Moved())
 views.offer(__name__, plot_plan='.output.picture:draw_plan',
+            plot_assessment='.output.assessment_picture:draw_assessment',
             plot_scenario='.output.picture:draw_scenario',
             plan_to_dataframe='.output.spreadsheet:to_dataframe',
             save_mcap='.ros.recording:record')

@@ -47,7 +47,7 @@ OPTIONAL = {
     'test_relay_node.py': message_package.NEEDED,
     'test_cli.py': ['plotly'],
     'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],
-    'test_site.py': ['myst_parser', 'sphinx'],
+    'test_site.py': ['furo', 'latex2mathml', 'myst_parser', 'sphinx'],
     'test_types.py': ['mypy'],
 }
 

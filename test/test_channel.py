@@ -20,7 +20,7 @@ def random_positions(scenario, rng):
 
 
 def by_the_paper(scenario, place_of, powers, eavesdropper):
-    """Write equations (R_UG) and (R_UE) out for one slot and one place of one eavesdropper."""
+    """Write equations (4) and (5) out for one slot and one place of one eavesdropper."""
     def snr(point, advantage, to_ground):
         squared = ((np.array(place_of) - point)**2).sum(axis=-1)
         return advantage * oracle.snr(scenario, squared, to_ground) * powers

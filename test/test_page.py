@@ -64,6 +64,18 @@ def plan():
     return fly_hover_fly(Scenario.paper(200, slots=40), 'optimised')
 
 
+def started(folder):
+    """Return a browser that keeps what it needs in a folder."""
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in ('headless', 'no-sandbox', 'disable-gpu', 'disable-dev-shm-usage',
+                 'disable-background-networking', 'disable-component-update', 'disable-sync',
+                 'no-first-run', 'window-size=1400,900', f'user-data-dir={folder / "profile"}'):
+        options.add_argument(f'--{flag}')
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
+    return webdriver.Chrome(options=options, service=Service(DRIVER))
+
+
 @pytest.fixture(scope='module')
 def browser(plan, tmp_path_factory):
     if CHROMIUM is None or DRIVER is None:
@@ -72,14 +84,7 @@ def browser(plan, tmp_path_factory):
     save_page(plan, folder / 'plan.html')
     city = fly_hover_fly(CITY, 'constant')
     save_page(city.with_bound(upper_bound(CITY, plan=city, time_limit=1.0)), folder / 'city.html')
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for flag in ('headless', 'no-sandbox', 'disable-gpu', 'disable-dev-shm-usage',
-                 'disable-background-networking', 'disable-component-update', 'disable-sync',
-                 'no-first-run', 'window-size=1400,900', f'user-data-dir={folder / "profile"}'):
-        options.add_argument(f'--{flag}')
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
-    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+    driver = started(folder)
     try:
         open_page(driver, folder / 'plan.html')
         yield driver

@@ -106,7 +106,7 @@ def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
 
 
 def test_a_jammer_above_the_estimate_leaves_it_when_that_pays():
-    # (Ta_3) divides zero by zero there, and with a careless subgradient the kink is a trap.
+    # (17c) divides zero by zero there, and with a careless subgradient the kink is a trap.
     scenario = replace(Scenario.paper(150, slots=30), eavesdroppers=(
         Eavesdropper((60.0, 0.0), 30.0),))
     start = fly_hover_fly(scenario, 'optimised')

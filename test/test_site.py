@@ -2,6 +2,8 @@
 
 from html.parser import HTMLParser
 from pathlib import Path
+from posixpath import dirname, join, normpath
+import re
 import subprocess
 import sys
 
@@ -30,30 +32,99 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope='module')
-def site(tmp_path_factory):
-    """Return the pages of the site by their file names."""
+def folder(tmp_path_factory):
+    """Return the folder in which the site has been built."""
     folder = tmp_path_factory.mktemp('site')
     result = subprocess.run(
         [sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html',
          '-d', str(folder / 'doctrees'), str(ROOT / 'docs'), str(folder / 'html')],
         capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr
-    return {file.name: Page(file) for file in (folder / 'html').glob('*.html')}
+    return folder / 'html'
+
+
+@pytest.fixture(scope='module')
+def site(folder):
+    """Return the pages of the site by their file names."""
+    return {str(file.relative_to(folder)): Page(file)
+            for file in (*folder.glob('*.html'), *folder.glob('gallery/*.html'))}
+
+
+@pytest.fixture(scope='module')
+def browser(tmp_path_factory):
+    pytest.importorskip('selenium')
+    from test_page import CHROMIUM, DRIVER, started
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip('needs chromium and chromedriver: apt install chromium chromium-driver')
+    driver = started(tmp_path_factory.mktemp('browser'))
+    try:
+        yield driver
+    finally:
+        driver.quit()
+
+
+@pytest.mark.parametrize('width', [360, 1024, 1920])
+def test_no_page_table_or_formula_is_wider_than_the_screen(browser, folder, site, width):
+    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
+        'width': width, 'height': 900, 'deviceScaleFactor': 1, 'mobile': False})
+    for name in sorted(site):
+        browser.get((folder / name).as_uri())
+        assert browser.execute_script('return window.innerWidth') == width
+        assert browser.execute_script(
+            'return document.documentElement.scrollWidth') <= width, name
+        assert not browser.execute_script(
+            'return [...document.querySelectorAll(".table-wrapper, div.math")]'
+            '.filter(one => one.scrollWidth > one.clientWidth + 1)'
+            '.map(one => one.textContent.slice(0, 80))'), name
+
+
+def test_formulas_are_typeset_without_a_script_and_nothing_is_loaded_from_elsewhere(folder):
+    text = (folder / 'explanation.html').read_text()
+    assert text.count('<math') > 20 and '$' not in re.sub('(?s)<pre>.*?</pre>', '', text)
+    for page in folder.glob('*.html'):
+        assert not re.search('(src|<link[^>]*href)="(https?:)?//', page.read_text()), page.name
+
+
+def test_equations_have_the_numbers_of_the_printed_paper():
+    labels = re.compile(r'\((R_sec|R_U[GE]|r_e_approx|trajectory|Ta_\d|sub_\d|R1_app|pro5)\)')
+    for file in [*(ROOT / 'secure_uav_planner').rglob('*.py'), *(ROOT / 'docs').glob('*.md')]:
+        assert not labels.search(file.read_text()), file
+
+
+def test_every_function_and_method_of_the_api_has_its_return_type_and_no_internals(folder, site):
+    text = (folder / 'api.html').read_text()
+    for name in ('secure_uav_planner.solve', 'secure_uav_planner.Plan.tail',
+                 'secure_uav_planner.Scenario.load',
+                 'secure_uav_planner.model.channel.worst_case_rates'):
+        part = text.split(f'id="{name}"')[1].split('<dt class="sig')[0]
+        assert 'Return type' in part, name
+    assert not {name for name in site['api.html'].anchors if name.rpartition('.')[2] in (
+        'within', 'path_of', 'shown', 'words_of_files', 'Place', 'code_version')}
 
 
 def test_every_page_is_in_the_site_and_in_its_table_of_contents(site):
-    names = {f'{file.stem}.html' for file in (ROOT / 'docs').iterdir()
-             if file.suffix in ('.md', '.rst')}
+    names = {str(file.relative_to(ROOT / 'docs').with_suffix('.html'))
+             for file in (ROOT / 'docs').rglob('*') if file.suffix in ('.md', '.rst')}
     assert names <= set(site)
     assert names - {'index.html'} <= site['index.html'].links
+
+
+def test_the_gallery_has_a_picture_of_every_page(folder, site):
+    for name, page in site.items():
+        if name.startswith('gallery/') and 'index' not in name:
+            pictures = [link for link in page.links if link.endswith('.png')]
+            assert pictures, name
+            for link in pictures:
+                assert (folder / 'gallery' / link).read_bytes().startswith(b'\x89PNG')
 
 
 def test_every_link_inside_the_site_leads_somewhere(site):
     for name, page in site.items():
         for link in page.links:
             target, _, anchor = link.partition('#')
-            if target.endswith('.html') and '/' not in target or not target:
-                other = site[target or name]
+            path = normpath(join(dirname(name), target)) if target else name
+            if path.endswith('.html') and not path.startswith('_'):
+                other = site[path]
                 assert not anchor or anchor in other.anchors, f'{name}: {link}'
 
 

@@ -1,12 +1,17 @@
 """The answer of an assessment."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .world import World
 from ..mission.scenario import Array
+from ..mission.views import view
 from ..plan.plan import Plan
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FAN = (0.05, 0.25, 0.5, 0.75, 0.95)
 """The quantiles of the rate in each slot."""
@@ -18,7 +23,7 @@ class Assessment:
     What a plan is worth in the drawn worlds.
 
     The secrecy rate of a mission is the mean over its slots of [r_0 - r_e]^+, as in the paper's
-    equation of R_sec, with the gains that the channel has in each slot.
+    equation (6), with the gains that the channel has in each slot.
 
     :ivar plan: the Plan.
     :ivar world: how the world may differ.
@@ -55,6 +60,16 @@ class Assessment:
     def mean(self) -> float:
         """Mean of the mission's secrecy rate over the draws in bit/s/Hz."""
         return float(self.rates.mean())
+
+    def plot(self) -> 'Figure':
+        """
+        Return a picture: rates and outages of the slots over time, and rates of the mission.
+
+        :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
+        :raises MissingPackageError: when Matplotlib is not installed.
+        """
+        figure: Figure = view('plot_assessment', self)
+        return figure
 
     def quantile(self, share: float) -> float:
         """Return the secrecy rate in bit/s/Hz below which it is in such a share of the draws."""

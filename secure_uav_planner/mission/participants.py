@@ -42,7 +42,7 @@ class Eavesdropper:
 @dataclass(frozen=True)
 class Uav:
     """
-    One UAV and its limits, equations (trajectory) and (power).
+    One UAV and its limits, equations (1) and (7).
 
     :param name: used in messages, topics and files.
     :param start: horizontal position at the start, (x, y) in m.

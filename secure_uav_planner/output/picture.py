@@ -233,7 +233,7 @@ def draw_rates(axes, plan, baselines=()):
     axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
     axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label='guaranteed')
     for other, style in zip(baselines, _STYLES):
-        # A negative rate counts as zero, as in the [x]^+ of equation (R_sec).
+        # A negative rate counts as zero, as in the [x]^+ of equation (6).
         axes.stairs(np.maximum(0.0, other.guaranteed_rates), other.times[1:], color=_GREY,
                     linewidth=1.1, linestyle=style,
                     label=name_of(other.method).replace(', ', ',\n'))

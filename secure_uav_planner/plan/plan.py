@@ -173,7 +173,7 @@ class Plan:
 
     @cached_property
     def worst_case_rates(self) -> Array:
-        """Worst-case rate R of every slot, equation (R_sec), (N,) in bit/s/Hz; see channel."""
+        """Worst-case rate R of every slot, equation (6), (N,) in bit/s/Hz; see channel."""
         return _secret(channel.worst_case_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
@@ -351,13 +351,13 @@ class Plan:
         return file.load(path, cls)
 
 
+def _values(plan: Plan) -> tuple[Any, ...]:
+    return tuple(getattr(plan, field.name) for field in fields(plan))
+
+
 def _secret(rates: Array) -> Array:
     """Return [x]^+ of rates: in a slot that would lose nothing secret need be sent."""
     return read_only(np.maximum(rates, 0.0))
-
-
-def _values(plan: Plan) -> tuple[Any, ...]:
-    return tuple(getattr(plan, field.name) for field in fields(plan))
 
 
 def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:

@@ -51,7 +51,7 @@ class Planner(Node):
     """
     Plans on request and, if enabled, again during the flight.
 
-    docs/reference.md describes its interface.
+    docs/planner.md describes its interface.
 
     :raises PlanningError: for a wrong parameter; the text names it.
     """

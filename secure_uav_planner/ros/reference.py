@@ -1,8 +1,11 @@
 """
 The reference of topics, services and parameters, as read from running nodes.
 
-`python -m secure_uav_planner.ros.reference` prints it as Markdown.
+`python -m secure_uav_planner.ros.reference docs` puts it into the page of each node.
 """
+
+import argparse
+from pathlib import Path
 
 from typing import NamedTuple
 
@@ -111,22 +114,29 @@ def parameters() -> dict[str, dict[str, Spec]]:
             'relay': {**RELAY, **relay_parameters('<uav>', 0)}}
 
 
-def markdown() -> str:
-    """Return the reference as Markdown."""
-    lines = []
+def markdown() -> dict[str, str]:
+    """Return the reference of each node by its name, as Markdown."""
+    pages = {}
     found = interfaces()
     for node, specs in parameters().items():
-        lines += [f'### {node}: topics and services', '',
-                  '| | name | type | QoS | meaning |', '| --- | --- | --- | --- | --- |']
+        lines = ['## Topics and services', '',
+                 '| | name | type | QoS | meaning |', '| --- | --- | --- | --- | --- |']
         lines += [f'| {one.direction} | `{one.name}` | {one.kind} | {one.qos} | '
                   f'{_meaning(one)} |' for one in found if one.node == node]
-        lines += ['', f'### {node}: parameters', '',
+        lines += ['', '## Parameters', '',
                   '| name | default | allowed | meaning |', '| --- | --- | --- | --- |']
         lines += [f'| `{name}` | {_default(name, spec)} | {spec.allowed} | {spec.description}'
                   f'{" Set at start only." if spec.read_only else ""} |'
                   for name, spec in specs.items()]
-        lines.append('')
-    return '\n'.join(lines)
+        pages[node] = '\n'.join(lines)
+    return pages
+
+
+def generated(text: str) -> tuple[str, str, str]:
+    """Return what is before, inside and behind the part of a page that is generated."""
+    before, begin, rest = text.partition('<!-- generated -->\n')
+    inside, end, behind = rest.partition('<!-- end of generated -->')
+    return before + begin, inside, end + behind
 
 
 def _meaning(one: Interface) -> str:
@@ -182,8 +192,14 @@ def _default(name: str, spec: Spec) -> str:
 
 
 def main() -> None:
-    """Print the reference."""
-    print(markdown())
+    """Bring the pages of the nodes up to date."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('folder', type=Path, help='with a page for each node, such as planner.md')
+    folder = parser.parse_args().folder
+    for node, text in markdown().items():
+        page = folder / f'{node}.md'
+        before, _, behind = generated(page.read_text())
+        page.write_text(f'{before}{text}\n\n{behind}')
 
 
 if __name__ == '__main__':

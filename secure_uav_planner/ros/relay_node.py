@@ -30,7 +30,7 @@ _WARN_AGAIN = 5.0  # s
 
 class Relay(Node):
     """
-    Passes on setpoints and odometry; docs/reference.md describes its interface.
+    Passes on setpoints and odometry; docs/relay.md describes its interface.
 
     :raises PlanningError: for a wrong parameter, or when the stack's message package is missing.
     """

@@ -40,7 +40,7 @@ _FRESH = 1.0  # Largest age in s of the odometry from which a vehicle may start.
 
 class Replay(Node):
     """
-    Replays the plan of the topics, or a saved plan; docs/reference.md describes its interface.
+    Replays the plan of the topics, or a saved plan; docs/replay.md describes its interface.
 
     :raises PlanningError: for a wrong parameter or plan file; the text names it.
     """

@@ -224,7 +224,7 @@ def fading_quantiles(channel: Channel, links: int) -> tuple[float, float]:
 
 def guaranteed_squared_distance(squared: Array, edge: Array) -> Array:
     """
-    Return ([d + edge]^+)^2 of equation (r_e_approx) for squared distances d^2.
+    Return ([d + edge]^+)^2 of equation (9) for squared distances d^2.
 
     :param edge: -epsilon for the transmitter, whose best case over the disc counts, and epsilon
         for jammers, whose worst case does.

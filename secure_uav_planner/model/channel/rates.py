@@ -19,7 +19,7 @@ def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
     Return the squared distances to each eavesdropper that the guarantee uses, (E, U, N) in m^2.
 
     The best case for the transmitter and the worst case for each jammer, taken separately over
-    the disc: those of h-tilde in equation (r_e_approx), with [d - eps]^+ inside the disc.
+    the disc: those of h-tilde in equation (9), with [d - eps]^+ inside the disc.
     """
     return np.stack([_guaranteed_squared_distances_to(eve, positions)
                      for eve in scenario.eavesdroppers])
@@ -38,7 +38,7 @@ def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
 
 
 def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
-    """Return r_0[n], equation (R_UG), (N,) in bit/s/Hz."""
+    """Return r_0[n], equation (4), (N,) in bit/s/Hz."""
     return rate_of(ground_gains(scenario, positions) * powers)
 
 

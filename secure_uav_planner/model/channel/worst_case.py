@@ -28,7 +28,7 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     """
     Return r_0[n] less the largest leak to any one point of any disc, (N,) in bit/s/Hz.
 
-    This is R[n] of problem (P1), equation (R_sec), before its [x]^+, from the sure side: a branch
+    This is R[n] of problem (P1), equation (6), before its [x]^+, from the sure side: a branch
     and bound over the discs proves that no point leaks more than what is subtracted, and what is
     subtracted is at most 1e-6 above the leak at worst_case_places. Only where more than
     MOST_SECTORS parts of the discs would have to be examined in a slot, or where
@@ -118,8 +118,8 @@ def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
         count = most.shape[1] if scenario.colluding else 1
         groups = active.size * count
         slot = np.repeat(np.arange(groups), most.shape[1] // count)
-        proven, pair = np.empty(groups), np.empty(groups, np.int64)
-        place = np.empty((groups, 2))
+        proven: Array = np.empty(groups)
+        pair, place = np.empty(groups, np.int64), np.empty((groups, 2))
         core.prove(pairs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
                    proven, pair, place)
         of_each = proven.reshape(-1, count)

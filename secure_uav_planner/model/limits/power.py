@@ -1,4 +1,4 @@
-"""The limits of power, equation (power): a peak in every slot, and an average over all."""
+"""The limits of power, equation (7): a peak in every slot, and an average over all."""
 
 from importlib import import_module
 from typing import Any

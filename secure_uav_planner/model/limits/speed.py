@@ -1,4 +1,4 @@
-"""The speed limit, equation (trajectory): the largest displacement from one point to the next."""
+"""The speed limit, equation (1): the largest displacement from one point to the next."""
 
 from typing import Any
 

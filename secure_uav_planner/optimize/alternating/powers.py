@@ -14,7 +14,7 @@ from ...model.limits.base import ConvexVariables
 
 class PowerProblem:
     """
-    The convex restriction (R1_app) of problem (sub_1), built once for a scenario.
+    The convex restriction (13) of problem (11), built once for a scenario.
 
     All logarithms are natural, their arguments are 1 at the local point, and powers are in units
     of the average power: values near one keep the solver accurate.

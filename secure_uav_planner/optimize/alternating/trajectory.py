@@ -21,11 +21,11 @@ from ...model.limits.base import ConvexVariables
 
 class TrajectoryProblem:
     """
-    The convex restriction (pro5) of problem (sub_2), built once for a scenario.
+    The convex restriction (18) of problem (14), built once for a scenario.
 
     Its variables are displacements from the local point in units of a typical distance, and
     zeta, xi and tau are logarithms of the paper's, zero at the local point. A logarithm is only
-    defined above zero, so the paper's lower bounds (t1_1) are not needed.
+    defined above zero, so the paper's lower bounds (15d) are not needed.
 
     :cvar step: what a solve is called in the history of a plan.
     :cvar block: which block of the variables a solve improves.
@@ -58,9 +58,9 @@ class TrajectoryProblem:
         x, y = (cp.vstack([move[1:-1, axis] for move in self.moves]) for axis in (0, 1))
         eves = len(scenario.eavesdroppers)
         self._received = _ReceivedLoss(x, y)
-        # y_k is the logarithm of zeta of (Ta_1).
+        # y_k is the logarithm of zeta of (17a).
         self._interference = _LogOfSum(x[1:], y[1:]) if len(paths) > 1 else None
-        # y_k is the logarithm of xi of (Ta_2) for the transmitter, of tau of (Ta_3) for jammers.
+        # y_k is the logarithm of xi of (17b) for the transmitter, of tau of (17c) for jammers.
         every = np.tile(np.eye(len(paths)), (eves, 1))
         self._leakage = _LogOfSum(every @ x, every @ y, eves)
         self._local_leakage = cp.Parameter((eves, slots))
@@ -128,7 +128,7 @@ class TrajectoryProblem:
         distances = np.sqrt(squared) / self.unit
         # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and the one
         # away from the ground node lets the jammer see a gain in leaving. Of the transmitter,
-        # [d - eps]^+ is linearised: that is valid inside the disc, unlike (Ta_2).
+        # [d - eps]^+ is linearised: that is valid inside the disc, unlike (17b).
         centres = np.array([eve.position for eve in self.scenario.eavesdroppers])
         slopes = 2 * (distances * inverse)[..., None] * _directions(
             positions[:, 1:-1] - centres[:, None, None], away)
