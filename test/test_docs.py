@@ -21,6 +21,7 @@ from secure_uav_planner import errors, Iteration, Plan, Scenario
 from secure_uav_planner.apps.campaign.evaluation import COLUMNS
 from secure_uav_planner.apps.campaign.specification import BASELINES, Campaign
 from secure_uav_planner.model import clearance
+from secure_uav_planner.optimize.joint.schedule import Schedule
 from secure_uav_planner.output import spreadsheet
 from secure_uav_planner.plan import playback
 from secure_uav_planner.ros import reference
@@ -434,7 +435,7 @@ def known_names():
     for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
                   secure_uav_planner.Eavesdropper, secure_uav_planner.NoFlyZone,
                   clearance.Clearance, clearance.Approach, playback, playback.Playback,
-                  playback.Moment, secure_uav_planner.model.channel):
+                  playback.Moment, secure_uav_planner.model.channel, Schedule):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
                      secure_uav_planner.upper_bound):

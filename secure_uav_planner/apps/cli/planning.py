@@ -78,7 +78,8 @@ def make_plan(options: argparse.Namespace) -> int:
             line.say('drawing ...', force=True)
             written.extend(_write(proven, baselines, out, origin))
     print(table([*baselines, plan], bound))
-    print(f'\n{plan.message}' + (f'; {proven.claim}, which is proven' if bound else ''))
+    print(f'\n{plan.message}' + (
+        f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     print(f'written: {", ".join(map(str, written))}')
