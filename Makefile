@@ -17,7 +17,7 @@ COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace a
 	mission_file plan playback planner_node relay_node replay_node restrictions scenario \
 	worst_case worst_case_objective))
 
-.PHONY: demo test test-slow bench fly soak study docs compat clean
+.PHONY: demo test test-slow bench fly numbers soak study docs compat clean
 
 MISSION ?= paper
 
@@ -49,6 +49,10 @@ fly: $(VENV)/.fly
 
 study: $(VENV)/.study
 	$(BIN)/python -m secure_uav_planner.apps.study
+
+# Writes the tables of README and explanation.
+numbers: study fly
+	$(BIN)/python -m secure_uav_planner.apps.measured
 
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -q -W -b html docs out/docs

@@ -158,8 +158,8 @@ class Scenario:
                     ('uavs', number, field))
         if self.keep_in is not None and depth(self.keep_in, place) < -slack:
             yield ScenarioError(
-                f'{uav.name}.{field} is {shown(place)}, outside the geofence{self.margin_text}; it '
-                'must be inside', ('uavs', number, field))
+                f'{uav.name}.{field} is {shown(place)}, outside the geofence{self.margin_text}; '
+                'it must be inside', ('uavs', number, field))
 
     def _of_durations(self) -> Iterator[ScenarioError]:
         for uav, effort in zip(self.uavs, self.efforts, strict=True):

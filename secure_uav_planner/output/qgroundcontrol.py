@@ -30,7 +30,8 @@ def save_mission(plan: Plan, uav: int, origin: Origin, path: str | os.PathLike[s
     UAV hovers it is held. So the flight follows the plan within TOLERANCE if the autopilot
     reaches each speed at once; it is less exact than streamed setpoints. Powers are not part of
     it. It takes off and lands where no other UAV starts or ends within CLOSE_DISTANCE and margins;
-    otherwise it begins, or ends, in the air. Zones at the UAV's altitude and the geofence become the mission's fence.
+    otherwise it begins, or ends, in the air. Zones at the UAV's altitude and the geofence become
+    the mission's fence.
 
     :param uav: index of the UAV.
     :param origin: where (0, 0) of the scenario is; the UAV takes off at the height of the ground

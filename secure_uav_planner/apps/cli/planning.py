@@ -84,7 +84,8 @@ def make_plan(options: argparse.Namespace) -> int:
                 proven.save_mcap(out / 'plan.mcap')
                 written.append(out / 'plan.mcap')
     print(table([*baselines, plan], bound))
-    print(f'\n{plan.message}' + (f'; {proven.claim}, which is proven' if bound else ''))
+    print(f'\n{plan.message}' + (
+        f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     print(f'written: {", ".join(map(str, written))}')
