@@ -155,7 +155,7 @@ slots: 60
                   'to 1e+06, in W, without its unit',
                   'mission.yaml:11: propulsion.tip_speed is -3; it must be a number from 1 to '
                   '10000 m/s',
-                  "mission.yaml:12: Propulsion has no field 'solid'; did you mean solidity?"):
+                  "mission.yaml:12: propulsion has no field 'solid'; did you mean solidity?"):
         assert words in told
     assert told.count('\n') == 3
 

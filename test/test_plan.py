@@ -154,8 +154,8 @@ def test_a_file_of_a_newer_version_says_so(tmp_path):
 @pytest.mark.parametrize('change, message', [
     ({'status': 'finished'}, "status is 'finished'; it must be one of"),
     ({'start_ns': 10**30}, 'start_ns is'), ({'start_ns': -5}, 'start_ns is'),
-    ({'wind': 1}, "Plan has no field 'wind'"), ({'powrs': 1}, 'did you mean powers'),
-    ({'history': 5}, 'history is 5'), ({'history': [{'number': 'one'}]}, 'Iteration lacks'),
+    ({'wind': 1}, "plan has no field 'wind'"), ({'powrs': 1}, 'did you mean powers'),
+    ({'history': 5}, 'history is 5'), ({'history': [{'number': 'one'}]}, 'iteration lacks'),
     ({'solve_time': 'long'}, "solve_time is 'long'"), ({'scenario': None}, 'mission is null'),
     ({'positions': None}, 'positions'), ({'version': True}, 'its version is true')])
 def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):

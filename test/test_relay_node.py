@@ -132,7 +132,7 @@ class Source:
         return wait_for(holds)
 
 
-def reported(client, kind, topic, fill, odometry, known=lambda: True):
+def reported(client, kind, topic, fill, odometry, known=lambda: True, first=lambda: None):
     """Send what a vehicle reports, as its stack does, until odometry is known; return that."""
     qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -140,6 +140,7 @@ def reported(client, kind, topic, fill, odometry, known=lambda: True):
     fill(message)
 
     def come():
+        first()
         publisher.publish(message)
         time.sleep(0.02)
         return odometry and known() and odometry[-1]
@@ -298,13 +299,13 @@ def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packag
         assert point.yaw_angle == pytest.approx(0.3)
         twist = TwistStamped()
         twist.twist.linear.x = 3.0
-        client.publisher(TwistStamped, 'drone0/self_localization/twist').publish(twist)
+        twists = client.publisher(TwistStamped, 'drone0/self_localization/twist')
 
         def fill(message):
             message.header.stamp.sec, message.pose.position.y = 77, 8.0
-            client.publisher(TwistStamped, 'drone0/self_localization/twist').publish(twist)
 
-        there = reported(client, PoseStamped, 'drone0/self_localization/pose', fill, odometry)
+        there = reported(client, PoseStamped, 'drone0/self_localization/pose', fill, odometry,
+                         first=lambda: twists.publish(twist))
         assert (there.header.frame_id, there.header.stamp.sec) == ('earth', 77)
         assert there.pose.pose.position.y == 8.0 and there.twist.twist.linear.x == 3.0
 
