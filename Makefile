@@ -24,12 +24,12 @@ MISSION ?= paper
 demo: $(VENV)/.view
 	$(BIN)/python -m secure_uav_planner.apps.demo --mission $(MISSION)
 
-# Tests of nodes mostly wait for each other: two at a time.
+# Tests of nodes mostly wait for each other: three at a time, also on two cores.
 test: $(VENV)/.test
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist loadfile
 
 test-slow: $(VENV)/.test
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m slow
+	$(BIN)/python -m pytest -n 3 --dist loadfile -m slow
 
 soak: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m soak -rP

@@ -26,7 +26,6 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_client import Client, memory_settles, node_process, output_of, values_of, wait_for
 from secure_uav_planner.ros.parameters import PLANNER, uav_parameters
-import shapely
 from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -83,7 +82,7 @@ class Planner(Target):
         self.limits = []  # That were in force, newest last.
         self.kept = {}  # The limits that the last message of a name and topic keeps.
         self.starts = {name: set() for name in UAVS}
-        self.flown = {name: [] for name in UAVS}  # Paths, each with its largest step.
+        self.flies = dict.fromkeys(UAVS, False)  # Whether it has had a plan.
         self.sent_good = 0
         kinds = {'path': Path, 'power': Float64MultiArray, 'trajectory': MultiDOFJointTrajectory}
         self.got = {(name, topic): client.listen(kind, f'{name}/{topic}', DEEP)
@@ -191,13 +190,11 @@ class Planner(Target):
                    'speed': steps.max() > farthest + 2e-6,
                    'altitude': np.abs(points[:, 2] - limit('altitude')).max() > 1e-6,
                    'goal': np.abs(points[-1, :2] - limit('goal')).max() > 2e-6,
-                   'start': min(math.dist(points[0, :2], start) for start in starts
-                                if np.isfinite(start).all()) > 2e-6 and not any(
-                       # A plan that is made in flight begins on the one that is flown.
-                       line.distance(shapely.Point(points[0, :2])) <= step
-                       for line, step in self.flown[name])}
-            if topic == 'path' and not any(bad.values()):
-                self.flown[name].append((shapely.LineString(points[:, :2]), steps.max()))
+                   # A plan that is made in flight begins where the UAV will be then.
+                   'start': not self.flies[name] and min(
+                       math.dist(points[0, :2], start) for start in starts
+                       if np.isfinite(start).all()) > 2e-6}
+            self.flies[name] |= topic == 'trajectory' and not any(bad.values())
         return next((what for what, is_so in bad.items() if is_so), None)
 
     def check_last_plan_is_kept(self):

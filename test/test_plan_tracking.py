@@ -17,6 +17,7 @@ from secure_uav_planner.apps.fly.missions import limited
 from secure_uav_planner.errors import LateError, PoseError, WrongFrameError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.parameters import PLANNER
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.status import level_and_text, Outcome, State
@@ -155,7 +156,7 @@ def test_odometry_counts_before_the_pose_and_the_pose_when_it_is_stale(client, p
         wait_for(planned, what=f'a plan from x = {x:g} m')
     start(60.0, 0.0)
     start(70.0, 60.0)
-    assert float(values_of(status[-1])['pose_age.uav1/odom']) > 50
+    assert float(values_of(status[-1])['pose_age.uav1/odom']) > PLANNER['pose_timeout'].default
 
 
 def test_stale_odometry_and_odometry_of_another_frame_are_refused_as_poses_are(client, planner):

@@ -65,7 +65,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         _offer_completion(parser)
         options = parser.parse_args(_with_origin(argv))
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-        return _function(options.run)(options)
+        status = _function(options.run)(options)
+        sys.stdout.flush()  # Here a reader that has gone is told of.
+        return status
     except MissionFileError as error:
         for line, text in error.problems:
             _tell(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
