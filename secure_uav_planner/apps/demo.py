@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from .. import Channel, fly_hover_fly, Plan, Scenario, solve, upper_bound
 from ..errors import PlanningError
-from ..mission.choices import Objective
+from ..mission import Objective
 from ..output.page import save_page
 from ..output.picture import save_picture
 from ..output.table import table
