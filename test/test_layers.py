@@ -33,8 +33,8 @@ def imported(path):
                 found = [target for target in (
                     folder / f'{name}.py', folder / name / '__init__.py',
                     folder.with_suffix('.py'), folder / '__init__.py') if target.exists()]
-                if found:
-                    yield found[0]
+                assert found, f'{path} imports {name} from {folder}, which is not there'
+                yield found[0]
 
 
 def test_imports_run_one_way_and_rooms_are_few():
