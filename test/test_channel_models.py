@@ -188,7 +188,8 @@ def check_planned_for(model, scenario, objective='worst_case', most=1e-3):
 @pytest.mark.soak
 @pytest.mark.parametrize('name', MODELS)
 def test_of_100_missions_few_end_in_an_optimum_below_that_for_free_space(name):
-    found = np.array([check_planned_for(MODELS[name], mission(seed), 0.1) for seed in range(100)])
+    found = np.array([check_planned_for(MODELS[name], mission(seed), most=0.1)
+                      for seed in range(100)])
     assert (found[:, 1] < found[:, 0] * (1 - 1e-3)).sum() <= 6
     assert found[:, 1].mean() > found[:, 0].mean()
 
