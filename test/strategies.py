@@ -95,3 +95,12 @@ def crowded(uavs, eavesdroppers, slots):
         tuple(Uav(f'uav{number}', tuple(start), tuple(goal), 100.0 + number, 12.0)
               for number, (start, goal) in enumerate(rng.uniform(-500, 500, (uavs, 2, 2)))),
         400.0, slots)
+
+
+def random_sectors(rng, radius):
+    """Return sectors of discs of a radius (S,): both distances, the middle and half the angle."""
+    count = len(radius)
+    inner = radius * rng.random(count)
+    outer = inner + (radius - inner) * 10**rng.uniform(-6, 0, count)
+    half = 0.5 * np.pi * 10**rng.uniform(-6, 0, count)
+    return inner, outer, rng.uniform(-np.pi, np.pi, count), half

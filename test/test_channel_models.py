@@ -13,7 +13,7 @@ from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.channel.links import fading_quantiles, link_of
 from secure_uav_planner.model.kernel import core
-from strategies import channels, random_powers
+from strategies import channels, random_powers, random_sectors
 
 SEEDS = st.integers(0, 2**32 - 1)
 # design: duration, environment, P2 rate of a plan for free space in it, and of one made for it
@@ -122,10 +122,7 @@ def test_no_place_of_a_sector_is_below_its_bound(model, seed, uavs, decades, apa
     pairs = {'x': x, 'y': y, 'squared_altitudes': altitudes**2, 'radius': radius,
              'noise': 10**rng.uniform(-20, 3, count), 'channel': kernel,
              'jamming': 10**rng.uniform(-3, 3, (uavs - 1, count))}
-    inner = radius * rng.random(count)
-    outer = inner + (radius - inner) * 10**rng.uniform(-6, 0, count)
-    half = 0.5 * np.pi * 10**rng.uniform(-6, 0, count)
-    middle = rng.uniform(-np.pi, np.pi, count)
+    inner, outer, middle, half = random_sectors(rng, radius)
     bound, value = np.empty((2, count))
     core.bound_sectors(pairs, {'inner': inner, 'outer': outer, 'middle': middle, 'half': half},
                        bound, value)

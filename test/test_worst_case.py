@@ -12,7 +12,7 @@ from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.channel import rates, worst_case
 from secure_uav_planner.model.kernel import core
-from strategies import missions, random_powers
+from strategies import missions, random_powers, random_sectors
 
 SEEDS = st.integers(0, 2**32 - 1)
 # Mean worst-case rate of the joint plans for the paper's scenario: duration and rate.
@@ -161,10 +161,7 @@ def test_no_place_of_a_sector_is_below_its_bound(seed, uavs, decades, apart):
     pairs = {'x': x, 'y': y, 'squared_altitudes': rng.choice([0.5, 1.0, 1.2], (uavs, 1))**2,
              'noise': 10**rng.uniform(-9, 3, count), 'radius': radius,
              'jamming': 10**rng.uniform(-3, 3, (uavs - 1, count))}
-    inner = radius * rng.random(count)
-    outer = inner + (radius - inner) * 10**rng.uniform(-6, 0, count)
-    half = 0.5 * np.pi * 10**rng.uniform(-6, 0, count)
-    middle = rng.uniform(-np.pi, np.pi, count)
+    inner, outer, middle, half = random_sectors(rng, radius)
     zero, whole = np.zeros(count), np.full(count, np.pi)
     for begin, centre, angles in ((zero, zero, whole), (inner, middle, half)):
         bound, value = bounded(pairs, inner=begin, outer=outer, middle=centre, half=angles)

@@ -2,11 +2,10 @@
 
 import argparse
 from dataclasses import fields, replace
-from pathlib import Path
 import sys
 
 from .main import DONE
-from .missions import loaded
+from .missions import loaded, picture_file
 from ...assessment import assess, World
 from ...assessment.flown import read_flown
 from ...errors import OptionError, PlanFileError, ScenarioError
@@ -20,10 +19,7 @@ _SUFFIXES = ('.png', '.svg', '.pdf')
 def assess_plan(options: argparse.Namespace) -> int:
     """Assess a plan; return the exit status."""
     plan = loaded(options.plan, Plan.load, PlanFileError)
-    file = Path(options.out) if options.out else Path(options.plan).with_suffix('.assess.png')
-    if file.suffix.lower() not in _SUFFIXES:
-        raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
-                          f'{", ".join(_SUFFIXES)}')
+    file = picture_file(options, '.assess.png', _SUFFIXES)
     flown = None
     if options.flown is not None:
         try:

@@ -1,7 +1,7 @@
 """Missions: `new`, `check` and `link-budget`, and how all parts read and write files."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 import sys
@@ -33,6 +33,20 @@ def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
         return load(path)
     except OSError as error:
         raise kind(f'{path} cannot be read: {error.strerror or error}') from None
+
+
+def picture_file(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
+    """
+    Return the file of --out, or one beside the plan.
+
+    :param default: the suffix of the file beside the plan.
+    :param suffixes: that are allowed.
+    """
+    file = Path(options.out) if options.out else Path(options.plan).with_suffix(default)
+    if file.suffix.lower() not in suffixes:
+        raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
+                          f'{", ".join(suffixes)}')
+    return file
 
 
 def writable(folder: Path) -> Path:

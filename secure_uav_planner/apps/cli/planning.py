@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from .main import DONE, STOPPED
-from .missions import lines_of, loaded, writable
+from .missions import lines_of, loaded, picture_file, writable
 from ...bound import upper_bound
 from ...errors import OptionError, PlanFileError, PlanningError
 from ...mission.files import naming
@@ -199,10 +199,7 @@ def _write(plan: Plan, baselines: list[Plan], out: Path,
 def show(options: argparse.Namespace) -> int:
     """Draw a plan; return the exit status."""
     plan = loaded(options.plan, Plan.load, PlanFileError)
-    file = Path(options.out) if options.out else Path(options.plan).with_suffix('.png')
-    if file.suffix.lower() not in _SUFFIXES:
-        raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
-                          f'{", ".join(_SUFFIXES)}')
+    file = picture_file(options, '.png', _SUFFIXES)
     print(table([plan]))
     try:
         if file.suffix.lower() == '.html':
