@@ -343,10 +343,13 @@ class Planner(Node):
             self._status.publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
-        message, now = DiagnosticArray(status=[self._status_message()]), self._now()
+        now = self._now()
         flight = self._tracking.flight(now)
-        if flight is not None and flight.is_reported or (
-                self._tracking.distances(self._settings.snapshot(), now)):
-            self._publish_status()
+        with self._lock:
+            status = self._status_message()
+            if flight is not None and flight.is_reported or (
+                    self._tracking.distances(self._settings.snapshot(), now)):
+                self._status.publish(status)
+        message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

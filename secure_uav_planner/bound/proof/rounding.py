@@ -40,9 +40,6 @@ EPSILON = 64 * float(np.finfo(float).eps)
 COORDINATE_ROUNDING = 1e-12
 """Share by which discs are widened, against the rounding of squares that are compared."""
 
-BOX_ROUNDING = 1e-14
-"""Share by which the halves of a box are widened."""
-
 
 def position_tolerance(scenario: Scenario) -> tuple[float, float]:
     """
