@@ -36,7 +36,7 @@ def view(name: str, *arguments: Any, **options: Any) -> Any:
     :param name: that was offered.
     :raises MissingPackageError: when it needs a package that is not installed.
     """
-    with _naming_what_is_missing():
+    with naming_what_is_missing():
         return _maker(name)(*arguments, **options)
 
 
@@ -46,7 +46,7 @@ def check_view(name: str) -> None:
 
     :raises MissingPackageError: when it needs a package that is not installed.
     """
-    with _naming_what_is_missing():
+    with naming_what_is_missing():
         _maker(name)
 
 
@@ -57,7 +57,8 @@ def _maker(name: str) -> Callable[..., Any]:
 
 
 @contextmanager
-def _naming_what_is_missing() -> Iterator[None]:
+def naming_what_is_missing() -> Iterator[None]:
+    """Let a package that is not installed be a MissingPackageError, which says how to get it."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 import sys
 
 from .main import BAD_INPUT, DONE, FAILED
-from .missions import writable
+from .missions import loaded, writable
 from ..campaign.results import save_figure, save_tables
 from ..campaign.run import failed, JOURNAL, run as run_campaign
 from ..campaign.specification import load
@@ -16,11 +16,7 @@ from ...errors import OptionError, StoppedError
 
 def sweep(options: argparse.Namespace) -> int:
     """Run a campaign; return the exit status."""
-    try:
-        campaign = load(options.mission)
-    except OSError as error:
-        raise OptionError(
-            f'{options.mission} cannot be read: {error.strerror or error}') from None
+    campaign = loaded(options.mission, load, OptionError)
     out = writable(Path(options.out))
     # What it says of lost connections is said here in a line.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)

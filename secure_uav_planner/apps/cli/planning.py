@@ -17,7 +17,7 @@ from ...errors import OptionError, PlanFileError, PlanningError
 from ...mission.files import naming
 from ...mission.scenario import Scenario
 from ...mission.validation import told_apart
-from ...mission.views import check_view
+from ...mission.views import check_view, naming_what_is_missing
 from ...optimize import fly_hover_fly, solve
 from ...output.geodesy import Origin
 from ...output.qgroundcontrol import save_mission
@@ -201,14 +201,11 @@ def show(options: argparse.Namespace) -> int:
     plan = loaded(options.plan, Plan.load, PlanFileError)
     file = picture_file(options, '.png', _SUFFIXES)
     print(table([plan]))
-    try:
+    with naming_what_is_missing():
         if file.suffix.lower() == '.html':
             from ...output.page import save_page as save
         else:
             from ...output.picture import save_picture as save
-    except ModuleNotFoundError as error:
-        raise OptionError(f'{error.name} is not installed; pip install '
-                          '"secure_uav_planner[view]"') from None
     save(plan, file)
     print(f'written: {file}')
     return DONE
