@@ -55,8 +55,8 @@ class Player:
         self._next: Playback | None = None  # What takes over when its time has come.
         self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one does.
         self._ticked_ns: int | None = None
-        self._sent: Moment | None = None  # The last setpoint, and when the stream ended.
-        self._left_ns: int | None = None
+        self._sent: Moment | None = None  # The last setpoint, and the s since the stream ended.
+        self._rested = 0.0
         self._braking: tuple[Playback, float, Array, Array] | None = None
 
     # Plans
@@ -122,8 +122,10 @@ class Player:
             if distance > uav.max_speed * quick * elapsed + POSITION_JUMP or climb > POSITION_JUMP:
                 return (f'its setpoint of {uav.name} is {math.hypot(distance, climb):.1f} m from '
                         'the last one')
+            if uav.max_acceleration is None:
+                continue
             change = float(np.linalg.norm(moment.velocities[index] - sent.velocities[index]))
-            if change > (uav.max_acceleration or math.inf) * quick**2 * elapsed + VELOCITY_JUMP:
+            if change > uav.max_acceleration * quick**2 * elapsed + VELOCITY_JUMP:
                 return f'its velocity of {uav.name} differs by {change:.2f} m/s from the last one'
         return ''
 
@@ -167,13 +169,12 @@ class Player:
         """End the setpoints; the newest plan waits at its start."""
         self.pause()
         if self.streaming:
-            self._left_ns = self._ticked_ns
+            self._rested = 0.0
         self.streaming = False
         if self._latest is not None:
             self._wait_at_start(self._latest)
 
-    def away(self, now_ns: int, places: Sequence[Place | None], tolerance: float, speed: float
-             ) -> list[str]:
+    def away(self, places: Sequence[Place | None], tolerance: float, speed: float) -> list[str]:
         """
         Return which UAVs cannot be at the start of the plan, in words.
 
@@ -190,11 +191,11 @@ class Player:
                 distance = math.dist(place, (*starts[index], uav.altitude))
                 if distance > tolerance:
                     found.append(f'{uav.name} to be at its start, {distance:.1f} m away')
-            elif self._sent is not None and self._left_ns is not None:
+            elif self._sent is not None and not self.streaming:
                 needed = math.dist(self._sent.positions[index], starts[index]) / uav.max_speed
                 needed += math.hypot(*self._sent.velocities[index]) / quick / (
                     uav.max_acceleration or math.inf)
-                left = needed / quick - max(0, now_ns - self._left_ns) * 1e-9
+                left = needed / quick - self._rested
                 if left > 0:
                     found.append(f'{uav.name} to reach its start, another {left:.1f} s')
         return found
@@ -222,8 +223,10 @@ class Player:
         elapsed = 0.0 if self._ticked_ns is None else (now_ns - self._ticked_ns) * 1e-9
         if elapsed < 0.0:
             self._flown_ns = -1  # Plans of the time that begins anew are older by their stamps.
-        # The first setpoint is the start itself.
-        elapsed = min(max(0.0, elapsed), longest) if self.streaming else 0.0
+        elapsed = min(max(0.0, elapsed), longest)
+        if not self.streaming:
+            # The first setpoint is the start itself.
+            self._rested, elapsed = self._rested + elapsed, 0.0
         return self._step(now_ns, elapsed, speed, eavesdropper, is_ready)
 
     def advance(self, seconds: float, eavesdropper: ArrayLike | None = None) -> Moment:

@@ -241,7 +241,7 @@ class Replay(Node):
                  if 0 <= now_ns - received <= _FRESH * 1e9}
         waits = [] if simulated else [
             f'odometry of {name}' for name in self._uavs if name not in known]
-        waits += self._player.away(now_ns, [known.get(name) for name in self._uavs],
+        waits += self._player.away([known.get(name) for name in self._uavs],
                                    settings['start_tolerance'], settings['speed'])
         # Who only watches simulated UAVs need not subscribe to each of them.
         if simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
