@@ -55,3 +55,7 @@ class Stages:
     def slots(self) -> int:
         """N."""
         return int(self.edges[-1])
+
+    def of_slots(self) -> NDArray[np.int64]:
+        """Stage of every slot, (N,)."""
+        return np.repeat(np.arange(len(self.count)), self.count)
