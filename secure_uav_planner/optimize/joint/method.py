@@ -32,8 +32,8 @@ def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
         if not search.warm:
             # The plan of (P2) is where (P1) begins, and what it is never below.
             guaranteed = search.with_objective('guaranteed')
-            plan = guaranteed.plan('joint', improve(guaranteed, schedule))
-            search.try_improve(plan.positions, plan.powers)
+            improve(guaranteed, schedule)
+            search.try_improve(guaranteed.positions, guaranteed.powers)
             reason = search.stop_reason()
             if reason is not None:
                 return reason
