@@ -13,7 +13,7 @@ from secure_uav_planner.apps.bench.missions import random_city_mission, random_m
 from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.grid import Grid
-from secure_uav_planner.model.limits.reference import reference_flight
+from secure_uav_planner.model.limits.norm import reference_flight
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint import multistart
 from secure_uav_planner.optimize.joint.barrier import Barrier

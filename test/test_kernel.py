@@ -16,8 +16,9 @@ import pytest
 from secure_uav_planner import Scenario
 from secure_uav_planner.apps.bench.missions import random_city_mission, random_mission
 from secure_uav_planner.errors import NumericalError
+from secure_uav_planner.model import kernel
 from secure_uav_planner.model.grid import Grid
-from secure_uav_planner.model.kernel import core, loading
+from secure_uav_planner.model.kernel import core
 from secure_uav_planner.model.limits import limits_of
 from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
@@ -252,10 +253,10 @@ def test_without_a_kernel_the_error_says_what_to_do(tmp_path):
 
 
 def test_a_kernel_of_other_sources_is_not_used(monkeypatch):
-    assert loading._loaded() is core
-    monkeypatch.setattr(loading, 'digest', lambda: 'another')
+    assert kernel._loaded() is core
+    monkeypatch.setattr(kernel, 'digest', lambda: 'another')
     with pytest.raises(ImportError, match='another version of secure_uav_planner'):
-        loading._loaded()
+        kernel._loaded()
 
 
 # Building it on a machine without a compiler

@@ -216,7 +216,7 @@ def resampled(values: Array, count: int, inner: bool = False) -> Array:
     """
     if count == len(values):
         return values.copy()
-    before, share = _places(len(values), count, inner)
+    before, share = _interpolation(len(values), count, inner)
     share = share.reshape(-1, *[1] * (values.ndim - 1))
     here = values[before]
     found: Array = here + share * (values[np.minimum(before + 1, len(values) - 1)] - here)
@@ -224,8 +224,8 @@ def resampled(values: Array, count: int, inner: bool = False) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _places(number: int, count: int, inner: bool) -> tuple[NDArray[np.intp], Array]:
-    """Return behind which of some points, and by what share, the others are, both (count,)."""
+def _interpolation(number: int, count: int, inner: bool) -> tuple[NDArray[np.intp], Array]:
+    """Return the preceding sample and the interpolation weight of each new point, (count,)."""
     more = int(inner)
     place = np.arange(more, count + more) * (
         (number - 1 + 2 * more) / max(1, count - 1 + 2 * more)) - more

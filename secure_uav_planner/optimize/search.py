@@ -30,8 +30,8 @@ class Search:
     :param scenario: what to plan.
     :param positions: feasible start, (U, N+2, 2) in m.
     :param powers: feasible start, (U, N) in W.
-    :param termination: says when the search must end, and hears of every Iteration; by default
-        it never must.
+    :param termination: the deadline and the callback, to which every Iteration is reported; by
+        default there is neither.
     :param warm: whether the start is an earlier plan rather than a guess.
     :param objective: which rate is to be raised.
     :param parent: a search of which this one is a part, and which reports in its place.

@@ -5,6 +5,32 @@ Limits and channel models have a form here and one in Python; `limit.hpp` and `c
 what the kernel asks of them.
 """
 
-from .loading import core
+from importlib import import_module
+from typing import Any
+
+from .sources import digest
+
+
+def _loaded() -> Any:
+    """
+    Return the compiled module.
+
+    :raises ImportError: where there is none, or one of other sources.
+    """
+    try:
+        module = import_module('_secure_uav_planner_kernel')
+    except ImportError as error:
+        raise ImportError(
+            f'secure_uav_planner needs its compiled kernel, which cannot be loaded ({error}); a '
+            "source tree must be built: run 'pip install .' in it, which brings a compiler where "
+            "there is none, or 'colcon build' in its workspace", name=error.name) from error
+    if getattr(module, 'sources', None) != digest():
+        raise ImportError('the compiled kernel belongs to another version of secure_uav_planner '
+                          "than these files; run 'pip install .' or 'colcon build' again",
+                          name=module.__name__)
+    return module
+
+
+core: Any = _loaded()
 
 __all__ = ['core']

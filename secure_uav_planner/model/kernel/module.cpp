@@ -82,15 +82,12 @@ kernel::Numbers numbers_of(const py::dict& given) {
     kernel::Numbers found;
     found.boundary = real("boundary");
     found.power_factor = real("power_factor");
-    found.sufficient_decrease = real("sufficient_decrease");
     found.softening = real("softening");
     found.patience = real("patience");
     found.dual_range = real("dual_range");
     found.mu_factor = real("mu_factor");
     found.mu_power = real("mu_power");
     found.centred = real("centred");
-    found.still = real("still");
-    found.negligible = real("negligible");
     found.clipped_trials = given["clipped_trials"].cast<int>();
     found.uniform_trials = given["uniform_trials"].cast<int>();
     return found;

@@ -22,6 +22,9 @@ constexpr int ALL_AT_ONCE = 12;  // once, and after which all are.
 // Of all variables, when no slot is left to be made convex.
 constexpr std::array<double, 9> SHIFTS{1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8};
 constexpr double ROUNDING = 1e-12;  // Relative change of the barrier function that is rounding.
+constexpr double ARMIJO = 1e-4;     // Share of the expected decrease that is sufficient.
+// The Newton decrement, or the gain in nats a slot, below which a mu is done in any case.
+constexpr double STILL = 0.01, NEGLIGIBLE = 1e-8;
 
 // For numbers of UAVs and channel models as Rates are.
 template <int UAVS, class Model>
@@ -436,7 +439,7 @@ private:
             }
             if (!(expected < 0.0)) continue;
             evaluate(there_.data(), mu, trial_);
-            if (trial_.value <= enough + numbers.sufficient_decrease * expected) {
+            if (trial_.value <= enough + ARMIJO * expected) {
                 length = by;
                 return true;
             }
@@ -516,7 +519,7 @@ private:
         ++state.age;
         const bool stalled = state.age >= numbers.patience || length == 0.0;
         const bool centred = decrement <= numbers.centred * uavs() && length > 0.5;
-        const bool still = decrement <= std::max(numbers.still, numbers.negligible / mu);
+        const bool still = decrement <= std::max(STILL, NEGLIGIBLE / mu);
         *state.finished = mu <= final && (still || stalled);
         if ((centred || stalled) && mu > final) {
             state.age = 0;

@@ -10,8 +10,8 @@ namespace kernel {
 
 // The numbers of the Schedule that a Newton step needs.
 struct Numbers {
-    double boundary, power_factor, sufficient_decrease, softening, patience, dual_range;
-    double mu_factor, mu_power, centred, still, negligible;
+    double boundary, power_factor, softening, patience, dual_range;
+    double mu_factor, mu_power, centred;
     int clipped_trials, uniform_trials;
 };
 

@@ -8,13 +8,12 @@ repair of an iterate, and its terms in both methods.
 from collections.abc import Callable
 from functools import lru_cache
 
-from .acceleration import AccelerationLimit
 from .base import Limit
 from .fence import FenceLimit
 from .lines import LineLimit
+from .motion import AccelerationLimit, SpeedLimit
 from .power import AveragePower, PeakPower
 from .separation import SeparationLimit
-from .speed import SpeedLimit
 from .zones import ZoneLimit
 from ..airspace import airspace_of
 from ..clearance import Clearance

@@ -1,6 +1,7 @@
 """Limits on the length of differences of a UAV's points: what speed and acceleration share."""
 
 from abc import abstractmethod
+from functools import lru_cache
 from importlib import import_module
 from typing import Any, ClassVar
 
@@ -8,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base import ConvexVariables, Limit
-from .reference import reference_flight
 from ..grid import Grid
 from ..kernel import core
 from ...errors import PlanError
-from ...mission.scenario import Array, POSITION_TOLERANCE, Scenario
+from ...mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
 
 
 class NormLimit(Limit):
@@ -130,3 +130,21 @@ class NormLimit(Limit):
     @abstractmethod
     def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
         """Return d of a CVXPY expression of a UAV's positions, (M, 2) in units."""
+
+
+def reference_flight(grid: Grid) -> Array:
+    """
+    Return the flights of least effort on a grid, (U, N+2, 2) in m, read-only.
+
+    Without a limit of acceleration they are straight, at constant speed.
+    """
+    return _reference_flight(grid.scenario, grid.slots)
+
+
+@lru_cache(maxsize=64)
+def _reference_flight(scenario: Scenario, slots: int) -> Array:
+    step = Grid.of(scenario, slots).slot_duration
+    flights = np.stack([
+        uav.start + uav.vehicle.least_effort(slots, step)[1] for uav in scenario.uavs])
+    flights[:, -1] = scenario.goals
+    return read_only(flights)

@@ -5,6 +5,5 @@ CVXPY is imported here and nowhere below, as that takes a second.
 """
 
 from .method import alternate
-from .schedule import Schedule
 
-__all__ = ['Schedule', 'alternate']
+__all__ = ['alternate']

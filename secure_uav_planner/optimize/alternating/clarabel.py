@@ -11,7 +11,7 @@ import cvxpy as cp
 _LOG = logging.getLogger(__name__)
 
 
-class Outcome(NamedTuple):
+class SolverResult(NamedTuple):
     """
     How a solve ended.
 
@@ -25,7 +25,7 @@ class Outcome(NamedTuple):
     compile_time: float
 
 
-def solve(problem: Any, time_left: float = math.inf) -> Outcome:
+def solve(problem: Any, time_left: float = math.inf) -> SolverResult:
     """
     Solve a CVXPY problem with the present values of its parameters, by a solver of its own.
 
@@ -47,7 +47,7 @@ def solve(problem: Any, time_left: float = math.inf) -> Outcome:
     if time_left < math.inf:
         options['time_limit'] = time_left - compile_time
         if options['time_limit'] <= 0:
-            return Outcome(False, 0.0, compile_time)
+            return SolverResult(False, 0.0, compile_time)
     try:
         # Without a warm start: CVXPY's updates the solver of the last call, which Clarabel
         # refuses when an entry of a matrix has become zero, or is zero no longer. CVXPY 1.6.7 to
@@ -59,13 +59,13 @@ def solve(problem: Any, time_left: float = math.inf) -> Outcome:
         if not isinstance(error, Exception) and type(error).__name__ != 'PanicException':
             raise
         _LOG.debug('Clarabel failed', exc_info=True)
-        return Outcome(False, 0.0, compile_time)
+        return SolverResult(False, 0.0, compile_time)
     with warnings.catch_warnings():
         # An inaccurate solution is as good: the caller measures it by the true objective.
         warnings.filterwarnings('ignore', message='Solution may be inaccurate')
         try:
             problem.unpack_results(solution, chain, inverse_data)
         except cp.SolverError:
-            return Outcome(False, solution.solve_time, compile_time)
-    return Outcome(problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE), solution.solve_time,
-                   compile_time)
+            return SolverResult(False, solution.solve_time, compile_time)
+    return SolverResult(problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE),
+                        solution.solve_time, compile_time)

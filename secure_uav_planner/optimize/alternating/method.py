@@ -3,15 +3,30 @@
 from collections.abc import Sequence
 
 from .powers import PowerProblem
-from .schedule import Schedule
 from .trajectory import TrajectoryProblem
 from ..search import Search
 from ...plan.plan import Status
 
+TOLERANCE = 1e-5
+"""A round of all steps that gains less, in bit/s/Hz, is the last."""
+POWERS_TOLERANCE = 1e-7
+"""The same for rounds of powers alone."""
+MAX_ROUNDS = 100
+POWER_STEPS = 3
+"""Steps of Section III-A, which cost a fifth of one of Section III-B, before each of those."""
+STRETCH = 2.0
+"""
+The factor by which a step is made longer while the true rate rises.
+
+Without, as in the paper, solves take 3.6 times as long and end lower.
+"""
+COMPILE_RATIO = 12.0
+"""How much longer CVXPY takes to compile the trajectory problem than the power problem."""
+
 _Problem = PowerProblem | TrajectoryProblem
 
 
-def alternate(search: Search, schedule: Schedule = Schedule()) -> Status:
+def alternate(search: Search) -> Status:
     """
     Improve a search by the paper's algorithm until a round gains less than the tolerance.
 
@@ -19,38 +34,35 @@ def alternate(search: Search, schedule: Schedule = Schedule()) -> Status:
     no worse than theirs alone.
 
     :param search: whose positions and powers are improved.
-    :param schedule: the tuned numbers.
     :return: why the method stopped.
     """
     powers = PowerProblem(search.scenario)
     if not search.warm:
         # Powers have local optima; the start is the best of several levels of jamming.
         search.try_less_jamming()
-        _rounds(search, [powers], schedule.powers_tolerance, schedule)
+        _rounds(search, [powers], POWERS_TOLERANCE)
     trajectory = TrajectoryProblem(search.scenario)
-    return _rounds(search, [powers] * schedule.power_steps + [trajectory], schedule.tolerance,
-                   schedule)
+    return _rounds(search, [powers] * POWER_STEPS + [trajectory], TOLERANCE)
 
 
-def _rounds(search: Search, steps: Sequence[_Problem], tolerance: float,
-            schedule: Schedule) -> Status:
+def _rounds(search: Search, steps: Sequence[_Problem], tolerance: float) -> Status:
     """Take the steps in turn until a round of them gains less than the tolerance."""
-    for _ in range(schedule.max_rounds):
+    for _ in range(MAX_ROUNDS):
         before = search.rate
         solved = True
         for problem in steps:
             reason = search.stop_reason()
             if reason is not None:
                 return reason
-            if _compile_time(problem, steps, schedule) > search.time_left:
+            if _compile_time(problem, steps) > search.time_left:
                 return 'time_limit'
-            solved &= _step(search, problem, schedule.stretch)
+            solved &= _step(search, problem)
         if search.rate - before < tolerance:
             return search.stop_reason() or ('converged' if solved else 'numerical_trouble')
     return 'iteration_limit'
 
 
-def _compile_time(problem: _Problem, steps: Sequence[_Problem], schedule: Schedule) -> float:
+def _compile_time(problem: _Problem, steps: Sequence[_Problem]) -> float:
     """
     Return how long compiling a problem will take in s, which nothing can interrupt.
 
@@ -58,10 +70,10 @@ def _compile_time(problem: _Problem, steps: Sequence[_Problem], schedule: Schedu
     """
     if problem.compile_time is not None:
         return problem.compile_time
-    return schedule.compile_ratio * (steps[0].compile_time or 0.0)
+    return COMPILE_RATIO * (steps[0].compile_time or 0.0)
 
 
-def _step(search: Search, problem: _Problem, factor: float) -> bool:
+def _step(search: Search, problem: _Problem) -> bool:
     """Solve a restriction at the present iterate; return whether the solver succeeded."""
     local = getattr(search, problem.block)
     answer, seconds = problem.solve(search.positions, search.powers, search.time_left)
@@ -70,6 +82,6 @@ def _step(search: Search, problem: _Problem, factor: float) -> bool:
         # The restriction is cautious: go further along its step while the true rate rises.
         length = 1.0
         while search.try_improve(**{problem.block: local + length * (answer - local)}):
-            length *= factor
+            length *= STRETCH
     search.report(problem.step)
     return answer is not None

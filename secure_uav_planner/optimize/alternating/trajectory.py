@@ -59,10 +59,10 @@ class TrajectoryProblem:
         eves = len(scenario.eavesdroppers)
         self._received = _ReceivedLoss(x, y)
         # y_k is the logarithm of zeta of (17a).
-        self._interference = _LogOfSum(x[1:], y[1:]) if len(paths) > 1 else None
+        self._interference = _LogOfSumBound(x[1:], y[1:]) if len(paths) > 1 else None
         # y_k is the logarithm of xi of (17b) for the transmitter, of tau of (17c) for jammers.
         every = np.tile(np.eye(len(paths)), (eves, 1))
-        self._leakage = _LogOfSum(every @ x, every @ y, eves)
+        self._leakage = _LogOfSumBound(every @ x, every @ y, eves)
         self._local_leakage = cp.Parameter((eves, slots))
         bounds: Any = self._local_leakage + self._leakage.value
         constraints += self._leakage.constraints
@@ -184,7 +184,7 @@ class _ReceivedLoss:
         self._weights.value = shares * inverse
 
 
-class _LogOfSum:
+class _LogOfSumBound:
     """
     Upper bounds of log(1 + sum_k s_k exp(-y_k)), less their values at the local point.
 

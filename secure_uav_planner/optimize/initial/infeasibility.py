@@ -80,7 +80,7 @@ def _of_one(scenario: Scenario, number: int, check: Check) -> Iterator[Infeasibl
 
 
 def _in_the_way(scenario: Scenario) -> str:
-    """Return the names of what is on the straight way of the only UAV, or else of all."""
+    """Return the names of the obstacles that the straight line crosses, or of all if none."""
     uav, pieces = scenario.uavs[0], airspace_of(scenario).pieces[0]
     line = shapely.LineString([uav.start, uav.goal])
     met = [piece for piece in pieces if shapely.Polygon(piece.vertices).intersects(line)]

@@ -20,8 +20,7 @@ from ...mission.scenario import Array, Scenario
 from ...model.grid import Grid, resampled
 from ...model.limits import is_clear, limits_of
 from ...model.limits.lines import LineLimit, Lines
-from ...model.limits.norm import NormLimit
-from ...model.limits.reference import reference_flight
+from ...model.limits.norm import NormLimit, reference_flight
 
 _ROUNDS = 8  # How often lines are chosen at most.
 _PENALTY = 1e4  # Of an exceedance by all of a limit, beside the square of a step of deviation.

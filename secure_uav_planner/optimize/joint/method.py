@@ -2,14 +2,14 @@
 The joint method: positions and powers together.
 
 Several starts are improved for problem (P2), `multistart.py`; the best plan is then improved for
-problem (P1), `against_places.py`, where that is the objective.
+problem (P1), `exchange.py`, where that is the objective.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from .against_places import improve_against_places
+from .exchange import improve_by_exchange
 from .multistart import improve_from_several_starts, improve_present
 from .powers import improve_powers
 from .schedule import SCHEDULE, Schedule
@@ -37,7 +37,7 @@ def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
             reason = search.stop_reason()
             if reason is not None:
                 return reason
-        return _until_stopped(improve_against_places, stepper)
+        return _until_stopped(improve_by_exchange, stepper)
     if search.warm:
         return _until_stopped(lambda stepper: improve_present(stepper, schedule.warm_mu), stepper)
     return _until_stopped(improve_from_several_starts, stepper)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 class Schedule:
     """The tuned numbers of Newton's method and of problem (P1); multistart.py has its own."""
 
-    # Barrier parameters that end the coarse grid, grids in between, and the full grid.
+    # Barrier parameters that end the coarse grid and the full grid.
     coarse_mu: float = 1e-3
-    middle_mu: float = 1e-4
     final_mu: float = 1e-8
     # The least with which a finer grid begins where limits keep interpolation from being centred.
     refined_mu: float = 0.03
-    refinement: int = 8  # How much finer the next grid is at most.
     steps: int = 150  # The most Newton steps on one grid.
     try_every: int = 16  # Steps between proposals, which take as long as a few to a hundred steps.
 
@@ -34,21 +32,17 @@ class Schedule:
     # Newton's method. The fraction to the boundary, and the factor by which a power may change.
     boundary: float = 0.995
     power_factor: float = 10.0
-    # The line search: Armijo's constant, trials that stop every variable at its own limit, and
-    # further trials that go along the step.
-    sufficient_decrease: float = 1e-4
+    # The line search: trials that stop every variable at its own limit, and further trials that
+    # go along the step.
     clipped_trials: int = 3
     uniform_trials: int = 17
     softening: float = 0.3  # Rounding of the kink above an eavesdropper, in sqrt(mu).
     dual_range: float = 1e4  # How far a dual may leave its central value, as a factor.
     # Linear and superlinear decrease of mu, kappa_mu and theta_mu of IPOPT, and when: the Newton
-    # decrement for each UAV, the one or the gain in nats a slot below which mu is done in any
-    # case, and the most steps for one mu.
+    # decrement for each UAV, and the most steps for one mu.
     mu_factor: float = 0.2
     mu_power: float = 1.5
     centred: float = 0.5
-    still: float = 0.01
-    negligible: float = 1e-8
     patience: int = 15
 
 

@@ -13,7 +13,7 @@ from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
 from ...model.grid import Grid, resampled
 from ...model.limits import is_open, repaired
-from ...model.limits.reference import reference_flight
+from ...model.limits.norm import reference_flight
 
 STARTS = 15  # For each UAV,
 MOST_STARTS = 60  # and for all.

@@ -1,4 +1,4 @@
-"""Steps of a Barrier for a Search, which hears of them and says when they must end."""
+"""Drives a Barrier, reports each step to a Search, and stops where the search must end."""
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from ...mission.scenario import Array
 from ...model.grid import Grid
 from ...model.limits import is_open
 from ...plan.plan import Status
+
+_REFINEMENT = 8  # How much finer the next grid is at most.
+_MIDDLE_MU = 1e-4  # The barrier parameter that ends a grid in between.
 
 
 class Stop(Exception):
@@ -64,7 +67,7 @@ class Stepper:
                 middle = self.barrier(grid, x, mu)
                 self._converge(middle)
                 x, mu = middle.x, middle.mu
-            grids = int(np.ceil(np.log(full / grid.slots) / np.log(schedule.refinement)))
+            grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
             finer = grid.divided(round(grid.slots * (full / grid.slots)**(1 / grids)))
             found = [refined(grid, one, finer, self.check) for one in x]
             inside = [one is not None for one in found]
@@ -79,7 +82,7 @@ class Stepper:
     def _converge(self, barrier: Barrier) -> None:
         """Converge on a grid in between."""
         for _ in range(self.schedule.steps):
-            self.step(barrier, self.schedule.middle_mu)
+            self.step(barrier, _MIDDLE_MU)
             if barrier.finished.all():
                 return
 

@@ -1,5 +1,7 @@
 """
-The acceleration limit: the points are the control points of a uniform quadratic B-spline.
+The limits of speed, equation (1), and of acceleration.
+
+For the latter, the points are the control points of a uniform quadratic B-spline.
 
 The flown curve has the acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2, which is constant in each
 slot. Before the start and after the goal the points go on with the velocities given there.
@@ -13,6 +15,30 @@ from numpy.typing import NDArray
 from .norm import NormLimit
 from ..grid import Grid
 from ...mission.scenario import Array, Scenario
+
+
+class SpeedLimit(NormLimit):
+    """No UAV flies faster than its largest speed: d[n] = q[n+1] - q[n], n = 0..N."""
+
+    stencil = (-1.0, 1.0)
+    lead = 0
+
+    def _longest(self) -> Array:
+        return self.scenario.max_speeds * self.grid.slot_duration
+
+    def _free_ends(self) -> NDArray[np.bool_]:
+        return np.zeros((self.grid.slots + 1, len(self.scenario.uavs)), bool)
+
+    def _excess(self, uav: int, place: int, value: float) -> str:
+        return (f'{self.scenario.uavs[uav].name} moves {value:.9g} m after point {place}; '
+                f'at most {self.longest[uav]:.9g} m are allowed')
+
+    def differences(self, positions: Array) -> Array:
+        """Return the moves, (U, N+1, 2)."""
+        return np.diff(positions, axis=1)
+
+    def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
+        return path[1:] - path[:-1]
 
 
 class AccelerationLimit(NormLimit):

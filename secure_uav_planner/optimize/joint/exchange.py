@@ -1,4 +1,9 @@
-"""Problem (P1): the worst place of every disc counts."""
+"""
+Problem (P1), in which the worst place of every disc counts, by the exchange method.
+
+Discs have infinitely many places (semi-infinite programming): a few of them stand for each, and
+are exchanged for worse ones between the Newton steps.
+"""
 
 import numpy as np
 
@@ -9,7 +14,7 @@ from .worst_places import WorstPlaces
 from ...plan.plan import Status
 
 
-def improve_against_places(stepper: Stepper) -> Status:
+def improve_by_exchange(stepper: Stepper) -> Status:
     """Improve the present plan against the worst places of the discs, problem (P1)."""
     schedule, search = stepper.schedule, stepper.search
     before = search.rate
