@@ -1,6 +1,6 @@
 """A ROS environment of the tests' own, set before anything imports rclpy; what a test needs."""
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -36,6 +36,12 @@ os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
 for _name, _same in (('quick', True), ('soak', False)):
     settings.register_profile(_name, deadline=None, derandomize=_same, phases=[
         Phase.explicit, Phase.reuse, Phase.generate], suppress_health_check=[HealthCheck.too_slow])
+
+# Newer versions of Hypothesis also draw constants of the modules loaded so far, which are others
+# in every worker: without those, examples are the same indeed.
+with suppress(ImportError):
+    from hypothesis.internal.conjecture import providers
+    providers._get_local_constants = lambda *_: providers._local_constants
 
 # What `rosdep install` does not bring, and which tests need it; without it they are skipped.
 # In package.xml is what all others import.

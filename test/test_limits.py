@@ -75,7 +75,7 @@ def test_slacks_and_their_derivatives_are_those_of_the_definition(scenario, seed
         np.testing.assert_allclose(found['slacks'], here, atol=1e-12)
         np.testing.assert_allclose(found['slopes'], slopes, atol=1e-10 * scale)
         here = np.array(found['slacks'])  # Where there is all but no slack, rounding matters.
-        shares = slopes / here
+        shares = np.array(found['slopes']) / here
         assert found['slope'] == pytest.approx(
             -shares.sum(), rel=1e-7, abs=1e-7 * np.abs(shares).sum())
         # With duals 1 / c, the primal-dual Hessian is that of -sum log c.
