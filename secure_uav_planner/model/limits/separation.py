@@ -49,11 +49,13 @@ class SeparationLimit(LineLimit):
         lines = self.lines(path)
         least = self.slacks(path, lines).min(axis=-1)
         halves = len(self.tracks.uav) // len(self.scenario.uavs)
-        middles = self.places(path).mean(axis=-2)
-        for pair in np.flatnonzero((least <= 0).any(axis=0)[::halves]).tolist():
+        pairs = np.flatnonzero((least <= 0).any(axis=0)[::halves])
+        subjects = (pairs[:, None] * halves + np.arange(halves)).ravel()
+        middles = self.places(path, subjects).mean(axis=-2)
+        for number, pair in enumerate(pairs.tolist()):
             chosen = slice(None), slice(pair * halves, (pair + 1) * halves)
             close = (least[chosen] <= 0).ravel()
-            middle = middles[chosen].reshape(-1, 2)
+            middle = middles[:, number * halves:(number + 1) * halves].reshape(-1, 2)
             turned = _turned(np.arctan2(middle[:, 1], middle[:, 0]), close, other_way)
             normals = lines.normals[chosen]
             lines.normals[chosen] = np.where(
