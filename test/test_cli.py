@@ -473,12 +473,20 @@ def test_a_flown_mission_is_near_the_plan_at_all_times(acceleration):
 def kind(value):
     """Return the JSON type of a value, in the words of the source code of QGroundControl."""
     return {bool: 'bool', int: 'double', float: 'double', str: 'string', list: 'array',
-            dict: 'object', type(None): 'null'}[type(value)]
+            dict: 'object'}[type(value)]
+
+
+def is_place(values, count):
+    """Return whether an array has so many numbers, and is a valid coordinate."""
+    return [kind(value) for value in values] == ['double'] * count and (
+        abs(values[0]) <= 90 and abs(values[1]) <= 180)
 
 
 def test_a_file_has_what_qgroundcontrol_asks_for_and_no_two_uavs_take_off_from_one_spot(tmp_path):
-    # What the functions load and validateKeys of PlanMasterController, MissionController,
-    # MissionItem, SimpleMissionItem and GeoFenceController ask for; a null is a NaN there.
+    # What PlanMasterController::loadFromFile and the functions load of MissionController,
+    # SimpleMissionItem, MissionItem, GeoFenceController, QGCFencePolygon and RallyPointController
+    # ask for by JsonHelper::validateKeys, in all versions: some take a null for a number or a
+    # number for a null, some do not. Only a parameter may be null everywhere.
     of_file = {'fileType': 'string', 'groundStation': 'string', 'version': 'double',
                'mission': 'object', 'geoFence': 'object', 'rallyPoints': 'object'}
     of_mission = {'version': 'double', 'items': 'array', 'plannedHomePosition': 'array',
@@ -486,9 +494,13 @@ def test_a_file_has_what_qgroundcontrol_asks_for_and_no_two_uavs_take_off_from_o
                   'hoverSpeed': 'double', 'globalPlanAltitudeMode': 'double'}
     of_item = {'type': 'string', 'frame': 'double', 'command': 'double', 'params': 'array',
                'autoContinue': 'bool', 'doJumpId': 'double'}
-    of_place = {'AltitudeMode': 'double', 'Altitude': 'double', 'AMSLAltAboveTerrain': 'null'}
+    of_place = {'AltitudeMode': 'double', 'Altitude': 'double', 'AMSLAltAboveTerrain': 'double'}
+    of_fence = {'version': 'double', 'circles': 'array', 'polygons': 'array'}
+    of_polygon = {'version': 'double', 'inclusion': 'bool', 'polygon': 'array'}
+    of_rally = {'version': 'double', 'points': 'array'}
     main(['new', str(tmp_path / 'mission.yaml')])
-    apart = Scenario.load(tmp_path / 'mission.yaml')
+    apart = replace(Scenario.load(tmp_path / 'mission.yaml'), no_fly_zones=(
+        NoFlyZone(((700.0, 0.0), (710.0, 0.0), (700.0, 10.0))),))
     together = replace(apart, separation=0.0, uavs=tuple(
         replace(uav, goal=apart.uavs[0].goal) for uav in apart.uavs))
     for scenario, ends in ((apart, [22, 21]), (together, [22, 16]), (replace(
@@ -496,17 +508,29 @@ def test_a_file_has_what_qgroundcontrol_asks_for_and_no_two_uavs_take_off_from_o
         plan = fly_hover_fly(scenario)
         for uav in range(len(scenario.uavs)):
             found = json.loads(json.dumps(mission(plan, uav, Origin(47.0, 8.0, 400.0))))
-            items = found['mission']['items']
+            items, fence = found['mission']['items'], found['geoFence']
             assert [items[0]['command'], items[-1]['command']] == ends
             assert {item['command'] for item in items[1:-1]} <= {16, 178}
-            for owner, kinds in ((found, of_file), (found['mission'], of_mission), *(
-                    (item, {**of_item, **({} if item['command'] == 178 else of_place)})
-                    for item in items)):
+            for owner, kinds in (
+                    (found, of_file), (found['mission'], of_mission), (fence, of_fence),
+                    (found['rallyPoints'], of_rally), *(
+                        (polygon, of_polygon) for polygon in fence['polygons']), *(
+                        (item, {**of_item, **({} if item['command'] == 178 else of_place)})
+                        for item in items)):
                 assert {name: kind(value) for name, value in owner.items()} == kinds
+            assert (found['fileType'], found['groundStation']) == ('Plan', 'QGroundControl')
+            assert [found['version'], *(found[part]['version'] for part in (
+                'mission', 'geoFence', 'rallyPoints'))] == [1, 2, 2, 2]
+            assert is_place(found['mission']['plannedHomePosition'], 3)
+            assert found['rallyPoints']['points'] == fence['circles'] == []
+            for polygon in fence['polygons']:
+                assert polygon['version'] == 1
+                assert all(is_place(place, 2) for place in polygon['polygon'])
             for item in items:
                 assert item['type'] == 'SimpleItem' and len(item['params']) == 7
-                assert all(kind(value) in ('double', 'null') for value in item['params'][:4])
-            assert found['fileType'] == 'Plan' and found['mission']['version'] == 2
+                assert all(value is None or kind(value) == 'double' for value in item['params'][:4])
+                assert item['command'] == 178 or is_place(item['params'][4:], 3)
+            assert any(not polygon['inclusion'] for polygon in fence['polygons'])
 
 
 def test_zones_at_the_altitude_and_the_fence_are_the_missions_fence():

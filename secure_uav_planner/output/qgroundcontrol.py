@@ -120,8 +120,9 @@ def _item(command: int, origin: Origin, place: tuple[float, float], altitude: fl
     """Return a command with a place; the hold in s is the first of its parameters."""
     latitude, longitude = origin.coordinates(place).tolist()
     return {'type': 'SimpleItem', 'autoContinue': True, 'command': command,
-            'frame': _RELATIVE_ALTITUDE, 'AMSLAltAboveTerrain': None, 'Altitude': altitude,
-            'AltitudeMode': 1, 'params': [hold, 0, 0, None, latitude, longitude, altitude]}
+            'frame': _RELATIVE_ALTITUDE, 'AltitudeMode': 1, 'Altitude': altitude,
+            'AMSLAltAboveTerrain': origin.altitude + altitude,  # Some versions refuse a null.
+            'params': [hold, 0, 0, None, latitude, longitude, altitude]}
 
 
 def _speed(speed: float) -> dict[str, Any]:
