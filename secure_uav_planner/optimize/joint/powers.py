@@ -2,7 +2,7 @@
 Power control on a fixed trajectory: the powers of problem (P2) alone, from several levels.
 
 Powers have local optima, which differ in how much the jammers send. The levels are improved side
-by side, on a grid of few slots and then on the full one.
+by side, on a grid of few slots and then on finer ones.
 """
 
 import numpy as np
@@ -15,8 +15,7 @@ from ...plan.plan import Status
 LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming, in shares of the average power.
 SLOTS = 200  # The most of the grid on which the levels are compared.
 STEPS = 20  # Newton steps from each level on it.
-MU = 0.03  # The barrier parameter to begin with,
-FINE_MU = 0.01  # and that on the full grid.
+MU = 0.03  # The barrier parameter to begin with.
 SHARE = 0.01  # By which powers are moved into the interior.
 
 
@@ -35,6 +34,4 @@ def improve_powers(stepper: Stepper) -> Status:
         strictly_feasible(grid, search.positions, powers, SHARE)
         for powers in (search.powers, *levels)]), MU)
     stepper.advance(barrier, STEPS, stepper.schedule.coarse_mu)
-    fine = np.array([strictly_feasible(stepper.grid, search.positions, grid.powers(x), SHARE)
-                     for x in barrier.x])
-    return stepper.finish(stepper.barrier(stepper.grid, fine, FINE_MU))
+    return stepper.finish(stepper.on_full_grid(grid, barrier.x, barrier.mu))
