@@ -9,6 +9,7 @@ from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 package_name = 'secure_uav_planner'
+command = f'scripts/{package_name}'
 kernel_folder = f'{package_name}/model/kernel'
 sources = runpy.run_path(f'{kernel_folder}/sources.py')
 
@@ -103,9 +104,11 @@ setup(
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', glob('config/*')),
         (f'share/{package_name}/launch', glob('launch/*.launch.py')),
-        # What `ros2 run` finds. As console scripts, they would be on PATH with these plain names.
-        (f'lib/{package_name}', glob('scripts/*')),
+        # What `ros2 run` finds. Like the command, they would be on PATH with these plain names.
+        (f'lib/{package_name}', [file for file in glob('scripts/*') if file != command]),
     ],
+    # Not an entry point, which imports the package before it can see to Ctrl-C.
+    scripts=[command],
     python_requires='>=3.10',
     install_requires=[
         'setuptools', 'argcomplete>=2.0', 'clarabel>=0.11', 'cvxpy>=1.4', 'numpy>=1.26',
@@ -122,9 +125,4 @@ setup(
     description='Plans trajectories and powers of UAVs so that a transmission stays secret',
     url='https://github.com/secure-uav-planner/secure_uav_planner',
     license='Apache-2.0',
-    entry_points={
-        'console_scripts': [
-            'secure_uav_planner = secure_uav_planner.__main__:main',
-        ],
-    },
 )

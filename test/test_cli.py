@@ -306,6 +306,43 @@ def test_the_baselines_can_be_left_out_and_the_origin_be_anywhere(tmp_path, monk
     assert 'fly_hover_fly' not in out and 'plan_uav2.plan' in out
 
 
+INTERRUPTED = """import os, signal, sys
+count, at = 0, int(sys.argv.pop(1))
+def at_import(event, about):
+    global count
+    count += event == 'import'
+    if event == 'import' and count == at:
+        os.kill(os.getpid(), signal.SIGINT)
+del sys.argv[0]
+script = compile(open(sys.argv[0]).read(), sys.argv[0], 'exec')
+sys.addaudithook(at_import)
+try:
+    exec(script)
+finally:
+    print(count)
+"""
+"""
+Runs a script, which has a Ctrl-C at one of its imports, and prints how many they were.
+
+Before its first one, Python itself answers: that cannot be helped.
+"""
+
+
+def test_ctrl_c_while_modules_are_imported_ends_the_command_without_a_traceback(tmp_path):
+    def check(at):
+        return subprocess.run(
+            [sys.executable, '-c', INTERRUPTED, str(at), ROOT / 'scripts' / 'secure_uav_planner',
+             'check', 'mission.yaml'], cwd=tmp_path, capture_output=True, text=True,
+            timeout=PATIENCE, env=environment())
+
+    Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
+    imports = int(check(0).stdout.split()[-1])
+    for at in np.linspace(1, imports, 12, dtype=int):
+        done = check(at)
+        assert done.returncode == 130, done.stderr
+        assert done.stderr in ('', 'secure_uav_planner: stopped\n')
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
     Scenario.paper(200.0, slots=1500).save(tmp_path / 'mission.yaml')

@@ -60,7 +60,7 @@ def save_picture(plan, path, baselines=()):
 
 def draw_plan(plan, baselines=()):
     """Return a matplotlib Figure of a plan, as save_picture writes it."""
-    tall = _map_height(_extent(plan.scenario, [plan, *baselines]))
+    tall = _map_height(extent_of(plan.scenario, [plan, *baselines]))
     title = (f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
              f'{plan.worst_case_rate:.3f} in the worst case')
     if plan.bound is not None:
@@ -82,7 +82,7 @@ def draw_plan(plan, baselines=()):
 
 def draw_scenario(scenario):
     """Return a matplotlib Figure with the map of a Scenario."""
-    extent = _extent(scenario)
+    extent = extent_of(scenario)
     tall = _map_height(extent)
     figure = _Picture(figsize=(_WIDTH, tall + 0.8))
     axes = figure.add_axes((0.75 / _WIDTH, 0.6 / (tall + 0.8), _MAP_WIDTH / _WIDTH,
@@ -107,7 +107,7 @@ def name_of(method):
     return _NAMES.get(method, method)
 
 
-def draw_map(axes, plan, baselines=(), legend=True):
+def draw_map(axes, plan, baselines=(), legend=True, extent=None):
     """
     Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
 
@@ -118,9 +118,11 @@ def draw_map(axes, plan, baselines=(), legend=True):
     :param axes: matplotlib Axes.
     :param baselines: Plans for the same mission, whose paths are drawn in grey.
     :param legend: whether to explain the symbols beside the map.
+    :param extent: of the map, by default that of these plans; see extent_of.
     """
     scenario = plan.scenario
-    place_of = _set_up_map(axes, scenario, _extent(scenario, [plan, *baselines]))
+    place_of = _set_up_map(axes, scenario, extent_of(scenario, [plan, *baselines])
+                           if extent is None else extent)
     for other in baselines:
         for path in other.positions:
             axes.plot(*place_of(path).T, color=_GREY, linewidth=0.9, zorder=1)
@@ -283,7 +285,7 @@ def _width(level):
     return 1.5 + 5.5 * level
 
 
-def _extent(scenario, plans=()):
+def extent_of(scenario, plans=()):
     """Return the lower left and the upper right corner of the map, (2, 2) in m."""
     points = [np.array(scenario.ground_node)[None], scenario.starts, scenario.goals, *(
         path for plan in plans for path in plan.positions), *(

@@ -64,8 +64,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser = make_parser()
         _offer_completion(parser)
         options = parser.parse_args(_with_origin(argv))
+        run = _function(options.run)
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-        status = _function(options.run)(options)
+        if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        status = run(options)
         sys.stdout.flush()  # Here a reader that has gone is told of.
         return status
     except MissionFileError as error:

@@ -7,7 +7,7 @@ import numpy as np
 
 from .environments import draw_environments, found_in_environments, HEADER
 from ...output.drawing import uav_color
-from ...output.picture import draw_map, name_of
+from ...output.picture import draw_map, extent_of, name_of
 
 _SIZE = (9.0, 6.0)
 _DOTS_PER_INCH = 200
@@ -136,18 +136,13 @@ def _trajectories(plans):
     # Leave room for the legend beside the first map, as in the picture of a plan.
     grid = figure.subplots(len(plans), 1, squeeze=False, gridspec_kw={
         'left': 0.085, 'right': 0.77, 'bottom': 0.06, 'top': 0.96, 'hspace': 0.35})[:, 0]
+    extent = extent_of(next(iter(plans.values())).scenario, plans.values())
     for axes, (duration, plan) in zip(grid, plans.items()):
-        draw_map(axes, plan, legend=axes is grid[0])
+        draw_map(axes, plan, legend=axes is grid[0], extent=extent)
         axes.set_title(
             f'T = {duration:g} s, planned for the {plan.objective.replace("_", "-")} rate: '
             f'{plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, {plan.worst_case_rate:.3f} in the '
             'worst case', fontsize=10, loc='left')
-    # All maps have the scale of the widest one.
-    for limits in ('xlim', 'ylim'):
-        widest = max((getattr(axes, f'get_{limits}')() for axes in grid),
-                     key=lambda ends: abs(ends[1] - ends[0]))
-        for axes in grid:
-            axes.set(**{limits: widest})
     return figure
 
 
