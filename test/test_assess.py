@@ -318,7 +318,7 @@ def test_memory_does_not_grow_with_the_slots():
     ({'place': 'normal', 'covariance': ((1, 0),)}, 'it must be a list of 2 pairs'),
     ({'place': 'normal', 'covariance': ((1, 2), (2, 1))}, 'positive semidefinite'),
     ({'place': 'normal', 'covariance': ((1, 2), (0, 9))}, 'symmetric'),
-    ({'channel': 'urban'}, "Channel is 'urban'; it must be a mapping"),
+    ({'channel': 'urban'}, "channel is 'urban'; it must be a Channel"),
     ({'channel': {'exponent': 1.0}}, r'channel\.exponent is 1\.0; it must be a number from 2 to'),
     ({'los_distance': -3}, 'los_distance is -3; it must be a number from 0'),
     ({'receiver_db': math.nan}, 'receiver_db is nan; it must be a number from -100 to 100'),

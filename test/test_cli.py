@@ -218,6 +218,8 @@ def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
     (['check', '.'], 'not a regular file'),
     (['show', 'none.json'], 'none.json cannot be read: No such file'),
     (['show', 'mission.json'], 'mission.json is not a plan'),
+    (['show', __file__], 'is not a plan: line 1 is not JSON'),
+    (['sweep', 'mission.json'], 'it is a mission; a campaign names one by its field mission'),
     (['plan', 'none.yaml'], 'none.yaml cannot be read'),
     (['plan', 'mission.json', '-o', 'mission.json'], 'mission.json cannot be written to'),
     (['plan', 'mission.json', '-o', '/proc/nothing'], '/proc/nothing cannot be written to'),
@@ -565,7 +567,7 @@ def test_a_file_has_what_qgroundcontrol_asks_for_and_no_two_uavs_take_off_from_o
                 assert all(is_place(place, 2) for place in polygon['polygon'])
             for item in items:
                 assert item['type'] == 'SimpleItem' and len(item['params']) == 7
-                assert all(value is None or kind(value) == 'double' for value in item['params'][:4])
+                assert all(one is None or kind(one) == 'double' for one in item['params'][:4])
                 assert item['command'] == 178 or is_place(item['params'][4:], 3)
             assert any(not polygon['inclusion'] for polygon in fence['polygons'])
 

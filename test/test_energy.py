@@ -118,7 +118,7 @@ def test_a_wrong_value_is_refused_with_field_and_range(field):
 
 def test_a_propulsion_of_another_kind_is_refused():
     uav = Scenario.paper().uavs[0]
-    with pytest.raises(ScenarioError, match='Propulsion is 7; it must be a mapping') as caught:
+    with pytest.raises(ScenarioError, match='propulsion is 7; it must be a Propul') as caught:
         replace(uav, propulsion=7)
     assert caught.value.field == 'propulsion'
 

@@ -250,6 +250,9 @@ def test_other_files_of_the_package_are_no_missions_in_one_line(tmp_path):
     assert text == 'it is a plan, whose field scenario is its mission'
     [(_, text)] = problems(ROOT / 'config' / 'paper.yaml')
     assert text.startswith('it is a parameter file of nodes')
+    (tmp_path / 'campaign.yaml').write_text('mission: a.yaml\nvary: {duration: [120, 150]}\n')
+    [(_, text)] = problems(tmp_path / 'campaign.yaml')
+    assert text.startswith('it is a campaign, for the command sweep')
 
 
 def test_a_uav_that_starts_in_a_zone_is_told_with_the_line_of_its_start(tmp_path):

@@ -1,12 +1,14 @@
 """The picture of a plan."""
 
 from dataclasses import replace
+from itertools import combinations
 
 from hypothesis import given, settings
 from matplotlib.image import imread
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, Plan, Scenario
+from secure_uav_planner import fly_hover_fly, Plan, Scenario, solve
+from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.picture import draw_plan, power_level, save_picture
 from strategies import random_powers, scenarios
@@ -82,6 +84,16 @@ def test_a_turned_map_has_arrows_to_east_and_north_and_others_have_north_up(plan
     assert (axes.get_xlabel(), axes.get_ylabel()) == ('east (m)', 'north (m)')
     assert not axes.yaxis_inverted() and not axes.xaxis_inverted()
     assert not {'N', 'E'} & {text.get_text() for text in axes.texts}
+
+
+def test_the_labels_of_times_do_not_cover_each_other(tmp_path):
+    main(['new', str(tmp_path / 'mission.yaml')])
+    figure = draw_plan(solve(Scenario.load(tmp_path / 'mission.yaml')))
+    figure.draw_without_rendering()
+    labels = [text.get_window_extent() for text in figure.axes[0].texts
+              if text.get_text().endswith(' s')]
+    assert len(labels) > 10
+    assert not any(one.overlaps(other) for one, other in combinations(labels, 2))
 
 
 def test_the_scale_of_power_distinguishes_low_jamming_power_from_none():

@@ -116,6 +116,9 @@ def test_the_figure_has_a_line_for_each_value_of_a_second_field_and_says_what_ba
     assert figure.texts[0].get_text() == (
         'lines: medians; bands: from 10 to 90% of the missions, over place')
     [axes] = figure.axes
+    figure.draw_without_rendering()
+    assert not axes.get_legend().get_window_extent().overlaps(axes.bbox)
+    assert axes.get_xlabel() == 'duration (s)'
     assert [line.get_label() for line in axes.lines] == [
         f'second {json.dumps(value)}, joint, objective guaranteed rate' for value in values]
     for number, (line, band) in enumerate(zip(axes.lines, axes.collections)):

@@ -9,9 +9,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ..errors import OptionError, shown
-from ..mission.files import read_text
+from ..mission.files import checked_path, read_text
 from ..mission.scenario import Array
-from ..mission.validation import LIMITS
+from ..mission.validation import checked_kind, LIMITS
 from ..plan.plan import Plan
 
 COLUMNS = ('uav', 'time', 'x', 'y')
@@ -32,8 +32,8 @@ def read_flown(path: str | os.PathLike[str], plan: Plan) -> Array:
     :raises OSError: when it cannot be read, is no regular file, or is too large.
     :raises OptionError: naming the line and what is wrong.
     """
-    names = [uav.name for uav in plan.scenario.uavs]
-    is_bag = Path(path).suffix == '.mcap'
+    names = [uav.name for uav in checked_kind('plan', plan, Plan).scenario.uavs]
+    is_bag = Path(checked_path(path)).suffix == '.mcap'
     tracks = _of_bag(path, plan) if is_bag else _of_csv(path, names)
     times = plan.times[1:-1]
     found = []

@@ -13,6 +13,7 @@ from .result import Assessment, FAN
 from .world import World
 from ..errors import OptionError, shown
 from ..mission.scenario import Array, read_only, Scenario
+from ..mission.validation import checked_kind
 from ..model.channel.links import link_of
 from ..model.channel.rates import put_together, rate_of
 from ..plan.plan import Plan
@@ -37,7 +38,8 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
         the plan's positions; read_flown has it from a file.
     :raises OptionError: naming the argument, its value and what is allowed.
     """
-    world = World() if world is None else world
+    checked_kind('plan', plan, Plan)
+    world = World() if world is None else checked_kind('world', world, World)
     _check_numbers(draws, seed)
     scenario = replace(plan.scenario, channel=world.channel_for(plan.scenario))
     if world.positions is not None and len(world.positions) != len(scenario.eavesdroppers):

@@ -7,6 +7,7 @@ import numpy as np
 
 from .world import World
 from ..mission.scenario import Array
+from ..mission.validation import checked_real
 from ..mission.views import view
 from ..plan.plan import Plan
 
@@ -73,7 +74,7 @@ class Assessment:
 
     def quantile(self, share: float) -> float:
         """Return the secrecy rate in bit/s/Hz below which it is in such a share of the draws."""
-        return float(np.quantile(self.rates, share))
+        return float(np.quantile(self.rates, checked_real('share', share, 0.0, 1.0)))
 
     @property
     def promised_rate(self) -> float:

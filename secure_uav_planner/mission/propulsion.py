@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .validation import Array, checked_number
+from .validation import Array, checked_array, checked_number
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Propulsion:
 
     def power(self, speeds: Any) -> Array:
         """Return P(V), equation (12), in W at speeds V in m/s of any shape."""
-        squared = np.square(np.asarray(speeds, float))
+        squared = np.square(checked_array('speeds', speeds))
         ratio = squared / (2 * self.induced_velocity**2)
         # sqrt(1 + x^2) - x, without the loss of digits for a large x.
         induced = 1 / np.sqrt(np.hypot(1.0, ratio) + ratio)

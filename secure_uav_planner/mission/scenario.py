@@ -12,8 +12,8 @@ from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, grown, Vertices
 from .propagation import Channel
 from .validation import (
-    Array, checked_fields, checked_members, checked_number, checked_point, LIMITS, Point,
-    read_only, told_apart)
+    Array, checked_fields, checked_members, checked_number, checked_point, checked_real, LIMITS,
+    Point, read_only, told_apart)
 from .views import view
 from ..errors import InfeasibleMissionError, ScenarioError, shown, within
 
@@ -280,6 +280,7 @@ class Scenario:
 
     def zones_at(self, altitude: float) -> tuple[tuple[NoFlyZone, str], ...]:
         """Return the zones within tracking_margin of an altitude in m, with their names."""
+        checked_real('altitude', altitude)
         return tuple((zone, name) for zone, name in zip(
             self.no_fly_zones, self.zone_names, strict=True)
             if zone.is_at(altitude, self.tracking_margin))

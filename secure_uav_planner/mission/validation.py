@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import fields, MISSING
 import difflib
 import math
+import sys
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -88,6 +89,9 @@ def checked_block(field: str, value: object, kind: type[_Kind]) -> _Kind:
     if isinstance(value, kind):
         return value
     with within(field):
+        if not isinstance(value, Mapping):
+            raise ScenarioError(f'{field} is {shown(value)}; it must be a {noun_of(kind)} or a '
+                                'mapping of its fields')
         return kind(**checked_fields(kind, value))
 
 
@@ -158,6 +162,40 @@ def checked_kind(name: str, value: object, kind: type[_Kind]) -> _Kind:
     if not isinstance(value, kind):
         raise OptionError(f'{name} is {shown(value)}; it must be a {kind.__name__}', (name,))
     return value
+
+
+def checked_real(name: str, value: Any, low: float = -sys.float_info.max,
+                 high: float = sys.float_info.max) -> float:
+    """Return an argument that is a finite number, or raise OptionError naming it."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if isinstance(value, (bool, str)) or not low <= number <= high:
+        allowed = f'number from {low:g} to {high:g}' if high < sys.float_info.max else (
+            'finite number')
+        raise OptionError(f'{name} is {shown(value)}; it must be a {allowed}', (name,))
+    return number
+
+
+def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Array:
+    """
+    Return an argument as an array of floats, or raise OptionError naming it.
+
+    :param shapes: that it may have, where None is any number; without any, it may have every one.
+    """
+    try:
+        array = np.asarray(values, float)
+        fits = not shapes or any(
+            len(shape) == array.ndim and all(one in (None, size) for one, size in zip(
+                shape, array.shape)) for shape in shapes)
+    except (TypeError, ValueError, OverflowError):
+        fits = False
+    if not fits or values is None:
+        allowed = ' or '.join(str(shape).replace('None', 'N') for shape in shapes)
+        raise OptionError(f'{name} is {shown(values)}; it must be an array of numbers'
+                          f'{shapes and " of the shape "}{allowed}', (name,))
+    return array
 
 
 def checked_callback(name: str, value: Any) -> Any:

@@ -330,14 +330,16 @@ def _mark_times(axes, times, points, color, side, labelled):
     axes.plot(*places.T, 'o', color='white', markeredgecolor=color, markersize=3.5,
               linestyle='none', zorder=7)
     near = 0.04 * np.ptp(axes.get_xlim())
-    first = 0
+    ends, first = [], 0
     for last in range(len(marks)):
-        if last + 1 < len(marks) and np.hypot(*(places[last + 1] - places[first])) < near:
-            continue
+        if last + 1 == len(marks) or np.hypot(*(places[last + 1] - places[first])) >= near:
+            ends.append((first, last))
+            first = last + 1
+    for first, last in sorted(ends, key=lambda pair: pair[0] - pair[1]):  # Longest first.
         place = places[(first + last) // 2]
         text = f'{marks[first]:g}' if first == last else f'{marks[first]:g}–{marks[last]:g}'
-        first = last + 1
-        if any(np.hypot(*(place - other)) < near for other in labelled):
+        # Labels are wider than high.
+        if any((np.abs(place - other) < (1.7 * near, near)).all() for other in labelled):
             continue
         labelled.append(place)
         axes.annotate(f'{text} s', place, xytext=(0, 7 * side), textcoords='offset points',

@@ -17,7 +17,7 @@ from ..errors import OptionError, PlanError, shown
 from ..mission import Objective, OBJECTIVES
 from ..mission.kinematics import shortened
 from ..mission.scenario import Array, LIMITS, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
-from ..mission.validation import checked_kind
+from ..mission.validation import checked_array, checked_kind
 from ..mission.views import view
 from ..model import channel
 from ..model.clearance import Clearance
@@ -256,10 +256,7 @@ class Plan:
         :param point: where to start, from 0 to slots - 1.
         :raises OptionError: for another point.
         """
-        if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
-                or not 0 <= point < self.scenario.slots):
-            raise OptionError(f'point is {shown(point)}; it must be a whole number from 0 to '
-                              f'{self.scenario.slots - 1}', ('point',))
+        self._check_point(point)
         slots = self.scenario.slots - point
         left = self.scenario.slots * self.scenario.average_powers - (
             self.powers[:, :point].sum(axis=1))
@@ -287,14 +284,25 @@ class Plan:
         :param beginning: positions and powers up to the point, where they are not this plan's.
         :return: a Plan of the whole mission against those.
         """
+        self._check_point(point)
         checked_kind('tail', tail, Plan)
-        positions, powers = beginning or (self.positions, self.powers)
+        positions, powers = self.positions, self.powers
+        if beginning is not None:
+            positions, powers = (
+                checked_array('beginning', one, (len(powers), None, *rest))
+                for one, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
         return replace(
             tail, scenario=replace(self.scenario, ground_node=tail.scenario.ground_node,
                                    eavesdroppers=tail.scenario.eavesdroppers),
             positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
             powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
             start_ns=self.start_ns, bound=None)
+
+    def _check_point(self, point: int) -> None:
+        if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
+                or not 0 <= point < self.scenario.slots):
+            raise OptionError(f'point is {shown(point)}; it must be a whole number from 0 to '
+                              f'{self.scenario.slots - 1}', ('point',))
 
     def plot(self, baselines: 'Sequence[Plan]' = ()) -> 'Figure':
         """
@@ -304,6 +312,8 @@ class Plan:
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
+        for one in checked_kind('baselines', baselines, Sequence):
+            checked_kind('baselines', one, Plan)
         figure: Figure = view('plot_plan', self, baselines)
         return figure
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from .plan import Plan
 from ..mission.scenario import Array
-from ..mission.validation import checked_kind
+from ..mission.validation import checked_kind, checked_real
 from ..model import channel
 
 
@@ -52,6 +52,7 @@ class Playback:
 
         Power n holds from the time of point n to that of point n + 1.
         """
+        time = checked_real('time', time)
         motion = self.curve.at([time])
         slots = self.plan.scenario.slots
         slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
@@ -71,6 +72,7 @@ class Playback:
 
         :param eavesdropper: where it really is, (2,) in m, or None to leave it out.
         """
+        checked_kind('moment', moment, Moment)
         positions = np.repeat(moment.positions[:, None], 3, axis=1)
         powers = moment.powers[:, None]
         if eavesdropper is None:

@@ -9,6 +9,7 @@ from typing import Any
 from .evaluation import COLUMNS
 from ...mission import OBJECTIVES
 from ...mission.files import atomic_file
+from ...mission.formats.diagnosis import UNITS
 
 Rows = Sequence[dict[str, Any]]
 
@@ -73,10 +74,13 @@ def draw_figure(rows: Rows) -> Any:
         else:
             _draw_lines(axes, good, name, second, f'{rate}_rate')
         label = f'{_words(rate)} rate (bit/s/Hz)'
-        axes.set_xlabel(label if name is None else name)
+        axes.set_xlabel(label if name is None else f'{name} ({_unit(name)})'.removesuffix(' ()'))
         axes.set_ylabel('missions' if name is None else label)
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=8, framealpha=0.6)
+    if shown:  # One legend for all axes, above them, where it covers nothing.
+        legend = grid[0].legend(
+            loc='lower left', bbox_to_anchor=(0.0, 1.0), fontsize=8, frameon=False)
+        figure.set_figheight(4.6 + 0.17 * len(legend.get_texts()))
     if name is not None:
         others = [one for one in good[0]['fields'] if one not in (name, second)]
         figure.suptitle('lines: medians; bands: from 10 to 90% of the missions'
@@ -86,6 +90,7 @@ def draw_figure(rows: Rows) -> Any:
 
 def _draw_counts(axes: Any, rows: Rows, rate: str) -> None:
     """Draw how often each value of a rate comes, for each method and objective."""
+    axes.yaxis.get_major_locator().set_params(integer=True)
     for scheme, mine in _grouped(rows, _scheme):
         axes.hist([row[rate] for row in mine], bins=30, alpha=0.6, label=scheme)
 
@@ -105,7 +110,8 @@ def _draw_lines(axes: Any, rows: Rows, name: str, second: str | None, rate: str)
                 for _, there in _grouped(mine, lambda row: row['fields'][name])]).T
             number = schemes.index(scheme) if second is None else values.index(value)
             dash = '-' if second is None else _DASHES[schemes.index(scheme) % len(_DASHES)]
-            label = scheme if second is None else f'{second} {json.dumps(value)}, {scheme}'
+            label = scheme if second is None else (
+                f'{second} {json.dumps(value)} {_unit(second)}'.rstrip() + f', {scheme}')
             [line] = axes.plot(places, middle, dash, color=f'C{number % 10}', marker='o',
                                markersize=3, label=label)
             axes.fill_between(places, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
@@ -123,6 +129,10 @@ def _grouped(rows: Rows, key: Callable[[dict[str, Any]], Any]
 
 def _scheme(row: dict[str, Any]) -> str:
     return f'{row["method"]}, objective {_words(row["objective"])} rate'
+
+
+def _unit(field: str) -> str:
+    return UNITS.get(field.rpartition('.')[2], '')
 
 
 def _words(objective: str) -> str:

@@ -159,6 +159,9 @@ class _Reader:
         if not isinstance(data, dict):
             self._add((), 'it must be a mapping with a mission and the fields to vary')
             return None
+        if 'uavs' in data:
+            self._add((), 'it is a mission; a campaign names one by its field mission')
+            return None
         known = ('mission', *_DEFAULTS)
         for name in data:
             if name not in known:

@@ -25,7 +25,8 @@ def assess_plan(options: argparse.Namespace) -> int:
         try:
             flown = read_flown(options.flown, plan)
         except (OSError, UnicodeDecodeError) as error:
-            raise OptionError(f'{options.flown} cannot be read: {error}') from None
+            raise OptionError(f'{options.flown} cannot be read: '
+                              f'{getattr(error, "strerror", None) or error}') from None
     found = assess(plan, options.draws, options.seed, _world(options, plan), flown)
     print(assessment_table(found))
     try:

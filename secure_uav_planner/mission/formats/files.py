@@ -17,6 +17,7 @@ _HEAD = """\
 # What else users may have at hand: a field by which it is known, and what it is.
 _OTHERS = {
     'powers': 'a plan, whose field scenario is its mission',
+    'vary': 'a campaign, for the command sweep; its field mission names its mission',
     'ros__parameters': 'a parameter file of nodes, which has a mission in the file that its '
                        'parameter mission_file names'}
 

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from .links import guaranteed_squared_distance, link_of
 from ...mission.scenario import Array, Eavesdropper, Scenario
+from ...mission.validation import checked_array, checked_kind, checked_real, LIMITS
 
 
 def ground_squared_distances(scenario: Scenario, positions: Array) -> Array:
@@ -39,6 +40,7 @@ def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
 
 def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
     """Return r_0[n], equation (4), (N,) in bit/s/Hz."""
+    positions, powers = checked_flight(scenario, positions, powers)
     return rate_of(ground_gains(scenario, positions) * powers)
 
 
@@ -52,11 +54,13 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
 
     :param altitudes: heights at which the UAVs really were, (U, N) in m, instead of their own.
     """
+    positions, powers = checked_flight(scenario, positions, powers)
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
     leak = np.full(powers.shape[1], 0.0 if scenario.colluding else -np.inf)
     links = link_of(scenario, 'ground_node'), link_of(scenario, 'eavesdropper')
     ground, link = (links if altitudes is None else
-                    [replace(one, squared_altitudes=altitudes**2) for one in links])
+                    [replace(one, squared_altitudes=checked_array(
+                        'altitudes', altitudes, powers.shape)**2) for one in links])
     for eve, advantage in zip(
             scenario.eavesdroppers, scenario.receiver_advantages.tolist(), strict=True):
         received = link.for_receivers(advantage).gain(
@@ -81,11 +85,21 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
     :param receiver_advantage_db: of its receiver; by default the largest that an eavesdropper of
         the scenario has.
     """
-    places = np.broadcast_to(np.asarray(eavesdropper, float), (powers.shape[1], 2))
+    positions, powers = checked_flight(scenario, positions, powers)
+    shape = (powers.shape[1], 2)
+    places = np.broadcast_to(checked_array('eavesdropper', eavesdropper, (2,), shape), shape)
     advantage = (float(scenario.receiver_advantages.max()) if receiver_advantage_db is None
-                 else 10.0 ** (receiver_advantage_db / 10.0))
+                 else 10.0 ** (checked_real('receiver_advantage_db', receiver_advantage_db,
+                                            *LIMITS['receiver_advantage_db']) / 10.0))
     leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
     return ground_rates(scenario, positions, powers) - leak
+
+
+def checked_flight(scenario: Scenario, positions: Array, powers: Array) -> tuple[Array, Array]:
+    """Return positions and powers as arrays, or raise OptionError unless they fit a Scenario."""
+    count = len(checked_kind('scenario', scenario, Scenario).uavs)
+    powers = checked_array('powers', powers, (count, None))
+    return checked_array('positions', positions, (count, powers.shape[1] + 2, 2)), powers
 
 
 def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from .links import guaranteed_squared_distance, link_of, PathLoss
-from .rates import ground_rates, guaranteed_rates, put_together, rate_of
+from .rates import checked_flight, ground_rates, guaranteed_rates, put_together, rate_of
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
+from ...mission.validation import checked_array, checked_kind
 
 MOST_SECTORS = 50000
 """
@@ -35,6 +36,7 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     distances of 1e7 m at altitudes of 1e-3 m exhaust the floating-point numbers, is it less
     tight; it is as sure. Never below guaranteed_rates.
     """
+    positions, powers = checked_flight(scenario, positions, powers)
     powers = np.maximum(powers, 0.0)
     leak, _ = _worst_leaks(scenario, positions[:, 1:-1], powers)
     worst: Array = np.maximum(ground_rates(scenario, positions, powers) - leak,
@@ -48,6 +50,7 @@ def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Ar
 
     Of eavesdroppers that collude, it is the place of the one that leaks most.
     """
+    positions, powers = checked_flight(scenario, positions, powers)
     _, places = _worst_leaks(scenario, positions[:, 1:-1], np.maximum(powers, 0.0))
     return places
 
@@ -64,7 +67,9 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array,
     :param uav_positions: in the N slots, (U, N, 2) in m.
     :param powers: (U, N) in W.
     """
-    powers = np.maximum(powers, 0.0)
+    count = len(checked_kind('scenario', scenario, Scenario).uavs)
+    powers = np.maximum(checked_array('powers', powers, (count, None)), 0.0)
+    uav_positions = checked_array('uav_positions', uav_positions, (*powers.shape, 2))
     leaks, places = zip(*(
         _likely_leaks(scenario, uav_positions[:, chunk], powers[:, chunk])
         for chunk in _chunks(scenario, powers)), strict=True)
