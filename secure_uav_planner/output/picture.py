@@ -235,10 +235,8 @@ def draw_rates(axes, plan, baselines=()):
     axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
     axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label='guaranteed')
     for other, style in zip(baselines, _STYLES):
-        # A negative rate counts as zero, as in the [x]^+ of equation (6).
-        axes.stairs(np.maximum(0.0, other.guaranteed_rates), other.times[1:], color=_GREY,
-                    linewidth=1.1, linestyle=style,
-                    label=name_of(other.method).replace(', ', ',\n'))
+        axes.stairs(other.guaranteed_rates, other.times[1:], color=_GREY, linewidth=1.1,
+                    linestyle=style, label=name_of(other.method).replace(', ', ',\n'))
     highest = max(one.worst_case_rates.max() for one in (plan, *baselines))
     axes.set_ylim(0, 1.08 * max(highest, 0.01))
     axes.set_xlabel('time (s)')
