@@ -9,7 +9,6 @@ from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 package_name = 'secure_uav_planner'
-command = f'scripts/{package_name}'
 kernel_folder = f'{package_name}/model/kernel'
 sources = runpy.run_path(f'{kernel_folder}/sources.py')
 
@@ -104,11 +103,12 @@ setup(
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', glob('config/*')),
         (f'share/{package_name}/launch', glob('launch/*.launch.py')),
-        # What `ros2 run` finds. Like the command, they would be on PATH with these plain names.
-        (f'lib/{package_name}', [file for file in glob('scripts/*') if file != command]),
+        # What `ros2 run` finds. On PATH, the nodes would have too plain names.
+        (f'lib/{package_name}', glob('scripts/*')),
     ],
-    # Not an entry point, which imports the package before it can see to Ctrl-C.
-    scripts=[command],
+    # Not an entry point, which imports the package before it can see to Ctrl-C. With its option
+    # --symlink-install colcon links to the one above.
+    scripts=[] if 'develop' in sys.argv else [f'scripts/{package_name}'],
     python_requires='>=3.10',
     install_requires=[
         'setuptools', 'argcomplete>=2.0', 'clarabel>=0.11', 'cvxpy>=1.4', 'numpy>=1.26',

@@ -153,9 +153,10 @@ def test_commits_are_checked_by_the_linters_of_the_tests(packaging):
 def test_on_path_is_one_command_and_the_executables_are_where_ros2_run_looks(packaging):
     [command] = packaging['scripts']
     files = dict(packaging['data_files'])['lib/secure_uav_planner']
-    assert {Path(file).name for file in files} == {'planner', 'relay', 'replay', 'study', 'demo'}
-    assert Path(command).name == 'secure_uav_planner' and 'entry_points' not in packaging
-    for file in (command, *files):
+    assert {Path(file).name for file in files} == {
+        'planner', 'relay', 'replay', 'study', 'demo', 'secure_uav_planner'}
+    assert command == 'scripts/secure_uav_planner' and 'entry_points' not in packaging
+    for file in files:
         assert os.access(ROOT / file, os.X_OK), file
         assert (ROOT / file).read_text().startswith('#!/usr/bin/env python3\n'), file
 
