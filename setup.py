@@ -106,9 +106,9 @@ setup(
         # What `ros2 run` finds. On PATH, the nodes would have too plain names.
         (f'lib/{package_name}', glob('scripts/*')),
     ],
-    # Not an entry point, which imports the package before it can see to Ctrl-C. With its option
-    # --symlink-install colcon links to the one above.
-    scripts=[] if 'develop' in sys.argv else [f'scripts/{package_name}'],
+    # Not an entry point, which imports the package before it can see to Ctrl-C. Colcon, which runs
+    # `setup.py install` or `develop`, has it among those above.
+    scripts=[] if {'install', 'develop'} & {*sys.argv} else [f'scripts/{package_name}'],
     python_requires='>=3.10',
     install_requires=[
         'setuptools', 'argcomplete>=2.0', 'clarabel>=0.11', 'cvxpy>=1.4', 'numpy>=1.26',
