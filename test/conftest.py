@@ -33,9 +33,11 @@ os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
 
 # A failing example is worth more than a small one that took minutes to shrink. The short tests
 # draw the same examples every time, as they are a gate; the long ones draw new ones.
-for _name, _same in (('quick', True), ('soak', False)):
-    settings.register_profile(_name, deadline=None, derandomize=_same, phases=[
-        Phase.explicit, Phase.reuse, Phase.generate], suppress_health_check=[HealthCheck.too_slow])
+for _name, _same, _examples in (('quick', True, 40), ('soak', False, 100)):
+    settings.register_profile(
+        _name, deadline=None, derandomize=_same, max_examples=_examples,
+        phases=[Phase.explicit, Phase.reuse, Phase.generate],
+        suppress_health_check=[HealthCheck.too_slow])
 
 # Newer versions of Hypothesis also draw constants of the modules loaded so far, which are others
 # in every worker: without those, examples are the same indeed.

@@ -7,6 +7,7 @@ of its nodes; see conftest.py.
 """
 
 from contextlib import contextmanager
+from importlib import import_module
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+import pytest
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
@@ -23,6 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
+from secure_uav_planner.ros.process import run_node
 from secure_uav_planner.ros.qos import LATCHED
 from std_srvs.srv import Trigger
 
@@ -50,11 +53,9 @@ def wait_for(condition, patience=PATIENCE, what='the condition'):
 @contextmanager
 def node_process(name, *arguments, namespace=None, **parameters):
     """Run a node in its own process; yield the process, with its output in .lines."""
-    command = [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args']
+    command = [sys.executable, '-m', f'secure_uav_planner.ros.{name}', *_ros_args(parameters)]
     if namespace:
         command += ['-r', f'__ns:={namespace}']
-    for key, value in parameters.items():
-        command += ['-p', f'{key.replace("__", ".")}:={value}']
     process = subprocess.Popen(
         [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env={**os.environ, 'PYTHONUNBUFFERED': '1'})
@@ -74,6 +75,23 @@ def node_process(name, *arguments, namespace=None, **parameters):
                 process.kill()
         process.wait()
         reader.join(timeout=PATIENCE)
+
+
+def _ros_args(parameters):
+    return ['--ros-args'] + [word for key, value in parameters.items()
+                             for word in ('-p', f'{key.replace("__", ".")}:={value}')]
+
+
+def refusal(capfd, name, **parameters):
+    """Return the one line with which a node ends that cannot start, in this process."""
+    kind = getattr(import_module(f'secure_uav_planner.ros.{name}_node'), name.title())
+    capfd.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        run_node(kind, _ros_args(parameters))
+    assert ended.value.code == 1
+    line, = ''.join(capfd.readouterr()).splitlines()
+    assert line.startswith('cannot start: ')
+    return line
 
 
 def stopped(process, number=signal.SIGINT):

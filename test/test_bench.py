@@ -54,6 +54,7 @@ def test_without_casadi_the_benchmark_says_what_to_install(monkeypatch, capsys, 
         solve_by_ipopt(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
 
 
+@pytest.mark.slow
 def test_the_quick_benchmark_writes_tables_and_a_picture(monkeypatch, capsys, tmp_path):
     pytest.importorskip('casadi')
     monkeypatch.setattr(bench, 'PAPER', bench.PAPER[:1])

@@ -79,7 +79,7 @@ def places_in(region, stage, rng, count=400):
 
 
 @given(st.integers(0, 10**6), st.integers(0, 5))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_the_rectangle_and_the_support_hold_the_lens(seed, stage):
     region, rng = region_of(seed), np.random.default_rng(seed)
     places = places_in(region, stage, rng)
@@ -124,7 +124,7 @@ def tight_flight(rng, limited, slots=6):
 
 @given(st.integers(0, 10**6), st.sampled_from([(False, 6), (False, 4), (True, 6)]),
        st.sampled_from(['', 'at any speed', 'at rest']))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_lemmas_2_and_10_cost_no_path_that_can_be_flown(seed, kind, limited):
     assert least_cost(seed, kind, limited) >= -1e-9
 
@@ -453,7 +453,7 @@ def lemma_8_fails(seed, eavesdroppers):
 
 
 @given(st.integers(0, 10**6), st.integers(1, 3))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_lemma_8_bounds_every_share(seed, eavesdroppers):
     assert not lemma_8_fails(seed, eavesdroppers)
 

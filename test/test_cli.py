@@ -165,7 +165,7 @@ def test_check_and_plan_refuse_the_same_missions_in_the_same_words(
     file = tmp_path / 'mission.yaml'
     text = f"""\
 duration: 90
-slots: 90
+slots: 45
 uavs:
   - &one {{name: a, start: [90, 300], goal: [90, -300], altitude: 100, max_speed: 10}}
   - {{<<: *one, name: b, start: [120, 300], goal: [120, -300]}}
@@ -347,7 +347,7 @@ def test_ctrl_c_while_modules_are_imported_ends_the_command_without_a_traceback(
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
-    Scenario.paper(200.0, slots=1500).save(tmp_path / 'mission.yaml')
+    Scenario.paper(200.0, slots=500).save(tmp_path / 'mission.yaml')
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
         [*MODULE, 'plan', 'mission.yaml', '--method', 'alternating'], cwd=tmp_path,

@@ -8,7 +8,7 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from ros_client import Client, node_process, output_of, PATIENCE, wait_for
+from ros_client import Client, node_process, refusal, wait_for_line
 from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.ros.mission_parameters import of_mission, values_of
 from secure_uav_planner.ros.node_parameters import Parameters
@@ -57,16 +57,14 @@ def test_a_wrong_value_is_refused_with_what_is_allowed(name, value, allowed):
         SPECS[name].checked(name, value)
 
 
-def test_empty_lists_and_the_word_off_can_be_given_at_the_start():
+def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):
     with node_process('planner', bound='off', **EMPTY), Client() as client:
         names = [name.replace('__', '.') for name in EMPTY]
         assert client.get_parameters('planner', 'bound', *names) == ['off', *[[]] * 4]
     with node_process('replay', true_eavesdropper=[]) as process:
-        wait_for(lambda: process.lines, what='the first line')
-        assert 'ready' in output_of(process)
-    with node_process('planner', uavs=[]) as process:
-        assert process.wait(timeout=PATIENCE) == 1
-    assert 'parameter uavs is []; it must be a list of 1 to 32 names' in output_of(process)
+        wait_for_line(process, 'ready')
+    assert 'parameter uavs is []; it must be a list of 1 to 32 names' in refusal(
+        capfd, 'planner', uavs=[])
 
 
 @given(scenarios())

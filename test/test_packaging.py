@@ -196,6 +196,7 @@ def ubuntu(tmp_path_factory):
     return pip
 
 
+@pytest.mark.slow
 def test_the_line_of_the_readme_brings_cvxpy_and_leaves_the_numpy_of_ubuntu_alone(ubuntu):
     section = (ROOT / 'README.md').read_text().split('## In a ROS workspace')[1]
     line = re.search('^pip install .*cvxpy.*$', section, re.MULTILINE)[0]

@@ -16,6 +16,7 @@ from secure_uav_planner.plan.tracking import departing
 
 BEGIN = 10**18
 SECOND = 10**9
+STEP = 0.2  # s between setpoints
 
 
 def limited(scenario, acceleration=2.0, **fields):
@@ -39,7 +40,7 @@ class Bench:
         if plan is not None:
             self.player.load(plan)
 
-    def run(self, seconds, step=0.05, **options):
+    def run(self, seconds, step=STEP, **options):
         """Go on by a time; return the last setpoints."""
         for _ in range(round(seconds / step)):
             self.now += round(step * SECOND)
@@ -73,7 +74,7 @@ def test_a_plan_that_is_released_late_is_flown_as_a_whole_and_later(plan):
     bench.player.start()
     bench.run(30.0)
     assert bench.sent[0][1].positions == pytest.approx(plan.scenario.starts)
-    assert bench.lag == pytest.approx(4.0 - bench.player.playback.begin, abs=0.06)
+    assert bench.lag == pytest.approx(4.0 - bench.player.playback.begin, abs=STEP + 0.01)
     end = bench.run(120.0)
     assert bench.player.ended and bench.player.largest_jump < 1e-9
     assert end.positions == pytest.approx(plan.scenario.goals)
@@ -120,7 +121,7 @@ def test_after_a_reset_the_flight_begins_again_once_the_uavs_can_be_back(plan):
     assert len(waits) == 2 and 'uav1 to reach its start, another' in waits[0]
     # A clock that jumps brings nobody back.
     bench.now += 60 * SECOND
-    bench.run(0.05, is_ready=False)
+    bench.run(STEP, is_ready=False)
     assert len(bench.player.away(unknown, 5.0, 1.0)) == 2
     bench.run(60.0, is_ready=False)
     assert not bench.player.away(unknown, 5.0, 1.0)
@@ -226,7 +227,7 @@ def test_a_clock_that_jumps_moves_nobody(plan, jump):
     bench.player.start()
     before = bench.run(30.0)
     bench.now += round(jump * SECOND)
-    after = bench.run(0.05)
+    after = bench.run(STEP)
     assert np.linalg.norm(after.positions - before.positions, axis=1).max() <= 5.0 + 1e-9
     if jump < 0:
         assert after.positions == pytest.approx(before.positions)
@@ -244,11 +245,11 @@ def test_a_goal_that_is_passed_at_speed_is_reached_at_rest():
     assert bench.player.ended and not end.velocities.any()
     assert end.positions == pytest.approx(Playback(plan).at(Playback(plan).duration).positions)
     velocities = np.array([moment.velocities for _, moment in bench.sent])
-    changes = np.linalg.norm(np.diff(velocities, axis=0), axis=-1) / 0.05
+    changes = np.linalg.norm(np.diff(velocities, axis=0), axis=-1) / STEP
     assert changes.max() <= 2.0 + 1e-3
 
 
-@pytest.mark.parametrize('step', [0.05, 0.43])
+@pytest.mark.parametrize('step', [STEP, 0.43])
 @pytest.mark.parametrize('speed', [1.0, 40.0])
 def test_what_is_delivered_does_not_depend_on_the_playback_speed(plan, step, speed):
     bench, place = Bench(plan), (195.0, 0.0)

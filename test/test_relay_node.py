@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_client import Client, node_process, PATIENCE, values_of, wait_for, wait_for_line
+from ros_client import (
+    Client, node_process, PATIENCE, refusal, values_of, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
@@ -152,11 +153,9 @@ def numbers(of, names='xyz'):
 
 
 @pytest.mark.parametrize('stack', STACKS)
-def test_without_the_message_package_it_says_in_one_line_what_is_missing_and_how_to_get_it(stack):
-    with node_process('relay', stack=stack) as process:
-        assert process.wait(timeout=PATIENCE) == 1
-    assert len(process.lines) == 1, process.lines
-    line, = process.lines
+def test_without_the_message_package_it_says_in_one_line_what_is_missing_and_how_to_get_it(
+        capfd, stack):
+    line = refusal(capfd, 'relay', stack=stack)
     assert line.startswith(f'cannot start: parameter stack is {stack}: its message package '
                            f'{STACKS[stack].package} is missing')
     assert (STACKS[stack].debian or STACKS[stack].source) in line
@@ -169,10 +168,8 @@ def test_without_the_message_package_it_says_in_one_line_what_is_missing_and_how
     ({'vehicles': '[drone0]'}, "vehicles is ['drone0']; it must be empty or have a name for each"),
     ({'vehicles': '[a, a]'}, "vehicles is ['a', 'a']; the names must be unique"),
     ({'uav1.origin': '[1.0, 2.0]'}, 'uav1.origin is [1.0, 2.0]; it must be a list of 3 numbers')])
-def test_a_wrong_parameter_ends_it_with_the_reason(parameters, reason):
-    with node_process('relay', **parameters) as process:
-        assert process.wait(timeout=PATIENCE) == 1
-    assert reason in ''.join(process.lines)
+def test_a_wrong_parameter_ends_it_with_the_reason(capfd, parameters, reason):
+    assert reason in refusal(capfd, 'relay', **parameters)
 
 
 def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_moved(

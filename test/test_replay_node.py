@@ -1,13 +1,14 @@
 """The replay node, in a process of its own over DDS."""
 
 from dataclasses import replace
+from pathlib import Path as FilePath
 import time
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import Client, node_process, output_of, PATIENCE, wait_for
+from ros_client import Client, node_process, refusal, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.player import Player
@@ -135,20 +136,15 @@ def test_it_loops_and_starts_by_itself_when_asked(file):
 
 
 @pytest.mark.parametrize('text', ['', '{"format": "other"}', '[1, 2'])
-def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, text):
+def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, capfd, text):
     path = tmp_path / 'foreign.json'
     path.write_text(text)
-    with node_process('replay', plan_file=path) as process:
-        assert process.wait(timeout=PATIENCE) == 1
-    assert len(process.lines) == 1
-    assert 'parameter plan_file' in process.lines[0]
-    assert 'foreign.json is not a plan' in process.lines[0]
+    line = refusal(capfd, 'replay', plan_file=path)
+    assert 'parameter plan_file' in line and 'foreign.json is not a plan' in line
 
 
-def test_a_missing_file_ends_the_node_with_one_clear_line(tmp_path):
-    with node_process('replay', plan_file=tmp_path / 'none.json') as process:
-        assert process.wait(timeout=PATIENCE) == 1
-    assert len(process.lines) == 1 and 'none.json' in output_of(process)
+def test_a_missing_file_ends_the_node_with_one_clear_line(tmp_path, capfd):
+    assert 'none.json' in refusal(capfd, 'replay', plan_file=tmp_path / 'none.json')
 
 
 def test_the_wrong_eavesdropper_is_refused(client, file):
@@ -255,23 +251,12 @@ def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
 def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
     """PX4 leaves its offboard mode after 0.5 s without a setpoint."""
     picture = tmp_path / 'plan.png'
-    setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 50000)
-    shares = []
-    with node_process('replay', rate=50.0, autostart='true', picture_file=picture):
-        for number in range(3):
-            picture.unlink(missing_ok=True)
-            setpoints.clear()
-            send(client, plan, 10**18 + number)
-            wait_for(lambda: setpoints)
-            began = time.monotonic()
-            wait_for(picture.exists)
-            stamps = [at.header.stamp.sec + at.header.stamp.nanosec * 1e-9 for at in setpoints]
-            gap, drawing = max(np.diff(stamps), default=np.inf), time.monotonic() - began
-            print(f'\nlongest gap between setpoints at 50 Hz: {gap:.3f} s, of {drawing:.1f} s')
-            shares.append((gap - 0.02) / drawing)
-    # A loaded machine has longer gaps, but also draws longer. A thread of the node that draws
-    # holds setpoints up for 4% of its time, or more.
-    assert min(shares) < 0.03
+    setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_process('replay', autostart='true', picture_file=picture) as process:
+        send(client, plan, 10**18)
+        wait_for(lambda: setpoints and picture.exists())
+        # A thread of the node that drew would hold the interpreter lock; a process does not.
+        assert 'matplotlib' not in FilePath(f'/proc/{process.pid}/maps').read_text()
 
 
 def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):

@@ -36,7 +36,7 @@ def value(problem, fixed):
     return sign * pinned.value
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(scenarios(max_slots=3), st.integers(0, 2**32 - 1))
 def test_the_power_restriction_never_promises_more_than_the_rate_gains(scenario, seed):
     rng = np.random.default_rng(seed)
@@ -61,7 +61,7 @@ def test_the_power_restriction_never_promises_more_than_the_rate_gains(scenario,
         assert promise <= gained + 1e-5 * (1 + abs(promise))
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(scenarios(max_slots=3), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
         scenario, seed, inside):

@@ -11,6 +11,8 @@ import pytest
 import secure_uav_planner
 from secure_uav_planner import errors
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+import scipy
 
 _ACCURACY = 1e-9
 _DOUBLINGS, _HALVINGS = 60, 50
@@ -103,8 +103,8 @@ class Vehicle:
         """
         clarabel: Any = import_module('clarabel')  # Here, for few flights need it.
         moves = slots + 1
-        identity = sparse.identity(2 * moves, format='csr')
-        change = identity - sparse.eye(2 * moves, k=-2, format='csr')
+        identity = scipy.sparse.identity(2 * moves, format='csr')
+        change = identity - scipy.sparse.eye(2 * moves, k=-2, format='csr')
         first, last = (np.zeros(2) if velocity is None else np.array(velocity) / self.max_speed
                        for velocity in (self.start_velocity, self.goal_velocity))
         begin = 2 if self.start_velocity is None else 0
@@ -113,7 +113,7 @@ class Vehicle:
         if self.goal_velocity is not None:
             blocks.append(-identity[-2:])
             constants.append(last)
-        vectors, constant = sparse.vstack(blocks).tocoo(), np.concatenate(constants)
+        vectors, constant = scipy.sparse.vstack(blocks).tocoo(), np.concatenate(constants)
         cones = len(constant) // 2
         gain = self.max_acceleration * step / self.max_speed
         limits = np.where(np.arange(cones) < moves, 1.0, gain)
@@ -122,7 +122,7 @@ class Vehicle:
         unit = max(1.0, math.hypot(*self.displacement))
         columns = 1 + np.arange(2 * moves)
         rows = [(columns - 1) % 2, 2 + 3 * np.arange(cones), 3 + vectors.row + vectors.row // 2]
-        matrix = sparse.csc_matrix(
+        matrix = scipy.sparse.csc_matrix(
             (np.concatenate([np.full(2 * moves, step * self.max_speed / unit), -limits,
                              -vectors.data]),
              (np.concatenate(rows), np.concatenate(
@@ -137,7 +137,7 @@ class Vehicle:
         settings.verbose = False
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
         solution = clarabel.DefaultSolver(
-            sparse.csc_matrix((len(cost), len(cost))), cost, matrix, right,
+            scipy.sparse.csc_matrix((len(cost), len(cost))), cost, matrix, right,
             [clarabel.ZeroConeT(2), *[clarabel.SecondOrderConeT(3)] * cones], settings).solve()
         velocities = np.array(solution.x)[1:].reshape(-1, 2) * self.max_speed
         return self._effort_of(velocities, slots, step)

@@ -12,7 +12,7 @@ import math
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from ..errors import OptionError, PoseError, shown
 from ..mission.scenario import LIMITS
@@ -101,8 +101,8 @@ class Stack:
     debian: str = ''
 
 
-_NED = Rotation.from_matrix([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-_FRD = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))
+_NED = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
+_FRD = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
 
 
 def ned(vector: Vector) -> Vector:
@@ -116,9 +116,9 @@ def yaw_ned(yaw: float) -> float:
     return math.remainder(math.pi / 2 - yaw, 2 * math.pi)
 
 
-def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Rotation:
+def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Any:
     """
-    Return the rotation of a quaternion (x, y, z, w).
+    Return the scipy.spatial.transform.Rotation of a quaternion (x, y, z, w).
 
     :param name: of the quaternion, for people.
     :raises PoseError: if its length is not 1.
@@ -126,7 +126,7 @@ def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Rotation
     length = math.hypot(*quaternion)
     if not abs(length - 1.0) < 1e-3:
         raise PoseError(f'{name} has length {length:g}; it must be a quaternion of length 1')
-    return Rotation.from_quat(quaternion)
+    return scipy.spatial.transform.Rotation.from_quat(quaternion)
 
 
 def mavros(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
@@ -212,7 +212,8 @@ def px4_odometry(report: Any) -> Fields:
     velocity = _vector(report.velocity)
     if report.velocity_frame == _VELOCITY_NED:
         velocity = _vector(body.inv().apply(velocity))
-    x, y, z, w = (_NED * body * _FRD).as_quat().tolist()
+    ned_axes, frd_axes = scipy.spatial.transform.Rotation.from_matrix([_NED, _FRD])
+    x, y, z, w = (ned_axes * body * frd_axes).as_quat().tolist()
     return {'pose': {'pose': {'position': _xyz(ned(_vector(report.position))),
                               'orientation': {**_xyz((x, y, z)), 'w': w}}},
             'twist': {'twist': {'linear': _xyz(_flu(velocity)),

@@ -22,7 +22,7 @@ from .qos import OVERRIDABLE, SENSOR, STREAM
 from .scenarios import odometry_topic
 from .text import brief
 from ..errors import ParameterError, PlanningError, PoseError, shown
-from ..output.autopilots import Stack, STACKS, Vector
+from ..output.autopilots import rotation, Stack, STACKS, Vector
 
 _HOLD_PERIOD = 0.1  # s
 _WARN_AGAIN = 5.0  # s
@@ -43,6 +43,7 @@ class Relay(Node):
             self._settings.declare(relay_parameters(name, index))
         self._stack = STACKS[self._settings['stack']]
         self._kinds = _kinds_of(self._settings['stack'], self._stack)
+        rotation((0.0, 0.0, 0.0, 1.0))  # SciPy is imported now and not when a setpoint comes.
         self._guard_of = {name: Guard() for name in uavs}
         # A logger for each UAV, as what one of them repeats must not hide what another one says.
         self._logger_of = {name: self.get_logger().get_child(name) for name in uavs}

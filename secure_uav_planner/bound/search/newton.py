@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded  # type: ignore[import-untyped]
+import scipy
 
 from ..proof.conjugate import Array
 
@@ -107,9 +107,10 @@ class DualDerivatives:
                 if row >= column:
                     band[row - column, column::up] = diagonal[:, row, column]
                 band[up + row - column, column:count * up:up] = local[:, up + row, column]
-        factor = cholesky_banded(band, lower=True, check_finite=False, overwrite_ab=True)
+        factor = scipy.linalg.cholesky_banded(
+            band, lower=True, check_finite=False, overwrite_ab=True)
         prices_by_edge = border.reshape(-1, u)
-        answer = cho_solve_banded((factor, True), np.concatenate(
+        answer = scipy.linalg.cho_solve_banded((factor, True), np.concatenate(
             [prices_by_edge, edge.reshape(-1, 1)], 1), check_finite=False)
         corner = (np.diag(self.prices) + local[:, price, price].sum(0)
                   - prices_by_edge.T @ answer[:, :u])

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+import scipy
 
 from ..grid import Grid
 from ...mission.scenario import Array
@@ -112,7 +112,7 @@ class Tracks:
         """
         count = self.grid.slots + 2
         weights = self.all_weights[:, track, place]
-        found = sparse.csr_array(sparse.diags(
+        found = scipy.sparse.csr_array(scipy.sparse.diags(
             [weights[1:, 0], weights[:, 1], weights[:-1, 2]], offsets=[-1, 0, 1],
             shape=(count, count)))
         return found, self.constant[:, track, place]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+import scipy
 
 from .visibility_graph import Check
 from ...mission.scenario import Array, Scenario
@@ -221,7 +221,8 @@ class _Projection:
             rows, columns, group, base, excess)
         matrix, right = rows.built()
         weight = 1.0 / max(size, 1)
-        cost = sparse.csc_array(sparse.diags(np.append(np.full(size, weight), [0.0, 0.0])))
+        cost = scipy.sparse.csc_array(scipy.sparse.diags(
+            np.append(np.full(size, weight), [0.0, 0.0])))
         linear = np.append(weight * ((base - target)[1:-1, group] / step).ravel(),
                            [_PENALTY, _LINE_PENALTY])
         answer = self._solved(cost, linear, matrix, right, cones)
@@ -343,5 +344,6 @@ class _Rows:
     def built(self) -> tuple[Any, Array]:
         """Return -A and b, as Clarabel wants them."""
         row, column, value = (np.concatenate(part) for part in zip(*self._parts, strict=True))
-        matrix = sparse.csc_matrix((-value, (row, column)), shape=(self._count, self._columns))
+        matrix = scipy.sparse.csc_matrix(
+            (-value, (row, column)), shape=(self._count, self._columns))
         return matrix, np.concatenate(self._constants)

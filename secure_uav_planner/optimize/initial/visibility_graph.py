@@ -8,8 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import dijkstra
+import scipy
 import shapely
 
 from ...mission.scenario import Array, Scenario
@@ -103,8 +102,8 @@ class VisibilityGraph:
     def distances(self, begins: Array, end: Array) -> Array:
         """Return how long the shortest ways from places (M, 2) to one are, (M,) in m."""
         places, edges = self._with(np.concatenate([begins, end[None]]))
-        found: Array = dijkstra(_graph(places, edges), directed=False,
-                                indices=[len(places) - 1])[0]
+        found: Array = scipy.sparse.csgraph.dijkstra(
+            _graph(places, edges), directed=False, indices=[len(places) - 1])[0]
         return found[-1 - len(begins):-1]
 
     def nearest_free(self, place: Array) -> Array:
@@ -205,14 +204,14 @@ def _graph(places: Array, edges: tuple[Any, Any]) -> Any:
     lengths = np.linalg.norm(places[edges[0]] - places[edges[1]], axis=1)
     # SciPy 1.11 has csgraph for indices of 32 bits only.
     indices = tuple(np.asarray(places_at, np.int32) for places_at in edges)
-    return sparse.csr_array((np.maximum(lengths, 1e-12), indices), shape=(len(places),) * 2)
+    return scipy.sparse.csr_array((np.maximum(lengths, 1e-12), indices), shape=(len(places),) * 2)
 
 
 def _shortest(places: Array, edges: tuple[Any, Any]) -> Array | None:
     """Return the shortest way from the last place but one to the last, or None."""
     begin, end = len(places) - 2, len(places) - 1
-    lengths, before = dijkstra(_graph(places, edges), directed=False, indices=begin,
-                               return_predecessors=True)
+    lengths, before = scipy.sparse.csgraph.dijkstra(
+        _graph(places, edges), directed=False, indices=begin, return_predecessors=True)
     if not np.isfinite(lengths[end]):
         return None
     way = [end]
