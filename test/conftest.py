@@ -121,10 +121,11 @@ def client():
 
 
 @pytest.fixture
-def planner():
-    """Return the process of a planner of the paper's mission in few slots, for quick solves."""
-    with import_module('ros_client').node_process('planner', duration=120.0, slots=40) as process:
-        yield process
+def planner(capfd):
+    """Return a planner of the paper's mission in few slots, for quick solves."""
+    with import_module('ros_client').node_here(
+            capfd, 'planner', duration=120.0, slots=40) as planner:
+        yield planner
 
 
 @pytest.fixture(scope='session')

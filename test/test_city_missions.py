@@ -102,7 +102,7 @@ def test_a_mission_too_tight_for_few_slots_starts_on_more():
 
 
 @pytest.mark.parametrize('method, objective', [
-    ('alternating', 'guaranteed'), ('joint', 'worst_case')])
+    pytest.param('alternating', 'guaranteed', marks=pytest.mark.slow), ('joint', 'worst_case')])
 def test_so_do_other_methods_and_objectives(method, objective):
     fly(random_city_mission(8, slots=20), method, objective)
 

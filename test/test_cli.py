@@ -350,7 +350,8 @@ def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
     Scenario.paper(200.0, slots=500).save(tmp_path / 'mission.yaml')
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        [*MODULE, 'plan', 'mission.yaml', '--method', 'alternating'], cwd=tmp_path,
+        [*MODULE, 'plan', 'mission.yaml', '--method', 'alternating', '--no-baselines',
+         '--bound-time-limit', '0'], cwd=tmp_path,
         stdout=subprocess.PIPE, stderr=theirs, env=environment())
     os.close(theirs)
     guard = threading.Timer(PATIENCE, process.kill)

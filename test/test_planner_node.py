@@ -1,4 +1,4 @@
-"""The planner node, in a process of its own over DDS, asked as another program would."""
+"""The planner node over DDS, asked as another program would."""
 
 from dataclasses import replace
 import math
@@ -12,15 +12,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import MultiThreadedExecutor
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_client import Client, node_process, PATIENCE, refusal, values_of, wait_for
+from ros_client import (
+    Client, node_here, node_process, PATIENCE, refusal, values_of, wait_for)
 from secure_uav_planner import Eavesdropper, Plan, Scenario, solve, upper_bound
 from secure_uav_planner.ros.bounding import Bounding
-from secure_uav_planner.ros.planner_node import Planner
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -357,8 +353,8 @@ def test_the_same_request_again_starts_from_the_last_plan(client, planner):
     assert int(values_of(status[-1])['plan.iterations']) < int(cold['plan.iterations'])
 
 
-def test_the_defaults_are_the_papers_scenario(client):
-    with node_process('planner'):
+def test_the_defaults_are_the_papers_scenario(client, capfd):
+    with node_here(capfd, 'planner'):
         paper = Scenario.paper()
         read = client.get_parameters(
             'planner', 'duration', 'slots', 'reference_snr_db', 'uav2.altitude', 'uav1.start',
@@ -368,8 +364,8 @@ def test_the_defaults_are_the_papers_scenario(client):
         assert replace(paper, eavesdroppers=(Eavesdropper((200.0, 0.0), 10.0),)) == paper
 
 
-def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client):
-    with node_process('planner', duration=120.0, slots=60, uav1__max_acceleration=2.0,
+def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client, capfd):
+    with node_here(capfd, 'planner', duration=120.0, slots=60, uav1__max_acceleration=2.0,
                       uav2__max_acceleration=2.0):
         path = client.listen(Path, 'uav1/path')
         client.send_paper()
@@ -456,8 +452,8 @@ def test_a_bound_under_way_is_stopped_and_not_reported(monkeypatch, stop):
     assert [given[0] for given in found] == ([small] if stop == 'start' else [])
 
 
-def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(monkeypatch):
-    """The node runs in this process, where its bound and its solves can be watched."""
+def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(
+        client, capfd, monkeypatch):
     held, solved = HeldBound(monkeypatch, 52), []
 
     def watched(scenario, **options):
@@ -467,27 +463,11 @@ def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(monkeypa
         return solve(scenario, **options)
 
     monkeypatch.setattr('secure_uav_planner.ros.worker.solve', watched)
-    context = Context()
-    rclpy.init(context=context, args=[])
-    executor = MultiThreadedExecutor(4, context=context)
-    node = Planner(context=context, parameter_overrides=[
-        Parameter(name, value=value) for name, value in (
-            ('bound', 'after'), ('pose_timeout', 0.0), ('duration', 104.0), ('slots', 52))])
-    executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
-    thread.start()
-    try:
-        with Client() as client:
-            client.send_paper()
-            assert client.call('planner/plan').success
-            wait_for(held.under_way.is_set, what='the bound to be under way')
-            assert client.call('planner/plan').success
-    finally:
-        node.close()
-        executor.shutdown()
-        thread.join(PATIENCE)
-        node.destroy_node()
-        rclpy.shutdown(context=context)
+    with node_here(capfd, 'planner', bound='after', pose_timeout=0.0, duration=104.0, slots=52):
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(held.under_way.is_set, what='the bound to be under way')
+        assert client.call('planner/plan').success
     assert solved == [[], ['cancelled']]
 
 

@@ -6,7 +6,7 @@ import json
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Path
 import pytest
-from ros_client import node_process, values_of, wait_for
+from ros_client import node_here, values_of, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
 
 PLAN = replace(fly_hover_fly(Scenario.paper(104, slots=8)), start_ns=10**18)
@@ -20,9 +20,10 @@ def file(tmp_path):
 @pytest.mark.parametrize('change', [
     {'status': 'cancelled'}, {'status': 'given'}, {'method': 'x' * 10**5}],
     ids=['cancelled', 'given', 'long name'])
-def test_a_plan_that_is_valid_is_restored_whatever_it_says_of_its_origin(client, file, change):
+def test_a_plan_that_is_valid_is_restored_whatever_it_says_of_its_origin(
+        client, capfd, file, change):
     replace(PLAN, **change).save(file)
-    with node_process('planner', plan_file=file) as process:
+    with node_here(capfd, 'planner', plan_file=file) as process:
         paths = client.listen(Path, 'uav2/path')
         status = client.listen(DiagnosticStatus, 'planner/status')
         wait_for(lambda: paths and status, what='the restored plan')
@@ -41,33 +42,30 @@ def digits(value):
     ('start_ns', 10**30), ('start_ns', 2**63 - 1), ('start_ns', -5), ('start_ns', None),
     ('slots', 10**400), ('status', 'finished'), ('history', 7), ('positions', 'x' * 10**5)],
     ids=lambda value: str(value)[:8] if value != 10**400 else '10**400')
-def test_a_plan_that_cannot_be_published_is_one_short_warning(client, file, field, value):
+def test_a_plan_that_cannot_be_published_is_one_short_warning(
+        client, capfd, file, field, value):
     PLAN.save(file)
     values = json.loads(file.read_text())
     (values['scenario'] if field == 'slots' else values)[field] = '@'
     file.write_text(json.dumps(values).replace('"@"', digits(value)))
-    check_one_warning(client, file)
+    check_one_warning(client, capfd, file)
 
 
 @pytest.mark.parametrize('file', ['/dev/full', '/dev/zero', '/tmp', 'x' * 5000],
                          ids=['full', 'zero', 'folder', 'long name'])
-def test_a_plan_file_that_is_no_regular_file_is_one_short_warning(client, file):
-    check_one_warning(client, file)
+def test_a_plan_file_that_is_no_regular_file_is_one_short_warning(client, capfd, file):
+    check_one_warning(client, capfd, file)
 
 
-def check_one_warning(client, file):
-    """Check that the planner has warned once, has published nothing, still runs and can plan."""
+def check_one_warning(client, capfd, file):
+    """Check that the planner has warned once, has published nothing and can plan."""
     paths = client.listen(Path, 'uav1/path')
-    with node_process('planner', plan_file=file, duration=120.0, slots=20) as process:
-        wait_for(lambda: process.poll() is not None or any(
-            'ready' in line for line in process.lines), what='the planner')
-        assert process.poll() is None, ''.join(process.lines)
+    with node_here(capfd, 'planner', plan_file=file, duration=120.0, slots=20) as process:
         warnings = [line for line in process.lines if 'plan_file' in line]
         assert len(warnings) == 1 and '[WARN]' in warnings[0], process.lines
         client.send_paper()
         assert client.call('planner/plan').success
         wait_for(lambda: paths)
         assert [len(path.poses) for path in paths] == [22]
-        assert process.poll() is None
     assert max(map(len, process.lines)) < 1000
     assert not any('Traceback' in line for line in process.lines)
