@@ -12,7 +12,8 @@ from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.time import Time
-from ros_client import Client, node_process, output_of, stopped, values_of, wait_for
+from ros_client import (
+    Client, node_here, node_process, output_of, stopped, values_of, wait_for)
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.qos import LATCHED
@@ -83,10 +84,11 @@ def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file)
 @pytest.mark.parametrize('damage', [
     lambda text: text[:len(text) // 2], lambda text: text.replace('"uav2"', '"other"'),
     lambda text: text.replace('100.0', 'NaN', 1)], ids=['half', 'foreign', 'NaN'])
-def test_a_damaged_plan_file_is_a_warning_and_the_next_plan_replaces_it(client, file, damage):
+def test_a_damaged_plan_file_is_a_warning_and_the_next_plan_replaces_it(
+        client, capfd, file, damage):
     fly_hover_fly(Scenario.paper(104, slots=8)).save(file)
     file.write_text(damage(file.read_text()))
-    with node_process('planner', plan_file=file, **SHORT) as process:
+    with node_here(capfd, 'planner', plan_file=file, **SHORT) as process:
         wait_for(lambda: any('ready' in line for line in process.lines))
         warnings = [line for line in process.lines if 'plan_file' in line]
         assert len(warnings) == 1 and '[WARN]' in warnings[0]
@@ -95,8 +97,8 @@ def test_a_damaged_plan_file_is_a_warning_and_the_next_plan_replaces_it(client, 
     assert Plan.load(file).scenario.slots == 30
 
 
-def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, tmp_path):
-    with node_process('planner', plan_file=tmp_path / 'no' / 'plan.json', **SHORT) as process:
+def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, capfd, tmp_path):
+    with node_here(capfd, 'planner', plan_file=tmp_path / 'no' / 'plan.json', **SHORT) as process:
         client.send_paper()
         assert client.call('planner/plan').success
         with Client('latecomer') as late:
@@ -337,9 +339,9 @@ def test_replay_without_any_clock_answers_and_starts_once_there_is_one(client, f
         assert process.poll() is None
 
 
-def test_a_latched_plan_stays_whole_for_a_subscriber_of_every_moment(client):
+def test_a_latched_plan_stays_whole_for_a_subscriber_of_every_moment(client, capfd):
     """Join again and again while plans are made: a mixture is never all that one gets."""
-    with node_process('planner', **SHORT):
+    with node_here(capfd, 'planner', **SHORT):
         client.send_paper()
         assert client.call('planner/plan').success
         for slots in (10, 20, 40):

@@ -366,7 +366,7 @@ def test_the_defaults_are_the_papers_scenario(client, capfd):
 
 def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client, capfd):
     with node_here(capfd, 'planner', duration=120.0, slots=60, uav1__max_acceleration=2.0,
-                      uav2__max_acceleration=2.0):
+                   uav2__max_acceleration=2.0):
         path = client.listen(Path, 'uav1/path')
         client.send_paper()
         assert client.call('planner/plan').success
@@ -386,10 +386,11 @@ def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client, cap
         assert '0.1 m/s^2' in refused.message
 
 
-def test_the_bound_follows_the_plan_and_is_part_of_the_status_and_the_file(client, tmp_path):
+def test_the_bound_follows_the_plan_and_is_part_of_the_status_and_the_file(
+        client, capfd, tmp_path):
     file = tmp_path / 'plan.json'
-    with node_process('planner', duration=104.0, slots=12, bound='after', pose_timeout=0.0,
-                      plan_file=str(file)):
+    with node_here(capfd, 'planner', duration=104.0, slots=12, bound='after', pose_timeout=0.0,
+                   plan_file=str(file)):
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()
         answer = client.call('planner/plan')

@@ -41,13 +41,13 @@ def end_of(process):
 
 
 def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logged(
-        client, plan, file):
+        client, capfd, plan, file):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
     watts = client.listen(Float64, 'uav2/setpoint/power', 1000)
     odometry = client.listen(Odometry, 'uav2/odom', 1000)
     rates = client.listen(Float64, 'replay/secrecy_rate', 1000)
-    with node_process('replay', plan_file=file, speed=20.0, rate=50.0,
-                      true_eavesdropper='[204.0, 3.0]') as process:
+    with node_here(capfd, 'replay', plan_file=file, speed=20.0, rate=50.0,
+                   true_eavesdropper='[204.0, 3.0]') as process:
         assert client.call('replay/start').success
         line = wait_for(lambda: end_of(process), what='the end of the plan')
         wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
@@ -103,9 +103,9 @@ def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, capf
         assert poses[-1].header.frame_id == 'earth'
 
 
-def test_pause_holds_and_reset_returns(client, file):
+def test_pause_holds_and_reset_returns(client, capfd, file):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_process('replay', plan_file=file, speed=2.0):
+    with node_here(capfd, 'replay', plan_file=file, speed=2.0):
         assert not client.call('replay/pause').success
         client.call('replay/start')
         wait_for(lambda: poses and poses[-1].pose.position.y < 450)
@@ -131,7 +131,7 @@ def test_the_plan_is_drawn_when_asked(file, tmp_path):
 
 def test_it_loops_and_starts_by_itself_when_asked(capfd, file):
     with node_here(capfd, 'replay', plan_file=file, speed=2000.0, loop='true',
-                      autostart='true') as process:
+                   autostart='true') as process:
         wait_for(lambda: sum('end of the plan' in line for line in process.lines) >= 3)
 
 
@@ -260,14 +260,15 @@ def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
         assert 'matplotlib' not in FilePath(f'/proc/{process.pid}/maps').read_text()
 
 
-def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):
+def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(
+        client, capfd, tmp_path):
     scenario = Scenario.paper(120.0, slots=40)
     scenario = replace(scenario, uavs=tuple(
         replace(uav, max_acceleration=1.5) for uav in scenario.uavs))
     smooth = fly_hover_fly(scenario)
     smooth.save(tmp_path / 'smooth.json')
     found = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
-    with node_process('replay', plan_file=tmp_path / 'smooth.json', speed=2.0, rate=50.0):
+    with node_here(capfd, 'replay', plan_file=tmp_path / 'smooth.json', speed=2.0, rate=50.0):
         assert client.call('replay/start').success
         wait_for(lambda: len(found) > 200)
         assert client.call('replay/pause').success
@@ -336,8 +337,8 @@ def moving(setpoints):
 
 
 def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from_a_file(
-        client, smooth):
-    with node_process('replay', speed=1.0, rate=50.0) as process:
+        client, capfd, smooth):
+    with node_here(capfd, 'replay', speed=1.0, rate=50.0) as process:
         send(client, smooth, 10**18, topics=ALL)
         wait_for(lambda: any('got a plan of 30 slots' in line for line in process.lines))
         assert client.set_parameters('replay', speed=20.0)[0].successful
