@@ -3,17 +3,11 @@
 import city
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
-from ros_client import Client, node_process, refusal, stopped, values_of, wait_for, wait_for_line
+from ros_client import node_process, refusal, stopped, values_of, wait_for, wait_for_line
 from visualization_msgs.msg import MarkerArray
 
 # Beside every path of the paper's mission.
 FAR = {'no_fly_zones': '[tower]', 'tower__vertices': '[900.0, 0.0, 950.0, 0.0, 950.0, 50.0]'}
-
-
-@pytest.fixture
-def client():
-    with Client() as client:
-        yield client
 
 
 def planner(**parameters):

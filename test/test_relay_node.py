@@ -15,7 +15,7 @@ import pytest
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import (
-    Client, node_here, node_process, PATIENCE, refusal, values_of, wait_for, wait_for_line)
+    node_here, node_process, PATIENCE, refusal, values_of, wait_for, wait_for_line)
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
@@ -101,12 +101,6 @@ def packages(tmp_path_factory):
             str(folder), os.environ.get('PYTHONPATH')])))
         invalidate_caches()
         yield lambda package, kind: getattr(import_module(f'{package}.msg'), kind)
-
-
-@pytest.fixture
-def client():
-    with Client() as client:
-        yield client
 
 
 class Source:

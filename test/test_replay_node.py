@@ -8,7 +8,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import Client, node_here, node_process, refusal, wait_for
+from ros_client import node_here, node_process, refusal, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.player import Player
@@ -21,12 +21,6 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 @pytest.fixture(scope='module')
 def plan():
     return fly_hover_fly(Scenario.paper(104, slots=26), 'optimised')
-
-
-@pytest.fixture
-def client():
-    with Client() as client:
-        yield client
 
 
 @pytest.fixture
