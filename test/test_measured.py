@@ -29,7 +29,7 @@ def assert_current(name, computed, pattern=RATE, tolerance=1e-3):
 
 @pytest.mark.parametrize('name, compute', [
     ('rates', lambda: measured.rates(proof=0.5)), ('objectives', measured.objectives),
-    ('methods', measured.methods)])
+    pytest.param('methods', measured.methods, marks=pytest.mark.slow)])
 def test_a_table_of_rates_is_that_of_today(name, compute):
     assert_current(name, compute())
 

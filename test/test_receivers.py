@@ -108,7 +108,7 @@ def test_the_bound_counts_with_the_receiver_and_is_near_the_plan(objective):
     assert rates[0] > rates[1] + 0.01 and rates[1] > rates[2] + 0.01
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(scenarios(max_uavs=4, max_slots=5), st.sampled_from([-40.0, 25.0]))
 def test_bounds_hold_far_from_equal_receivers(scenario, advantage):
     scenario = replace(scenario, eavesdroppers=tuple(
