@@ -233,3 +233,17 @@ class _Short(reprlib.Repr):
 
 shown = _Short().repr
 """Return any value as text for an error message, cut to a few dozen characters."""
+
+
+def brief(text: object, most: int = 400) -> str:
+    """Return a text, such as an error, in one line; of a long text the middle is cut out."""
+    line = ' '.join(str(text).split())
+    if len(line) <= most:
+        return line
+    half = (most - 5) // 2
+    return f'{line[:half]} ... {line[-half:]}'
+
+
+def with_type(error: BaseException) -> str:
+    """Return the class and the text of an unexpected error in one line."""
+    return brief(f'{type(error).__name__}: {error}')

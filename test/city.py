@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from secure_uav_planner import Plan
 from secure_uav_planner.ros.mission_parameters import of_mission
-from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
-from secure_uav_planner.ros.zone_parameters import zone_parameters
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, uav_parameters, zone_parameters)
 
 FILE = Path(__file__).resolve().parents[1] / 'config' / 'city.yaml'
 WAY = {'courier': [(-190, 250), (-110, 120), (0, 0), (150, -60), (220, -100), (300, -160)],

@@ -26,7 +26,7 @@ from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from secure_uav_planner.ros.process import run_node
-from secure_uav_planner.ros.qos import LATCHED
+from secure_uav_planner.ros.topics import LATCHED
 from std_srvs.srv import Trigger
 
 PATIENCE = 120.0

@@ -27,8 +27,8 @@ from secure_uav_planner.output import spreadsheet
 from secure_uav_planner.plan import playback
 from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters)
-from secure_uav_planner.ros.zone_parameters import zone_parameters
+    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters,
+    zone_parameters)
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]

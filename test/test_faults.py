@@ -16,7 +16,7 @@ from ros_client import (
     Client, node_here, node_process, output_of, stopped, values_of, wait_for)
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.ros.qos import LATCHED
+from secure_uav_planner.ros.topics import LATCHED
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray

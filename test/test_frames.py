@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import PoseError, WrongFrameError
 from secure_uav_planner.ros.frames import Frames, moved
 from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.qos import LATCHED
+from secure_uav_planner.ros.topics import LATCHED
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -21,7 +21,7 @@ from ros_client import Client, node_process, output_of, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.parameters import REPLAY
-from secure_uav_planner.ros.qos import LATCHED
+from secure_uav_planner.ros.topics import LATCHED
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 

@@ -11,7 +11,7 @@ from secure_uav_planner import NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError, ScenarioError
 from secure_uav_planner.mission.polygons import checked_polygon, grown
 from secure_uav_planner.model.airspace import airspace_of
-from secure_uav_planner.ros.approaches import approaches_text, approaches_values
+from secure_uav_planner.ros.status import closest_approach_text, closest_approach_values
 import shapely
 
 SPIKE = ((0.0, 0.0), (100.0, 0.0), (0.0, 5.0))
@@ -122,13 +122,13 @@ def test_a_plan_tells_distances_to_what_was_given_and_what_the_margin_leaves():
 
 def test_the_status_tells_both():
     plan = flown(team(tracking_margin=8.0))
-    assert approaches_text(plan) == (
+    assert closest_approach_text(plan) == (
         'one and two come within 20.0 m of each other (4.0 m with the tracking_margin of 8 m); '
         'one comes within 10.0 m of wall (2.0 m with the tracking_margin of 8 m)')
-    values = approaches_values(plan)
+    values = closest_approach_values(plan)
     assert {key: values[key] for key in values if key.endswith('_margin')} == pytest.approx({
         'plan.uav_distance.beyond_margin': 4.0, 'plan.zone_distance.beyond_margin': 2.0})
-    assert 'margin' not in approaches_text(flown(team()))
+    assert 'margin' not in closest_approach_text(flown(team()))
 
 
 def test_uavs_that_the_margin_brings_close_are_close():

@@ -10,12 +10,12 @@ from rclpy.context import Context
 from rclpy.node import Node
 from ros_client import Client, node_process, refusal, wait_for_line
 from secure_uav_planner.errors import ParameterError
-from secure_uav_planner.ros.mission_parameters import of_mission, values_of
+from secure_uav_planner.ros.mission_parameters import (
+    airspace_from, of_mission, uav_from, values_of)
 from secure_uav_planner.ros.node_parameters import Parameters
-from secure_uav_planner.ros.parameters import PLANNER, uav_from
-from secure_uav_planner.ros.qos import LATCHED, OVERRIDABLE
+from secure_uav_planner.ros.parameters import PLANNER
 from secure_uav_planner.ros.spec import Spec
-from secure_uav_planner.ros.zone_parameters import airspace_from
+from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
 from std_msgs.msg import Float64
 from strategies import scenarios
 import yaml

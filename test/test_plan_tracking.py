@@ -20,7 +20,7 @@ from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.parameters import PLANNER
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.status import level_and_text, Outcome, State
+from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
 
 
 def odometry(x, y, velocity=(0.0, 0.0), frame_id='map', yaw=0.0, stamp=None, orientation=()):
@@ -297,7 +297,7 @@ def test_a_plan_that_is_solved_too_late_for_its_start_is_refused(client, capfd):
 
 
 def test_a_problem_with_a_uav_is_told_while_a_solve_is_under_way():
-    outcome, problems = Outcome(DiagnosticStatus.OK, 'ok', 'a plan'), ['uav1 is 9 m off']
+    outcome, problems = RequestOutcome(DiagnosticStatus.OK, 'ok', 'a plan'), ['uav1 is 9 m off']
     progress = Iteration(3, 'joint', 1.5, 0.1, 0.1)
     assert level_and_text(outcome, problems, progress) == (
         DiagnosticStatus.WARN, 'solving: iteration 3, 1.5000 bit/s/Hz; uav1 is 9 m off')

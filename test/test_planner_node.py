@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import (
     Client, node_here, node_process, PATIENCE, refusal, values_of, wait_for)
 from secure_uav_planner import Eavesdropper, Plan, Scenario, solve, upper_bound
-from secure_uav_planner.ros.bounding import Bounding
+from secure_uav_planner.ros.background import Bounding
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -423,7 +423,7 @@ class HeldBound:
 
     def __init__(self, monkeypatch, slots):
         self.under_way, self.statuses, self._slots = threading.Event(), [], slots
-        monkeypatch.setattr('secure_uav_planner.ros.bounding.upper_bound', self)
+        monkeypatch.setattr('secure_uav_planner.ros.background.upper_bound', self)
 
     def __call__(self, scenario, on_progress, **options):
         def told(progress):

@@ -71,7 +71,7 @@ def test_a_signal_while_the_modules_load_ends_the_node_quietly(node, number):
     assert output_of(process) == ''
 
 
-@pytest.mark.parametrize('module', ['', '.ros', '.ros.start', '.errors', '.ros.qos'])
+@pytest.mark.parametrize('module', ['', '.ros', '.ros.start', '.errors', '.ros.topics'])
 def test_a_signal_when_a_module_is_imported_ends_the_executable_quietly(module):
     script = Path(__file__).parents[1] / 'scripts' / 'planner'
     program = (

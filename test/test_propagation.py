@@ -8,8 +8,8 @@ import pytest
 from secure_uav_planner import Channel, PlanningError, Scenario
 from secure_uav_planner.errors import MissionFileError
 from secure_uav_planner.mission.propagation import ENVIRONMENTS
-from secure_uav_planner.ros.channel_parameters import CHANNEL, channel_from, COLLUDING
-from secure_uav_planner.ros.mission_parameters import values_of
+from secure_uav_planner.ros.mission_parameters import channel_from, values_of
+from secure_uav_planner.ros.parameters import PLANNER
 
 CHANNELS = (
     Channel(), Channel(2.6), Channel(los='urban', cautious=True), Channel(3.0, (5, 0.2, 12)),
@@ -30,7 +30,7 @@ def test_a_channel_survives_its_file(tmp_path, channel, name):
 def test_the_parameters_of_the_nodes_stand_for_every_channel(channel):
     values = values_of(replace(Scenario.paper(), channel=channel, colluding=True))
     checked = {name: spec.checked(name, values[name])
-               for name, spec in {**CHANNEL, **COLLUDING}.items()}
+               for name, spec in PLANNER.items() if name.startswith(('channel.', 'colluding'))}
     assert channel_from(checked) == channel and checked['colluding']
     with pytest.raises(PlanningError, match='channel.los_numbers is .*; it must be empty'):
         channel_from({**checked, 'channel.los': 'urban', 'channel.los_numbers': [1.0, 1.0, 1.0]})

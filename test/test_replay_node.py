@@ -13,7 +13,7 @@ from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.qos import LATCHED
+from secure_uav_planner.ros.topics import LATCHED
 from std_msgs.msg import Float64
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 

@@ -32,10 +32,10 @@ from ..mission import Objective
 from ..output.page import save_page
 from ..output.picture import save_picture
 from ..output.table import table
-from ..ros.graph import isolated, process
+from ..ros.graph import isolated, node_process
 from ..ros.messages import pose
-from ..ros.qos import LATCHED
 from ..ros.recording import record
+from ..ros.topics import LATCHED
 
 _PATIENCE = 120.0
 _REPLAY_SPEED = 50.0
@@ -114,7 +114,7 @@ def _plan_and_replay(scenario: Scenario, file: pathlib.Path | None, method: str 
         scenario.eavesdroppers[0].error_radius, 0.0]
     replay = [*parameters, '-p', f'speed:={_REPLAY_SPEED}',
               '-p', f'true_eavesdropper:={place.tolist()}']
-    with process('planner', planner), process('replay', replay):
+    with node_process('planner', planner), node_process('replay', replay):
         with _client(scenario) as client:
             return client.run()
 

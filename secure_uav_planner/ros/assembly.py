@@ -8,7 +8,7 @@ import numpy as np
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from .text import LONGEST_FRAME
+from .parameters import LONGEST_FRAME
 from ..errors import PlanError, shown
 from ..mission.propagation import Channel
 from ..mission.scenario import Array, Eavesdropper, LIMITS, Point, Scenario, Uav

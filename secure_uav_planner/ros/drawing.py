@@ -11,8 +11,8 @@ import pickle
 import subprocess
 import sys
 
-from .latest import Latest
-from .text import brief
+from .background import LatestOnlyWorker
+from ..errors import brief
 from ..plan.plan import Plan
 
 
@@ -25,7 +25,7 @@ class Drawing:
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
-        self._latest = Latest(self._run)
+        self._latest = LatestOnlyWorker(self._run)
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = False
 

@@ -12,8 +12,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from .poses import Message, refusal
-from .text import brief, with_type
-from ..errors import PoseError, WrongFrameError
+from ..errors import brief, PoseError, with_type, WrongFrameError
 from ..mission.scenario import Array
 from ..output.autopilots import rotation
 

@@ -53,7 +53,7 @@ def free_domain() -> Iterator[int]:
 
 
 @contextmanager
-def process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
+def node_process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
     """Run a node in its own process, and stop it with SIGINT, like Ctrl-C."""
     started = subprocess.Popen(
         [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],

@@ -18,14 +18,13 @@ from geometry_msgs.msg import (
     Point, Pose, PoseStamped, Quaternion, Transform, Twist, Vector3)
 from nav_msgs.msg import Odometry, Path
 import numpy as np
-from rclpy.serialization import deserialize_message
+from rclpy.duration import Duration
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
-from . import cdr
 from ..errors import OptionError
 from ..mission.participants import NoFlyZone
 from ..mission.polygons import convex_parts, grown, Vertices
@@ -72,8 +71,14 @@ def pose_stamped(frame_id: str, stamp: Stamp, *place: float) -> PoseStamped:
 
 
 def path(plan: Plan, uav: int, frame_id: str) -> Path:
-    """Return the nav_msgs/Path of a UAV by index."""
-    return deserialize_message(cdr.path(plan, uav, frame_id), Path)
+    """Return the nav_msgs/Path of a UAV by index; each pose is a point with its time."""
+    message, altitude = Path(), plan.scenario.uavs[uav].altitude
+    message.header.frame_id, message.header.stamp = frame_id, stamp_at(plan)
+    message.poses = [
+        pose_stamped(frame_id, stamp_at(plan, time), x, y, altitude, yaw)
+        for time, (x, y), yaw in zip(plan.times.tolist(), plan.positions[uav].tolist(),
+                                     plan.curve.at(plan.times).headings[uav].tolist())]
+    return message
 
 
 def power(plan: Plan, uav: int) -> Float64MultiArray:
@@ -85,8 +90,21 @@ def power(plan: Plan, uav: int) -> Float64MultiArray:
 
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
-    """Return the MultiDOFJointTrajectory of a UAV; the joint has the UAV's name."""
-    return deserialize_message(cdr.trajectory(plan, uav, frame_id), MultiDOFJointTrajectory)
+    """
+    Return the MultiDOFJointTrajectory of a UAV; the joint has the UAV's name.
+
+    It contains position, velocity and acceleration of the flown curve at the times of the points.
+    """
+    member, motion = plan.scenario.uavs[uav], plan.curve.at(plan.times)
+    message = MultiDOFJointTrajectory(joint_names=[member.name])
+    message.header.frame_id, message.header.stamp = frame_id, stamp_at(plan)
+    message.points = [
+        _trajectory_point((x, y, member.altitude), yaw, velocity, acceleration, time)
+        for (x, y), yaw, velocity, acceleration, time in zip(
+            motion.positions[uav].tolist(), motion.headings[uav].tolist(),
+            motion.velocities[uav].tolist(), motion.accelerations[uav].tolist(),
+            plan.times.tolist())]
+    return message
 
 
 def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence[Any]
@@ -98,14 +116,20 @@ def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence
     :param motion: position (x, y, z) in m, yaw in rad, velocity (x, y) in m/s and acceleration
         (x, y) in m/s^2.
     """
-    (x, y, z), yaw, velocity, acceleration = motion
-    message = MultiDOFJointTrajectory(joint_names=[name])
+    message = MultiDOFJointTrajectory(joint_names=[name], points=[_trajectory_point(*motion)])
     message.header.frame_id, message.header.stamp = frame_id, stamp
-    message.points = [MultiDOFJointTrajectoryPoint(
+    return message
+
+
+def _trajectory_point(place: Sequence[float], yaw: float, velocity: Sequence[float],
+                      acceleration: Sequence[float], seconds: float = 0.0
+                      ) -> MultiDOFJointTrajectoryPoint:
+    x, y, z = place
+    return MultiDOFJointTrajectoryPoint(
         transforms=[Transform(translation=Vector3(x=float(x), y=float(y), z=float(z)),
                               rotation=_facing(yaw))],
-        velocities=[_level(velocity)], accelerations=[_level(acceleration)])]
-    return message
+        velocities=[_level(velocity)], accelerations=[_level(acceleration)],
+        time_from_start=Duration(nanoseconds=round(seconds * 1e9)).to_msg())
 
 
 def _level(vector: Sequence[float]) -> Twist:
@@ -180,8 +204,8 @@ def float64(value: float) -> Float64:
     return Float64(data=float(value))
 
 
-def status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
-           ) -> DiagnosticStatus:
+def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
+                      ) -> DiagnosticStatus:
     """Return a DiagnosticStatus with the values by key, and numbers with six digits."""
     return DiagnosticStatus(
         level=level, name=name, message=summary, hardware_id='secure_uav_planner',

@@ -10,8 +10,7 @@ from rclpy.parameter import Parameter
 
 from .mission_parameters import of_mission
 from .spec import Spec
-from .text import brief
-from ..errors import PlanningError
+from ..errors import brief, PlanningError
 
 # What the parameters that every node of ROS has begin with.
 _OF_ROS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')

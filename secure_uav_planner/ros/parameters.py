@@ -1,21 +1,46 @@
-"""Names, meanings and ranges of the nodes' parameters, and what is made of their values."""
+"""Names, meanings and ranges of the nodes' parameters."""
 
-from collections.abc import Mapping
 from typing import Any
 
-from .channel_parameters import CHANNEL, COLLUDING
 from .spec import Spec
-from .text import LONGEST_FRAME
 from ..mission.polygons import MAX_VERTICES
+from ..mission.propagation import ENVIRONMENTS
 from ..mission.propulsion import Propulsion
-from ..mission.scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario, Uav
+from ..mission.scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario
 from ..optimize import METHODS
-from ..optimize.solve import checked_objective
 from ..output.autopilots import STACKS
-from ..plan.plan import Objective, OBJECTIVES
+from ..plan.plan import OBJECTIVES
 
 _PAPER = Scenario.paper()
-_OWN = 'default'  # The method's own objective.
+
+LONGEST_FRAME = 255
+"""The most characters of a frame_id; a path carries it once for every point."""
+
+OWN_OBJECTIVE = 'default'
+"""The one that the method maximises by itself."""
+
+NO_LOS = 'none'
+NO_OUTAGE = NO_LIMIT = 0.0
+PROPULSIONS = ('none', 'rotary_wing')
+
+CHANNEL = {
+    'channel.exponent': Spec(2.0, 'Path loss exponent alpha; 2 is free space.',
+                             LIMITS['exponent']),
+    'channel.los': Spec(NO_LOS, 'Environment that gives the probability of a line of sight; none '
+                        'for a line of sight everywhere, or for channel.los_numbers.',
+                        choices=(NO_LOS, *ENVIRONMENTS)),
+    'channel.los_numbers': Spec(
+        [], 'Numbers a, b per degree and extra loss in dB instead of an environment; empty for '
+        'none.', (0.0, LIMITS['los_loss_db'][1]), length=(0, 3)),
+    'channel.cautious': Spec(False, 'Whether what leaks and what interferes counts at the gain of '
+                             'a line of sight, and what helps at the mean gain.'),
+    'channel.rician_k_db': Spec(0.0, 'Rician factor of the fading in dB; it counts only with '
+                                'channel.outage.', LIMITS['rician_k_db']),
+    'channel.outage': Spec(NO_OUTAGE, 'Largest probability with which the secrecy rate of a slot '
+                           'may be lower than the guaranteed one because of fading; 0 for no '
+                           'fading, otherwise at least 1e-6.', (NO_OUTAGE, LIMITS['outage'][1])),
+}
+"""Parameters of the channel by name."""
 
 _MISSION_FILE = Spec(
     '', 'Mission file (YAML or JSON) that gives the names of UAVs, eavesdroppers and zones, and '
@@ -38,7 +63,7 @@ PLANNER = {
                              'beta_0/sigma^2, SNR at 1 m and 1 W, in dB.',
                              LIMITS['reference_snr_db']),
     **CHANNEL,
-    **COLLUDING,
+    'colluding': Spec(False, 'Whether the eavesdroppers put together what they hear.'),
     'separation': Spec(_PAPER.separation, 'Smallest distance in space between any two UAVs at any '
                        'time in m; 0 for no limit.', LIMITS['separation']),
     'no_fly_zones': Spec([], 'Names of the no-fly zones.', length=(0, MAX_ZONES), read_only=True),
@@ -50,9 +75,10 @@ PLANNER = {
         'and the geofence shrinks for the plan, and a separation grows by twice it.',
         LIMITS['tracking_margin']),
     'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
-    'objective': Spec(_OWN, 'Rate that is maximised: the lower bound by formula (guaranteed), or '
-                      'the true worst case over the discs (worst_case), which only the method '
-                      'joint can and maximises by default.', choices=(_OWN, *OBJECTIVES)),
+    'objective': Spec(
+        OWN_OBJECTIVE, 'Rate that is maximised: the lower bound by formula (guaranteed), or the '
+        'true worst case over the discs (worst_case), which only the method joint can and '
+        'maximises by default.', choices=(OWN_OBJECTIVE, *OBJECTIVES)),
     'bound': Spec('off', 'Whether to prove, after a plan has been published, how far below the '
                   'best possible it is at most; the result is part of the status and of '
                   'plan_file.', choices=('off', 'after')),
@@ -115,10 +141,6 @@ PROPULSION_FIELDS = {
 }
 """Meanings of the parameters of a UAV's propulsion that are fields of Propulsion."""
 
-PROPULSIONS = ('none', 'rotary_wing')
-
-NO_LIMIT = 0.0
-
 
 def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     """Return the parameters of one UAV by name; the paper's values are the defaults."""
@@ -149,16 +171,6 @@ def _uav_spec(default: Any, text: str, field: str) -> Spec:
     return Spec(default, text, LIMITS[field])
 
 
-def objective_from(values: Mapping[str, Any]) -> Objective:
-    """
-    Return the objective that the parameter values describe.
-
-    :raises OptionError: if the method cannot maximise it.
-    """
-    objective = values['objective']
-    return checked_objective(values['method'], None if objective == _OWN else objective)
-
-
 def eavesdropper_parameters(name: str) -> dict[str, Spec]:
     """Return the parameters of one eavesdropper by name."""
     return {
@@ -170,6 +182,19 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
             0.0, "By how much in dB the SNR at its receiver is larger than the ground node's "
             'would be at its place: a better antenna or less noise.',
             LIMITS['receiver_advantage_db'])}
+
+
+def zone_parameters(name: str) -> dict[str, Spec]:
+    """Return the parameters of one no-fly zone by name."""
+    return {
+        f'{name}.vertices': Spec(
+            [], 'Vertices of the polygon in m, one after the other as [x1, y1, x2, y2, ...]. It '
+            'need not be convex.', LIMITS['coordinate'], length=(6, 2 * MAX_VERTICES)),
+        f'{name}.floor': Spec(
+            LIMITS['floor'][0], 'Lowest altitude in m that is forbidden.', LIMITS['floor']),
+        f'{name}.ceiling': Spec(
+            NO_LIMIT, 'Highest altitude in m that is forbidden; 0 for no limit.',
+            (NO_LIMIT, LIMITS['altitude'][1]))}
 
 
 REPLAY = {
@@ -229,15 +254,3 @@ def relay_parameters(name: str, index: int) -> dict[str, Spec]:
             [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
             'plan in m; often where it was switched on.', LIMITS['coordinate'], length=(3, 3)),
         f'{name}.max_speed': uav_parameters(name, index)[f'{name}.max_speed']}
-
-
-def uav_from(values: Mapping[str, Any], name: str) -> Uav:
-    """Return the Uav that the parameter values describe."""
-    fields = {field: values[f'{name}.{field}'] for field in UAV_FIELDS}
-    fields['max_acceleration'] = fields['max_acceleration'] or None
-    for field in ('start_velocity', 'goal_velocity'):
-        fields[field] = fields[field] or None
-    if values[f'{name}.propulsion.model'] != PROPULSIONS[0]:
-        fields['propulsion'] = Propulsion(**{
-            field: values[f'{name}.propulsion.{field}'] for field in PROPULSION_FIELDS})
-    return Uav(name, **fields)

@@ -15,25 +15,19 @@ from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
 
 from . import messages
-from .bounding import Bounding
-from .channel_parameters import channel_from
+from .background import Bounding, LatestOnlyWorker
 from .frames import Frames
-from .intake import Intake
-from .latest import Latest
+from .mission_parameters import airspace_from, channel_from, objective_from, uav_from
 from .node_parameters import Parameters
-from .parameters import eavesdropper_parameters, objective_from, PLANNER, uav_from, uav_parameters
-from .plan_topics import PlanTopics, publish
+from .parameters import eavesdropper_parameters, PLANNER, uav_parameters, zone_parameters
 from .plan_tracking import check_goes_on, PlanTracking
 from .poses import PoseBook
-from .qos import LATCHED, OVERRIDABLE, SENSOR
 from .replanning import check_in_time, Replanning
-from .scenarios import pose_problems, scenario_from
-from .start_time import StartTime
+from .scenarios import pose_problems, scenario_from, StartTime
 from .status import level_and_text, log_at, State, values
-from .text import brief, with_type
+from .topics import LATCHED, OVERRIDABLE, PlanTopics, PoseSubscriptions, SENSOR
 from .worker import Worker
-from .zone_parameters import airspace_from, zone_parameters
-from ..errors import ParameterError, PlanFileError, PlanningError, StoppedError
+from ..errors import brief, ParameterError, PlanFileError, PlanningError, StoppedError, with_type
 from ..mission.scenario import Scenario
 from ..optimize.feasible import similar
 from ..plan.bound import Bound
@@ -74,7 +68,7 @@ class Planner(Node):
         self._replanning = Replanning(
             self._worker, self._poses, self._tracking, self._publish_replan,
             self._refuse_replan, self._publish_status)
-        self._evaluation = Latest(self._evaluate)
+        self._evaluation = LatestOnlyWorker(self._evaluate)
         self._bounding = Bounding(self._add_bound, self.get_logger().error)
         self._make_interface()
         self._restore()
@@ -113,7 +107,8 @@ class Planner(Node):
         self.create_subscription(
             TimeReference, 'plan_time', self._tracking.hear, SENSOR,
             callback_group=MutuallyExclusiveCallbackGroup(), qos_overriding_options=OVERRIDABLE)
-        self._intake = Intake(self, self._settings, self._poses, self._publish_status)
+        self._pose_subscriptions = PoseSubscriptions(
+            self, self._settings, self._poses, self._publish_status)
 
     def close(self) -> bool:
         """Stop the solve that is under way; return whether nothing is left running."""
@@ -279,7 +274,8 @@ class Planner(Node):
             still_wanted()
             if not restored:
                 self._save(plan, known)
-            publish(outgoing)
+            for publisher, message in outgoing:
+                publisher.publish(message)
             with self._lock:
                 text = self._state.publish(plan, count, 'restored: ' if restored else '')
                 level = self._state.outcome.level
@@ -334,7 +330,7 @@ class Planner(Node):
             level, text = level_and_text(
                 self._state.outcome,
                 [*pose_problems(settings, self._poses, now), *problems], progress)
-            return messages.status(
+            return messages.diagnostic_status(
                 self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
                 {**values(self._state, progress, busy, self._poses, settings, now), **tracks})
 

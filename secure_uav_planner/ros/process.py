@@ -15,8 +15,7 @@ from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 
-from .text import brief, with_type
-from ..errors import PlanningError
+from ..errors import brief, PlanningError, with_type
 
 _THREADS = 4
 _LAST_ANSWERS = 0.3

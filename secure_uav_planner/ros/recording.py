@@ -14,7 +14,7 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from . import messages
-from .approaches import approaches_values
+from .status import closest_approach_values
 from ..errors import OptionError, shown
 from ..mission.files import atomic_file
 from ..mission.scenario import Point
@@ -81,12 +81,12 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
         bag.write(f'/{uav.name}/trajectory', messages.trajectory(plan, index, frame_id),
                   latched=True)
     bag.write('/planner/markers', messages.markers(plan, frame_id), latched=True)
-    bag.write('/planner/status', messages.status(
+    bag.write('/planner/status', messages.diagnostic_status(
         'planner: plan', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
             'state': 'idle', 'plan.guaranteed_rate': plan.guaranteed_rate,
             'plan.worst_case_rate': plan.worst_case_rate, 'plan.method': plan.method,
             'plan.status': plan.status, 'plan.solve_time': plan.solve_time,
-            'plan.curve_rate': plan.curve_rate, **approaches_values(plan)}), latched=True)
+            'plan.curve_rate': plan.curve_rate, **closest_approach_values(plan)}), latched=True)
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float,

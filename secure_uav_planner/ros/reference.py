@@ -15,12 +15,12 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from .parameters import (
-    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters)
+    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters,
+    zone_parameters)
 from .planner_node import Planner
-from .qos import SENSOR, STREAM
 from .replay_node import Replay
 from .spec import Spec
-from .zone_parameters import zone_parameters
+from .topics import SENSOR, STREAM
 from ..output.autopilots import STACKS
 
 _NAMESPACE = '/reference'

@@ -18,10 +18,8 @@ from .guard import Guard, Limits
 from .messages import filled, setpoint_of
 from .node_parameters import Parameters
 from .parameters import RELAY, relay_parameters
-from .qos import OVERRIDABLE, SENSOR, STREAM
-from .scenarios import odometry_topic
-from .text import brief
-from ..errors import ParameterError, PlanningError, PoseError, shown
+from .topics import odometry_topic, OVERRIDABLE, SENSOR, STREAM
+from ..errors import brief, ParameterError, PlanningError, PoseError, shown
 from ..output.autopilots import rotation, Stack, STACKS, Vector
 
 _HOLD_PERIOD = 0.1  # s

@@ -5,7 +5,7 @@ from concurrent.futures import Future
 import math
 from typing import Any
 
-from .parameters import objective_from
+from .mission_parameters import objective_from
 from .plan_tracking import PlanTracking
 from .poses import PoseBook
 from .scenarios import has_moved, updated

@@ -19,13 +19,12 @@ from visualization_msgs.msg import MarkerArray
 
 from . import messages
 from .assembly import Assembly
-from .channel_parameters import channel_from
 from .drawing import Drawing
+from .mission_parameters import channel_from
 from .node_parameters import Parameters
 from .parameters import REPLAY
-from .qos import LATCHED, OVERRIDABLE, SENSOR, STREAM
-from .text import brief
-from ..errors import OptionError, ParameterError, PlanningError, shown
+from .topics import LATCHED, OVERRIDABLE, SENSOR, STREAM
+from ..errors import brief, OptionError, ParameterError, PlanningError, shown
 from ..mission.scenario import Point
 from ..plan.plan import Plan
 from ..plan.playback import Moment

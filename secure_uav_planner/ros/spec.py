@@ -8,8 +8,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import NameValidationException
 from rclpy.validate_topic_name import validate_topic_name
 
-from .text import brief
-from ..errors import ParameterError, shown
+from ..errors import brief, ParameterError, shown
 
 _MOST_IN_NAME = 100  # ROS allows about 240 in a topic, of which a name is one part.
 

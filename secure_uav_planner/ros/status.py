@@ -7,18 +7,16 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from .approaches import approaches_text, approaches_values
 from .poses import PoseBook
-from .scenarios import GROUND_NODE_TOPIC, odometry_topic, pose_topic
-from .text import brief
-from ..errors import PlanningError
+from .topics import GROUND_NODE_TOPIC, odometry_topic, pose_topic
+from ..errors import brief, PlanningError
 from ..plan.bound import Bound
 from ..plan.plan import Iteration, Plan
 
 LAST_PLAN_STANDS = '; the last plan stands'
 
 
-class Outcome(NamedTuple):
+class RequestOutcome(NamedTuple):
     """
     How the last request or replan ended.
 
@@ -44,7 +42,7 @@ class State:
     :ivar evaluated: the last plan whose worst-case rate has been evaluated, or None.
     :ivar bound: the Bound of the last plan, or None.
     :ivar upcoming: a plan whose worst-case rate is known and that is not published yet, or None.
-    :ivar refusal: the Outcome of the last request or replan if it led to no plan, or None.
+    :ivar refusal: the RequestOutcome of the last request or replan if it led to no plan, or None.
     """
 
     plan: Plan | None = None
@@ -52,21 +50,22 @@ class State:
     evaluated: Plan | None = None
     bound: Bound | None = None
     upcoming: Plan | None = None
-    refusal: Outcome | None = None
+    refusal: RequestOutcome | None = None
     counts: dict[str, int] = field(
         default_factory=lambda: {'plans': 0, 'replans': 0, 'refusals': 0})
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> RequestOutcome:
         """Return how the last request or replan ended, with what is known of its plan now."""
         plan = self.plan
         if self.refusal is not None:
             return self.refusal
         if plan is None:
-            return Outcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
+            return RequestOutcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
         good = plan.status == 'converged' and not plan.clearance.is_close
-        return Outcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
-                       self.prefix + summary(plan, self.evaluated is plan, self.bound))
+        return RequestOutcome(
+            DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
+            self.prefix + plan_summary(plan, self.evaluated is plan, self.bound))
 
     def publish(self, plan: Plan, count: str, prefix: str = '') -> str:
         """
@@ -103,11 +102,12 @@ class State:
         """Note why there is no new plan; return the reason, and whether the last plan remains."""
         text = reason + (LAST_PLAN_STANDS if self.plan is not None else '')
         self.counts['refusals'] += 1
-        self.refusal = Outcome(level, getattr(error, 'code', PlanningError.code), text, is_replan)
+        self.refusal = RequestOutcome(
+            level, getattr(error, 'code', PlanningError.code), text, is_replan)
         return text
 
 
-def summary(plan: Plan, evaluated: bool, bound: Bound | None = None) -> str:
+def plan_summary(plan: Plan, evaluated: bool, bound: Bound | None = None) -> str:
     """
     Return a summary of a plan in one line, without any position.
 
@@ -116,7 +116,7 @@ def summary(plan: Plan, evaluated: bool, bound: Bound | None = None) -> str:
     """
     worst = (f'{plan.worst_case_rate:.4f} bit/s/Hz' if evaluated
              else 'not evaluated yet (bit/s/Hz)')
-    near = approaches_text(plan)
+    near = closest_approach_text(plan)
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: guaranteed rate '
             f'{plan.guaranteed_rate:.4f}, worst-case rate {worst}, {plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
@@ -124,7 +124,7 @@ def summary(plan: Plan, evaluated: bool, bound: Bound | None = None) -> str:
             + ('' if bound is None else f'; {bound.claim(plan)}'))
 
 
-def level_and_text(outcome: Outcome, problems: Sequence[object],
+def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
                    progress: Iteration | None) -> tuple[bytes, str]:
     """
     Return the level of the planner's status and a text that explains it.
@@ -177,7 +177,7 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
             'plan.identity': plan.identity, 'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
             'plan.age': now - plan.start_ns * 1e-9,
             'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
-            **approaches_values(plan), **_energy_values(plan)})
+            **closest_approach_values(plan), **_energy_values(plan)})
         if state.evaluated is plan:
             found['plan.worst_case_rate'] = plan.worst_case_rate
         found.update({
@@ -191,6 +191,33 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
                   *map(odometry_topic, parameters['uavs'])]:
         known = poses.get(topic)
         found[f'pose_age.{topic}'] = 'none' if known is None else known.age(now)
+    return found
+
+
+def closest_approach_text(plan: Plan) -> str:
+    """Return the smallest distances of a plan in words, with a warning where UAVs are close."""
+    clearance = plan.clearance
+    zones, margin = clearance.to_zones, plan.scenario.margin_text
+    found = [clearance.between_uavs_text]
+    if zones is not None:
+        left = margin and f' ({clearance.zones_beyond_margin:.1f} m{margin})'
+        found.append(f'{zones.names[0]} comes within {zones.distance:.1f} m of {zones.names[1]}'
+                     f'{left}')
+    return '; '.join(filter(None, found))
+
+
+def closest_approach_values(plan: Plan) -> dict[str, Any]:
+    """Return the smallest distances of a plan as values of the status by key."""
+    found: dict[str, Any] = {}
+    clearance = plan.clearance
+    for key, approach, left in (
+            ('uav_distance', clearance.between_uavs, clearance.uavs_beyond_margin),
+            ('zone_distance', clearance.to_zones, clearance.zones_beyond_margin)):
+        if approach is not None:
+            found[f'plan.{key}'] = approach.distance
+            found[f'plan.{key}.beyond_margin'] = left
+            found[f'plan.{key}.between'] = ', '.join(approach.names)
+            found[f'plan.{key}.time'] = approach.time
     return found
 
 

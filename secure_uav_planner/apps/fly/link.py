@@ -20,9 +20,9 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from ...errors import PlanningError
 from ...output.autopilots import Setpoint
-from ...ros.graph import process
+from ...ros.graph import node_process
 from ...ros.messages import setpoint_of
-from ...ros.qos import STREAM
+from ...ros.topics import STREAM
 
 RATE = 25.0
 """Setpoints per second."""
@@ -45,7 +45,7 @@ class FlightError(PlanningError, RuntimeError):
 
 def node(name: str, **parameters: object) -> AbstractContextManager[object]:
     """Return the context of a node's process in simulated time; dots are __ in parameters."""
-    return process(name, ['-p', 'use_sim_time:=true', *(
+    return node_process(name, ['-p', 'use_sim_time:=true', *(
         word for key, value in parameters.items()
         for word in ('-p', f'{key.replace("__", ".")}:={value}'))])
 

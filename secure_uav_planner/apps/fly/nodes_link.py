@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from .link import FlightError, Link
 from ...ros import messages
-from ...ros.qos import LATCHED, STREAM
+from ...ros.topics import LATCHED, STREAM
 
 _COUNTS = ('plans', 'replans', 'refusals')
 
