@@ -474,8 +474,8 @@ def test_a_campaign_has_columns_for_it_where_it_asks_for_them(tmp_path, monkeypa
     ({'draw': 5}, "world has no field 'draw'"), ({'draws': 0}, 'draws is 0'), (7, 'assess is 7'),
     ({'channel': {'exponent': 9}}, 'channel.exponent is 9')])
 def test_a_campaign_with_a_wrong_assessment_is_refused(tmp_path, given, words):
-    from secure_uav_planner.apps.campaign.specification import load
+    from secure_uav_planner.apps.campaign.specification import load_campaign
     (tmp_path / 'a.json').write_text(json.dumps(
         {'mission': Scenario.paper().to_dict(), 'assess': given}))
     with pytest.raises(MissionFileError, match=words):
-        load(tmp_path / 'a.json')
+        load_campaign(tmp_path / 'a.json')

@@ -4,7 +4,7 @@ import sys
 import numpy as np
 import pytest
 from secure_uav_planner import Scenario, solve
-from secure_uav_planner.apps.bench import __main__ as bench, measure, report
+from secure_uav_planner.apps.bench import __main__ as bench, measuring, report
 from secure_uav_planner.apps.bench.fatrop import solve_by_fatrop
 from secure_uav_planner.apps.bench.ipopt import solve_by_ipopt
 from secure_uav_planner.apps.bench.missions import random_mission
@@ -77,12 +77,12 @@ def test_the_quick_benchmark_writes_tables_and_a_picture(monkeypatch, capsys, tm
 
 
 def test_the_peak_memory_is_that_of_the_solve_and_not_of_who_measures():
-    before = measure.peak_memory(20)
+    before = measuring.peak_memory(20)
     ours = np.ones(2 ** 26)  # 512 MB
-    assert measure.peak_memory(20) < min(1.5 * before, ours.nbytes / 2 ** 20)
+    assert measuring.peak_memory(20) < min(1.5 * before, ours.nbytes / 2 ** 20)
 
 
 def test_a_table_leaves_missing_values_empty():
-    table = report.markdown([{'name': 'a', 'rate': 1.23456}, {'name': 'b', 'ratio': np.pi}])
+    table = report.table_of([{'name': 'a', 'rate': 1.23456}, {'name': 'b', 'ratio': np.pi}])
     assert table == ('| name | rate | ratio |\n| --- | --- | --- |\n'
                      '| a | 1.2346 |  |\n| b |  | 3.14 |\n')

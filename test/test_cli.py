@@ -18,7 +18,7 @@ import threading
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
-from secure_uav_planner.apps.cli.main import main, make_parser, STATUSES
+from secure_uav_planner.apps.cli.main import EXIT_STATUSES, main, make_parser
 from secure_uav_planner.output.geodesy import Origin
 from secure_uav_planner.output.qgroundcontrol import mission, TOLERANCE
 from secure_uav_planner.plan.plan import OBJECTIVES
@@ -441,7 +441,7 @@ def test_the_reference_has_every_part_option_and_status_of_the_command():
         for action in parser._actions:
             for option in action.option_strings:
                 assert option in ('-h', '--help', '-o') or f'`{option}' in section, option
-    for status, meaning in STATUSES.items():
+    for status, meaning in EXIT_STATUSES.items():
         assert f'| {status} | {meaning} |' in section
     assert not set(re.findall(r'`(--[\w-]+)', section)) - {
         option for parser in [make_parser(), *parsers().values()]

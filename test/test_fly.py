@@ -9,10 +9,9 @@ from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav
 from secure_uav_planner.apps.fly import missions, report
 from secure_uav_planner.apps.fly.__main__ import main
 from secure_uav_planner.apps.fly.events import fly_event
-from secure_uav_planner.apps.fly.flight import fly
-from secure_uav_planner.apps.fly.gusts import Gusts
+from secure_uav_planner.apps.fly.flight import fly_plan
 from secure_uav_planner.apps.fly.picture import save_event_flight, save_flight
-from secure_uav_planner.apps.fly.quadrotor import Quadrotor, STEP
+from secure_uav_planner.apps.fly.quadrotor import Gusts, Quadrotor, STEP
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
@@ -29,12 +28,12 @@ def plan():
 
 @pytest.fixture(scope='module')
 def flight(plan):
-    return fly(plan, seed=1)
+    return fly_plan(plan, seed=1)
 
 
 def test_quadrotors_in_gusts_fly_the_plan_from_the_setpoints_of_the_replay_node(plan, flight):
-    found = report.report('short', flight)
-    print(f'\n{report.table([found])}')
+    found = report.report_of('short', flight)
+    print(f'\n{report.flight_table([found])}')
     assert found.error_rms < 2.0 and found.error_max < 6.0
     assert found.arrival < 4.0
     assert found.flown_rate == pytest.approx(found.planned_rate, rel=0.01)
@@ -79,11 +78,11 @@ def test_the_distance_from_zones_and_fence_is_the_smallest_at_the_height(plan):
     scenario = replace(plan.scenario, no_fly_zones=zones)
     for place, expected in (((13.0, 14.0, 40.0), 5.0), ((4.0, 5.0, 40.0), -4.0),
                             ((4.0, 5.0, 51.0), math.inf)):
-        assert report.clearance(scenario, np.array([[place]])) == pytest.approx(expected)
+        assert report.smallest_clearance(scenario, np.array([[place]])) == pytest.approx(expected)
     fenced = replace(plan.scenario, geofence=(
         (-200.0, -200.0), (200.0, -200.0), (200.0, 200.0), (-200.0, 200.0)))
     for place, expected in (((190.0, 0.0, 40.0), 10.0), ((230.0, 240.0, 40.0), -50.0)):
-        assert report.clearance(fenced, np.array([[place]])) == pytest.approx(expected)
+        assert report.smallest_clearance(fenced, np.array([[place]])) == pytest.approx(expected)
 
 
 def test_a_vehicle_turns_round_in_the_wind_without_leaving_its_place():

@@ -15,7 +15,7 @@ import pytest
 from secure_uav_planner import METHODS, Plan, Scenario, solve
 from secure_uav_planner.apps.campaign.journal import Journal
 from secure_uav_planner.apps.campaign.results import draw_figure
-from secure_uav_planner.apps.campaign.specification import load
+from secure_uav_planner.apps.campaign.specification import load_campaign
 from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.errors import MissionFileError
 from test_cli import environment, limited, MODULE, PATIENCE
@@ -74,7 +74,8 @@ def test_every_mission_is_planned_once_and_is_a_row(folder, capsys):
     assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '2']) == 0
     rows = journal()
     # Two durations, two radii, two draws, three pairs of a method and an objective.
-    assert len(rows) == len(load('campaign.yaml')) == len({row['key'] for row in rows}) == 24
+    assert load_campaign('campaign.yaml').size == 24
+    assert len(rows) == len({row['key'] for row in rows}) == 24
     # 60 s are too short: a failure is a row with its reason.
     failed = [row for row in rows if row['outcome'] != 'ok']
     assert {row['fields']['duration'] for row in failed} == {60.0} and len(failed) == 12
@@ -137,7 +138,7 @@ def test_draws_are_those_of_the_seed_and_the_same_for_every_scheme_and_place(fol
     def places(seed):
         Path('campaign.yaml').write_text(CAMPAIGN.replace('seed: 3', f'seed: {seed}'))
         return [(task['sample'], *task['fields']['eavesdroppers.0.position'])
-                for task in load('campaign.yaml').tasks()]
+                for task in load_campaign('campaign.yaml').tasks()]
     assert places(3) == places(3) != places(4)
     assert len(set(places(3))) == 2
     assert all(150 <= x <= 250 and -50 <= y <= 50 for _, x, y in places(3))
@@ -276,7 +277,7 @@ def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
 def test_a_wrong_campaign_is_refused_in_a_line(folder, capsys, text, reason):
     Path('campaign.yaml').write_text(text)
     with pytest.raises(MissionFileError) as error:
-        load('campaign.yaml')
+        load_campaign('campaign.yaml')
     assert any(reason in problem for _, problem in error.value.problems)
     assert main(['sweep', 'campaign.yaml']) == 2
     assert reason in capsys.readouterr().err and not Path('out').exists()
@@ -287,7 +288,7 @@ def test_a_field_of_all_members_and_of_one_coordinate_can_be_varied(folder):
 mission: mission.yaml
 vary: {uavs.*.max_speed: [12.0], uavs.0.start.1: [450.0]}
 """)
-    [task] = load('campaign.yaml').tasks()
+    [task] = load_campaign('campaign.yaml').tasks()
     assert [uav['max_speed'] for uav in task['mission']['uavs']] == [12.0, 12.0]
     assert task['mission']['uavs'][0]['start'] == [100.0, 450.0]
 

@@ -7,7 +7,7 @@ pages. `make numbers` runs study and flights before.
 """
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 import math
 from pathlib import Path
 import re
@@ -18,6 +18,7 @@ from ..errors import PlanningError
 from ..mission import METHODS, Objective, OBJECTIVES
 from ..mission.scenario import Scenario
 from ..optimize import fly_hover_fly, solve
+from ..output.table import markdown_table
 
 PAGES = ('README.md', 'docs/explanation.md')
 BLOCK = re.compile(r'(<!-- numbers: (\w+) -->\n).*?(<!-- end of numbers -->\n)', re.DOTALL)
@@ -62,7 +63,7 @@ def rates(proof: float = _PROOF) -> str:
              'this planner, `objective: guaranteed`': solve(scenario, objective='guaranteed'),
              'this planner': (plan := solve(scenario))}
     bound = upper_bound(scenario, plan=plan, time_limit=proof)
-    return _table(
+    return markdown_table(
         ('scheme', 'guaranteed rate (bit/s/Hz)', 'worst-case rate (bit/s/Hz)',
          f'below the best possible, at most (proof of {bound.solve_time:.0f} s)'),
         ((name, f'{plan.guaranteed_rate:.4f}', f'{plan.worst_case_rate:.4f}',
@@ -72,7 +73,7 @@ def rates(proof: float = _PROOF) -> str:
 
 def objectives() -> str:
     """Return the worst-case rates that both objectives lead to."""
-    return _table(
+    return markdown_table(
         ('T (s), error radius (m)', 'worst-case rate of the (P2) plan', 'of the (P1) plan'),
         ((f'{duration}, {radius}', *(f'{_worst_case_rate(duration, radius, one):.4f}'
                                      for one in OBJECTIVES)) for duration, radius in _MISSIONS))
@@ -86,16 +87,10 @@ def methods() -> str:
     """Return rates and times of both methods with the paper's objective."""
     plans = ((duration, solve(Scenario.paper(duration), method, objective='guaranteed'))
              for duration in (102.0, 200.0) for method in METHODS)
-    return _table(
+    return markdown_table(
         ('T', 'method', 'guaranteed rate', 'steps', 'time'),
         ((f'{duration:g} s', f'`{plan.method}`', f'{plan.guaranteed_rate:.4f}',
           len(plan.history) - 1, f'{plan.solve_time:.2g} s') for duration, plan in plans))
-
-
-def _table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """Return a Markdown table."""
-    lines = (head, ['---'] * len(head), *rows)
-    return '\n'.join(f'| {" | ".join(map(str, line))} |' for line in lines)
 
 
 def _of_file(path: str, number: int = 0) -> Callable[[], str]:

@@ -41,7 +41,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
     checked_kind('plan', plan, Plan)
     world = World() if world is None else checked_kind('world', world, World)
     _check_numbers(draws, seed)
-    scenario = replace(plan.scenario, channel=world.channel_for(plan.scenario))
+    scenario = replace(plan.scenario, channel=world.channel or plan.scenario.channel)
     if world.positions is not None and len(world.positions) != len(scenario.eavesdroppers):
         raise OptionError(f'positions has {len(world.positions)} places; it must have one for '
                           f'each of the {len(scenario.eavesdroppers)} eavesdroppers')

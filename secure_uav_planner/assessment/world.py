@@ -9,14 +9,12 @@ import numpy as np
 from ..errors import OptionError, ScenarioError, shown
 from ..mission import Place, PLACES
 from ..mission.propagation import Channel
-from ..mission.scenario import Point, Scenario
+from ..mission.scenario import Point
 from ..mission.validation import (
-    Array, checked_block, checked_fields, checked_number, checked_point)
+    Array, checked_block, checked_fields, checked_number, checked_point, set_checked)
 
 CONFIDENCE = 0.95
 """Probability of the disc where a normal place has no covariance of its own, as in the planner."""
-
-_NUMBERS = ('beyond', 'receiver_db', 'tracking_std', 'tracking_time')
 
 
 @dataclass(frozen=True)
@@ -64,11 +62,9 @@ class World:
         if self.place not in PLACES:
             raise OptionError(f'place is {shown(self.place)}; it must be one of '
                               f'{", ".join(PLACES)}', ('place',))
-        for field in _NUMBERS:
-            object.__setattr__(self, field, checked_number('', field, getattr(self, field)))
-        if self.los_distance is not None:
-            object.__setattr__(self, 'los_distance', checked_number(
-                '', 'los_distance', self.los_distance))
+        set_checked(self, '', checked_number,
+                    'beyond', 'receiver_db', 'tracking_std', 'tracking_time')
+        set_checked(self, '', checked_number, 'los_distance', optional=True)
         if self.channel is not None:
             object.__setattr__(self, 'channel', checked_block('channel', self.channel, Channel))
         for field, count in (('positions', None), ('covariance', 2)):
@@ -95,10 +91,6 @@ class World:
             if xy != yx or min(xx, yy) < 0 or xy**2 > xx * yy:
                 raise OptionError(f'covariance is {shown(self.covariance)}; it must be symmetric '
                                   'and positive semidefinite', ('covariance',))
-
-    def channel_for(self, scenario: Scenario) -> Channel:
-        """Return the channel that counts."""
-        return scenario.channel if self.channel is None else self.channel
 
     def deviations(self, radius: float) -> Array:
         """Return a root of the covariance of a normal place, (2, 2) in m, for an error radius."""

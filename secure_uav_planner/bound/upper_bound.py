@@ -21,9 +21,11 @@ from .search.initial_multipliers import InitialMultipliers
 from .search.multiplier_search import MultiplierSearch
 from .search.newton import DualPoint
 from ..errors import OptionError
+from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
-from ..mission.validation import checked_callback, checked_kind, checked_time_limit
-from ..plan.bound import Bound, checked_objective, checked_plan, Progress
+from ..mission.validation import (
+    checked_callback, checked_choice, checked_kind, checked_time_limit)
+from ..plan.bound import Bound, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
 
 MOST_EAVESDROPPERS = {0: 3, 1: 3, 2: 2}
@@ -101,7 +103,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     """
     started = time.monotonic()
     checked_kind('scenario', scenario, Scenario)
-    checked_objective(objective)
+    checked_choice('objective', objective, OBJECTIVES)
     _check_channel(scenario)
     limit = checked_time_limit(time_limit)
     checked_callback('on_progress', on_progress)

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from .kinematics import Vehicle
 from .polygons import checked_polygon, Vertices
 from .propulsion import Propulsion
-from .validation import checked_block, checked_name, checked_number, checked_point, Point
+from .validation import (
+    checked_block, checked_name, checked_number, checked_point, Point, set_checked)
 from ..errors import ScenarioError, shown
 
 _ROUNDING = 1e-9
@@ -34,9 +36,8 @@ class Eavesdropper:
     def __post_init__(self) -> None:
         checked_name('eavesdropper', self.name)
         owner = f'{shown(self.name)[1:-1]} '
-        object.__setattr__(self, 'position', checked_point(owner, 'position', self.position))
-        for field in ('error_radius', 'receiver_advantage_db'):
-            object.__setattr__(self, field, checked_number(owner, field, getattr(self, field)))
+        set_checked(self, owner, checked_point, 'position')
+        set_checked(self, owner, checked_number, 'error_radius', 'receiver_advantage_db')
 
 
 @dataclass(frozen=True)
@@ -75,29 +76,28 @@ class Uav:
     def __post_init__(self) -> None:
         checked_name('uav', self.name)
         owner = f'{shown(self.name)[1:-1]}.'
-        for field in ('start', 'goal'):
-            object.__setattr__(self, field, checked_point(owner, field, getattr(self, field)))
-        for field in ('altitude', 'max_speed', 'average_power', 'peak_power'):
-            object.__setattr__(self, field, checked_number(owner, field, getattr(self, field)))
+        set_checked(self, owner, checked_point, 'start', 'goal')
+        set_checked(self, owner, checked_number,
+                    'altitude', 'max_speed', 'average_power', 'peak_power')
         if self.peak_power < self.average_power:
             raise ScenarioError(
                 f'{owner}peak_power is {self.peak_power!r}; '
                 f'it must be at least average_power, which is {self.average_power!r}',
                 ('peak_power',))
-        if self.max_acceleration is not None:
-            object.__setattr__(self, 'max_acceleration', checked_number(
-                owner, 'max_acceleration', self.max_acceleration))
-        for field in ('start_velocity', 'goal_velocity'):
-            if getattr(self, field) is not None:
-                velocity = checked_point(owner, field, getattr(self, field))
-                if math.hypot(*velocity) > self.max_speed * (1 + _ROUNDING):
-                    raise ScenarioError(
-                        f'{owner}{field} is {shown(velocity)}, {math.hypot(*velocity):g} m/s; it '
-                        f'must be at most max_speed, which is {self.max_speed:g} m/s', (field,))
-                object.__setattr__(self, field, velocity)
+        set_checked(self, owner, checked_number, 'max_acceleration', optional=True)
+        set_checked(self, owner, self._checked_velocity, 'start_velocity', 'goal_velocity',
+                    optional=True)
         if self.propulsion is not None:
             object.__setattr__(self, 'propulsion', checked_block(
                 'propulsion', self.propulsion, Propulsion))
+
+    def _checked_velocity(self, owner: str, field: str, value: Any) -> Point:
+        velocity = checked_point(owner, field, value)
+        if math.hypot(*velocity) > self.max_speed * (1 + _ROUNDING):
+            raise ScenarioError(
+                f'{owner}{field} is {shown(velocity)}, {math.hypot(*velocity):g} m/s; it must be '
+                f'at most max_speed, which is {self.max_speed:g} m/s', (field,))
+        return velocity
 
     def bend_at(self, end: str, slot_duration: float) -> float:
         """
@@ -143,10 +143,10 @@ class NoFlyZone:
         if not isinstance(self.name, str):
             raise ScenarioError(f'zone name is {shown(self.name)}; it must be text', ('name',))
         owner = f'{shown(self.name)[1:-1]}.' if self.name else 'zone '
-        object.__setattr__(self, 'vertices', checked_polygon(owner, 'vertices', self.vertices))
-        object.__setattr__(self, 'floor', checked_number(owner, 'floor', self.floor))
-        object.__setattr__(self, 'ceiling', math.inf if self.ceiling is None else checked_number(
-            owner, 'ceiling', self.ceiling))
+        set_checked(self, owner, checked_polygon, 'vertices')
+        if self.ceiling is None:
+            object.__setattr__(self, 'ceiling', math.inf)
+        set_checked(self, owner, checked_number, 'floor', 'ceiling')
         if self.floor > self.ceiling:
             raise ScenarioError(f'{owner}floor is {self.floor:g} m; it must be at most ceiling, '
                                 f'which is {self.ceiling:g} m', ('floor',))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-from .validation import checked_number
+from .validation import checked_number, set_checked
 from ..errors import ScenarioError, shown
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
@@ -45,17 +45,14 @@ class Channel:
     outage: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'exponent', checked_number(
-            'channel.', 'exponent', self.exponent))
+        set_checked(self, 'channel.', checked_number, 'exponent')
         object.__setattr__(self, 'los', _checked_los(self.los))
         if not isinstance(self.cautious, bool):
             raise ScenarioError(f'channel.cautious is {shown(self.cautious)}; it must be true or '
                                 'false', ('cautious',))
         for field, other in (('rician_k_db', 'outage'), ('outage', 'rician_k_db')):
-            value = getattr(self, field)
-            if value is not None:
-                object.__setattr__(self, field, checked_number('channel.', field, value))
-            elif getattr(self, other) is not None:
+            set_checked(self, 'channel.', checked_number, field, optional=True)
+            if getattr(self, field) is None and getattr(self, other) is not None:
                 raise ScenarioError(f'channel.{field} is None; it must be a number, as '
                                     f'channel.{other} is one', (field,))
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .validation import Array, checked_array, checked_number
+from .validation import Array, checked_array, checked_number, set_checked
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,7 @@ class Propulsion:
     disc_area: float = 0.503
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, checked_number(
-                'propulsion.', field.name, getattr(self, field.name)))
+        set_checked(self, 'propulsion.', checked_number, *(field.name for field in fields(self)))
 
     def power(self, speeds: Any) -> Array:
         """Return P(V), equation (12), in W at speeds V in m/s of any shape."""

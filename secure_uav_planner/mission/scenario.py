@@ -1,4 +1,4 @@
-"""What is asked: the mission, the channel and the people on the ground."""
+"""What is asked: the mission, the channel and the receivers."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -13,7 +13,7 @@ from .polygons import checked_polygon, depth, grown, Vertices
 from .propagation import Channel
 from .validation import (
     Array, checked_fields, checked_members, checked_number, checked_point, checked_real, LIMITS,
-    Point, read_only, told_apart)
+    Point, read_only, set_checked, told_apart)
 from .views import view
 from ..errors import InfeasibleMissionError, ScenarioError, shown, within
 
@@ -83,22 +83,20 @@ class Scenario:
     colluding: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'ground_node', checked_point('', 'ground_node', self.ground_node))
+        set_checked(self, '', checked_point, 'ground_node')
         for field, kind in (('eavesdroppers', Eavesdropper), ('uavs', Uav)):
             object.__setattr__(self, field, checked_members(
                 field, getattr(self, field), kind, 1, MAX_MEMBERS))
-        object.__setattr__(self, 'duration', checked_number('', 'duration', self.duration))
         slots = checked_number('', 'slots', self.slots)
         if not slots.is_integer():
             raise ScenarioError(
                 f'slots is {shown(self.slots)}; it must be a whole number', ('slots',))
         object.__setattr__(self, 'slots', int(slots))
-        for field in ('reference_snr_db', 'separation', 'tracking_margin'):
-            object.__setattr__(self, field, checked_number('', field, getattr(self, field)))
+        set_checked(self, '', checked_number,
+                    'duration', 'reference_snr_db', 'separation', 'tracking_margin')
         object.__setattr__(self, 'no_fly_zones', checked_members(
             'no_fly_zones', self.no_fly_zones, NoFlyZone, 0, MAX_ZONES))
-        if self.geofence is not None:
-            object.__setattr__(self, 'geofence', checked_polygon('', 'geofence', self.geofence))
+        set_checked(self, '', checked_polygon, 'geofence', optional=True)
         if not isinstance(self.channel, Channel):
             raise ScenarioError(
                 f'channel is {shown(self.channel)}; it must be a Channel', ('channel',))
@@ -376,7 +374,7 @@ class Scenario:
         :raises OSError: when the file cannot be written; an old one is left as it was.
         """
         from . import formats  # Here and not above: its reader of YAML takes time to import.
-        formats.save(checked_path(path), self.to_dict())
+        formats.write_mission(checked_path(path), self.to_dict())
 
     def plot(self) -> 'Figure':
         """
@@ -400,7 +398,8 @@ class Scenario:
             is wrong.
         """
         from . import formats
-        scenario: Scenario = formats.load(checked_path(path), formats.Schema(*_neutral()))
+        scenario: Scenario = formats.read_mission(
+            checked_path(path), formats.Schema(*_neutral()))
         return scenario
 
 

@@ -1,6 +1,6 @@
 """Checks of the fields of what is asked, and of the arguments of functions."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, MISSING
 import difflib
 import math
@@ -105,6 +105,22 @@ def checked_members(field: str, values: object, kind: type[Any],
     return tuple(values)
 
 
+def set_checked(item: object, owner: str, check: Callable[[str, str, Any], Any], *names: str,
+                optional: bool = False) -> None:
+    """
+    Replace fields of a frozen dataclass by what a check returns of them.
+
+    :param owner: what messages put before the name of a field.
+    :param check: called with the owner, the field and its value, such as checked_number.
+    :param names: of the fields.
+    :param optional: whether they may be None.
+    """
+    for name in names:
+        value = getattr(item, name)
+        if value is not None or not optional:
+            object.__setattr__(item, name, check(owner, name, value))
+
+
 def checked_name(what: str, name: object) -> str:
     """Return a non-empty string, or raise ScenarioError."""
     if not isinstance(name, str) or not name:
@@ -155,6 +171,12 @@ def told_apart(names: list[str]) -> tuple[str, ...]:
             unique, number = f'{name}{number}', number + 1
         found.append(unique)
     return tuple(found)
+
+
+def checked_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
+    """Raise OptionError unless an argument is one of the strings that are allowed."""
+    if not isinstance(value, str) or value not in allowed:
+        raise OptionError(f'{name} is {shown(value)}; it must be one of {shown(allowed)}', (name,))
 
 
 def checked_kind(name: str, value: object, kind: type[_Kind]) -> _Kind:

@@ -1,6 +1,6 @@
-"""The rates of plans as a table of text, for a terminal."""
+"""Tables of text: rates of plans and of assessments for a terminal, and Markdown."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 import math
 from typing import Any
 
@@ -75,3 +75,9 @@ def assessment_table(assessment: Any) -> str:
               f'{"outage":<{_NAME}}' + ''.join(f'{share:>{_RATE}.4%}' for share in (
                   found['promised_outage'], assessment.outages.mean(), found['outage']))]
     return '\n'.join(lines)
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return rows of cells as a table in Markdown."""
+    lines = (head, ['---'] * len(head), *rows)
+    return '\n'.join(f'| {" | ".join(map(str, line))} |' for line in lines)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, Protocol
+from typing import Any
 
 from ..errors import OptionError, shown
 from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
-from ..mission.validation import checked_kind
+from ..mission.validation import checked_choice, checked_kind
 
 STATUSES = ('converged', 'time_limit', 'cancelled')
 """Why the search ended; the bound is valid whatever the reason."""
@@ -17,23 +17,7 @@ STATUSES = ('converged', 'time_limit', 'cancelled')
 RATE_NAMES = {'guaranteed': 'guaranteed rate', 'worst_case': 'worst-case rate'}
 """What each objective maximises, in words."""
 
-_FIELDS = ('rate', 'objective', 'ignored', 'solve_time', 'status')
-
-
-class Rated(Protocol):
-    """What a bound needs of a plan: its scenario and its rates in bit/s/Hz."""
-
-    @property
-    def scenario(self) -> Scenario:
-        """Return what the plan is for."""
-
-    @property
-    def guaranteed_rate(self) -> float:
-        """Return the mean of the rate of (P2)."""
-
-    @property
-    def worst_case_rate(self) -> float:
-        """Return the mean of the rate of (P1)."""
+_FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']
 
 
 @dataclass(frozen=True)
@@ -77,17 +61,24 @@ class Bound:
 
     def __post_init__(self) -> None:
         checked_kind('scenario', self.scenario, Scenario)
-        object.__setattr__(self, 'rate', _checked_rate(self.rate))
-        checked_objective(self.objective)
-        _checked_status(self.status)
-        object.__setattr__(self, 'ignored', _checked_names(self.ignored))
-        object.__setattr__(self, 'solve_time', _checked_time(self.solve_time))
+        checked_choice('objective', self.objective, OBJECTIVES)
+        checked_choice('status', self.status, STATUSES)
+        if not _is_number(self.rate) or math.isnan(self.rate):
+            raise OptionError(f'rate is {shown(self.rate)}; it must be a number in bit/s/Hz')
+        if not _is_number(self.solve_time) or not 0 <= self.solve_time < math.inf:
+            raise OptionError(
+                f'solve_time is {shown(self.solve_time)}; it must be a finite number from 0')
+        if not isinstance(self.ignored, (list, tuple)) or not all(
+                isinstance(name, str) for name in self.ignored):
+            raise OptionError(f'ignored is {shown(self.ignored)}; it must be names of limits')
+        for field, kind in (('rate', float), ('solve_time', float), ('ignored', tuple)):
+            object.__setattr__(self, field, kind(getattr(self, field)))
 
     def __repr__(self) -> str:
         return (f'<Bound: no plan has a {RATE_NAMES[self.objective]} above {self.rate:.4f} '
                 f'bit/s/Hz, {self.status}>')
 
-    def gap(self, plan: Rated) -> float:
+    def gap(self, plan: Any) -> float:
         """
         Return which share of its rate a plan may be missing, (bound - rate) / rate.
 
@@ -103,7 +94,7 @@ class Bound:
             return (self.rate - rate) / rate
         return math.inf if self.rate > rate else 0.0
 
-    def share_missing(self, plan: Rated) -> float:
+    def share_missing(self, plan: Any) -> float:
         """
         Return which share of the best possible rate a plan misses at most, (bound - rate) / bound.
 
@@ -113,7 +104,7 @@ class Bound:
         gap = self.gap(plan)
         return 1.0 if math.isinf(gap) else gap / (1.0 + gap)
 
-    def claim(self, plan: Rated) -> str:
+    def claim(self, plan: Any) -> str:
         """
         Return in words what it proves of a plan, such as 'at most 0.9% below the best possible'.
 
@@ -143,65 +134,21 @@ class Bound:
         :param scenario: what the bound is for.
         :raises OptionError: for a missing or unknown field as well as for a wrong value.
         """
-        data = dict(_checked_fields(data, _FIELDS))
-        if data['rate'] is None:
-            data['rate'] = math.inf
-        return cls(scenario=scenario, **data)
+        if not isinstance(data, dict) or sorted(map(str, data)) != _FIELDS:
+            found = sorted(map(str, data)) if isinstance(data, dict) else data
+            raise OptionError(f'a bound has the fields {shown(found)}; it must have {_FIELDS!r}')
+        return cls(scenario=scenario, **{
+            **data, 'rate': math.inf if data['rate'] is None else data['rate']})
 
 
-def checked_objective(objective: Any) -> str:
-    """Return the objective, or raise OptionError naming those that there are."""
-    return _one_of('objective', objective, OBJECTIVES)
-
-
-def checked_plan(plan: Any, scenario: Scenario) -> Rated:
-    """Return the plan; raise OptionError unless it is one of this very scenario."""
+def checked_plan(plan: Any, scenario: Scenario) -> None:
+    """Raise OptionError unless a plan is one of this very scenario."""
     if not isinstance(getattr(plan, 'scenario', None), Scenario):
         raise OptionError(f'plan is {shown(plan)}; it must be a Plan')
     if plan.scenario != scenario:
         raise OptionError('plan is for another scenario; '
                           'it must be a plan of the scenario that the bound is for')
-    rated: Rated = plan
-    return rated
 
 
-def _checked_status(status: Any) -> str:
-    """Return the status, or raise OptionError naming those that there are."""
-    return _one_of('status', status, STATUSES)
-
-
-def _checked_rate(rate: Any) -> float:
-    """Return a bound as a float; raise OptionError unless it is a number or infinite."""
-    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or math.isnan(rate):
-        raise OptionError(f'rate is {shown(rate)}; it must be a number in bit/s/Hz')
-    return float(rate)
-
-
-def _checked_names(ignored: Any) -> tuple[str, ...]:
-    """Return the names of limits as a tuple; raise OptionError for anything else."""
-    if not isinstance(ignored, (list, tuple)) or not all(
-            isinstance(name, str) for name in ignored):
-        raise OptionError(f'ignored is {shown(ignored)}; it must be names of limits')
-    return tuple(ignored)
-
-
-def _checked_time(solve_time: Any) -> float:
-    """Return a time that was taken as a float; raise OptionError unless it is from 0 s."""
-    if (isinstance(solve_time, bool) or not isinstance(solve_time, (int, float))
-            or not 0 <= solve_time < math.inf):
-        raise OptionError(f'solve_time is {shown(solve_time)}; it must be a finite number from 0')
-    return float(solve_time)
-
-
-def _checked_fields(data: Any, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return what Bound.to_dict wrote; raise OptionError for missing or unknown fields."""
-    if not isinstance(data, dict) or set(data) != set(names):
-        found = sorted(map(str, data)) if isinstance(data, dict) else data
-        raise OptionError(f'a bound has the fields {shown(found)}; it must have {sorted(names)!r}')
-    return data
-
-
-def _one_of(field: str, value: Any, allowed: tuple[str, ...]) -> str:
-    if not isinstance(value, str) or value not in allowed:
-        raise OptionError(f'{field} is {shown(value)}; it must be one of {shown(allowed)}')
-    return value
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)

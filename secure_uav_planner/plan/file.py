@@ -23,7 +23,7 @@ _COMPUTED = ('guaranteed_rate', 'worst_case_rate')
 AnyPlan = TypeVar('AnyPlan')  # Plan, which imports this module.
 
 
-def save(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
+def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
     """Write a Plan to a file; Plan.save describes it."""
     document = {
         'format': _FORMAT,
@@ -45,7 +45,7 @@ def save(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
         json.dump(document, file, allow_nan=False)
 
 
-def load(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
+def read_plan(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
     """Return the plan of a file, of the class Plan; Plan.load describes it."""
     checked_path(path)
     try:

@@ -15,7 +15,7 @@ STATUS_TEXTS: dict[Status, str] = {
     'cancelled': 'cancelled, with the best feasible plan so far',
     'numerical_trouble': 'a step of the solver failed, the best feasible plan is kept',
 }
-"""What each status means to a person."""
+"""What each status means, in words."""
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 

@@ -345,7 +345,7 @@ class Plan:
             seconds to evaluate; it is for readers of the file, and load does not need it.
         :raises OSError: when the file cannot be written; an old one is left as it was.
         """
-        file.save(self, path, evaluate)
+        file.write_plan(self, path, evaluate)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> 'Plan':
@@ -358,7 +358,7 @@ class Plan:
         :raises PlanFileError: when it is damaged, of another kind or of a newer version, or
             breaks its own scenario.
         """
-        return file.load(path, cls)
+        return file.read_plan(path, cls)
 
 
 def _values(plan: Plan) -> tuple[Any, ...]:

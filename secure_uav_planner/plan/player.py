@@ -134,7 +134,7 @@ class Player:
         assert self.playback is not None
         return [uav.altitude for uav in self.playback.plan.scenario.uavs]
 
-    # What a person asks for
+    # What a user asks for
 
     @property
     def ended(self) -> bool:
@@ -227,23 +227,6 @@ class Player:
         if not self.streaming:
             # The first setpoint is the start itself.
             self._rested, elapsed = self._rested + elapsed, 0.0
-        return self._step(now_ns, elapsed, speed, eavesdropper, is_ready)
-
-    def advance(self, seconds: float, eavesdropper: ArrayLike | None = None) -> Moment:
-        """
-        Go on by a time in s without a clock; return the Moment.
-
-        :param eavesdropper: where it really is, (x, y) in m, or None.
-        :raises OptionError: before a plan has been loaded.
-        """
-        if self.playback is None:
-            raise OptionError('no plan has been loaded; there is nothing to play')
-        now_ns = self._ticked_ns if self._ticked_ns is not None else self.due_ns or 0
-        moment = self._step(now_ns + round(seconds * 1e9), seconds, 1.0, eavesdropper, True)
-        return moment or self._moment(self.playback, self.time, 0.0)
-
-    def _step(self, now_ns: int, elapsed: float, speed: float, eavesdropper: ArrayLike | None,
-              is_ready: bool) -> Moment | None:
         self._ticked_ns = now_ns
         if self.playback is None or not self.streaming and not (self.playing and is_ready):
             return None

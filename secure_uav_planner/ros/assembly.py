@@ -8,6 +8,7 @@ import numpy as np
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from .messages import nanoseconds
 from .parameters import LONGEST_FRAME
 from ..errors import PlanError, shown
 from ..mission.propagation import Channel
@@ -242,11 +243,11 @@ def _check_frames(paths: Mapping[str, Path]) -> None:
 
 def _timing(paths: Mapping[str, Path]) -> tuple[int, float]:
     """Return the time of point 0 in ns and the length of a slot in s."""
-    stamps = {name: _nanoseconds(path.header.stamp) for name, path in paths.items()}
+    stamps = {name: nanoseconds(path.header.stamp) for name, path in paths.items()}
     if len(set(stamps.values())) > 1:
         raise PlanError('the paths are of different plans, their stamps differ: ' + ', '.join(
             f'{name}/path {stamp * 1e-9:.3f} s' for name, stamp in list(stamps.items())[:4]))
-    times = np.array([[_nanoseconds(at.header.stamp) for at in path.poses]
+    times = np.array([[nanoseconds(at.header.stamp) for at in path.poses]
                       for path in paths.values()])
     first, step = times[0, 0], (times[0, -1] - times[0, 0]) / (times.shape[1] - 1)
     if not step > 0:
@@ -272,7 +273,3 @@ def _check_values(names: Sequence[str], places: Array, watts: Array) -> None:
         if np.ptp(line[:, 2]) > _SAME_ALTITUDE:
             raise PlanError(f'{name}/path climbs by {np.ptp(line[:, 2]):g} m; the altitude must '
                             f'be constant')
-
-
-def _nanoseconds(stamp: object) -> int:
-    return stamp.sec * 10**9 + stamp.nanosec

@@ -11,7 +11,8 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.time import Time
 
-from .poses import Message, refusal
+from .messages import nanoseconds
+from .poses import frame_refusal, Message
 from ..errors import brief, PoseError, with_type, WrongFrameError
 from ..mission.scenario import Array
 from ..output.autopilots import rotation
@@ -43,7 +44,7 @@ class Frames:
             the transform.
         :raises PoseError: if the transform cannot be used.
         """
-        reason = refusal(message, frame_id)
+        reason = frame_refusal(message, frame_id)
         try:
             listens = self._listener is not None or self._listen()
         except Exception as error:  # Such as one of an enclave that does not allow it.
@@ -79,15 +80,10 @@ class Frames:
             # Poses come as soon as they are measured and transforms a little later; ValueErrors
             # are about stamps before 1970.
             found = self._buffer.lookup_transform(frame_id, header.frame_id, latest)
-            lag = seconds(header.stamp) - seconds(found.header.stamp)
-            if abs(lag) > _LONGEST_LAG:
+            lag = nanoseconds(header.stamp) - nanoseconds(found.header.stamp)
+            if abs(lag) > _LONGEST_LAG * 1e9:
                 raise
             return found.transform
-
-
-def seconds(stamp: Any) -> float:
-    """Return a stamp in s."""
-    return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
 def moved(message: Message, transform: Transform, frame_id: str) -> Message:

@@ -45,6 +45,11 @@ def stamp_at(plan: Plan, seconds: float = 0.0) -> Stamp:
     return Time(nanoseconds=max(0, (plan.start_ns or 0) + round(seconds * 1e9))).to_msg()
 
 
+def nanoseconds(stamp: Stamp) -> int:
+    """Return the ns of a builtin_interfaces/Time."""
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
 def plan_time(plan: Plan, seconds: float, stamp: Stamp) -> TimeReference:
     """
     Return what a follower of a plan says of its time.
@@ -171,10 +176,9 @@ def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
     velocity, acceleration = (
         [(of.linear.x, of.linear.y, of.linear.z) for of in kind[:1]]
         for kind in (at.velocities, at.accelerations))
-    stamp = message.header.stamp
     east, north, _ = rotation((turn.x, turn.y, turn.z, turn.w), 'rotation').apply((1.0, 0.0, 0.0))
     return Setpoint(
-        message.header.frame_id, stamp.sec * 10**9 + stamp.nanosec, (place.x, place.y, place.z),
+        message.header.frame_id, nanoseconds(message.header.stamp), (place.x, place.y, place.z),
         math.atan2(north, east), velocity[0] if velocity else None,
         acceleration[0] if acceleration else None,
         (at.velocities[0].angular.z or None) if at.velocities else None)

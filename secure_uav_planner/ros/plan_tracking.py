@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import TimeReference
 
+from .messages import nanoseconds
 from .poses import PoseBook
 from .scenarios import sighting_of
 from ..errors import LateError
@@ -95,8 +96,7 @@ class PlanTracking:
 
     def hear(self, message: TimeReference) -> None:
         """Take up what a follower says of the time of its plan."""
-        clock, plan = (stamp.sec * 10**9 + stamp.nanosec
-                       for stamp in (message.header.stamp, message.time_ref))
+        clock, plan = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
         with self._lock:
             if message.source not in self._plans:
                 return  # It flies a plan of somebody else.

@@ -177,14 +177,14 @@ class PoseBook:
         return None
 
 
-def refusal(message: Message, frame_id: str) -> str:
+def frame_refusal(message: Message, frame_id: str) -> str:
     """Return why a pose of another frame is refused."""
     return (f'the pose is in frame {shown(message.header.frame_id)}; it must be in frame '
             f'{shown(frame_id)}, as the parameter frame_id says')
 
 
 def _refuse(message: Message, frame_id: str) -> Message:
-    raise WrongFrameError(refusal(message, frame_id))
+    raise WrongFrameError(frame_refusal(message, frame_id))
 
 
 def error_radius(covariance: Array, confidence: float) -> float:

@@ -106,7 +106,7 @@ def _of_relay() -> list[Interface]:
     return found
 
 
-def parameters() -> dict[str, dict[str, Spec]]:
+def specs() -> dict[str, dict[str, Spec]]:
     """Return the Spec of every parameter of each node by name; `<uav>` stands for any UAV."""
     of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
               **zone_parameters('<zone>')}
@@ -118,7 +118,7 @@ def markdown() -> dict[str, str]:
     """Return the reference of each node by its name, as Markdown."""
     pages = {}
     found = interfaces()
-    for node, specs in parameters().items():
+    for node, of_node in specs().items():
         lines = ['## Topics and services', '',
                  '| | name | type | QoS | meaning |', '| --- | --- | --- | --- | --- |']
         lines += [f'| {one.direction} | `{one.name}` | {one.kind} | {one.qos} | '
@@ -127,7 +127,7 @@ def markdown() -> dict[str, str]:
                   '| name | default | allowed | meaning |', '| --- | --- | --- | --- |']
         lines += [f'| `{name}` | {_default(name, spec)} | {spec.allowed} | {spec.description}'
                   f'{" Set at start only." if spec.read_only else ""} |'
-                  for name, spec in specs.items()]
+                  for name, spec in of_node.items()]
         pages[node] = '\n'.join(lines)
     return pages
 

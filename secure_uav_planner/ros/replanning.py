@@ -101,7 +101,7 @@ class Replanning:
     def _is_due(self, plan: Plan, known: Scenario, settings: Mapping[str, Any],
                 now: float) -> bool:
         """
-        Return whether the period is over, or somebody on the ground has moved.
+        Return whether the period is over, or a receiver has moved.
 
         After a failure, a move does not count before the lead is over.
         """

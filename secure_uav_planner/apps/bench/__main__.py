@@ -6,7 +6,7 @@ from pathlib import Path
 import platform
 import sys
 
-from . import measure as measuring, report
+from . import measuring, report
 from .fatrop import TOLERANCE
 from .missions import random_mission
 from ...mission.scenario import Scenario
@@ -71,7 +71,7 @@ def main(arguments=None):
     objectives += [(f'seed {seed}', random_mission(seed)) for seed in seeds]
     table('objectives', (measuring.measure_objectives(*mission) for mission in objectives))
 
-    summary = report.summary(tables)
+    summary = report.conclusions(tables)
     print('\n' + summary)
     document = (
         f'# Benchmark of {datetime.date.today().isoformat()}\n\n'
@@ -85,7 +85,7 @@ def main(arguments=None):
         'and d = eps are left to them (the first rounded by 1 cm): they have no smoother fair '
         'form.\n\n' + summary)
     for name, rows in tables.items():
-        document += f'\n## {name}\n\n{report.markdown(rows)}'
+        document += f'\n## {name}\n\n{report.table_of(rows)}'
     (options.out / 'bench.md').write_text(document, encoding='utf-8')
     report.write_csv(options.out / 'bench.csv', tables)
     report.plot_scaling(options.out / 'time_against_slots.png', tables['slots'])

@@ -3,6 +3,8 @@
 import csv
 import statistics
 
+from ...output.table import markdown_table
+
 _FORMATS = {'time': '{:.3f}', 'build': '{:.3f}', 'solve': '{:.3f}', 'rate': '{:.4f}',
             'reference': '{:.4f}', 'ratio': '{:.2f}', 'memory': '{:.0f}'}
 
@@ -24,12 +26,11 @@ def columns_of(rows):
     return list(dict.fromkeys(column for row in rows for column in row))
 
 
-def markdown(rows):
+def table_of(rows):
     """Return rows, dictionaries, as a Markdown table."""
     columns = columns_of(rows)
-    lines = [columns, ['---'] * len(columns)]
-    lines += [[text(column, row.get(column)) for column in columns] for row in rows]
-    return '\n'.join('| ' + ' | '.join(line) + ' |' for line in lines) + '\n'
+    return markdown_table(columns, ([text(column, row.get(column)) for column in columns]
+                                    for row in rows)) + '\n'
 
 
 def write_csv(path, tables):
@@ -41,7 +42,7 @@ def write_csv(path, tables):
         writer.writerows(rows)
 
 
-def summary(tables):
+def conclusions(tables):
     """Return the main results of the tables as sentences in a Markdown list."""
     lines = []
     for name, rows in tables.items():

@@ -39,17 +39,7 @@ class Journal:
     def _cut(self) -> None:
         """Remove what follows the last whole line."""
         with open(self._path, 'rb+') as file:
-            size = end = file.seek(0, 2)
-            while end:
-                start = max(0, end - 2**16)
-                file.seek(start)
-                found = file.read(end - start).rfind(b'\n')
-                if found >= 0:
-                    end = start + found + 1
-                    break
-                end = start
-            if end < size:
-                file.truncate(end)
+            file.truncate(sum(len(line) for line in file if line.endswith(b'\n')))
 
     def add(self, row: dict[str, Any]) -> None:
         """Write a row, and hand it to the operating system at once."""

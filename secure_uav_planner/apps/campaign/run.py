@@ -13,8 +13,9 @@ from ...errors import OptionError
 JOURNAL = 'results.jsonl'
 
 
-def run(campaign: HasTasks, folder: Path, jobs: int | None = -1, scheduler: str | None = None,
-        backend: str | None = None, title: str = 'sweep') -> list[dict[str, Any]]:
+def run_campaign(campaign: HasTasks, folder: Path, jobs: int | None = -1,
+                 scheduler: str | None = None, backend: str | None = None, title: str = 'sweep'
+                 ) -> list[dict[str, Any]]:
     """
     Return the rows of all missions of a campaign; only those are planned that have none.
 

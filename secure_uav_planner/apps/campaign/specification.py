@@ -57,12 +57,9 @@ class Campaign:
     schemes: list[tuple[str, str]]
     settings: dict[str, Any]
 
-    def __len__(self) -> int:
-        return self.size
-
     @property
     def size(self) -> int:
-        """How many missions it has; unlike `len`, however many they are."""
+        """How many missions it has."""
         places = math.prod(len(values) for values in self.grid.values())
         return places * self.samples * len(self.schemes)
 
@@ -92,7 +89,7 @@ def own_objective(scheme: str) -> str:
     return OBJECTIVES[0] if scheme in BASELINES else checked_objective(scheme)
 
 
-def load(path: str | os.PathLike[str]) -> Campaign:
+def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     """
     Return the campaign of a file: YAML, or JSON if its name ends with .json.
 

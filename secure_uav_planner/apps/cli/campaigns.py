@@ -9,14 +9,14 @@ import sys
 from .main import BAD_INPUT, DONE, FAILED
 from .missions import loaded, writable
 from ..campaign.results import save_figure, save_tables
-from ..campaign.run import failed, JOURNAL, run as run_campaign
-from ..campaign.specification import load
+from ..campaign.run import failed, JOURNAL, run_campaign
+from ..campaign.specification import load_campaign
 from ...errors import OptionError, StoppedError
 
 
 def sweep(options: argparse.Namespace) -> int:
     """Run a campaign; return the exit status."""
-    campaign = loaded(options.mission, load, OptionError)
+    campaign = loaded(options.mission, load_campaign, OptionError)
     out = writable(Path(options.out))
     # What it says of lost connections is said here in a line.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)

@@ -24,7 +24,7 @@ NODES = ('planner', 'relay', 'replay')
 
 DONE, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
 
-STATUSES = {
+EXIT_STATUSES = {
     DONE: 'done',
     FAILED: 'failed on the way, for example because the disk is full',
     BAD_INPUT: 'bad input: a wrong option, mission or plan, or a folder that cannot be written',
@@ -41,7 +41,7 @@ A first plan:
   secure_uav_planner plan mission.yaml     plan it; results in out/
 """
 _STATUS = 'exit status:\n' + '\n'.join(
-    f'  {number:<5}{text}' for number, text in STATUSES.items())
+    f'  {number:<5}{text}' for number, text in EXIT_STATUSES.items())
 _COMPLETION = """
 
 completion, in bash and zsh:
@@ -222,7 +222,7 @@ def _add_show(commands) -> None:
 
 
 def _add_assess(commands) -> None:
-    parser = _add(commands, 'assess', 'assess.assess_plan',
+    parser = _add(commands, 'assess', 'planning.assess_plan',
                   'say what a saved plan is worth when the world differs', """
 
 It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It

@@ -66,14 +66,14 @@ def _plans(options):
 def _fly_all(options):
     """Fly, print and write; return whether no setpoint jumped."""
     from .events import fly_event
-    from .flight import fly
+    from .flight import fly_plan
     from .picture import save_event_flight, save_flight
-    from .report import event_report, event_table, report, table
+    from .report import event_report, event_table, flight_table, report_of
     reports, event_reports = [], []
     for number, (name, plan) in enumerate(_plans(options)):
-        with _timed(reports, table):
-            flight = fly(plan, seed=number)
-            reports.append(report(name, flight))
+        with _timed(reports, flight_table):
+            flight = fly_plan(plan, seed=number)
+            reports.append(report_of(name, flight))
             save_flight(name, flight, options.out / f'flight_{number + 1}.png')
     for name in options.events:
         with _timed(event_reports, event_table):
@@ -81,7 +81,7 @@ def _fly_all(options):
             event_reports.append(event_report(flight))
             save_event_flight(flight, options.out / f'event_{name}.png')
     text = '\n\n'.join(rows(found) for rows, found in (
-        (table, reports), (event_table, event_reports)) if found)
+        (flight_table, reports), (event_table, event_reports)) if found)
     (options.out / 'fly.md').write_text(f'# Flown in physics\n\n{text}\n', encoding='utf-8')
     print(f'\n{text}\n\nwritten to {options.out}')
     rough = [one.event for one in event_reports if not one.is_smooth]

@@ -14,8 +14,8 @@ import time
 import numpy as np
 
 from .flight import hovering, resting
-from .link import BEGIN_NS, FlightError, node, RATE, STEP_NS
-from .nodes_link import nanoseconds, NodesLink
+from .link import BEGIN_NS, FlightError, node, NodesLink, RATE, STEP_NS
+from ...ros.messages import nanoseconds
 
 _PACE = 4.0
 _START_DELAY = 5.0  # s, in which the planner makes the first plan and the replay takes it up

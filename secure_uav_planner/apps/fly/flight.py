@@ -8,9 +8,8 @@ import tempfile
 
 import numpy as np
 
-from .gusts import Gusts
 from .link import BEGIN_NS, FlightError, Link, node, RATE, STEP_NS
-from .quadrotor import Quadrotor, STEP
+from .quadrotor import Gusts, Quadrotor, STEP
 from ...output.autopilots import Setpoint
 from ...plan.playback import Playback
 
@@ -19,7 +18,7 @@ _SAME_PLACE = 1e-3  # m
 
 
 @dataclass(frozen=True)
-class Flight:
+class SimulatedFlight:
     """
     What was flown.
 
@@ -43,9 +42,9 @@ class Flight:
             [level, np.broadcast_to(heights, (*level.shape[:2], 1))], axis=-1)
 
 
-def fly(plan, steady=(5.0, 0.0), deviation=5 / 3, seed=0):
+def fly_plan(plan, steady=(5.0, 0.0), deviation=5 / 3, seed=0):
     """
-    Return the Flight of a plan, from start to goal.
+    Return the SimulatedFlight of a plan, from start to goal.
 
     :param plan: a Plan whose UAVs start at rest.
     :param steady: the steady wind, (x, y) in m/s.
@@ -61,7 +60,7 @@ def fly(plan, steady=(5.0, 0.0), deviation=5 / 3, seed=0):
 
 
 def hovering(place, yaw=0.0, steady=(5.0, 0.0), deviation=5 / 3, seed=0):
-    """Return a Quadrotor that has hovered at a place for a while; see fly."""
+    """Return a Quadrotor that has hovered at a place for a while; see fly_plan."""
     vehicle = Quadrotor(place, yaw, Gusts(steady, deviation, place[2], STEP, seed))
     vehicle.follow(resting(place, yaw), _SETTLING)
     return vehicle
@@ -98,8 +97,8 @@ def _fly(plan, link, vehicles):
             for vehicle, setpoint in zip(vehicles, setpoints, strict=True):
                 vehicle.follow(setpoint, 1 / RATE)
             setpoints = coming.result()
-    flight = Flight(plan, np.array(times), np.moveaxis(np.array(places), 0, 1),
-                    np.moveaxis(np.array(wanted), 0, 1))
+    flight = SimulatedFlight(plan, np.array(times), np.moveaxis(np.array(places), 0, 1),
+                             np.moveaxis(np.array(wanted), 0, 1))
     off = np.linalg.norm(flight.setpoints - flight.planned, axis=-1).max()
     if not off <= _SAME_PLACE:
         raise FlightError(f'setpoints were up to {off:.3g} m beside the plan; is there another '

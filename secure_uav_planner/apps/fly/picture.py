@@ -8,7 +8,7 @@ from ...output.picture import draw_airspace
 
 
 def save_flight(name, flight, path):
-    """Draw a Flight into a PNG file."""
+    """Draw a SimulatedFlight into a PNG file."""
     figure = Figure(figsize=(11, 5), layout='constrained')
     above, over = figure.subplots(1, 2)
     planned, scenario = flight.planned, flight.plan.scenario

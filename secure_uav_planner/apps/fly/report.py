@@ -9,6 +9,7 @@ import numpy as np
 from .link import RATE
 from ...mission.polygons import depth
 from ...model import channel
+from ...output.table import markdown_table
 from ...plan.playback import Playback
 from ...plan.player import POSITION_JUMP, VELOCITY_JUMP
 
@@ -43,8 +44,8 @@ class Report:
     flown_clear: float
 
 
-def report(mission, flight):
-    """Return the Report of a Flight."""
+def report_of(mission, flight):
+    """Return the Report of a SimulatedFlight."""
     plan = flight.plan
     playback = Playback(plan)
     planned = flight.planned
@@ -56,7 +57,8 @@ def report(mission, flight):
         float(np.linalg.norm(flight.places[:, last] - arrival, axis=-1).max()),
         mean_rate(plan, flight.times, planned), mean_rate(plan, flight.times, flight.places),
         smallest_distance(planned), smallest_distance(flight.places),
-        clearance(plan.scenario, planned), clearance(plan.scenario, flight.places))
+        smallest_clearance(plan.scenario, planned),
+        smallest_clearance(plan.scenario, flight.places))
 
 
 def mean_rate(plan, times, places):
@@ -76,7 +78,7 @@ def smallest_distance(places):
                 for one, other in itertools.combinations(places, 2)), default=math.inf)
 
 
-def clearance(scenario, places):
+def smallest_clearance(scenario, places):
     """Return the smallest distance from what is forbidden, in m; negative inside of it."""
     points, heights = places[..., :2], places[..., 2]
     found = [math.inf]
@@ -88,19 +90,16 @@ def clearance(scenario, places):
     return float(min(found))
 
 
-def table(reports):
-    """Return a Markdown table."""
-    lines = ['| mission | error RMS, max (m) | goal missed by (m) | rate planned, flown '
-             '(bit/s/Hz) | lost | UAVs apart, planned, flown (m) | '
-             'clear of zones, planned, flown (m) |',
-             '| --- | --- | --- | --- | --- | --- | --- |']
-    lines += [
-        f'| {one.mission} | {one.error_rms:.2f}, {one.error_max:.2f} | {one.arrival:.2f} | '
-        f'{one.planned_rate:.4f}, {one.flown_rate:.4f} | '
-        f'{100 * (1 - one.flown_rate / one.planned_rate):.2f}% | '
-        f'{_pair(one.planned_apart, one.flown_apart)} | '
-        f'{_pair(one.planned_clear, one.flown_clear)} |' for one in reports]
-    return '\n'.join(lines)
+def flight_table(reports):
+    """Return the Reports as a Markdown table."""
+    return markdown_table(
+        ('mission', 'error RMS, max (m)', 'goal missed by (m)', 'rate planned, flown (bit/s/Hz)',
+         'lost', 'UAVs apart, planned, flown (m)', 'clear of zones, planned, flown (m)'),
+        ((one.mission, f'{one.error_rms:.2f}, {one.error_max:.2f}', f'{one.arrival:.2f}',
+          f'{one.planned_rate:.4f}, {one.flown_rate:.4f}',
+          f'{100 * (1 - one.flown_rate / one.planned_rate):.2f}%',
+          _pair(one.planned_apart, one.flown_apart), _pair(one.planned_clear, one.flown_clear))
+         for one in reports))
 
 
 @dataclass(frozen=True)
@@ -154,16 +153,14 @@ def event_report(flight):
 
 
 def event_table(reports):
-    """Return a Markdown table."""
-    lines = ['| event | jump of a setpoint beyond speed times step (m) | acceleration beyond the '
-             'limit (m/s^2) | error RMS, max (m) | replans made, refused | rate planned, achieved '
-             '(bit/s/Hz) | WARN after landing |',
-             '| --- | --- | --- | --- | --- | --- | --- |']
-    lines += [
-        f'| {one.event} | {one.jump:.3f} | {one.kick:.3f} | {one.error_rms:.2f}, '
-        f'{one.error_max:.2f} | {one.replans}, {one.refusals} | {one.planned_rate:.4f}, '
-        f'{one.achieved_rate:.4f} | {one.warnings} |' for one in reports]
-    return '\n'.join(lines)
+    """Return the EventReports as a Markdown table."""
+    return markdown_table(
+        ('event', 'jump of a setpoint beyond speed times step (m)',
+         'acceleration beyond the limit (m/s^2)', 'error RMS, max (m)', 'replans made, refused',
+         'rate planned, achieved (bit/s/Hz)', 'WARN after landing'),
+        ((one.event, f'{one.jump:.3f}', f'{one.kick:.3f}',
+          f'{one.error_rms:.2f}, {one.error_max:.2f}', f'{one.replans}, {one.refusals}',
+          f'{one.planned_rate:.4f}, {one.achieved_rate:.4f}', one.warnings) for one in reports))
 
 
 def _pair(planned, flown):

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from .experiments import Point
-from ..campaign.run import run as run_campaign
+from ..campaign.run import run_campaign
 from ..campaign.tasks import plan_file
 from ...plan.plan import Plan
 
@@ -27,7 +27,7 @@ def run(wanted, folder, jobs=-1, backend=None, scheduler=None):
 
     :param wanted: the Points.
     :param folder: where rows and plans are kept, a pathlib.Path.
-    :param jobs, backend, scheduler: as for campaign.run.run.
+    :param jobs, backend, scheduler: as for run_campaign.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for point in wanted:

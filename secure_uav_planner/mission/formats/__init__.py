@@ -1,6 +1,74 @@
-"""Missions as files: YAML and JSON."""
+"""Mission files, YAML and JSON: from a file to a mission and back."""
 
-from .diagnosis import Schema
-from .files import load, located, save
+from collections.abc import Iterable
+import os
+from typing import Any
 
-__all__ = ['Schema', 'load', 'located', 'save']
+from .diagnosis import diagnosed, Schema
+from .documents import in_order, Problem, read, refusal, text_of
+from ..files import atomic_file
+from ...errors import MissionFileError, ScenarioError, words_of_files
+
+__all__ = ['Schema', 'located', 'read_mission', 'write_mission']
+
+_HEAD = """\
+# A mission of secure_uav_planner. Positions are (x, y) in m, x east and y north of the origin;
+# heights in m above the ground node, speeds in m/s, powers in W, times in s.
+"""
+
+# What else users may have at hand: a field by which it is known, and what it is.
+_OTHERS = {
+    'powers': 'a plan, whose field scenario is its mission',
+    'vary': 'a campaign, for the command sweep; its field mission names its mission',
+    'ros__parameters': 'a parameter file of nodes, which has a mission in the file that its '
+                       'parameter mission_file names'}
+
+
+def read_mission(path: str | os.PathLike[str], schema: Schema) -> Any:
+    """
+    Return the Scenario in a file: YAML, or JSON if its name ends with .json.
+
+    :raises OSError: when the file cannot be read, is no regular file or is too large.
+    :raises MissionFileError: with all that is wrong, each with its line where it is known.
+    """
+    document = read(path)
+    for field, kind in _OTHERS.items():
+        if _has(document.data, field):
+            raise refusal(path, [Problem(None, f'it is {kind}')])
+    with words_of_files():
+        scenario, problems = diagnosed(document, schema)
+    if problems:
+        error = refusal(path, problems)
+        error.rest = scenario
+        raise error
+    return scenario
+
+
+def located(path: str | os.PathLike[str], error: ScenarioError,
+            known: Iterable[tuple[int | None, str]] = ()) -> MissionFileError:
+    """
+    Return what is wrong with the mission of a file, each with its line.
+
+    :param error: an error of the mission, with its `others`.
+    :param known: what else is wrong.
+    """
+    document = read(path)
+    found = (Problem(document.line(one.place), str(one)) for one in (error, *error.others))
+    return refusal(path, in_order([*map(Problem._make, known), *found]))
+
+
+def _has(data: Any, field: str) -> bool:
+    """Return whether nested mappings have a field."""
+    return isinstance(data, dict) and (
+        field in data or any(_has(value, field) for value in data.values()))
+
+
+def write_mission(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
+    """
+    Write the plain values of a mission, as JSON if the name ends with .json, otherwise as YAML.
+
+    :raises OSError: when the file cannot be written; an old one is left as it was.
+    """
+    text = text_of(path, data)
+    with atomic_file(path) as file:
+        file.write(text if text.startswith('{') else _HEAD + text)
