@@ -1,6 +1,7 @@
 """Where UAVs are beside their plan, and where a replan meets them: the laws, without ROS."""
 
 from dataclasses import replace
+import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -128,13 +129,14 @@ def test_setpoints_pass_over_to_a_plan_asked_for_in_flight_without_a_jump(plan):
     scenario = replace(plan.scenario, uavs=uavs)
     player.load(plan)
     player.start()
-    player.advance(36.0 - playback.begin)
+    for now in (playback.begin, 36.0):
+        player.tick(plan.start_ns + round(now * 1e9), longest=math.inf)
     player.load(replace(solve(scenario, initial=plan), start_ns=plan.start_ns + round(
         start * 1e9)))
     before, changed = player.playback, False
     moments = []
-    for _ in range(1000):
-        moments.append(player.advance(0.01))
+    for number in range(1, 1001):
+        moments.append(player.tick(plan.start_ns + round((36.0 + 0.01 * number) * 1e9)))
         changed = changed or player.playback is not before
     assert changed
     moves = np.linalg.norm(np.diff([one.positions for one in moments], axis=0), axis=-1)

@@ -18,8 +18,6 @@ from geometry_msgs.msg import (
     Point, Pose, PoseStamped, Quaternion, Transform, Twist, Vector3)
 from nav_msgs.msg import Odometry, Path
 import numpy as np
-from rclpy.duration import Duration
-from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -42,7 +40,8 @@ _MOST_POINTS = 1000  # Largest number of points of a path marker.
 def stamp_at(plan: Plan, seconds: float = 0.0) -> Stamp:
     """Return the builtin_interfaces/Time some seconds after point 0 of a plan."""
     # A plan of a file may have no time.
-    return Time(nanoseconds=max(0, (plan.start_ns or 0) + round(seconds * 1e9))).to_msg()
+    whole, rest = divmod(max(0, (plan.start_ns or 0) + round(seconds * 1e9)), 10**9)
+    return Stamp(sec=whole, nanosec=rest)
 
 
 def nanoseconds(stamp: Stamp) -> int:
@@ -65,14 +64,24 @@ def plan_time(plan: Plan, seconds: float, stamp: Stamp) -> TimeReference:
 
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:
     """Return a Pose from metres and radians, counter-clockwise from x (REP-103)."""
-    return Pose(position=Point(x=float(x), y=float(y), z=float(z)), orientation=_facing(yaw))
+    found = Pose()
+    _place(found.position, found.orientation, x, y, z, yaw)
+    return found
 
 
-def pose_stamped(frame_id: str, stamp: Stamp, *place: float) -> PoseStamped:
-    """Return a PoseStamped; `place` are the arguments of pose."""
-    message = PoseStamped(pose=pose(*place))
+def pose_stamped(frame_id: str, stamp: Stamp, x: float, y: float, z: float, yaw: float
+                 ) -> PoseStamped:
+    """Return a PoseStamped; see pose."""
+    message = PoseStamped()
     message.header.frame_id, message.header.stamp = frame_id, stamp
+    _place(message.pose.position, message.pose.orientation, x, y, z, yaw)
     return message
+
+
+def _place(position: Any, turn: Quaternion, x: float, y: float, z: float, yaw: float) -> None:
+    """Set parts of a message; making new ones takes twice as long, which long plans would feel."""
+    position.x, position.y, position.z = float(x), float(y), float(z)
+    turn.z, turn.w = math.sin(yaw / 2), math.cos(yaw / 2)
 
 
 def path(plan: Plan, uav: int, frame_id: str) -> Path:
@@ -129,17 +138,19 @@ def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence
 def _trajectory_point(place: Sequence[float], yaw: float, velocity: Sequence[float],
                       acceleration: Sequence[float], seconds: float = 0.0
                       ) -> MultiDOFJointTrajectoryPoint:
-    x, y, z = place
-    return MultiDOFJointTrajectoryPoint(
-        transforms=[Transform(translation=Vector3(x=float(x), y=float(y), z=float(z)),
-                              rotation=_facing(yaw))],
-        velocities=[_level(velocity)], accelerations=[_level(acceleration)],
-        time_from_start=Duration(nanoseconds=round(seconds * 1e9)).to_msg())
+    point, transform = MultiDOFJointTrajectoryPoint(), Transform()
+    _place(transform.translation, transform.rotation, *place, yaw)
+    point.transforms = [transform]
+    point.velocities, point.accelerations = [_level(velocity)], [_level(acceleration)]
+    point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(seconds * 1e9), 10**9)
+    return point
 
 
 def _level(vector: Sequence[float]) -> Twist:
     """Return a Twist whose linear part is a horizontal vector."""
-    return Twist(linear=Vector3(x=float(vector[0]), y=float(vector[1])))
+    twist = Twist()
+    twist.linear.x, twist.linear.y = float(vector[0]), float(vector[1])
+    return twist
 
 
 def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[float],
@@ -309,10 +320,6 @@ def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Point]:
         for first, second in zip(part[1:], part[2:], strict=False):
             corners += [(*part[0], top), (*first, top), (*second, top)]
     return [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in corners]
-
-
-def _facing(yaw: float) -> Quaternion:
-    return Quaternion(z=math.sin(yaw / 2), w=math.cos(yaw / 2))
 
 
 def _marker(namespace: str, index: int, kind: int, color: str, scale: Sequence[float],
