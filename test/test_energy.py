@@ -19,7 +19,8 @@ from secure_uav_planner.model.energy import energies, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.table import table
 from secure_uav_planner.ros.mission_parameters import values_of
-from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, uav_from, uav_parameters
+from secure_uav_planner.ros.mission_parameters import uav_from
+from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, uav_parameters
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.status import State, values as status_values
 from strategies import scenarios

@@ -2,7 +2,8 @@
 
 import math
 
-from ..errors import OptionError, shown
+from .validation import checked_number
+from ..errors import OptionError, ScenarioError
 
 SPEED_OF_LIGHT = 299792458.0
 """In m/s."""
@@ -12,11 +13,6 @@ BOLTZMANN = 1.380649e-23
 
 NOISE_TEMPERATURE = 290.0
 """To which noise figures refer (IEEE), in K."""
-
-RANGES = {
-    'carrier_hz': (1e6, 1e12), 'bandwidth_hz': (1.0, 1e11), 'noise_figure_db': (0.0, 60.0),
-    'transmit_gain_dbi': (-60.0, 80.0), 'receive_gain_dbi': (-60.0, 80.0)}
-"""Smallest and largest value of every argument."""
 
 
 def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: float = 0.0,
@@ -38,12 +34,11 @@ def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: fl
     given = {'carrier_hz': carrier_hz, 'bandwidth_hz': bandwidth_hz,
              'noise_figure_db': noise_figure_db, 'transmit_gain_dbi': transmit_gain_dbi,
              'receive_gain_dbi': receive_gain_dbi}
-    for name, value in given.items():
-        low, high = RANGES[name]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or (
-                not low <= value <= high):
-            raise OptionError(
-                f'{name} is {shown(value)}; it must be a number from {low:g} to {high:g}')
+    try:
+        for name, value in given.items():
+            checked_number('', name, value)
+    except ScenarioError as error:
+        raise OptionError(str(error), error.place) from None
     path_gain = 20 * math.log10(SPEED_OF_LIGHT / (4 * math.pi * carrier_hz))
     noise = 10 * math.log10(BOLTZMANN * NOISE_TEMPERATURE * bandwidth_hz) + noise_figure_db
     return path_gain + transmit_gain_dbi + receive_gain_dbi - noise

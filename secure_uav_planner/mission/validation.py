@@ -51,6 +51,11 @@ LIMITS = {
     'receiver_db': (-100.0, 100.0),
     'tracking_std': (0.0, 1e4),
     'tracking_time': (0.0, 1e6),
+    'carrier_hz': (1e6, 1e12),
+    'bandwidth_hz': (1.0, 1e11),
+    'noise_figure_db': (0.0, 60.0),
+    'transmit_gain_dbi': (-60.0, 80.0),
+    'receive_gain_dbi': (-60.0, 80.0),
 }
 """Smallest and largest value of every field; beyond them squares lose their accuracy."""
 

@@ -6,7 +6,7 @@ in the sent message. Every number is therefore converted with float() or int() h
 """
 
 import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 import math
 import re
@@ -31,6 +31,7 @@ from ..output.autopilots import rotation, Setpoint
 from ..output.drawing import (
     EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, middle_of, NO_FLY_ZONE, uav_color)
 from ..plan.plan import Plan
+from ..plan.playback import Moment
 
 
 _OF_MESSAGES = re.compile(r'sequence<(\w+)/(\w+)>')
@@ -261,14 +262,40 @@ def markers(plan: Plan, frame_id: str) -> MarkerArray:
     return MarkerArray(markers=found)
 
 
-def slot_markers(frame_id: str, stamp: Stamp, places: Iterable[Sequence[float]],
-                 powers: Iterable[float]) -> MarkerArray:
+def of_plan(plan: Plan, frame_id: str) -> Iterator[tuple[str, Any]]:
+    """Yield the messages of a plan, each behind its topic."""
+    for index, uav in enumerate(plan.scenario.uavs):
+        yield f'{uav.name}/path', path(plan, index, frame_id)
+        yield f'{uav.name}/power', power(plan, index)
+        yield f'{uav.name}/trajectory', trajectory(plan, index, frame_id)
+    yield '~/markers', markers(plan, frame_id)
+
+
+def of_moment(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
+              ) -> Iterator[tuple[str, Any]]:
+    """Yield the messages of a moment of a flight, each behind its topic."""
+    for uav, (x, y), yaw, velocity, acceleration, watts in zip(
+            scenario.uavs, moment.positions, moment.headings, moment.velocities,
+            moment.accelerations, moment.powers, strict=True):
+        place = (x, y, uav.altitude)
+        yield f'{uav.name}/setpoint/pose', pose_stamped(frame_id, stamp, *place, yaw)
+        yield f'{uav.name}/setpoint/power', float64(watts)
+        yield f'{uav.name}/odom', odometry(
+            frame_id, f'{uav.name}/base_link', stamp, place, yaw, velocity)
+        yield f'{uav.name}/setpoint/trajectory', trajectory_setpoint(
+            uav.name, frame_id, stamp, (place, yaw, velocity, acceleration))
+    yield '~/markers', _moment_markers(scenario, moment, frame_id, stamp)
+
+
+def _moment_markers(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
+                    ) -> MarkerArray:
     """Return a MarkerArray with a sphere at the position of each UAV, larger for higher power."""
     found = []
-    for index, ((x, y, z), watts) in enumerate(zip(places, powers)):
+    for index, (uav, (x, y), watts) in enumerate(
+            zip(scenario.uavs, moment.positions, moment.powers, strict=True)):
         size = 10.0 + 10.0 * math.sqrt(max(0.0, watts))
         sphere = _marker('uav', index, Marker.SPHERE, uav_color(index), (size, size, size))
-        sphere.pose = pose(x, y, z, 0.0)
+        sphere.pose = pose(x, y, uav.altitude, 0.0)
         sphere.header.frame_id, sphere.header.stamp = frame_id, stamp
         found.append(sphere)
     return MarkerArray(markers=found)

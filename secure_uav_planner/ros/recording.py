@@ -75,12 +75,8 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
         estimate.header.frame_id, estimate.header.stamp = frame_id, stamp
         estimate.pose.pose = messages.pose(*eve.position, 0.0, 0.0)
         bag.write(f'/{name}/pose', estimate)
-    for index, uav in enumerate(scenario.uavs):
-        bag.write(f'/{uav.name}/path', messages.path(plan, index, frame_id), latched=True)
-        bag.write(f'/{uav.name}/power', messages.power(plan, index), latched=True)
-        bag.write(f'/{uav.name}/trajectory', messages.trajectory(plan, index, frame_id),
-                  latched=True)
-    bag.write('/planner/markers', messages.markers(plan, frame_id), latched=True)
+    for topic, message in messages.of_plan(plan, frame_id):
+        bag.write(_resolved(topic, 'planner'), message, latched=True)
     bag.write('/planner/status', messages.diagnostic_status(
         'planner: plan', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
             'state': 'idle', 'plan.guaranteed_rate': plan.guaranteed_rate,
@@ -96,24 +92,16 @@ def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float,
     times = np.arange(0.0, playback.duration, 1.0 / rate)
     for time in (*times.tolist(), playback.duration):
         moment, stamp = playback.at(time), messages.stamp_at(plan, time)
-        places = []
-        for uav, (x, y), yaw, velocity, acceleration, watts in zip(
-                scenario.uavs, moment.positions, moment.headings, moment.velocities,
-                moment.accelerations, moment.powers, strict=True):
-            places.append((x, y, uav.altitude))
-            bag.write(f'/{uav.name}/setpoint/trajectory', messages.trajectory_setpoint(
-                uav.name, frame_id, stamp, (places[-1], yaw, velocity, acceleration)), time)
-            bag.write(f'/{uav.name}/setpoint/pose', messages.pose_stamped(
-                frame_id, stamp, *places[-1], yaw), time)
-            bag.write(f'/{uav.name}/setpoint/power', messages.float64(watts), time)
-            bag.write(f'/{uav.name}/odom', messages.odometry(
-                frame_id, f'{uav.name}/base_link', stamp, places[-1], yaw, velocity), time)
+        for topic, message in messages.of_moment(scenario, moment, frame_id, stamp):
+            bag.write(_resolved(topic, 'replay'), message, time)
         slot = min(max(int(time / scenario.slot_duration + 1e-9), 1), scenario.slots) - 1
         place = worst[slot] if eavesdropper is None else eavesdropper
         bag.write('/replay/secrecy_rate', messages.float64(
             playback.secrecy_rate(moment, place)), time)
-        bag.write('/replay/markers', messages.slot_markers(
-            frame_id, stamp, places, moment.powers), time)
+
+
+def _resolved(topic: str, node: str) -> str:
+    return topic.replace('~', f'/{node}') if topic.startswith('~') else f'/{topic}'
 
 
 class _Bag:

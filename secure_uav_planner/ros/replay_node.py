@@ -97,22 +97,21 @@ class Replay(Node):
             return self.create_publisher(
                 kind, topic, STREAM, qos_overriding_options=OVERRIDABLE)
 
-        self._poses = [stream(PoseStamped, f'{name}/setpoint/pose') for name in self._uavs]
-        self._trajectories = [stream(MultiDOFJointTrajectory, f'{name}/setpoint/trajectory')
-                              for name in self._uavs]
-        self._watts = [stream(Float64, f'{name}/setpoint/power') for name in self._uavs]
+        kinds = {'setpoint/pose': PoseStamped, 'setpoint/power': Float64,
+                 'setpoint/trajectory': MultiDOFJointTrajectory}
         if self._settings['vehicle_odometry']:
-            self._odometry: list[Publisher] = []
             for name in self._uavs:
                 self.create_subscription(
                     Odometry, f'{name}/odom',
                     lambda message, name=name: self._on_odometry(name, message), SENSOR,
                     callback_group=self._group, qos_overriding_options=OVERRIDABLE)
         else:
-            self._odometry = [stream(Odometry, f'{name}/odom') for name in self._uavs]
+            kinds['odom'] = Odometry
+        self._outputs = {f'{name}/{topic}': stream(kind, f'{name}/{topic}')
+                         for name in self._uavs for topic, kind in kinds.items()}
+        self._outputs['~/markers'] = stream(MarkerArray, '~/markers')
         self._plan_time = stream(TimeReference, 'plan_time')
         self._rate = stream(Float64, '~/secrecy_rate')
-        self._markers = stream(MarkerArray, '~/markers')
         for name, action in (('start', self._on_start), ('pause', self._on_pause),
                              ('reset', self._on_reset)):
             self.create_service(Trigger, f'~/{name}', action, callback_group=self._group)
@@ -246,9 +245,10 @@ class Replay(Node):
         if simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
             return waits
         return waits + [f'a subscriber of the setpoints of {name}'
-                        for index, name in enumerate(self._uavs)
-                        if not any(streams[index].get_subscription_count() for streams in (
-                            self._poses, self._trajectories, self._odometry) if streams)]
+                        for name in self._uavs
+                        if not any(self._outputs[topic].get_subscription_count() for topic in (
+                            f'{name}/setpoint/pose', f'{name}/setpoint/trajectory',
+                            f'{name}/odom') if topic in self._outputs)]
 
     def _report(self, waits: list[str]) -> None:
         """Note and log what is waited for, when that is something else than before."""
@@ -264,23 +264,10 @@ class Replay(Node):
         self._plan_time.publish(messages.plan_time(plan, self._player.time, stamp))
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
-        scenario = self._player.playback.plan.scenario
-        places = []
-        for index, (uav, (x, y), yaw) in enumerate(
-                zip(scenario.uavs, moment.positions, moment.headings)):
-            places.append((x, y, uav.altitude))
-            self._poses[index].publish(
-                messages.pose_stamped(self._frame_id, stamp, *places[-1], yaw))
-            self._watts[index].publish(messages.float64(moment.powers[index]))
-            velocity = moment.velocities[index]
-            if self._odometry:
-                self._odometry[index].publish(messages.odometry(
-                    self._frame_id, f'{uav.name}/base_link', stamp, places[-1], yaw, velocity))
-            self._trajectories[index].publish(messages.trajectory_setpoint(
-                uav.name, self._frame_id, stamp,
-                (places[-1], yaw, velocity, moment.accelerations[index])))
-        self._markers.publish(
-            messages.slot_markers(self._frame_id, stamp, places, moment.powers))
+        for topic, message in messages.of_moment(
+                self._player.playback.plan.scenario, moment, self._frame_id, stamp):
+            if topic in self._outputs:  # With vehicle_odometry, others publish that.
+                self._outputs[topic].publish(message)
         if self._eavesdropper is not None:
             self._rate.publish(messages.float64(
                 self._player.playback.secrecy_rate(moment, self._eavesdropper)))

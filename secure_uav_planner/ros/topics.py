@@ -66,29 +66,22 @@ class PlanTopics:
     """
 
     def __init__(self, node: Node, uavs: Sequence[str]) -> None:
-        def latched(kind: type, topic: str) -> Publisher:
-            return node.create_publisher(kind, topic, LATCHED, qos_overriding_options=OVERRIDABLE)
-
-        self._paths = [latched(Path, f'{name}/path') for name in uavs]
-        self._powers = [latched(Float64MultiArray, f'{name}/power') for name in uavs]
-        self._trajectories = [
-            latched(MultiDOFJointTrajectory, f'{name}/trajectory') for name in uavs]
-        self._markers = latched(MarkerArray, '~/markers')
+        kinds = {f'{name}/{topic}': kind for name in uavs for topic, kind in (
+            ('path', Path), ('power', Float64MultiArray), ('trajectory', MultiDOFJointTrajectory))}
+        self._publishers = {
+            topic: node.create_publisher(kind, topic, LATCHED, qos_overriding_options=OVERRIDABLE)
+            for topic, kind in {**kinds, '~/markers': MarkerArray}.items()}
 
     def is_followed(self) -> bool:
         """Return whether anybody receives paths or trajectories, and so may fly by them."""
         return any(publisher.get_subscription_count()
-                   for publisher in (*self._paths, *self._trajectories))
+                   for topic, publisher in self._publishers.items()
+                   if topic.endswith(('/path', '/trajectory')))
 
     def made(self, plan: Plan, frame_id: str) -> list[tuple[Publisher, Any]]:
         """Return all messages of a plan, each behind its publisher."""
-        found = [(publisher, messages.path(plan, index, frame_id))
-                 for index, publisher in enumerate(self._paths)]
-        found += [(publisher, messages.power(plan, index))
-                  for index, publisher in enumerate(self._powers)]
-        found += [(publisher, messages.trajectory(plan, index, frame_id))
-                  for index, publisher in enumerate(self._trajectories)]
-        return [*found, (self._markers, messages.markers(plan, frame_id))]
+        return [(self._publishers[topic], message)
+                for topic, message in messages.of_plan(plan, frame_id)]
 
 
 class PoseSubscriptions:
