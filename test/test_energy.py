@@ -13,13 +13,12 @@ from scipy.integrate import quad
 from secure_uav_planner import fly_hover_fly, Plan, Propulsion, Scenario, solve
 from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.errors import ScenarioError
-from secure_uav_planner.mission.validation import LIMITS
+from secure_uav_planner.mission.validation import RANGES
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.model.energy import energies, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.table import table
-from secure_uav_planner.ros.mission_parameters import values_of
-from secure_uav_planner.ros.mission_parameters import uav_from
+from secure_uav_planner.ros.mission_parameters import uav_from, values_of
 from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, uav_parameters
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.status import State, values as status_values
@@ -109,7 +108,7 @@ def test_what_is_slower_than_a_tenth_hovers():
 
 @pytest.mark.parametrize('field', [field.name for field in fields(Propulsion)])
 def test_a_wrong_value_is_refused_with_field_and_range(field):
-    low, high = LIMITS[field]
+    low, high = RANGES[field]
     for value in (low - 1, high * 1.1, 'much', None, math.nan, True):
         with pytest.raises(ScenarioError, match=rf'propulsion\.{field} is .*; it must be a number '
                            'from') as caught:

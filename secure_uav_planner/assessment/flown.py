@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import OptionError, shown
 from ..mission.files import checked_path, read_text
 from ..mission.scenario import Array
-from ..mission.validation import checked_kind, LIMITS
+from ..mission.validation import checked_kind, RANGES
 from ..plan.plan import Plan
 
 COLUMNS = ('uav', 'time', 'x', 'y')
@@ -102,7 +102,7 @@ def _lines(path: str | os.PathLike[str]) -> Iterator[tuple[int, str, _Sample]]:
         for row in reader:
             values = []
             for name in COLUMNS[1:]:
-                low, high = LIMITS['coordinate']
+                low, high = RANGES['coordinate']
                 try:
                     values.append(float(row[name]))
                 except (TypeError, ValueError):

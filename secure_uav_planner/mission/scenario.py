@@ -12,8 +12,8 @@ from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, grown, Vertices
 from .propagation import Channel
 from .validation import (
-    Array, checked_fields, checked_members, checked_number, checked_point, checked_real, LIMITS,
-    Point, read_only, set_checked, told_apart)
+    Array, checked_fields, checked_members, checked_number, checked_point, checked_real, Point,
+    RANGES, read_only, set_checked, told_apart)
 from .views import view
 from ..errors import InfeasibleMissionError, ScenarioError, shown, within
 
@@ -34,8 +34,8 @@ MAX_ZONES = 64
 MAX_COUPLINGS = 10**7
 """The most pairs of variables that meet in a slot, slots * (3 uavs)^2: a step takes about 1 s."""
 
-__all__ = ['Array', 'Channel', 'Eavesdropper', 'LIMITS', 'MAX_COUPLINGS', 'MAX_MEMBERS',
-           'MAX_ZONES', 'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav',
+__all__ = ['Array', 'Channel', 'Eavesdropper', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
+           'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'RANGES', 'Scenario', 'Uav',
            'checked_fields', 'read_only']
 
 
@@ -411,10 +411,10 @@ def _part(kind: type[Any], data: object, *place: str | int) -> Any:
 
 def _neutral() -> tuple[Scenario, dict[str, Any], dict[str, Any]]:
     """Return a scenario, a member of each list and its parts, which any right value fits."""
-    uav = Uav('uav', (0.0, 0.0), (0.0, 0.0), LIMITS['altitude'][0], LIMITS['max_speed'][1],
-              LIMITS['average_power'][0], LIMITS['peak_power'][1], None, None, None)
+    uav = Uav('uav', (0.0, 0.0), (0.0, 0.0), RANGES['altitude'][0], RANGES['max_speed'][1],
+              RANGES['average_power'][0], RANGES['peak_power'][1], None, None, None)
     eavesdropper = Eavesdropper((0.0, 0.0))
     zone = NoFlyZone(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
-    return (Scenario((0.0, 0.0), (eavesdropper,), (uav,), LIMITS['duration'][1], slots=1),
+    return (Scenario((0.0, 0.0), (eavesdropper,), (uav,), RANGES['duration'][1], slots=1),
             {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone},
             {'channel': Channel()})

@@ -16,7 +16,7 @@ Array: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float]
 _Kind = TypeVar('_Kind')
 
-LIMITS = {
+RANGES = {
     'coordinate': (-1e7, 1e7),
     'error_radius': (0.0, 1e7),
     'receiver_advantage_db': (-100.0, 100.0),
@@ -136,7 +136,7 @@ def checked_name(what: str, name: object) -> str:
 
 def checked_number(owner: str, field: str, value: Any) -> float:
     """Return value as a float, or raise ScenarioError with field, value and what is allowed."""
-    low, high = LIMITS[field]
+    low, high = RANGES[field]
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -154,7 +154,7 @@ def checked_point(owner: str, field: str, value: Any, index: int | None = None) 
 
     :param index: where the value is in the field, if that is a list of points.
     """
-    low, high = LIMITS['coordinate']
+    low, high = RANGES['coordinate']
     try:
         x, y = (math.nan if isinstance(one, (bool, str)) else float(one) for one in value)
     except (TypeError, ValueError, OverflowError):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .channel import guaranteed_rates
 from ..mission.scenario import Array, Point, Scenario
-from ..mission.validation import LIMITS
+from ..mission.validation import RANGES
 
 # Slower than this share of the largest speed, a direction of travel is numerical noise.
 _HOVERING = 1e-3
@@ -160,7 +160,7 @@ def flown(points: Array, step: float, velocities: Array | None = None,
     """
     moves = np.diff(points, axis=0) / step
     fastest = float(np.linalg.norm(moves, axis=-1).max())
-    least_speed, least = LIMITS['max_speed'][0], LIMITS['max_acceleration'][0]
+    least_speed, least = RANGES['max_speed'][0], RANGES['max_acceleration'][0]
     if velocities is None or accelerations is None or not (
             np.abs(accelerations * step).max() > _NOTHING
             or np.abs(velocities[-1]).max() > _NOTHING):

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from ..errors import OptionError, PoseError, shown
-from ..mission.scenario import LIMITS
+from ..mission.scenario import RANGES
 
 Vector: TypeAlias = tuple[float, float, float]
 Fields: TypeAlias = dict[str, Any]
@@ -56,7 +56,7 @@ class Setpoint:
     def __post_init__(self) -> None:
         for name in ('position', 'yaw', 'velocity', 'acceleration', 'yaw_rate'):
             value = getattr(self, name)
-            low, high = LIMITS['coordinate']
+            low, high = RANGES['coordinate']
             if value is not None and not all(
                     low <= one <= high for one in np.atleast_1d(value).tolist()):
                 raise OptionError(

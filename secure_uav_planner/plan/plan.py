@@ -16,7 +16,7 @@ from .iteration import Iteration, Status, STATUS_TEXTS, STATUSES
 from ..errors import OptionError, PlanError, shown
 from ..mission import Objective, OBJECTIVES
 from ..mission.kinematics import shortened
-from ..mission.scenario import Array, LIMITS, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
+from ..mission.scenario import Array, Point, POSITION_TOLERANCE, RANGES, read_only, Scenario, Uav
 from ..mission.validation import checked_array, checked_kind
 from ..mission.views import view
 from ..model import channel
@@ -264,7 +264,7 @@ class Plan:
         uavs = tuple(
             replace(uav, start=tuple(path[point].tolist()),
                     start_velocity=_velocity(uav, path, point, step), average_power=min(
-                        uav.peak_power, max(energy / slots, LIMITS['average_power'][0])))
+                        uav.peak_power, max(energy / slots, RANGES['average_power'][0])))
             for uav, path, energy in zip(
                 self.scenario.uavs, self.positions, left.tolist(), strict=True))
         return replace(

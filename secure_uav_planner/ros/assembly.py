@@ -12,7 +12,7 @@ from .messages import nanoseconds
 from .parameters import LONGEST_FRAME
 from ..errors import PlanError, shown
 from ..mission.propagation import Channel
-from ..mission.scenario import Array, Eavesdropper, LIMITS, Point, Scenario, Uav
+from ..mission.scenario import Array, Eavesdropper, Point, RANGES, Scenario, Uav
 from ..model.curve import Curve, flown
 from ..plan.plan import Plan
 
@@ -174,8 +174,8 @@ def plan_from(names: Sequence[str], messages: _Messages, ground_node: Point,
                if (motion := _motion(name, message, paths[name])) is not None}
     uavs = tuple(
         Uav(name, tuple(line[0].tolist()), tuple(line[-1].tolist()), float(line_z),
-            average_power=max(float(level.mean()) * (1 + 1e-9), LIMITS['average_power'][0]),
-            peak_power=max(float(level.max()) * (1 + 1e-9), LIMITS['peak_power'][0]),
+            average_power=max(float(level.mean()) * (1 + 1e-9), RANGES['average_power'][0]),
+            peak_power=max(float(level.max()) * (1 + 1e-9), RANGES['peak_power'][0]),
             **flown(line, slot_duration, *motions.get(name, [])[1:])._asdict())
         for name, line, line_z, level in zip(
             names, positions, places[:, 0, 2], watts, strict=True))
@@ -205,7 +205,7 @@ def _motion(name: str, message: MultiDOFJointTrajectory, path: Path) -> list[Arr
     motion = [np.array([(vector.x, vector.y) for at in message.points
                         for vector in [getattr(getattr(at, kind)[0], part)]])
               for kind, part in zip(kinds, ('translation', 'linear', 'linear'), strict=True)]
-    low, high = LIMITS['coordinate']
+    low, high = RANGES['coordinate']
     if not all(((values >= low) & (values <= high)).all() for values in motion):
         raise PlanError(f'{name}/trajectory has values beyond {low:g} to {high:g}')
     return motion
@@ -263,8 +263,8 @@ def _timing(paths: Mapping[str, Path]) -> tuple[int, float]:
 
 
 def _check_values(names: Sequence[str], places: Array, watts: Array) -> None:
-    low, high = LIMITS['coordinate']
-    most = LIMITS['peak_power'][1]
+    low, high = RANGES['coordinate']
+    most = RANGES['peak_power'][1]
     for name, line, levels in zip(names, places, watts, strict=True):
         if not ((line >= low) & (line <= high)).all():
             raise PlanError(f'{name}/path has coordinates beyond {low:g} to {high:g} m')

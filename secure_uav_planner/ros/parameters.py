@@ -6,7 +6,7 @@ from .spec import Spec
 from ..mission.polygons import MAX_VERTICES
 from ..mission.propagation import ENVIRONMENTS
 from ..mission.propulsion import Propulsion
-from ..mission.scenario import LIMITS, MAX_MEMBERS, MAX_ZONES, Scenario
+from ..mission.scenario import MAX_MEMBERS, MAX_ZONES, RANGES, Scenario
 from ..optimize import METHODS
 from ..output.autopilots import STACKS
 from ..plan.plan import OBJECTIVES
@@ -25,20 +25,20 @@ PROPULSIONS = ('none', 'rotary_wing')
 
 CHANNEL = {
     'channel.exponent': Spec(2.0, 'Path loss exponent alpha; 2 is free space.',
-                             LIMITS['exponent']),
+                             RANGES['exponent']),
     'channel.los': Spec(NO_LOS, 'Environment that gives the probability of a line of sight; none '
                         'for a line of sight everywhere, or for channel.los_numbers.',
                         choices=(NO_LOS, *ENVIRONMENTS)),
     'channel.los_numbers': Spec(
         [], 'Numbers a, b per degree and extra loss in dB instead of an environment; empty for '
-        'none.', (0.0, LIMITS['los_loss_db'][1]), length=(0, 3)),
+        'none.', (0.0, RANGES['los_loss_db'][1]), length=(0, 3)),
     'channel.cautious': Spec(False, 'Whether what leaks and what interferes counts at the gain of '
                              'a line of sight, and what helps at the mean gain.'),
     'channel.rician_k_db': Spec(0.0, 'Rician factor of the fading in dB; it counts only with '
-                                'channel.outage.', LIMITS['rician_k_db']),
+                                'channel.outage.', RANGES['rician_k_db']),
     'channel.outage': Spec(NO_OUTAGE, 'Largest probability with which the secrecy rate of a slot '
                            'may be lower than the guaranteed one because of fading; 0 for no '
-                           'fading, otherwise at least 1e-6.', (NO_OUTAGE, LIMITS['outage'][1])),
+                           'fading, otherwise at least 1e-6.', (NO_OUTAGE, RANGES['outage'][1])),
 }
 """Parameters of the channel by name."""
 
@@ -57,23 +57,23 @@ PLANNER = {
                           read_only=True),
     'frame_id': Spec('map', 'Frame of all poses and paths, z up (REP-103, REP-105).',
                      length=(0, LONGEST_FRAME)),
-    'duration': Spec(_PAPER.duration, 'T, mission duration in s.', LIMITS['duration']),
-    'slots': Spec(_PAPER.slots, 'N, number of slots of the duration.', LIMITS['slots']),
+    'duration': Spec(_PAPER.duration, 'T, mission duration in s.', RANGES['duration']),
+    'slots': Spec(_PAPER.slots, 'N, number of slots of the duration.', RANGES['slots']),
     'reference_snr_db': Spec(_PAPER.reference_snr_db,
                              'beta_0/sigma^2, SNR at 1 m and 1 W, in dB.',
-                             LIMITS['reference_snr_db']),
+                             RANGES['reference_snr_db']),
     **CHANNEL,
     'colluding': Spec(False, 'Whether the eavesdroppers put together what they hear.'),
     'separation': Spec(_PAPER.separation, 'Smallest distance in space between any two UAVs at any '
-                       'time in m; 0 for no limit.', LIMITS['separation']),
+                       'time in m; 0 for no limit.', RANGES['separation']),
     'no_fly_zones': Spec([], 'Names of the no-fly zones.', length=(0, MAX_ZONES), read_only=True),
     'geofence': Spec([], 'Vertices of a polygon that no UAV leaves in m, one after the other as '
-                     '[x1, y1, x2, y2, ...]; empty for none.', LIMITS['coordinate'],
+                     '[x1, y1, x2, y2, ...]; empty for none.', RANGES['coordinate'],
                      length=(0, 2 * MAX_VERTICES)),
     'tracking_margin': Spec(
         _PAPER.tracking_margin, 'Largest error of a vehicle on its plan in m, by which zones grow '
         'and the geofence shrinks for the plan, and a separation grows by twice it.',
-        LIMITS['tracking_margin']),
+        RANGES['tracking_margin']),
     'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
     'objective': Spec(
         OWN_OBJECTIVE, 'Rate that is maximised: the lower bound by formula (guaranteed), or the '
@@ -90,7 +90,7 @@ PLANNER = {
                          'limit.', (0.0, 86400.0)),
     'height_tolerance': Spec(2.0, 'Largest distance in m of the ground node and of the '
                              'eavesdroppers from z = 0 of the frame.',
-                             (0.0, LIMITS['altitude'][1])),
+                             (0.0, RANGES['altitude'][1])),
     'start_delay': Spec(0.0, 'How far ahead of a request on ~/plan in s the new plan starts, from '
                         'where the UAVs will be then; also the deadline of its solve; 0 to start '
                         'from where they are when it has been solved, or in flight after '
@@ -104,7 +104,7 @@ PLANNER = {
     'replan_distance': Spec(0.0, 'Plan the rest of the mission again when the ground node or an '
                             'estimate has moved by more than this distance in m, or an error '
                             'radius has changed by more than a tenth of it; 0 for never.',
-                            LIMITS['error_radius']),
+                            RANGES['error_radius']),
     'replan_deviation': Spec(0.0, 'Plan the rest of the mission again, from where the UAVs will '
                              'be, when one is farther from its plan than this distance in m; 0 '
                              'for never.', (0.0, 1e7)),
@@ -151,7 +151,7 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
                 PROPULSIONS[0], 'What flying takes; with a model, the status says the energy of '
                 'the plan.', choices=PROPULSIONS),
             **{f'{name}.propulsion.{field}': Spec(
-                getattr(Propulsion(), field), text, LIMITS[field])
+                getattr(Propulsion(), field), text, RANGES[field])
                for field, text in PROPULSION_FIELDS.items()},
             f'{name}.use_pose': Spec(
                 True, 'Whether to plan from the last odometry or pose of the UAV, if one has '
@@ -159,16 +159,16 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
             f'{name}.origin': Spec(
                 [0.0, 0.0, 0.0], 'What is added to the positions (x, y, z) of the odometry and '
                 'poses of the UAV in m: the origin of its local frame; zero where the relay, '
-                'which adds it, publishes the odometry.', LIMITS['coordinate'], length=(3, 3))}
+                'which adds it, publishes the odometry.', RANGES['coordinate'], length=(3, 3))}
 
 
 def _uav_spec(default: Any, text: str, field: str) -> Spec:
     if isinstance(default, tuple):
         shortest = 0 if field.endswith('velocity') else 2
-        return Spec(list(default), text, LIMITS['coordinate'], length=(shortest, 2))
+        return Spec(list(default), text, RANGES['coordinate'], length=(shortest, 2))
     if default is None:
-        return Spec(NO_LIMIT, text, (NO_LIMIT, LIMITS[field][1]))
-    return Spec(default, text, LIMITS[field])
+        return Spec(NO_LIMIT, text, (NO_LIMIT, RANGES[field][1]))
+    return Spec(default, text, RANGES[field])
 
 
 def eavesdropper_parameters(name: str) -> dict[str, Spec]:
@@ -177,11 +177,11 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
         f'{name}.error_radius': Spec(
             _PAPER.eavesdroppers[0].error_radius,
             'Error radius epsilon in m, used where the covariance of the pose is zero.',
-            LIMITS['error_radius']),
+            RANGES['error_radius']),
         f'{name}.receiver_advantage_db': Spec(
             0.0, "By how much in dB the SNR at its receiver is larger than the ground node's "
             'would be at its place: a better antenna or less noise.',
-            LIMITS['receiver_advantage_db'])}
+            RANGES['receiver_advantage_db'])}
 
 
 def zone_parameters(name: str) -> dict[str, Spec]:
@@ -189,12 +189,12 @@ def zone_parameters(name: str) -> dict[str, Spec]:
     return {
         f'{name}.vertices': Spec(
             [], 'Vertices of the polygon in m, one after the other as [x1, y1, x2, y2, ...]. It '
-            'need not be convex.', LIMITS['coordinate'], length=(6, 2 * MAX_VERTICES)),
+            'need not be convex.', RANGES['coordinate'], length=(6, 2 * MAX_VERTICES)),
         f'{name}.floor': Spec(
-            LIMITS['floor'][0], 'Lowest altitude in m that is forbidden.', LIMITS['floor']),
+            RANGES['floor'][0], 'Lowest altitude in m that is forbidden.', RANGES['floor']),
         f'{name}.ceiling': Spec(
             NO_LIMIT, 'Highest altitude in m that is forbidden; 0 for no limit.',
-            (NO_LIMIT, LIMITS['altitude'][1]))}
+            (NO_LIMIT, RANGES['altitude'][1]))}
 
 
 REPLAY = {
@@ -215,13 +215,13 @@ REPLAY = {
     'start_tolerance': Spec(5.0, 'Distance in m within which a UAV counts as at its start.',
                             (0.01, 1e7)),
     'ground_node': Spec(list(_PAPER.ground_node), 'Position (x, y) of the ground node in m, for '
-                        'the rates of a plan from the topics.', LIMITS['coordinate'],
+                        'the rates of a plan from the topics.', RANGES['coordinate'],
                         length=(2, 2)),
     'reference_snr_db': Spec(_PAPER.reference_snr_db, 'SNR at 1 m and 1 W in dB, for the rates '
-                             'of a plan from the topics.', LIMITS['reference_snr_db']),
+                             'of a plan from the topics.', RANGES['reference_snr_db']),
     **CHANNEL,
     'true_eavesdropper': Spec([], 'True position (x, y) of the eavesdropper in m; empty if it is '
-                              'not known.', LIMITS['coordinate'], length=(0, 2)),
+                              'not known.', RANGES['coordinate'], length=(0, 2)),
 }
 """Parameters of the replay node."""
 
@@ -252,5 +252,5 @@ def relay_parameters(name: str, index: int) -> dict[str, Spec]:
     return {
         f'{name}.origin': Spec(
             [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
-            'plan in m; often where it was switched on.', LIMITS['coordinate'], length=(3, 3)),
+            'plan in m; often where it was switched on.', RANGES['coordinate'], length=(3, 3)),
         f'{name}.max_speed': uav_parameters(name, index)[f'{name}.max_speed']}

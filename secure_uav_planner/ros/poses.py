@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 
 from ..errors import PoseError, PoseMissingError, PoseStaleError, shown, WrongFrameError
-from ..mission.scenario import Array, LIMITS, Point
+from ..mission.scenario import Array, Point, RANGES
 from ..output.autopilots import rotation
 
 # Positions over so many seconds give the velocity of a UAV that sends no odometry.
@@ -208,7 +208,7 @@ def error_radius(covariance: Array, confidence: float) -> float:
 
 
 def _check_values(pose: Pose) -> None:
-    low, high = LIMITS['coordinate']
+    low, high = RANGES['coordinate']
     for field in 'xyz':
         value = getattr(pose.position, field)
         if not low <= value <= high:
@@ -223,7 +223,7 @@ def _check_values(pose: Pose) -> None:
 def _velocity(message: Odometry) -> Point:
     """Return the horizontal velocity of an Odometry in the frame of its header, in m/s."""
     speed = message.twist.twist.linear
-    most = LIMITS['max_speed'][1]
+    most = RANGES['max_speed'][1]
     for field in 'xyz':
         value = getattr(speed, field)
         if not abs(value) <= most:

@@ -1,11 +1,11 @@
 """The executable `relay`; the node is in relay_node."""
 
-from .start import run
+from .start import run_executable
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the relay node as a process."""
-    run('relay_node', 'Relay', args)
+    run_executable('relay_node', 'Relay', args)
 
 
 if __name__ == '__main__':

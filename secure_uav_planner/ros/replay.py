@@ -1,11 +1,11 @@
 """The executable `replay`; the node is in replay_node."""
 
-from .start import run
+from .start import run_executable
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the replay node as a process."""
-    run('replay_node', 'Replay', args)
+    run_executable('replay_node', 'Replay', args)
 
 
 if __name__ == '__main__':

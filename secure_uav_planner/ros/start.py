@@ -9,7 +9,8 @@ import os
 import signal
 
 
-def run(module: str, node: str, args: list[str] | None = None, **options: object) -> None:
+def run_executable(module: str, node: str, args: list[str] | None = None, **options: object
+                   ) -> None:
     """
     Import a node, run it until a signal, and exit the process.
 

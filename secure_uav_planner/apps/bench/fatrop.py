@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from .opponent import imported_casadi, judged, largest_leaks, rates, UNIT
+from .opponent import imported_casadi, judged, largest_leaks, rate_expressions, UNIT
 
 TOLERANCE = 1e-6
 
@@ -32,7 +32,7 @@ def solve_by_fatrop(scenario, positions, powers, iterations=1000):
     stages = ca.horzcat(early[:size, :], last)
     x, y, used, power = (stages[k * uavs:(k + 1) * uavs, :] for k in range(4))
     moves = early[size:, :]
-    ground, leaks = rates(scenario, x.T, y.T, power.T)
+    ground, leaks = rate_expressions(scenario, x.T, y.T, power.T)
     largest = stages[4 * uavs, :].T if eves > 1 else leaks[0]
 
     def squares(dx, dy):

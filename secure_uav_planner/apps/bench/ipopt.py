@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from .opponent import imported_casadi, judged, largest_leaks, rates, UNIT
+from .opponent import imported_casadi, judged, largest_leaks, rate_expressions, UNIT
 
 
 def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
@@ -24,7 +24,7 @@ def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
     slots, uavs, eves = scenario.slots, len(scenario.uavs), scenario.eavesdroppers
     x, y = (ca.SX.sym(name, slots, uavs) for name in 'xy')
     p = ca.SX.sym('p', slots, uavs)
-    ground, leaks = rates(scenario, x, y, p)
+    ground, leaks = rate_expressions(scenario, x, y, p)
     steps, limits = [], []
     for i, (uav, step) in enumerate(zip(scenario.uavs, scenario.max_step)):
         start, goal = np.array(uav.start) / UNIT, np.array(uav.goal) / UNIT

@@ -53,7 +53,7 @@ def has_fatrop():
     return version >= (3, 7) and casadi.has_nlpsol('fatrop')
 
 
-def rates(scenario, x, y, power):
+def rate_expressions(scenario, x, y, power):
     """
     Return expressions of r_0 and of the list of leaks, in nats, with the rows of the arguments.
 
@@ -87,7 +87,7 @@ def largest_leaks(scenario, positions, powers):
     ca = imported_casadi()
     inner = ca.DM(positions[:, 1:-1, 0].T / UNIT), ca.DM(positions[:, 1:-1, 1].T / UNIT)
     symbols = [ca.SX.sym(name, *powers.T.shape) for name in 'xyp']
-    leaks = ca.Function('leaks', symbols, [ca.horzcat(*rates(scenario, *symbols)[1])])
+    leaks = ca.Function('leaks', symbols, [ca.horzcat(*rate_expressions(scenario, *symbols)[1])])
     return np.array(leaks(*inner, ca.DM(powers.T))).max(axis=1)
 
 

@@ -13,7 +13,7 @@ from ...errors import (
     InfeasibleMissionError, MissionFileError, OptionError, PlanningError, ScenarioError)
 from ...mission.files import atomic_file
 from ...mission.formats.example import EXAMPLE
-from ...mission.link_budget import RANGES, reference_snr_db
+from ...mission.link_budget import reference_snr_db
 from ...mission.scenario import Scenario
 from ...model.clearance import CLOSE_DISTANCE, kept_apart_by_nothing
 from ...output.autopilot_limits import changes
@@ -157,6 +157,7 @@ def _advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
 
 def link_budget(options: argparse.Namespace) -> int:
     """Print the reference SNR; return the exit status."""
-    snr = reference_snr_db(**{name: getattr(options, name) for name in RANGES})
+    snr = reference_snr_db(options.carrier_hz, options.bandwidth_hz, options.noise_figure_db,
+                           options.transmit_gain_dbi, options.receive_gain_dbi)
     print(f'reference_snr_db: {snr:.2f}')
     return DONE

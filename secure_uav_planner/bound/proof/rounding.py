@@ -19,7 +19,7 @@ derivatives are wrong by a few eps of their terms; a negative one of the rates i
 and met only where a box is within H of a person, so that it is at most of the size of 2 over a
 box. `margin` is 64 eps times the sum of these sizes, which is about ten times what the terms can
 add up to, and it is added to every box, to every maximum and to every stage. It is of the order of
-1e-11 nats for a mission like the paper's and grows with what is asked, up to LIMITS; where it is
+1e-11 nats for a mission like the paper's and grows with what is asked, up to RANGES; where it is
 not finite, neither is the bound. Sums over the stages are exact but for one rounding (math.fsum).
 """
 

@@ -12,7 +12,7 @@ from .projection import flights_near
 from .visibility_graph import Check
 from ...errors import InfeasibleMissionError, TimeLimitError
 from ...mission.scenario import Scenario
-from ...mission.validation import LIMITS
+from ...mission.validation import RANGES
 from ...model.airspace import airspace_of
 
 _SHARE = 0.05  # Of its slack that a flight leaves which shows that there is one.
@@ -96,7 +96,7 @@ def _is_flown(scenario: Scenario, check: Check) -> bool:
 def _shortest(scenario: Scenario, check: Check) -> float | None:
     """Return a duration with which flights are found, close to the shortest, or None."""
     low = scenario.duration
-    longest = min(low * 2**_DOUBLINGS, LIMITS['duration'][1])
+    longest = min(low * 2**_DOUBLINGS, RANGES['duration'][1])
     if not _is_flown_in(scenario, longest, check):
         return None
     high = low
