@@ -13,7 +13,8 @@ from typing import Any
 
 from ..errors import MissingPackageError
 
-_EXTRAS = {'matplotlib': 'view', 'mcap': 'view', 'pandas': 'view', 'plotly': 'view'}
+_EXTRAS = {'matplotlib': 'view', 'mcap': 'view', 'pandas': 'view', 'plotly': 'view',
+           'distributed': 'campaign', 'joblib': 'campaign', 'tqdm': 'campaign'}
 
 _homes: dict[str, str] = {}
 

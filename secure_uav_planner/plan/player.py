@@ -113,12 +113,12 @@ class Player:
     def _problem(self, new: Playback, time: float, elapsed: float) -> str:
         """Return why the setpoints cannot go on with a plan at a time, or an empty string."""
         sent, moment = self._sent, self._moment(new, time, self.rate)
-        if sent is None:
+        if sent is None or self.playback is None:
             return ''
-        quick = max(1.0, self.rate)
+        altitudes, quick = self.playback.plan.scenario.altitudes, max(1.0, self.rate)
         for index, uav in enumerate(new.plan.scenario.uavs):
             distance = float(np.linalg.norm(moment.positions[index] - sent.positions[index]))
-            climb = abs(uav.altitude - self._altitudes[index])
+            climb = abs(uav.altitude - altitudes[index])
             if distance > uav.max_speed * quick * elapsed + POSITION_JUMP or climb > POSITION_JUMP:
                 return (f'its setpoint of {uav.name} is {math.hypot(distance, climb):.1f} m from '
                         'the last one')
@@ -128,11 +128,6 @@ class Player:
             if change > uav.max_acceleration * quick**2 * elapsed + VELOCITY_JUMP:
                 return f'its velocity of {uav.name} differs by {change:.2f} m/s from the last one'
         return ''
-
-    @property
-    def _altitudes(self) -> list[float]:
-        assert self.playback is not None
-        return [uav.altitude for uav in self.playback.plan.scenario.uavs]
 
     # What a user asks for
 

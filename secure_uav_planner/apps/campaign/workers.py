@@ -10,6 +10,7 @@ from typing import Any
 from .evaluation import empty_row, row_of, WORKER_LOST
 from .tasks import Task
 from ...errors import OptionError, PlanningError, shown
+from ...mission.views import naming_what_is_missing
 
 THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
                  'RAYON_NUM_THREADS')
@@ -86,14 +87,12 @@ def on_cluster(tasks: Iterable[Task], address: str) -> Iterator[dict[str, Any]]:
     The workers need this package.
 
     :param address: of the scheduler, such as tcp://host:8786.
-    :raises OptionError: when Dask is not installed, or the scheduler does not answer.
+    :raises MissingPackageError: when Dask is not installed.
+    :raises OptionError: when the scheduler does not answer.
     :raises ClusterError: when the scheduler is lost on the way.
     """
-    try:
+    with naming_what_is_missing():
         from distributed import as_completed, Client
-    except ModuleNotFoundError as error:
-        raise OptionError(f'{error.name} is not installed; pip install '
-                          '"secure_uav_planner[campaign]"') from None
     try:
         client = Client(address, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:

@@ -6,12 +6,13 @@ import logging
 from pathlib import Path
 import sys
 
-from .main import BAD_INPUT, DONE, FAILED
+from .main import DONE, FAILED
 from .missions import loaded, writable
 from ..campaign.results import save_figure, save_tables
 from ..campaign.run import failed, JOURNAL, run_campaign
 from ..campaign.specification import load_campaign
 from ...errors import OptionError, StoppedError
+from ...mission.views import naming_what_is_missing
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -21,16 +22,13 @@ def sweep(options: argparse.Namespace) -> int:
     # What it says of lost connections is said here in a line.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:
-        rows = run_campaign(campaign, out, options.jobs, options.scheduler)
+        with naming_what_is_missing():
+            rows = run_campaign(campaign, out, options.jobs, options.scheduler)
     except KeyboardInterrupt:
         file = out / JOURNAL
         count = len(file.read_bytes().splitlines()) if file.exists() else 0
         raise StoppedError(f'stopped; {file} keeps {count} missions, and the same command goes on '
                            'from there') from None
-    except ModuleNotFoundError as error:
-        print(f'secure_uav_planner: {error.name} is not installed; pip install '
-              '"secure_uav_planner[campaign]"', file=sys.stderr)
-        return BAD_INPUT
     written = save_tables(rows, out)
     try:
         save_figure(rows, out / 'summary.png')
