@@ -15,7 +15,7 @@ import sys
 
 from ..bound import upper_bound
 from ..errors import PlanningError
-from ..mission import METHODS, Objective, OBJECTIVES
+from ..mission import METHODS, OBJECTIVES
 from ..mission.scenario import Scenario
 from ..optimize import fly_hover_fly, solve
 from ..output.table import markdown_table
@@ -75,12 +75,9 @@ def objectives() -> str:
     """Return the worst-case rates that both objectives lead to."""
     return markdown_table(
         ('T (s), error radius (m)', 'worst-case rate of the (P2) plan', 'of the (P1) plan'),
-        ((f'{duration}, {radius}', *(f'{_worst_case_rate(duration, radius, one):.4f}'
-                                     for one in OBJECTIVES)) for duration, radius in _MISSIONS))
-
-
-def _worst_case_rate(duration: float, radius: float, objective: Objective) -> float:
-    return solve(Scenario.paper(duration, radius), objective=objective).worst_case_rate
+        ((f'{duration}, {radius}', *(
+            f'{solve(Scenario.paper(duration, radius), objective=one).worst_case_rate:.4f}'
+            for one in OBJECTIVES)) for duration, radius in _MISSIONS))
 
 
 def methods() -> str:

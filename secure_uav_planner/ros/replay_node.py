@@ -219,7 +219,8 @@ class Replay(Node):
         moment = player.tick(now, self._settings['speed'], self._eavesdropper,
                              is_ready=not self._waits, longest=longest)
         if playback is not None:
-            self._publish_time(clock.to_msg())
+            self._plan_time.publish(
+                messages.plan_time(player.playback.plan, player.time, clock.to_msg()))
         if moment is not None:
             self._publish(moment, clock.to_msg())
         if running and player.ended:
@@ -257,11 +258,6 @@ class Replay(Node):
         if waits and kinds(waits) != kinds(self._waits):
             self.get_logger().info(brief(f'waiting for {", ".join(waits)}'))
         self._waits = waits
-
-    def _publish_time(self, stamp: Stamp) -> None:
-        """Say to what time of which plan the flight has come."""
-        plan = self._player.playback.plan
-        self._plan_time.publish(messages.plan_time(plan, self._player.time, stamp))
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
         for topic, message in messages.of_moment(

@@ -46,12 +46,8 @@ class Worker:
     @property
     def busy(self) -> bool:
         """Return whether a solve is under way, or a request has not been answered yet."""
-        return self._reservation.locked() or self._solving
-
-    @property
-    def _solving(self) -> bool:
         job = self._job
-        return job is not None and not job.future.done()
+        return self._reservation.locked() or job is not None and not job.future.done()
 
     @property
     def progress(self) -> Iteration | None:

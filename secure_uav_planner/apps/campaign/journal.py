@@ -28,18 +28,14 @@ class Journal:
         except OSError:
             self._file.close()
             raise OptionError(f'{path} is being written by another sweep') from None
-        self._cut()
+        with open(path, 'rb+') as file:
+            file.truncate(sum(len(line) for line in file if line.endswith(b'\n')))
 
     def __enter__(self) -> 'Journal':
         return self
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
-
-    def _cut(self) -> None:
-        """Remove what follows the last whole line."""
-        with open(self._path, 'rb+') as file:
-            file.truncate(sum(len(line) for line in file if line.endswith(b'\n')))
 
     def add(self, row: dict[str, Any]) -> None:
         """Write a row, and hand it to the operating system at once."""

@@ -84,11 +84,6 @@ class Campaign:
                 for name, (law, first, second) in self.laws.items()}
 
 
-def own_objective(scheme: str) -> str:
-    """Return what a method or baseline maximises where nothing else is asked for."""
-    return OBJECTIVES[0] if scheme in BASELINES else checked_objective(scheme)
-
-
 def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     """
     Return the campaign of a file: YAML, or JSON if its name ends with .json.
@@ -285,7 +280,8 @@ class _Reader:
                           f'{", ".join(allowed)}')
                 return []
         if own:
-            return [(method, own_objective(method)) for method in values['methods']]
+            return [(method, OBJECTIVES[0] if method in BASELINES else checked_objective(method))
+                    for method in values['methods']]
         pairs = [(method, objective) for method in values['methods']
                  for objective in values['objectives']
                  if method == METHODS[0] or objective == OBJECTIVES[0]]
