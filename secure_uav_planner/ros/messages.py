@@ -80,7 +80,7 @@ def pose_stamped(frame_id: str, stamp: Stamp, x: float, y: float, z: float, yaw:
 
 
 def _place(position: Any, turn: Quaternion, x: float, y: float, z: float, yaw: float) -> None:
-    """Set parts of a message; making new ones takes twice as long, which long plans would feel."""
+    """Set parts of a message in place; to make new ones takes twice as long."""
     position.x, position.y, position.z = float(x), float(y), float(z)
     turn.z, turn.w = math.sin(yaw / 2), math.cos(yaw / 2)
 
