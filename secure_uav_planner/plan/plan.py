@@ -312,7 +312,7 @@ class Plan:
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
-        for one in checked_kind('baselines', baselines, Sequence):
+        for one in baselines if isinstance(baselines, Sequence) else (baselines,):
             checked_kind('baselines', one, Plan)
         figure: Figure = view('plot_plan', self, baselines)
         return figure

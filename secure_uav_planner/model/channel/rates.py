@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from .links import guaranteed_squared_distance, link_of
 from ...mission.scenario import Array, Eavesdropper, Scenario
-from ...mission.validation import checked_array, checked_kind, checked_real, LIMITS
+from ...mission.validation import checked_array, checked_kind, checked_real, RANGES
 
 
 def ground_squared_distances(scenario: Scenario, positions: Array) -> Array:
@@ -90,7 +90,7 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
     places = np.broadcast_to(checked_array('eavesdropper', eavesdropper, (2,), shape), shape)
     advantage = (float(scenario.receiver_advantages.max()) if receiver_advantage_db is None
                  else 10.0 ** (checked_real('receiver_advantage_db', receiver_advantage_db,
-                                            *LIMITS['receiver_advantage_db']) / 10.0))
+                                            *RANGES['receiver_advantage_db']) / 10.0))
     leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
     return ground_rates(scenario, positions, powers) - leak
 
