@@ -6,7 +6,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario, solve
-from secure_uav_planner.optimize.alternating.clarabel import solve as solve_with_clarabel
+from secure_uav_planner.optimize.alternating.clarabel import solve_problem
 from secure_uav_planner.optimize.alternating.trajectory import TrajectoryProblem
 
 
@@ -37,7 +37,7 @@ def refusing(error, after=0):
     PanicException('index out of bounds'), MemoryError()])
 def test_whatever_the_solver_raises_is_a_failure(monkeypatch, error):
     monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(error))
-    assert solve_with_clarabel(small_problem())[:2] == (False, 0.0)
+    assert solve_problem(small_problem())[:2] == (False, 0.0)
 
 
 def test_a_panic_or_an_error_of_clarabel_itself_is_a_failure(monkeypatch):
@@ -45,21 +45,21 @@ def test_a_panic_or_an_error_of_clarabel_itself_is_a_failure(monkeypatch):
     healthy = clarabel.DefaultSolver
     monkeypatch.setattr(clarabel, 'DefaultSolver', lambda p, q, a, b, cones, settings: healthy(
         p, q, a, b, [*cones, clarabel.NonnegativeConeT(3)], settings))
-    assert solve_with_clarabel(small_problem())[:2] == (False, 0.0)
+    assert solve_problem(small_problem())[:2] == (False, 0.0)
 
 
 @pytest.mark.parametrize('stop', [KeyboardInterrupt, SystemExit])
 def test_a_person_who_stops_the_program_is_obeyed(monkeypatch, stop):
     monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(stop()))
     with pytest.raises(stop):
-        solve_with_clarabel(small_problem())
+        solve_problem(small_problem())
 
 
 @pytest.mark.parametrize('time_left', [-1.0, 0.0, 1e-9])
 def test_without_time_left_nothing_is_solved(monkeypatch, time_left):
     # Not even started: compiling counts against the deadline, too.
     monkeypatch.setattr(clarabel, 'DefaultSolver', None)
-    assert solve_with_clarabel(small_problem(), time_left)[:2] == (False, 0.0)
+    assert solve_problem(small_problem(), time_left)[:2] == (False, 0.0)
 
 
 def test_the_solver_stops_at_the_deadline():
@@ -73,7 +73,7 @@ def test_the_solver_stops_at_the_deadline():
 def test_a_problem_that_is_not_convex_is_an_error_in_the_program():
     x = cp.Variable()
     with pytest.raises(cp.DCPError):
-        solve_with_clarabel(cp.Problem(cp.Maximize(cp.square(x)), [x <= 1]))
+        solve_problem(cp.Problem(cp.Maximize(cp.square(x)), [x <= 1]))
 
 
 @pytest.mark.parametrize('error', [
@@ -92,7 +92,7 @@ def test_every_solve_has_a_solver_of_its_own(monkeypatch):
         clarabel, 'DefaultSolver', lambda *given: made.append(given) or healthy(*given))
     problem = small_problem()
     for _ in range(3):
-        assert solve_with_clarabel(problem)[0]
+        assert solve_problem(problem)[0]
     assert len(made) == 3
 
 

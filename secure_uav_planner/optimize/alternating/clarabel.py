@@ -25,7 +25,7 @@ class SolverResult(NamedTuple):
     compile_time: float
 
 
-def solve(problem: Any, time_left: float = math.inf) -> SolverResult:
+def solve_problem(problem: Any, time_left: float = math.inf) -> SolverResult:
     """
     Solve a CVXPY problem with the present values of its parameters, by a solver of its own.
 

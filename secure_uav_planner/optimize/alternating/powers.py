@@ -68,7 +68,7 @@ class PowerProblem:
         for bound, gains in zip(
                 self._leakages, guaranteed_gains(self.scenario, positions), strict=True):
             bound.set_local_point(gains * self._unit, local)
-        solved, seconds, self.compile_time = clarabel.solve(self.problem, time_left)
+        solved, seconds, self.compile_time = clarabel.solve_problem(self.problem, time_left)
         return (self.powers.value * self._unit if solved else None), seconds
 
 

@@ -106,7 +106,7 @@ class TrajectoryProblem:
             self._interference.set_local_point(received[1:], slopes[1:])
         self._set_local_leakage(
             positions, powers, _directions(offset, np.array([1.0, 0.0])))
-        solved, seconds, self.compile_time = clarabel.solve(self.problem, time_left)
+        solved, seconds, self.compile_time = clarabel.solve_problem(self.problem, time_left)
         if not solved:
             return None, seconds
         return positions + unit * np.stack([move.value for move in self.moves]), seconds
