@@ -44,9 +44,7 @@ def calls(name):
 
 def executables(packaging):
     """Return the names that `ros2 run` knows."""
-    scripts = [script.split(' = ')[0] for script in packaging['entry_points']['console_scripts']]
-    files = dict(packaging['data_files']).get('lib/secure_uav_planner', [])
-    return {*scripts, *(Path(file).name for file in files)}
+    return {Path(file).name for file in dict(packaging['data_files'])['lib/secure_uav_planner']}
 
 
 def test_it_starts_only_executables_that_are_installed(packaging):
