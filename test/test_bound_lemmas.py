@@ -278,7 +278,8 @@ def test_a_search_that_is_cut_short_still_bounds():
 
 MISSIONS = [{'seed': 1}, {'seed': 2, 'eavesdroppers': 2}, {'seed': 3, 'jammers': 0},
             {'seed': 4, 'jammers': 2}, {'seed': 7, 'jammers': 2, 'eavesdroppers': 2},
-            {'seed': 5, 'slots': 1}, {'seed': 6, 'jammers': 3}]
+            {'seed': 8, 'jammers': 2, 'eavesdroppers': 3}, {'seed': 5, 'slots': 1},
+            {'seed': 6, 'jammers': 3}]
 
 
 def worst(options, most=400, curved=False, count=60):

@@ -28,8 +28,8 @@ from ..mission.validation import (
 from ..plan.bound import Bound, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
 
-MOST_EAVESDROPPERS = {0: 3, 1: 3, 2: 2}
-"""Eavesdroppers that are counted with at most, by the number of jammers that are followed."""
+MOST_EAVESDROPPERS = {True: 3, False: 2}
+"""Eavesdroppers that are counted with at most, by whether all jammers are followed."""
 
 FEW_STAGES = 80
 """Stages where two jammers meet several eavesdroppers: each takes as long as five others."""
@@ -239,7 +239,7 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     some_positions = positions[:, [0, *some, scenario.slots + 1]]
     leaks = everyone.leaks(scenario, some_positions, powers[:, some - 1])
     order = reference.by_use(scenario, everyone, some_positions, powers[:, some - 1])
-    chosen = everyone.best(leaks, MOST_EAVESDROPPERS[min(len(order), MOST_JAMMERS)])
+    chosen = everyone.best(leaks, MOST_EAVESDROPPERS[len(order) <= MOST_JAMMERS])
     uavs = [0, *order[:MOST_JAMMERS]]
     path, watts = positions[uavs], powers[uavs]
     several = len(order) >= MOST_JAMMERS and len(chosen.places) > 1
