@@ -7,6 +7,7 @@ of its nodes; see conftest.py.
 """
 
 from contextlib import contextmanager
+import gc
 from importlib import import_module
 import os
 import signal
@@ -36,6 +37,7 @@ RESEND = 3.0  # s, well below the planner's default pose_timeout
 _SHOWN = 60  # Lines of a node's output in the report of a failed test.
 
 _started = []  # (test, Popen) of every node process, until another test begins.
+_clients = []
 
 
 def wait_for(condition, patience=PATIENCE, what='the condition'):
@@ -89,6 +91,8 @@ def refusal(capfd, name, **parameters):
     with pytest.raises(SystemExit) as ended:
         run_node(kind, _ros_args(parameters))
     assert ended.value.code == 1
+    del ended  # Its traceback holds the node, and with that its place in DDS.
+    gc.collect()
     line, = ''.join(capfd.readouterr()).splitlines()
     assert line.startswith('cannot start: ')
     return line
@@ -123,6 +127,7 @@ def node_here(capfd, name, **parameters):
     rclpy.init(context=context, args=_ros_args(parameters))
     executor = MultiThreadedExecutor(4, context=context)
     node = kind(context=context)
+    full_name = node.get_fully_qualified_name()
     executor.add_node(node)
     thread = threading.Thread(target=executor.spin, daemon=True)
     thread.start()
@@ -135,6 +140,10 @@ def node_here(capfd, name, **parameters):
         thread.join(PATIENCE)
         node.destroy_node()
         rclpy.shutdown(context=context)
+        # In DDS the next node of this process is the same participant: clients that have not seen
+        # this one end would never find that.
+        wait_for(lambda: not any(full_name in client.node.get_fully_qualified_node_names()
+                                 for client in _clients), what=f'the end of {full_name}')
 
 
 def stopped(process, number=signal.SIGINT):
@@ -227,6 +236,7 @@ class Client:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
+        _clients.append(self)
 
     def _spin(self):
         sent = time.monotonic()
@@ -239,6 +249,7 @@ class Client:
                         publish()
 
     def close(self):
+        _clients.remove(self)
         self._stop.set()
         self._thread.join()
         self._executor.shutdown(timeout_sec=0)

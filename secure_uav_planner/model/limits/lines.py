@@ -116,7 +116,8 @@ class LineLimit(Limit):
     def slacks(self, path: Array, lines: Lines) -> Array:
         """Return c of points (N+2, U, 2) in units, (N+2, G, K)."""
         places = self.places(path)
-        slacks: Array = (places @ lines.normals[..., None])[..., 0] - lines.offsets[..., None]
+        along = np.einsum('ngkx,ngx->ngk', places, lines.normals)
+        slacks: Array = along - lines.offsets[..., None]
         return slacks
 
     def is_clear(self, positions: Array) -> bool:
