@@ -363,6 +363,7 @@ def test_a_mission_that_lost_its_worker_is_told_of_and_planned_again(folder, clu
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 10'))
     with distributed_client(address) as client:
         client.wait_for_workers(2, PATIENCE)
+    victim.send_signal(signal.SIGSTOP)  # So it gets missions, and finishes none.
     arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', address]
     driver = start(*arguments)
     wait_for(lambda: written(1), driver)

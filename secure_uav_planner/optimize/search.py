@@ -147,6 +147,11 @@ class Search:
             self._parent.solver_time = self.solver_time
             self._parent.report(step)
 
+    @property
+    def useful_powers(self) -> Array:
+        """Powers of the present iterate without those of slots that carry nothing, (U, N) in W."""
+        return np.where(self._rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
+
     def plan(self, method: str, status: Status) -> Plan:
         """Return the best iterate as a Plan, in which slots that carry nothing are silent."""
         if self._parent is None and self.stop_reason() is None:
@@ -154,8 +159,7 @@ class Search:
         last = self.history[-1]
         if self.rate > last.rate and self.stop_reason() is None:  # Found after the last report.
             self.report(last.step)
-        powers = np.where(self._rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
-        return Plan(self.scenario, self.positions, powers, method, status,
+        return Plan(self.scenario, self.positions, self.useful_powers, method, status,
                     tuple(self.history), self.termination.elapsed,
                     objective=self.objective)
 

@@ -33,7 +33,7 @@ def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
             # The plan of (P2) is where (P1) begins, and what it is never below.
             guaranteed = search.with_objective('guaranteed')
             improve(guaranteed, schedule)
-            search.try_improve(guaranteed.positions, guaranteed.powers)
+            search.try_improve(guaranteed.positions, guaranteed.useful_powers)
             reason = search.stop_reason()
             if reason is not None:
                 return reason
