@@ -39,12 +39,13 @@ _HOMES = {'assessment': ('Assessment', 'World', 'assess'),
 _MOVED = {
     **{name: f'apps.{name}' for name in ('bench', 'campaign', 'cli', 'demo', 'fly', 'study')},
     **{name: f'mission.{name}' for name in (
-        'choices', 'files', 'kinematics', 'link_budget', 'polygons', 'scenario')},
+        'files', 'kinematics', 'link_budget', 'polygons', 'scenario')},
     **{name: f'model.{name}' for name in (
         'airspace', 'channel', 'clearance', 'curve', 'grid', 'kernel', 'limits', 'quadratics')},
-    'autopilots': 'output.autopilots', 'export': 'output', 'fields': 'mission.validation',
-    'members': 'mission.participants', 'plan_file': 'plan.file', 'playback': 'plan.playback',
-    'tracking': 'plan.tracking', 'view': 'output'}
+    'autopilots': 'output.autopilots', 'choices': 'mission', 'export': 'output',
+    'fields': 'mission.validation', 'members': 'mission.participants',
+    'plan_file': 'plan.file', 'playback': 'plan.playback', 'tracking': 'plan.tracking',
+    'view': 'output'}
 """Modules that stood here before, and where they are now: their old names still import them."""
 
 

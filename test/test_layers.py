@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 import pytest
+from secure_uav_planner import _MOVED
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'secure_uav_planner'
 TABLE = PACKAGE.parent / 'docs' / 'contributing.md'
@@ -53,8 +54,7 @@ def test_imports_run_one_way_and_rooms_are_few():
 
 
 @pytest.mark.parametrize('old, now', [
-    ('scenario', 'mission.scenario'), ('export', 'output'),
-    ('export.spreadsheet', 'output.spreadsheet'), ('plan_file', 'plan.file'),
+    *_MOVED.items(), ('export.spreadsheet', 'output.spreadsheet'),
     ('campaign.tasks', 'apps.campaign.tasks')])
 def test_a_module_is_the_same_under_the_name_it_had_before(old, now):
     assert import_module(f'secure_uav_planner.{old}') is import_module(f'secure_uav_planner.{now}')

@@ -34,6 +34,8 @@ def test_a_plan_and_its_mission_plot_themselves_without_pyplot(plan, tmp_path):
         figure.savefig(tmp_path / 'figure.png')
         assert (tmp_path / 'figure.png').read_bytes().startswith(PNG)
         assert figure._repr_png_().startswith(PNG)  # What a notebook asks for.
+    with pytest.raises(OptionError, match='baselines is .*; it must be a sequence of Plans'):
+        plan.plot(plan)
     done = subprocess.run(
         [sys.executable, '-c', 'import secure_uav_planner as s, sys; '
          's.fly_hover_fly(s.Scenario.paper(120.0, slots=12)).plot(); '

@@ -8,6 +8,7 @@ north-east-down with yaw clockwise from north, and those about the body in forwa
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 import math
 from typing import Any, TypeAlias
 
@@ -101,8 +102,11 @@ class Stack:
     debian: str = ''
 
 
-_NED = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
-_FRD = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
+@cache
+def _axes() -> tuple[Any, ...]:
+    """Return the rotations to north-east-down, and of a body's axes to forward-right-down."""
+    return tuple(scipy.spatial.transform.Rotation.from_matrix(
+        [[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]], np.diag([1.0, -1.0, -1.0])]))
 
 
 def ned(vector: Vector) -> Vector:
@@ -212,7 +216,7 @@ def px4_odometry(report: Any) -> Fields:
     velocity = _vector(report.velocity)
     if report.velocity_frame == _VELOCITY_NED:
         velocity = _vector(body.inv().apply(velocity))
-    ned_axes, frd_axes = scipy.spatial.transform.Rotation.from_matrix([_NED, _FRD])
+    ned_axes, frd_axes = _axes()
     x, y, z, w = (ned_axes * body * frd_axes).as_quat().tolist()
     return {'pose': {'pose': {'position': _xyz(ned(_vector(report.position))),
                               'orientation': {**_xyz((x, y, z)), 'w': w}}},

@@ -312,7 +312,10 @@ class Plan:
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
-        for one in baselines if isinstance(baselines, Sequence) else (baselines,):
+        if not isinstance(baselines, Sequence):
+            raise OptionError(f'baselines is {shown(baselines)}; it must be a sequence of Plans',
+                              ('baselines',))
+        for one in baselines:
             checked_kind('baselines', one, Plan)
         figure: Figure = view('plot_plan', self, baselines)
         return figure
