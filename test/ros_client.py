@@ -85,7 +85,7 @@ def _ros_args(parameters):
 
 
 def refusal(capfd, name, **parameters):
-    """Return the one line with which a node ends that cannot start, in this process."""
+    """Return the one line that says why a node cannot start, which is started in this process."""
     kind = getattr(import_module(f'secure_uav_planner.ros.{name}_node'), name.title())
     capfd.readouterr()
     with pytest.raises(SystemExit) as ended:
@@ -93,9 +93,11 @@ def refusal(capfd, name, **parameters):
     assert ended.value.code == 1
     del ended  # Its traceback holds the node, and with that its place in DDS.
     gc.collect()
-    line, = ''.join(capfd.readouterr()).splitlines()
-    assert line.startswith('cannot start: ')
-    return line
+    # Others in this process may write as well, such as what is left of the node before.
+    lines = ''.join(capfd.readouterr()).splitlines()
+    reasons = [line for line in lines if line.startswith('cannot start: ')]
+    assert len(reasons) == 1, lines
+    return reasons[0]
 
 
 class _Here:
