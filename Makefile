@@ -51,7 +51,7 @@ study: $(VENV)/.study
 	$(BIN)/python -m secure_uav_planner.apps.study
 
 # Writes the tables of README and explanation.
-numbers: study fly
+numbers: study fly bench
 	$(BIN)/python -m secure_uav_planner.apps.measured
 
 docs: $(VENV)/.docs

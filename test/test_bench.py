@@ -3,7 +3,7 @@ import sys
 
 import numpy as np
 import pytest
-from secure_uav_planner import Scenario, solve
+from secure_uav_planner import __version__, Scenario, solve
 from secure_uav_planner.apps.bench import __main__ as bench, measuring, report
 from secure_uav_planner.apps.bench.fatrop import solve_by_fatrop
 from secure_uav_planner.apps.bench.ipopt import solve_by_ipopt
@@ -62,7 +62,11 @@ def test_the_quick_benchmark_writes_tables_and_a_picture(monkeypatch, capsys, tm
                         random_mission(seed, 20, jammers))
     assert bench.main(['--quick', '--missions', '1', '--seed', '1', '--out', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert 'times as fast as IPOPT' in printed and 'a warm start takes' in printed
+    speed = (tmp_path / 'speed.md').read_text()
+    assert speed in printed and __version__ in speed
+    for said in ("the paper's, T = 102 s, radius 10 m |", '1 random ones of two UAVs, median |',
+                 'starts from the last plan', 'worst-case objective takes'):
+        assert said in speed
     document = (tmp_path / 'bench.md').read_text()
     for name in ('paper', 'slots', 'random', 'two UAVs', 'warm', 'objectives'):
         assert f'\n## {name}\n' in document

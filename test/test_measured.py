@@ -4,7 +4,9 @@ from pathlib import Path
 import re
 
 import pytest
+import secure_uav_planner
 from secure_uav_planner.apps import measured, study
+from secure_uav_planner.apps.bench import __main__ as bench
 
 ROOT = Path(__file__).resolve().parents[1]
 RATE = re.compile(r'-?\d+\.\d{4}\b')  # In bit/s/Hz; other numbers depend on the machine.
@@ -40,6 +42,12 @@ def test_the_claims_are_those_of_the_study_of_today(tmp_path):
     claims = '\n'.join(line for line in (tmp_path / 'claims.md').read_text().splitlines()
                        if line.startswith('|'))
     assert_current('claims', claims, re.compile(r'\d\.\d{3}\b'), 2e-3)
+
+
+def test_the_speed_is_that_of_this_version():
+    assert f'with version {secure_uav_planner.__version__},' in written()['speed']
+    for duration, radius, _ in bench.PAPER:
+        assert f'T = {duration:g} s, radius {radius:g} m' in written()['speed']
 
 
 def test_every_table_has_its_place_and_a_stale_one_is_found_and_renewed():

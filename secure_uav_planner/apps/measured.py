@@ -1,9 +1,9 @@
 """
 The numbers of README and explanation: each table between two comments is written by a run.
 
-`python -m secure_uav_planner.apps.measured` computes those of the planner, takes those of the
-study and of the flights from the folders in which these have left them, and writes all into the
-pages. `make numbers` runs study and flights before.
+`python -m secure_uav_planner.apps.measured` computes those of the planner, takes those of study,
+flights and benchmark from the folders in which these have left them, and writes all into the
+pages. `make numbers` runs the three before.
 """
 
 import argparse
@@ -90,7 +90,12 @@ def methods() -> str:
           len(plan.history) - 1, f'{plan.solve_time:.2g} s') for duration, plan in plans))
 
 
-def _of_file(path: str, number: int = 0) -> Callable[[], str]:
+def _all_of(path: str) -> Callable[[], str]:
+    """Return what reads a file that another program has left."""
+    return lambda: Path(path).read_text(encoding='utf-8').strip()
+
+
+def _table_of(path: str, number: int = 0) -> Callable[[], str]:
     """Return what reads a table of a Markdown file that another program has left."""
     return lambda: re.findall(
         r'(?:^\|.*\n?)+', Path(path).read_text(encoding='utf-8'), re.MULTILINE)[number].strip()
@@ -98,8 +103,8 @@ def _of_file(path: str, number: int = 0) -> Callable[[], str]:
 
 TABLES: dict[str, Callable[[], str]] = {
     'rates': rates, 'objectives': objectives, 'methods': methods,
-    'claims': _of_file('out/study/claims.md'), 'flown': _of_file('out/fly/fly.md'),
-    'events': _of_file('out/fly/fly.md', 1)}
+    'claims': _table_of('out/study/claims.md'), 'flown': _table_of('out/fly/fly.md'),
+    'events': _table_of('out/fly/fly.md', 1), 'speed': _all_of('out/bench/speed.md')}
 """What computes each table, by its name."""
 
 if __name__ == '__main__':

@@ -2,6 +2,7 @@
 
 import argparse
 import datetime
+import os
 from pathlib import Path
 import platform
 import sys
@@ -9,6 +10,7 @@ import sys
 from . import measuring, report
 from .fatrop import TOLERANCE
 from .missions import random_mission
+from ... import __version__
 from ...mission.scenario import Scenario
 
 PAPER = ((102.0, 10.0, 1.3694), (104.0, 10.0, 1.5601), (120.0, 10.0, 1.9875),
@@ -71,13 +73,15 @@ def main(arguments=None):
     objectives += [(f'seed {seed}', random_mission(seed)) for seed in seeds]
     table('objectives', (measuring.measure_objectives(*mission) for mission in objectives))
 
-    summary = report.conclusions(tables)
+    today, machine = datetime.date.today().isoformat(), platform.machine()
+    summary = (f'Measured on {today} with version {__version__}, on {os.cpu_count()} processors '
+               f'({machine}):\n\n' + report.summary(tables))
     print('\n' + summary)
     document = (
-        f'# Benchmark of {datetime.date.today().isoformat()}\n\n'
+        f'# Benchmark of {today}\n\n'
         f'`python -m secure_uav_planner.apps.bench {" ".join(arguments or sys.argv[1:])}`, '
         f'Python {platform.python_version()}, CasADi {casadi.__version__}, '
-        f'{platform.machine()}. Times are medians in s, rates in bit/s/Hz, memory in MB. IPOPT '
+        f'{machine}. Times are medians in s, rates in bit/s/Hz, memory in MB. IPOPT '
         'and FATROP start from fly-hover-fly with constant power, with exact derivatives. IPOPT '
         f'has its default options, and FATROP a tolerance of {TOLERANCE:g} and otherwise its '
         'own; it finds the stages by itself, with the powers used before as a state. With '
@@ -86,6 +90,7 @@ def main(arguments=None):
         'form.\n\n' + summary)
     for name, rows in tables.items():
         document += f'\n## {name}\n\n{report.table_of(rows)}'
+    (options.out / 'speed.md').write_text(summary, encoding='utf-8')
     (options.out / 'bench.md').write_text(document, encoding='utf-8')
     report.write_csv(options.out / 'bench.csv', tables)
     report.plot_scaling(options.out / 'time_against_slots.png', tables['slots'])

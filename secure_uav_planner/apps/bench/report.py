@@ -11,6 +11,9 @@ _FORMATS = {'time': '{:.3f}', 'build': '{:.3f}', 'solve': '{:.3f}', 'rate': '{:.
 OPPONENTS = {'ipopt': '#D55E00', 'fatrop': '#009E73'}
 """The other solvers, each with its color in a picture."""
 
+RANDOM = {'two UAVs': 'of two UAVs', 'random': 'with 1 to 3 jammers and eavesdroppers'}
+"""The tables of random missions, and what these are."""
+
 
 def text(column, value):
     """Return the text of a value in a table."""
@@ -42,43 +45,60 @@ def write_csv(path, tables):
         writer.writerows(rows)
 
 
-def conclusions(tables):
-    """Return the main results of the tables as sentences in a Markdown list."""
-    lines = []
-    for name, rows in tables.items():
-        for other in OPPONENTS:
-            compared = [row for row in rows if f'{other}_ratio' in row]
-            if compared:
-                lines += _comparison(name, other, compared)
-        warm = [row for row in rows if 'warm_ratio' in row]
-        if warm:
-            ratio = statistics.median(row['warm_ratio'] for row in warm)
-            gain = statistics.median(row['warm_rate'] - row['cold_rate'] for row in warm)
-            lines.append(f'- {name}: a warm start takes {ratio:.0%} of the time of a cold one in '
-                         f'the median; the rate differs by {gain:+.5f} bit/s/Hz in the median')
-        both = [row for row in rows if 'objective_ratio' in row]
-        if both:
-            ratio = statistics.median(row['objective_ratio'] for row in both)
-            gains = [row['p1_rate'] - row['p2_rate'] for row in both]
-            lines.append(f'- {name}: the worst-case objective takes {ratio:.2f} times as long as '
-                         f'the guaranteed one in the median; the worst-case rate gains '
-                         f'{statistics.median(gains):.4f} bit/s/Hz in the median, '
-                         f'{min(gains):.4f} at least')
-    return '\n'.join(lines) + '\n'
+def summary(tables):
+    """Return the main results of the tables, rows by name, as a Markdown table and a list."""
+    found = [(name, [row]) for table in ('paper', 'slots') for name, row in (
+        (f"the paper's, {row['name']}", row) for row in tables[table])]
+    lines = [_compared(name, rows, statistics.median) for name, rows in found]
+    for table, of in RANDOM.items():
+        rows = tables[table]
+        lines += [_compared(f'{len(rows)} random ones {of}, median', rows, statistics.median),
+                  _compared('the worst of them', rows, min)]
+    return markdown_table(
+        ('missions', 'planner', *(f'against {other.upper()}' for other in OPPONENTS),
+         *(f'rate above that of {other.upper()}' for other in OPPONENTS)),
+        lines) + '\n\n' + '\n'.join(f'- {line}' for line in _facts(tables)) + '\n'
 
 
-def _comparison(table, other, rows):
-    """Return the sentences on another solver in a table."""
-    ratios = [row[f'{other}_ratio'] for row in rows]
-    calls = [row[f'{other}_ratio_solve'] for row in rows]
-    gains = [row['joint_rate'] - row[f'{other}_rate'] for row in rows]
-    return [
-        f'- {table}: joint is {statistics.median(ratios):.1f} times as fast as '
-        f'{other.upper()} in the median (at least {min(ratios):.1f}), '
-        f'{statistics.median(calls):.1f} times (at least {min(calls):.1f}) when building '
-        'the problem is not counted',
-        f'- {table}: its rate exceeds that of {other.upper()} by '
-        f'{statistics.median(gains):.4f} bit/s/Hz in the median, by {min(gains):.4f} at least']
+def _compared(name, rows, choose):
+    """Return a line of the summary: the chosen time, ratios and gains of some rows."""
+    times = [row['joint_time'] for row in rows]
+    cells = [name, f'{1000 * (max if choose is min else choose)(times):.0f} ms']
+    ratios, gains = [], []
+    for other in OPPONENTS:
+        compared = [row for row in rows if f'{other}_ratio' in row]
+        both = [choose(row[f'{other}_{what}'] for row in compared)
+                for what in ('ratio', 'ratio_solve') if compared]
+        ratios.append('{} ({})'.format(*map(_ratio, both)) if both else '')
+        gains.append(f"{choose(row['joint_rate'] - row[f'{other}_rate'] for row in compared):.4f}"
+                     if compared else '')
+    return [*cells, *ratios, *gains]
+
+
+def _ratio(value):
+    return f'{value:.0f}' if value >= 9.95 else f'{value:.1f}'
+
+
+def _facts(tables):
+    """Return what the tables say beside the comparison with other solvers, in sentences."""
+    paper = [row for row in tables['paper'] if 'alternating_time' in row]
+    if paper:
+        ratios = [row['alternating_time'] / row['joint_time'] for row in paper]
+        yield ("On the paper's missions, its alternating method takes "
+               f'{min(ratios):.0f} to {max(ratios):.0f} times as long.')
+    first, *_, last = tables['slots']
+    yield (f"A process that plans {first['slots']} slots takes {first['peak_memory']:.0f} MB of "
+           f"memory, one that plans {last['slots']} takes {last['peak_memory']:.0f} MB.")
+    ratio, gain = (statistics.median(values) for values in zip(*(
+        (row['warm_ratio'], row['warm_rate'] - row['cold_rate']) for row in tables['warm'])))
+    yield (f"After the eavesdroppers' estimates have moved by 5 m, a solve that starts from the "
+           f'last plan takes {ratio:.0%} of the time of a first one in the median; the rate '
+           f'differs by {gain:+.5f} bit/s/Hz in the median.')
+    ratio = statistics.median(row['objective_ratio'] for row in tables['objectives'])
+    gains = [row['p1_rate'] - row['p2_rate'] for row in tables['objectives']]
+    yield (f'The worst-case objective takes {ratio:.1f} times the processor time of the '
+           f'guaranteed one in the median; the worst-case rate gains '
+           f'{statistics.median(gains):.4f} bit/s/Hz in the median, {min(gains):.4f} at least.')
 
 
 def plot_scaling(path, rows):
