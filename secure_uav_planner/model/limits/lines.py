@@ -1,6 +1,7 @@
 """Limits that keep pieces of the flown curve on one side of lines: what clearances share."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 from importlib import import_module
 from typing import Any, ClassVar, NamedTuple
@@ -90,14 +91,17 @@ class LineLimit(Limit):
         self.compiled.choose(np.ascontiguousarray(path), *found)
         return found
 
-    def first_lines(self, path: Array, other_way: bool) -> Lines:
+    def turned_lines(self, path: Array, lines: Lines, other_way: bool,
+                     check: Callable[[], None]) -> Lines:
         """
         Return lines for pieces that need not be clear, as whole flights ask for.
 
         :param path: as for lines.
+        :param lines: those of the path, which may be changed.
         :param other_way: whether to take another side than the nearest, where there is one.
+        :param check: called now and then; what it raises is passed on.
         """
-        return self.lines(path)
+        return lines
 
     def check(self, positions: Array, powers: Array) -> None:
         """Leave it to Plan, which checks the flown curve by itself."""

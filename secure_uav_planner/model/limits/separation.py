@@ -1,5 +1,6 @@
 """The separation of UAVs: any two of them at any time."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -40,14 +41,15 @@ class SeparationLimit(LineLimit):
     def _obstacles(self) -> dict[str, Any]:
         return {'radii': self.radii}
 
-    def first_lines(self, path: Array, other_way: bool) -> Lines:
+    def turned_lines(self, path: Array, lines: Lines, other_way: bool,
+                     check: Callable[[], None]) -> Lines:
         """
         Return lines that turn evenly while two UAVs are too close, from before to after that.
 
         So they pass each other on one side, also where the difference runs through the origin.
         """
-        lines = self.lines(path)
         least = self.slacks(path, lines).min(axis=-1)
+        check()
         halves = len(self.tracks.uav) // len(self.scenario.uavs)
         pairs = np.flatnonzero((least <= 0).any(axis=0)[::halves])
         subjects = (pairs[:, None] * halves + np.arange(halves)).ravel()

@@ -134,7 +134,7 @@ class _Projection:
         :param inside: UAVs that stay where they are as long as the others leave them room, (U,).
         """
         base = target = self._path(positions)
-        lines = None if inside is not None else self._first_lines(base, other_way)
+        lines = None if inside is not None else self._turned_lines(base, other_way)
         inside = np.full(len(positions), False) if inside is None else inside
         for _ in range(_ROUNDS):
             lines = self._chosen_lines(base) if lines is None else lines
@@ -150,12 +150,12 @@ class _Projection:
                 return found
         return None
 
-    def _first_lines(self, base: Array, other_way: bool) -> list[Lines]:
+    def _turned_lines(self, base: Array, other_way: bool) -> list[Lines]:
         """Return the lines of every limit for a path that need not be clear."""
         found = []
-        for limit in self._lines:
+        for limit, lines in zip(self._lines, self._chosen_lines(base), strict=True):
             self._check()
-            found.append(limit.first_lines(base, other_way))
+            found.append(limit.turned_lines(base, lines, other_way, self._check))
         return found
 
     def _chosen_lines(self, base: Array) -> list[Lines]:
@@ -181,7 +181,9 @@ class _Projection:
         for limit in self._lines:
             self._check()
             path = self._grid.path_of(positions)
-            slacks = limit.slacks(path, limit.lines(path))
+            lines = limit.lines(path)
+            self._check()
+            slacks = limit.slacks(path, lines)
             close = ((slacks <= clearance * self._step) & ~limit.ignored).any(axis=(0, 2))
             for tracks in (limit.first, limit.second):
                 if tracks is not None:
