@@ -16,6 +16,8 @@ from ...optimize.joint.method import improve
 from ...optimize.joint.schedule import SCHEDULE
 from ...optimize.search import Search
 
+_LOW = 0.01  # bit/s/Hz, of which changes are shares where a rate is lower: some are nearly 0.
+
 
 def main(arguments=None):
     """Measure and print a line for each changed number; return the exit status."""
@@ -37,7 +39,7 @@ def main(arguments=None):
         else:
             with patch.object(owner, name, changed):
                 rates, times = _measured(SCHEDULE, scenarios)
-        gains = rates / np.maximum(reference[0], 1e-9) - 1
+        gains = (rates - reference[0]) / np.maximum(reference[0], _LOW)
         print(f'{name}, {value} to {changed}: {gains.mean():+.2%} {gains.min():+.2%}, '
               f'{times.sum() / reference[1].sum():.2f} times', flush=True)
     return 0
