@@ -10,6 +10,7 @@ from secure_uav_planner.model.channel.rates import leakage_rates
 from secure_uav_planner.model.limits import limits_of
 from secure_uav_planner.model.limits.norm import NormLimit
 
+SOFTENING = 0.3  # Rounding of the kink above an eavesdropper, in sqrt(mu); see rates.hpp.
 STEP = 1e-30  # Of complex steps, which nothing cancels.
 # a, b and the extra loss in dB, from Al-Hourani, Kandeepan and Lardner 2014.
 ENVIRONMENTS = {'suburban': (4.88, 0.43, 21.0), 'urban': (9.61, 0.16, 20.0),

@@ -8,7 +8,6 @@ from secure_uav_planner import Scenario
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.optimize.joint.barrier import Barrier
-from secure_uav_planner.optimize.joint.schedule import SCHEDULE
 from strategies import missions, random_powers, scenarios
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -49,7 +48,7 @@ def test_the_rates_are_those_of_the_channel(scenario, seed):
     x = grid.variables(positions[:, 1:-1], powers)
     rates = guaranteed_rates(scenario, positions, powers)
     np.testing.assert_allclose(
-        Barrier(grid, x[None], 1.0, SCHEDULE).rates() / np.log(2), np.maximum(rates, 0).mean(),
+        Barrier(grid, x[None], 1.0).rates() / np.log(2), np.maximum(rates, 0).mean(),
         rtol=1e-9, atol=1e-9)
     ground, leaks = oracle.rates(grid, x)
     leak = (np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) if scenario.colluding
@@ -74,9 +73,9 @@ def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
 def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
     grid = Grid.of(scenario)
     x = inner_variables(grid, np.random.default_rng(seed))
-    _, [found], _ = Barrier(grid, x[None], mu, SCHEDULE).model()
+    _, [found], _ = Barrier(grid, x[None], mu).model()
     exact = oracle.gradient(
-        lambda at: oracle.barrier(grid, at, mu, SCHEDULE.softening), x)
+        lambda at: oracle.barrier(grid, at, mu, oracle.SOFTENING), x)
     np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-7 * (1 + np.abs(exact).max()))
 
 
@@ -85,9 +84,9 @@ def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
 def test_hessians_are_those_of_the_objective(scenario, seed, mu):
     grid, step = Grid.of(scenario), 1e-6
     x = inner_variables(grid, np.random.default_rng(seed))
-    _, _, [found] = Barrier(grid, x[None], mu, SCHEDULE).model()
+    _, _, [found] = Barrier(grid, x[None], mu).model()
     exact = oracle.hessians(
-        lambda at: oracle.objective(grid, at, mu, SCHEDULE.softening), x, step)
+        lambda at: oracle.objective(grid, at, mu, oracle.SOFTENING), x, step)
     scale = 1 + np.abs(exact).max(axis=(-2, -1), keepdims=True)
     lower = np.tril(np.abs(found - exact)) / scale
     assert lower[away_from_kinks(grid, x, step)].max(initial=0) < 1e-4
@@ -109,5 +108,5 @@ def test_the_gradient_at_the_very_kink_is_finite():
     grid = Grid.of(scenario)
     above = np.broadcast_to(scenario.eavesdroppers[0].position, (2, 3, 2))
     x = grid.variables(above, 0.5 * np.ones((2, 3)))
-    _, gradient, hessian = Barrier(grid, x[None], 1e-2, SCHEDULE).model()
+    _, gradient, hessian = Barrier(grid, x[None], 1e-2).model()
     assert np.isfinite(gradient).all() and np.isfinite(hessian).all()

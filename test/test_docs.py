@@ -22,7 +22,6 @@ from secure_uav_planner.apps.campaign.evaluation import COLUMNS
 from secure_uav_planner.apps.campaign.specification import BASELINES, Campaign
 from secure_uav_planner.mission import propagation
 from secure_uav_planner.model import clearance
-from secure_uav_planner.optimize.joint.schedule import Schedule
 from secure_uav_planner.output import spreadsheet
 from secure_uav_planner.plan import playback
 from secure_uav_planner.ros import reference
@@ -441,7 +440,7 @@ def known_names():
                   secure_uav_planner.Propulsion, secure_uav_planner.Channel,
                   secure_uav_planner.World, secure_uav_planner.Assessment,
                   clearance.Clearance, clearance.Approach, playback, playback.Playback,
-                  playback.Moment, secure_uav_planner.model.channel, Schedule):
+                  playback.Moment, secure_uav_planner.model.channel):
         names |= set(dir(thing)) | set(getattr(thing, '__dataclass_fields__', ()))
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
                      secure_uav_planner.upper_bound):

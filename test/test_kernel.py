@@ -23,12 +23,11 @@ from secure_uav_planner.model.limits import limits_of
 from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.barrier import Barrier
-from secure_uav_planner.optimize.joint.schedule import SCHEDULE
 from secure_uav_planner.optimize.joint.starts import several_starts, strictly_feasible
 from strategies import crowded, scenarios
 
 ROOT = Path(__file__).resolve().parents[1]
-SOFTENING = SCHEDULE.softening
+COARSE_MU = 1e-3
 
 
 def interior(scenario, slots):
@@ -73,10 +72,11 @@ LINES = {
 
 def check_model(grid, x, mu, rng):
     """Compare the barrier function and its gradient, along three directions, with the oracle."""
-    [value], [gradient], _ = Barrier(grid, x[None], mu, SCHEDULE).model()
-    assert value == pytest.approx(oracle.barrier(grid, x, mu, SOFTENING), rel=1e-9, abs=1e-9)
+    [value], [gradient], _ = Barrier(grid, x[None], mu).model()
+    assert value == pytest.approx(
+        oracle.barrier(grid, x, mu, oracle.SOFTENING), rel=1e-9, abs=1e-9)
     for direction in rng.normal(size=(3, *x.shape)):
-        slope = oracle.barrier(grid, x + oracle.STEP * 1j * direction, mu, SOFTENING,
+        slope = oracle.barrier(grid, x + oracle.STEP * 1j * direction, mu, oracle.SOFTENING,
                                at=x).imag / oracle.STEP
         assert (gradient * direction).sum() == pytest.approx(
             slope, rel=1e-7, abs=1e-9 * np.abs(gradient * direction).sum())
@@ -107,7 +107,7 @@ def test_the_barrier_function_is_that_of_the_formulas_for_missions_of_every_kind
 def test_the_largest_scenario_is_no_other_than_small_ones():
     grid, x = interior(crowded(32, 32, 6), 6)
     check_model(grid, x, 1e-2, np.random.default_rng(0))
-    barrier = Barrier(grid, x[None], 1e-2, SCHEDULE)
+    barrier = Barrier(grid, x[None], 1e-2)
     barrier.advance(1, 1e-3)
     assert smallest_slack(grid, barrier.x[0]) > 0 and not np.array_equal(barrier.x[0], x)
 
@@ -119,7 +119,7 @@ def test_the_largest_scenario_is_no_other_than_small_ones():
 def test_steps_stay_inside_and_lower_the_function_until_it_is_stationary(scenario):
     grid, x = interior(scenario, None)
     mu = 1e-2
-    barrier = Barrier(grid, x[None], mu, SCHEDULE)
+    barrier = Barrier(grid, x[None], mu)
     lines = any(isinstance(limit, LineLimit) for limit in limits_of(scenario, grid))
     first, last = slope_of(barrier), np.inf
     for _ in range(80):
@@ -143,12 +143,12 @@ def slope_of(barrier):
 def test_several_steps_at_once_are_the_same_as_one_after_the_other():
     grid = Grid.of(random_mission(2), 30)
     x, mu = next(several_starts(grid))
-    once, one_by_one = (Barrier(grid, x, mu, SCHEDULE) for _ in range(2))
+    once, one_by_one = (Barrier(grid, x, mu) for _ in range(2))
     left = 12
     while left:
-        left -= once.advance(left, SCHEDULE.coarse_mu)
+        left -= once.advance(left, COARSE_MU)
     for _ in range(12):
-        assert one_by_one.advance(1, SCHEDULE.coarse_mu) == 1
+        assert one_by_one.advance(1, COARSE_MU) == 1
     assert not np.array_equal(once.x, x)
     for name in ('x', 'mu', 'finished'):
         assert np.array_equal(getattr(once, name), getattr(one_by_one, name)), name
@@ -160,7 +160,7 @@ def test_only_steps_that_are_short_are_taken_at_once():
         grid = Grid.of(Scenario.paper(slots=slots))
         x = strictly_feasible(grid, fly_hover_fly_positions(grid.scenario),
                               constant_powers(grid.scenario))
-        taken.append(Barrier(grid, x[None], 0.02, SCHEDULE).advance(60, 1e-3))
+        taken.append(Barrier(grid, x[None], 0.02).advance(60, 1e-3))
     assert 1 <= taken[1] < taken[0] == 60
 
 
@@ -197,7 +197,7 @@ def test_others_run_while_a_long_step_is_taken_and_can_stop_it():
         if len(seen) > 3 and not done.is_set():
             raise Stop
 
-    barrier = Barrier(grid, x, 0.02, SCHEDULE, check)
+    barrier = Barrier(grid, x, 0.02, check)
     other = threading.Thread(target=count)
     other.start()
     try:
@@ -218,8 +218,8 @@ def test_what_is_no_array_of_the_problem_is_refused():
     x, mu = next(several_starts(grid))
     for wrong in (x[:, :4], x[:, :, :1], x[..., :2], x[0], x[:0]):
         with pytest.raises((ValueError, IndexError)):
-            Barrier(grid, wrong, 0.1, SCHEDULE)
-    barrier = Barrier(grid, x, mu, SCHEDULE)
+            Barrier(grid, wrong, 0.1)
+    barrier = Barrier(grid, x, mu)
     with pytest.raises(IndexError):
         barrier.keep(np.array([len(x)]))
 
@@ -229,7 +229,7 @@ def test_numbers_that_are_none_fail_and_cost_nothing_but_their_own_start():
     x, mu = next(several_starts(grid))
     x = x[:3].copy()
     x[1, 2] = np.nan
-    barrier = Barrier(grid, x, mu[:3], SCHEDULE)
+    barrier = Barrier(grid, x, mu[:3])
     barrier.advance(1, 1e-3)
     assert (barrier.x[[0, 2]] != x[[0, 2]]).any(axis=(1, 2, 3)).all()
     assert np.array_equal(barrier.x[1], x[1], equal_nan=True)

@@ -12,9 +12,9 @@ from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
+from secure_uav_planner.optimize.joint import exchange
 from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.method import improve
-from secure_uav_planner.optimize.joint.schedule import SCHEDULE
 from secure_uav_planner.optimize.joint.worst_places import WorstPlaces
 from secure_uav_planner.optimize.search import Search
 from strategies import scenarios
@@ -43,11 +43,12 @@ def test_it_is_never_below_the_plan_by_the_formula_and_rises_all_the_way(scenari
     assert slots.min() >= -1e-9
 
 
-def test_the_history_ends_with_the_rate_of_the_plan_where_steps_run_out():
+def test_the_history_ends_with_the_rate_of_the_plan_where_steps_run_out(monkeypatch):
+    monkeypatch.setattr(exchange, 'MOST_STEPS', 6)
     scenario = Scenario.paper(120.0, 30.0, 40)
     search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario),
                     objective='worst_case')
-    plan = search.plan('joint', improve(search, replace(SCHEDULE, steps=6)))
+    plan = search.plan('joint', improve(search))
     assert plan.status == 'iteration_limit'
     assert plan.history[-1].rate == pytest.approx(plan.worst_case_rate, abs=1e-9)
 
@@ -146,7 +147,7 @@ def test_the_largest_leak_bends_as_the_places_that_follow_the_uavs_say(radius):
     fixed._largest[:] = False
     ground = oracle.hessians(lambda at: oracle.rates(grid, at)[0], x)
     bend, of_fixed = (
-        symmetric(Barrier(grid, x[None], 1e-7, SCHEDULE, places=some).model()[2][0]) + ground
+        symmetric(Barrier(grid, x[None], 1e-7, places=some).model()[2][0]) + ground
         for some in (places, fixed))
     seen, still = [], []
     for move in rng.normal(0, 1, (20, 2, 3)):

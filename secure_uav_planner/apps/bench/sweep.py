@@ -1,7 +1,7 @@
 """The effect of each tuned number of the joint method on rate and time."""
 
 import argparse
-from dataclasses import fields, replace
+from contextlib import ExitStack
 import sys
 import time
 from unittest.mock import patch
@@ -11,11 +11,11 @@ import numpy as np
 from .missions import random_mission
 from ...mission.scenario import Scenario
 from ...optimize.initial import constant_powers, fly_hover_fly_positions
-from ...optimize.joint import multistart, starts
+from ...optimize.joint import exchange, multistart, starts, stepper
 from ...optimize.joint.method import improve
-from ...optimize.joint.schedule import SCHEDULE
 from ...optimize.search import Search
 
+_MODULES = multistart, starts, stepper, exchange
 _LOW = 0.01  # bit/s/Hz, of which changes are shares where a rate is lower: some are nearly 0.
 
 
@@ -31,14 +31,14 @@ def main(arguments=None):
     scenarios = [Scenario.paper(duration) for duration in (102.0, 120.0, 200.0)]
     scenarios += [random_mission(options.seed + index, options.slots)
                   for index in range(options.missions)]
-    reference = _measured(SCHEDULE, scenarios)
+    reference = _measured(scenarios)
     print('number, change: rate in the mean and in the worst mission, time in all')
-    for owner, name, value, changed in variants(options.numbers):
-        if owner is SCHEDULE:
-            rates, times = _measured(replace(SCHEDULE, **{name: changed}), scenarios)
-        else:
-            with patch.object(owner, name, changed):
-                rates, times = _measured(SCHEDULE, scenarios)
+    for name, value, changed in variants(options.numbers):
+        with ExitStack() as stack:
+            for module in _MODULES:
+                if vars(module).get(name) is value:
+                    stack.enter_context(patch.object(module, name, changed))
+            rates, times = _measured(scenarios)
         gains = (rates - reference[0]) / np.maximum(reference[0], _LOW)
         print(f'{name}, {value} to {changed}: {gains.mean():+.2%} {gains.min():+.2%}, '
               f'{times.sum() / reference[1].sum():.2f} times', flush=True)
@@ -46,15 +46,13 @@ def main(arguments=None):
 
 
 def variants(names=None):
-    """Yield (owner, name, value, changed value) for every number, halved and doubled."""
-    numbers = [(SCHEDULE, field.name) for field in fields(SCHEDULE)]
-    numbers += [(module, name) for module in (multistart, starts) for name in vars(module)
-                if name.isupper() and not name.startswith('_')]
-    for owner, name in numbers:
+    """Yield (name, value, changed value) for every number, halved and doubled."""
+    numbers = {name: value for module in _MODULES for name, value in vars(module).items()
+               if name.isupper() and not name.startswith('_')}
+    for name, value in numbers.items():
         if not names or name in names:
-            value = getattr(owner, name)
             for factor in (0.5, 2.0):
-                yield owner, name, value, _scaled(value, factor)
+                yield name, value, _scaled(value, factor)
 
 
 def _scaled(value, factor):
@@ -66,13 +64,13 @@ def _scaled(value, factor):
     return 1 - (1 - value) / factor if 0.5 < value < 1 else value * factor
 
 
-def _measured(schedule, scenarios):
+def _measured(scenarios):
     """Return the rates in bit/s/Hz and the processor times in s."""
     rates, times = [], []
     for scenario in scenarios:
         started = time.process_time()
         search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
-        improve(search, schedule)
+        improve(search)
         rates.append(search.rate)
         times.append(time.process_time() - started)
     return np.array(rates), np.array(times)

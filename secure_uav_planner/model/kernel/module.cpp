@@ -77,22 +77,6 @@ kernel::Receivers receivers_of(const kernel::Problem& problem, const py::handle&
     return found;
 }
 
-kernel::Numbers numbers_of(const py::dict& given) {
-    const auto real = [&given](const char* name) { return given[name].cast<double>(); };
-    kernel::Numbers found;
-    found.boundary = real("boundary");
-    found.power_factor = real("power_factor");
-    found.softening = real("softening");
-    found.patience = real("patience");
-    found.dual_range = real("dual_range");
-    found.mu_factor = real("mu_factor");
-    found.mu_power = real("mu_power");
-    found.centred = real("centred");
-    found.clipped_trials = given["clipped_trials"].cast<int>();
-    found.uniform_trials = given["uniform_trials"].cast<int>();
-    return found;
-}
-
 std::shared_ptr<kernel::NormLimit> norm_of(const py::dict& given) {
     const std::size_t uavs = View<double>(given["square"].cast<py::buffer>(), "square").size();
     const std::size_t slots = given["slots"].cast<std::size_t>();
@@ -306,7 +290,6 @@ kernel::Problem problem_of(const py::dict& given) {
         found.limits.push_back(limit.cast<std::shared_ptr<kernel::Limit>>());
         expect(found.limits.back()->fits(found.slots, found.uavs), "limits");
     }
-    found.numbers = numbers_of(given["numbers"].cast<py::dict>());
     found.receivers = receivers_of(found, given["positions"], given["edge"]);
     found.channel = given["channel"].cast<std::shared_ptr<kernel::Channel>>();
     expect(found.channel->links() == found.receivers.edge.size(), "channel");

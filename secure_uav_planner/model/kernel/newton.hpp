@@ -21,8 +21,16 @@ constexpr int ONE_BY_ONE = 3;    // Failures after which more and more slots are
 constexpr int ALL_AT_ONCE = 12;  // once, and after which all are.
 // Of all variables, when no slot is left to be made convex.
 constexpr std::array<double, 9> SHIFTS{1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8};
+constexpr double POWER_FACTOR = 10.0;  // By which a power may change in a step.
+// Trials of the line search that stop every variable at its own limit, and those along the step.
+constexpr int CLIPPED_TRIALS = 3, UNIFORM_TRIALS = 17;
 constexpr double ROUNDING = 1e-12;  // Relative change of the barrier function that is rounding.
 constexpr double ARMIJO = 1e-4;     // Share of the expected decrease that is sufficient.
+constexpr double DUAL_RANGE = 1e4;  // How far a dual may leave its central value, as a factor.
+// Linear and superlinear decrease of mu, kappa_mu and theta_mu of IPOPT, and when: at most this
+// Newton decrement for each UAV, or this many steps for one mu.
+constexpr double MU_FACTOR = 0.2, MU_POWER = 1.5, CENTRED = 0.5;
+constexpr int PATIENCE = 15;
 // The Newton decrement, or the gain in nats a slot, below which a mu is done in any case.
 constexpr double STILL = 0.01, NEGLIGIBLE = 1e-8;
 
@@ -375,20 +383,19 @@ private:
     // How far every limit lets every UAV go along the step: the least of all and those of flights.
     double longest_step(const State& state, const Evaluation& here) {
         const int U = uavs();
-        const double share = p_.numbers.boundary;
         double least = 1.0;
         std::fill(flights_.begin(), flights_.end(), 1.0);
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
-            p_.limits[l]->shorten(here.limits[l], slopes_[l], share, flights_.data());
+            p_.limits[l]->shorten(here.limits[l], slopes_[l], BOUNDARY, flights_.data());
         for (const double length : flights_) least = std::min(least, length);
         for (std::size_t n = 0; n < slots_; ++n)
             for (int u = 0; u < U; ++u) {
                 const double power = state.x[(n * U + u) * 3], change = step_[(n * U + u) * 3];
-                stop_at_zero(least, power, change, share);
-                stop_at_zero(least, p_.peaks[u] - power, -change, share);
+                stop_at_zero(least, power, change, BOUNDARY);
+                stop_at_zero(least, p_.peaks[u] - power, -change, BOUNDARY);
             }
         for (int u = 0; u < U; ++u)
-            stop_at_zero(least, here.mean_slacks[u], mean_change(u), share);
+            stop_at_zero(least, here.mean_slacks[u], mean_change(u), BOUNDARY);
         return least;
     }
 
@@ -404,19 +411,18 @@ private:
     // much farther than stopping all at the first limit; then all go plainly along the step.
     bool line_search(const State& state, const Evaluation& here, double mu,
                      const std::atomic<bool>& stop, double& length) {
-        const Numbers& numbers = p_.numbers;
         const std::size_t variables = gradient_.size();
         const int U = uavs();
         double slope = 0.0;
         for (std::size_t i = 0; i < variables; ++i) slope += step_[i] * gradient_[i];
         const double uniform = longest_step(state, here);
         const double enough = here.value + ROUNDING * std::fabs(here.value);
-        const double lowest = std::max(1.0 - numbers.boundary, 1.0 / numbers.power_factor);
-        for (int trial = 0; trial < numbers.clipped_trials + numbers.uniform_trials; ++trial) {
+        const double lowest = std::max(1.0 - BOUNDARY, 1.0 / POWER_FACTOR);
+        for (int trial = 0; trial < CLIPPED_TRIALS + UNIFORM_TRIALS; ++trial) {
             if (stop) return false;
-            const bool clipped = trial < numbers.clipped_trials;
+            const bool clipped = trial < CLIPPED_TRIALS;
             const double by = clipped ? std::ldexp(1.0, -trial)
-                : uniform * std::ldexp(1.0, numbers.clipped_trials - trial);
+                : uniform * std::ldexp(1.0, CLIPPED_TRIALS - trial);
             double expected = by * slope;
             if (clipped) {
                 expected = 0.0;
@@ -425,8 +431,8 @@ private:
                         const std::size_t i = (n * U + u) * 3;
                         const double* x = state.x + i;
                         const double most = std::min(
-                            x[0] * numbers.power_factor,
-                            x[0] + numbers.boundary * (p_.peaks[u] - x[0]));
+                            x[0] * POWER_FACTOR,
+                            x[0] + BOUNDARY * (p_.peaks[u] - x[0]));
                         there_[i] = std::min(std::max(x[0] + by * step_[i], x[0] * lowest), most);
                         for (int axis = 1; axis < 3; ++axis)
                             there_[i + axis] = x[axis] + by * step_[i + axis] * flights_[u];
@@ -451,7 +457,7 @@ private:
     // The Newton step of a dual, whose part of the longest step it takes into account.
     double move_of(double dual, double slack, double change, double weight, double& by) const {
         const double move = (weight - dual * change) / slack - dual;
-        stop_at_zero(by, dual, move, p_.numbers.boundary);
+        stop_at_zero(by, dual, move, BOUNDARY);
         return move;
     }
 
@@ -497,9 +503,8 @@ private:
     // Keep the duals near their central values for some slacks.
     void clip_duals(State& state, const Evaluation& now, const double* x, double mu) const {
         const int U = uavs();
-        const double most = p_.numbers.dual_range;
-        const auto clip = [most](double& dual, double target) {
-            dual = std::min(std::max(dual, target / most), target * most);
+        const auto clip = [](double& dual, double target) {
+            dual = std::min(std::max(dual, target / DUAL_RANGE), target * DUAL_RANGE);
         };
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             for (std::size_t i = 0; i < state.duals[l].size(); ++i)
@@ -514,17 +519,15 @@ private:
 
     // Decide whether the start has finished, and lower its barrier parameter.
     void update_mu(State& state, double length, double decrement, double final) const {
-        const Numbers& numbers = p_.numbers;
         const double mu = *state.mu;
         ++state.age;
-        const bool stalled = state.age >= numbers.patience || length == 0.0;
-        const bool centred = decrement <= numbers.centred * uavs() && length > 0.5;
+        const bool stalled = state.age >= PATIENCE || length == 0.0;
+        const bool centred = decrement <= CENTRED * uavs() && length > 0.5;
         const bool still = decrement <= std::max(STILL, NEGLIGIBLE / mu);
         *state.finished = mu <= final && (still || stalled);
         if ((centred || stalled) && mu > final) {
             state.age = 0;
-            *state.mu = std::max(final, std::min(numbers.mu_factor * mu,
-                                                 std::pow(mu, numbers.mu_power)));
+            *state.mu = std::max(final, std::min(MU_FACTOR * mu, std::pow(mu, MU_POWER)));
             state.known = false;
         }
     }

@@ -8,12 +8,7 @@
 
 namespace kernel {
 
-// The numbers of the Schedule that a Newton step needs.
-struct Numbers {
-    double boundary, power_factor, softening, patience, dual_range;
-    double mu_factor, mu_power, centred;
-    int clipped_trials, uniform_trials;
-};
+constexpr double BOUNDARY = 0.995;  // The fraction to the boundary that a step may go.
 
 // Who receives: the ground node first, K in all.
 struct Receivers {
@@ -42,7 +37,6 @@ struct Problem {
     std::shared_ptr<const Channel> channel;
     Places places;
     bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
-    Numbers numbers;
 
     // How many rows of the Hessian's band are below its diagonal.
     int bandwidth() const {

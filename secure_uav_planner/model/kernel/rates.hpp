@@ -15,6 +15,7 @@
 namespace kernel {
 
 constexpr double TINY = 1e-30;  // Added to a squared distance, whose root then has a gradient.
+constexpr double SOFTENING = 0.3;  // Rounding of the kink above an eavesdropper, in sqrt(mu).
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 // log(1 + received / interference), as accurate for a small ratio.
@@ -75,7 +76,7 @@ public:
     // Find the rates at an x, and return their part of the barrier function.
     double evaluate(const double* x, double mu, Evaluation& found) const {
         const int U = uavs(), K = receivers();
-        const double softening = p_.numbers.softening * std::sqrt(mu);
+        const double softening = SOFTENING * std::sqrt(mu);
         const double soft = softening * softening;
         found.squared.resize(slots_ * K * U);
         found.distance.resize(slots_ * K * U);
@@ -392,7 +393,7 @@ private:
             const double move =
                 leak_central_[i] - state.shares[i] - ratio * (largest - rises_[e]);
             leak_moves_[i] = move;
-            stop_at_zero(by, state.shares[i], move, p_.numbers.boundary);
+            stop_at_zero(by, state.shares[i], move, BOUNDARY);
         }
     }
 

@@ -1,14 +1,12 @@
 """A primal-dual interior-point method for (P1) and (P2), for several starts side by side."""
 
 from collections.abc import Callable
-from functools import cache
 import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .schedule import Schedule
 from .worst_places import WorstPlaces
 from ...errors import NumericalError
 from ...mission.scenario import Array
@@ -28,7 +26,6 @@ class Barrier:
     :param grid: of the variables.
     :param x: strictly feasible starts, (S, N, U, 3).
     :param mu: the barrier parameter to begin with, for all starts or for each, (S,).
-    :param schedule: the tuned numbers.
     :param check: called between parts of a step that may take long; what it raises ends the
         step and leaves the starts as they are.
     :param places: of the eavesdroppers in every slot; by default the guarantee counts.
@@ -37,7 +34,7 @@ class Barrier:
     :ivar finished: which have converged, or make no more progress, likewise.
     """
 
-    def __init__(self, grid: Grid, x: Array, mu: float | Array, schedule: Schedule,
+    def __init__(self, grid: Grid, x: Array, mu: float | Array,
                  check: Callable[[], None] = lambda: None,
                  places: WorstPlaces | None = None) -> None:
         self.grid = grid
@@ -48,7 +45,7 @@ class Barrier:
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
         self._core = core.Barrier(
-            _problem(grid, receivers, schedule, places), self.x, self.mu, self.finished)
+            _problem(grid, receivers, places), self.x, self.mu, self.finished)
 
     def keep(self, chosen: NDArray[np.intp]) -> None:
         """Go on with some of the starts only, given as an index array."""
@@ -99,8 +96,7 @@ class Barrier:
         return found
 
 
-def _problem(grid: Grid, receivers: Receivers, schedule: Schedule,
-             places: WorstPlaces | None) -> dict[str, Any]:
+def _problem(grid: Grid, receivers: Receivers, places: WorstPlaces | None) -> dict[str, Any]:
     """Return what the kernel asks for, by the names of problem.hpp."""
     limits = [limit.compiled for limit in limits_of(grid.scenario, grid)]
     return {
@@ -111,21 +107,13 @@ def _problem(grid: Grid, receivers: Receivers, schedule: Schedule,
         'positions': _plain(receivers.positions), 'edge': _plain(receivers.edge),
         'channel': receivers.link.compiled(*receivers.edge.shape),
         'colluding': grid.scenario.colluding,
-        'places': None if places is None else _places(places),
-        'numbers': _numbers(schedule)}
+        'places': None if places is None else _places(places)}
 
 
 def _places(places: WorstPlaces) -> dict[str, Array]:
     """Return the places in discs as the kernel asks for them."""
     return {'followed': _plain(places.followed), 'offsets': _plain(places.offsets),
             'radii': _plain(places.radii)}
-
-
-@cache
-def _numbers(schedule: Schedule) -> dict[str, float]:
-    """Return the numbers of a schedule by their names."""
-    return {name: value for name, value in vars(schedule).items()
-            if isinstance(value, (int, float))}
 
 
 def _plain(values: NDArray[Any]) -> Array:

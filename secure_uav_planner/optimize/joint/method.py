@@ -12,14 +12,13 @@ import numpy as np
 from .exchange import improve_by_exchange
 from .multistart import improve_from_several_starts, improve_present
 from .powers import improve_powers
-from .schedule import SCHEDULE, Schedule
-from .stepper import Stepper, Stop
+from .stepper import Stepper, Stop, WARM_MU
 from ..search import Search
 from ...errors import NumericalError
 from ...plan.plan import Status
 
 
-def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
+def improve(search: Search) -> Status:
     """
     Improve a Search by the joint method until it has converged or must stop; return its status.
 
@@ -27,25 +26,25 @@ def improve(search: Search, schedule: Schedule = SCHEDULE) -> Status:
 
     :param search: a Search; when `warm`, its present plan is the only start.
     """
-    stepper = Stepper(search, schedule)
+    stepper = Stepper(search)
     if search.objective == 'worst_case' and search.scenario.error_radii.any():
         if not search.warm:
             # The plan of (P2) is where (P1) begins, and what it is never below.
             guaranteed = search.with_objective('guaranteed')
-            improve(guaranteed, schedule)
+            improve(guaranteed)
             search.try_improve(guaranteed.positions, guaranteed.useful_powers)
             reason = search.stop_reason()
             if reason is not None:
                 return reason
         return _until_stopped(improve_by_exchange, stepper)
     if search.warm:
-        return _until_stopped(lambda stepper: improve_present(stepper, schedule.warm_mu), stepper)
+        return _until_stopped(lambda stepper: improve_present(stepper, WARM_MU), stepper)
     return _until_stopped(improve_from_several_starts, stepper)
 
 
 def optimise_powers(search: Search) -> Status:
     """Improve only the powers of a Search, as improve does all; return its status."""
-    return _until_stopped(improve_powers, Stepper(search, SCHEDULE))
+    return _until_stopped(improve_powers, Stepper(search))
 
 
 def _until_stopped(improve: Callable[[Stepper], Status], stepper: Stepper) -> Status:

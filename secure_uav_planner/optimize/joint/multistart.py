@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .starts import several_starts, strictly_feasible
-from .stepper import Stepper
+from .stepper import COARSE_MU, FINAL_MU, Stepper, WARM_SHARE
 from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.grid import Grid
@@ -42,7 +42,7 @@ def improve_from_several_starts(stepper: Stepper) -> Status:
 
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
-    search, mu = stepper.search, stepper.schedule.coarse_mu
+    search = stepper.search
     grid, first, others = _coarse_starts(stepper)
     x, rates = _stepped(stepper, grid, *first, STEPS)
     agreed = (rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED and search.rate >= LOW_RATE
@@ -56,7 +56,7 @@ def improve_from_several_starts(stepper: Stepper) -> Status:
         near = _best(rates, GAP, POLISHED)
         x, rates = _polished(stepper, grid, x[near], rates[near])
     near = _best(rates, GAP, 1 if agreed else FINISHED)
-    fine = stepper.on_full_grid(grid, x[near], mu)
+    fine = stepper.on_full_grid(grid, x[near], COARSE_MU)
     status = stepper.finish(fine)
     if not agreed:
         _polish_plan(stepper)
@@ -71,7 +71,7 @@ def improve_present(stepper: Stepper, mu: float) -> Status:
     """
     search, grid = stepper.search, stepper.grid
     x = strictly_feasible(grid, search.positions, search.powers,
-                          share=stepper.schedule.warm_share, check=stepper.check)
+                          share=WARM_SHARE, check=stepper.check)
     return stepper.finish(stepper.barrier(grid, x[None], mu))
 
 
@@ -93,7 +93,7 @@ def _stepped(stepper: Stepper, grid: Grid, x: Array, mu: Array,
              steps: int) -> tuple[Array, Array]:
     """Return starts (S, N, U, 3) after Newton steps, and their rates in nats, (S,)."""
     barrier = stepper.barrier(grid, x, mu)
-    stepper.advance(barrier, steps, min(mu.min(), stepper.schedule.coarse_mu))
+    stepper.advance(barrier, steps, min(mu.min(), COARSE_MU))
     stepper.try_best(barrier)
     return barrier.x, barrier.rates()
 
@@ -102,7 +102,7 @@ def _polished(stepper: Stepper, grid: Grid, x: Array, rates: Array) -> tuple[Arr
     """Return starts (S, N, U, 3) and their rates, (S,), where higher after a polish."""
     with suppress(*_FAILURES):
         for share in POLISH_MUS:
-            mu = np.maximum(share * rates, stepper.schedule.final_mu)
+            mu = np.maximum(share * rates, FINAL_MU)
             found, their_rates = _stepped(stepper, grid, x, mu, POLISH_STEPS)
             x = np.where((their_rates > rates)[:, None, None, None], found, x)
             rates = np.maximum(their_rates, rates)

@@ -8,7 +8,7 @@ by side, on a grid of few slots and then on finer ones.
 import numpy as np
 
 from .starts import strictly_feasible
-from .stepper import Stepper
+from .stepper import COARSE_MU, Stepper
 from ..initial import constant_powers
 from ...plan.plan import Status
 
@@ -33,5 +33,5 @@ def improve_powers(stepper: Stepper) -> Status:
     barrier = stepper.barrier(grid, np.array([
         strictly_feasible(grid, search.positions, powers, SHARE)
         for powers in (search.powers, *levels)]), MU)
-    stepper.advance(barrier, STEPS, stepper.schedule.coarse_mu)
+    stepper.advance(barrier, STEPS, COARSE_MU)
     return stepper.finish(stepper.on_full_grid(grid, barrier.x, barrier.mu))

@@ -3,7 +3,6 @@
 import numpy as np
 
 from .barrier import Barrier
-from .schedule import Schedule
 from .starts import refined
 from ..search import Search
 from ...errors import NumericalError
@@ -11,6 +10,14 @@ from ...mission.scenario import Array
 from ...model.grid import Grid
 from ...model.limits import is_open
 from ...plan.plan import Status
+
+COARSE_MU = 1e-3  # The barrier parameter that ends the coarse grid,
+FINAL_MU = 1e-8  # and that of the full grid.
+REFINED_MU = 0.03  # The least for a finer grid where limits keep interpolation from being centred.
+MOST_STEPS = 150  # Newton steps on one grid.
+TRY_EVERY = 16  # Steps between proposals, which take as long as a few to a hundred steps.
+WARM_SHARE = 0.01  # How far a plan that is improved further is moved into the interior,
+WARM_MU = 1e-3  # and the barrier parameter that it begins with.
 
 _REFINEMENT = 8  # How much finer the next grid is at most.
 _MIDDLE_MU = 1e-4  # The barrier parameter that ends a grid in between.
@@ -33,14 +40,13 @@ class Stepper:
     :ivar grid: the full grid, of the search's own slots.
     """
 
-    def __init__(self, search: Search, schedule: Schedule) -> None:
+    def __init__(self, search: Search) -> None:
         self.search = search
-        self.schedule = schedule
         self.grid = Grid.of(search.scenario)
 
     def barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
         """Return a Barrier that stops when the search must end."""
-        return Barrier(grid, x, mu, self.schedule, self.check)
+        return Barrier(grid, x, mu, self.check)
 
     def check(self) -> None:
         """Raise Stop where the search must end."""
@@ -60,7 +66,7 @@ class Stepper:
         :param x: on the coarse grid, (S, N, U, 3).
         :param mu: the barrier parameter that they have there, for all or for each.
         """
-        schedule, full = self.schedule, self.grid.slots
+        full = self.grid.slots
         grid, mu = coarse, np.full(len(x), 1.0) * mu
         while grid.slots < full:
             if grid is not coarse:
@@ -76,23 +82,23 @@ class Stepper:
             grid, x, mu = finer, np.array([one for one in found if one is not None]), mu[inside]
             if (np.isfinite(grid.scenario.max_accelerations).any()
                     or not is_open(grid.scenario)):
-                mu = np.maximum(mu, schedule.refined_mu)
+                mu = np.maximum(mu, REFINED_MU)
         return self.barrier(grid, x, mu)
 
     def _converge(self, barrier: Barrier) -> None:
         """Converge on a grid in between."""
-        for _ in range(self.schedule.steps):
+        for _ in range(MOST_STEPS):
             self.step(barrier, _MIDDLE_MU)
             if barrier.finished.all():
                 return
 
     def finish(self, barrier: Barrier) -> Status:
         """Converge on the full grid; return the status."""
-        for step in range(1, self.schedule.steps + 1):
-            self.step(barrier, self.schedule.final_mu, try_finished=True)
+        for step in range(1, MOST_STEPS + 1):
+            self.step(barrier, FINAL_MU, try_finished=True)
             if barrier.finished.all():
                 return 'converged'
-            if step % self.schedule.try_every == 0:
+            if step % TRY_EVERY == 0:
                 self.try_best(barrier)
         self.try_best(barrier)
         return 'iteration_limit'
