@@ -315,3 +315,60 @@ def test_a_replan_that_was_refused_is_no_longer_reported_when_the_flight_has_end
         state.refuse(LateError('it comes too late'), 'too late', DiagnosticStatus.WARN, is_replan)
         state.end_flight()
         assert (state.outcome.code == 'ok') is is_replan
+
+
+def hear(tracking, plan, *reports):
+    """Let a follower report (time of the clock, time of the plan) in s of a plan."""
+    for clock, reached in reports:
+        tracking.hear(messages.plan_time(
+            plan, reached, RosTime(nanoseconds=round(clock * 1e9)).to_msg()))
+
+
+@pytest.fixture(scope='module')
+def two_plans():
+    """Return a plan that begins at 1000 s, and another one of the same flight."""
+    scenario = Scenario.paper(120.0, slots=40)
+    return [replace(fly_hover_fly(scenario, power), start_ns=1000 * 10**9)
+            for power in ('constant', 'optimised')]
+
+
+def test_a_replan_that_its_follower_does_not_take_up_is_not_what_is_flown(two_plans):
+    first, second = two_plans
+    tracking = PlanTracking(PoseBook())
+    tracking.follow(first, 1000.0)
+    hear(tracking, first, (1010.0, 10.0), (1010.1, 10.1))
+    tracking.follow(second, 1010.2)
+    hear(tracking, first, (1011.0, 11.0))  # It may not have it yet.
+    assert tracking.flight(1011.0).playback.plan is second
+    hear(tracking, first, (1013.0, 13.0))
+    assert tracking.flight(1013.0).playback.plan is first
+    problems, values = tracking.report(
+        {'uavs': ['uav1', 'uav2'], 'track_tolerance': 5.0, 'frame_id': 'map', 'pose_timeout': 0.0,
+         'uav1.use_pose': True, 'uav2.use_pose': True}, 1013.0)
+    assert values['track.plan'] == first.identity
+    assert any(f'plan {second.identity} is not flown' in problem for problem in problems)
+    hear(tracking, second, (1013.5, 13.5))
+    assert tracking.flight(1013.5).playback.plan is second
+
+
+def test_a_follower_of_a_plan_that_is_not_known_is_named(two_plans):
+    known, other = two_plans
+    tracking = PlanTracking(PoseBook())
+    hear(tracking, other, (1010.0, 10.0))
+    problem, = tracking.report({'uavs': [], 'track_tolerance': 5.0}, 1010.5)[0]
+    assert f'flies plan {other.identity}, which this planner does not know' in problem
+    tracking.follow(known, 1010.6)
+    assert tracking.stranger(1010.6) == other.identity
+    assert tracking.stranger(1012.0) is None  # Silent since.
+
+
+def test_nobody_predicts_a_flight_whose_pace_changes(two_plans):
+    plan, _ = two_plans
+    tracking = PlanTracking(PoseBook())
+    tracking.follow(plan, 1000.0)
+    hear(tracking, plan, (1010.0, 10.0), (1010.05, 10.05), (1010.1, 10.1))
+    tracking.check_steady(1010.1)
+    hear(tracking, plan, (1010.15, 10.1495))
+    with pytest.raises(LateError, match='slowing down or speeding up'):
+        tracking.check_steady(1010.15)
+    tracking.check_steady(1012.0)  # Nothing was heard for long: it stands.

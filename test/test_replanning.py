@@ -46,9 +46,9 @@ class Bench:
             self.worker, self.poses, self.tracking, self._publish, self.refused.append,
             lambda: self.superseded.append(self.worker.busy))
 
-    def _publish(self, plan, continued, effect):
-        check_in_time(self.last, continued, effect, self.tracking.flight(self.now_ns * 1e-9))
-        self.published.append((plan, effect))
+    def _publish(self, plan, rejoin, last):
+        check_in_time(self.last is last, rejoin, self.tracking.flight(self.now_ns * 1e-9))
+        self.published.append((plan, rejoin.effect))
 
     def know(self, kind, topic, x, y, now):
         message = kind()
@@ -214,3 +214,27 @@ def test_however_many_plans_wait_the_one_that_is_flown_is_known(bench, plan):
             bench.tracking.follow(
                 replace(plan, start_ns=plan.start_ns + (60 + number) * 10**9), START + 40 + number)
             assert bench.tracking.flight(START + 40 + number).playback.plan is plan
+
+
+def test_where_a_replan_is_not_taken_up_the_next_goes_on_from_what_is_flown(bench, plan):
+    refused = replace(plan, powers=plan.powers * 0.9)
+    bench.tracking.follow(refused, START + 5.0)
+    for clock in (7.0, 8.0, 9.95, 10.0):
+        report(bench, clock, clock)
+    bench.last, bench.now_ns = refused, (START + 10) * 10**9
+    assert bench.tracking.flight(START + 10.0).playback.plan is plan
+    bench.know(PoseStamped, 'ground_node/pose', 0, 0, START + 10.0)
+    bench.know(PoseWithCovarianceStamped, 'eavesdropper/pose', 200.0, 0.0, START + 10.0)
+    bench.replanning.start_when_due(
+        lambda: refused, {**DEFAULTS, 'replan_lead': 5.0, 'replan_period': 1.0}, START + 10.0)
+    wait_for(lambda: bench.published or bench.refused, what='the replan')
+    (found, effect), = bench.published
+    assert effect == 15.0 and (found.powers[:, :5] == plan.powers[:, :5]).all()
+
+
+@pytest.mark.parametrize('left, refusals', [(0.1, 1), (0.3, 0)])
+def test_a_replan_that_comes_too_late_to_be_passed_on_is_refused(bench, left, refusals):
+    bench.now_ns = round((START + 12.0 - left) * 1e9)  # It takes effect at 12 s.
+    bench.check(5.0, replan_period=1.0)
+    assert len(bench.refused) == refusals and len(bench.published) == 1 - refusals
+    assert all(isinstance(error, LateError) for error in bench.refused)

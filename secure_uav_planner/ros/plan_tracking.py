@@ -22,7 +22,8 @@ _MOST_PLANS = 8  # Of which a follower may report.
 _MEMORY = 2.0  # Reports of so many s are kept, for odometry that comes later.
 _SILENCE = 1.0  # s without a report, after which the time of the plan stands still.
 _SAME_TIME = 0.01  # s
-_UNTAKEN = 2.0  # s after the beginning of a plan, when a follower flies another one.
+_STEADY = 0.01  # Change of the rate of a plan's time that is none.
+_UNTAKEN = 2.0  # s after a plan has come, or begins, when a follower flies another one.
 
 
 class _Reports:
@@ -47,9 +48,22 @@ class _Reports:
             self._clock.popleft()
             self._plan.popleft()
 
+    @property
+    def last_ns(self) -> int:
+        """Return the time of the last report in ns."""
+        return self._clock[-1]
+
     def is_heard(self, clock_ns: int) -> bool:
         """Return whether there was a report not long before a time in ns."""
         return clock_ns - self._clock[-1] <= _SILENCE * 1e9
+
+    def is_steady(self) -> bool:
+        """Return whether the last three reports agree on how fast the time of the plan goes on."""
+        if len(self._clock) < 3:
+            return True
+        clock, plan = (np.diff(np.array([times[index] for index in (-3, -2, -1)]))
+                       for times in (self._clock, self._plan))
+        return bool(abs(np.diff(plan / clock)[0]) < _STEADY * clock[-1] * 1e-9)
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """Return the time of the plan in s from its point 0, and its rate, at a time in ns."""
@@ -80,6 +94,8 @@ class PlanTracking:
         self._poses = poses
         self._plans: dict[str, Playback] = {}
         self._reports: _Reports | None = None
+        self._followed = 0  # The time of the newest plan in ns.
+        self._stranger: tuple[str, float] | None = None
         self._track = Track()
         self._lock = threading.Lock()
 
@@ -93,13 +109,15 @@ class PlanTracking:
             self._plans = {identity: playback for identity, playback in self._plans.items()
                            if identity in kept}
             self._plans[plan.identity] = Playback(plan)
+            self._followed = round(now * 1e9)
 
     def hear(self, message: TimeReference) -> None:
         """Take up what a follower says of the time of its plan."""
         clock, plan = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
         with self._lock:
             if message.source not in self._plans:
-                return  # It flies a plan of somebody else.
+                self._stranger = message.source, clock * 1e-9
+                return
             if self._reports is None or self._reports.identity != message.source:
                 # A follower that goes over from one plan to the next does not stop.
                 rate = 0.0 if self._reports is None else self._reports.at(clock, 0)[1]
@@ -121,8 +139,29 @@ class PlanTracking:
             same = newest.plan.start_ns == reported.plan.start_ns
             if not is_heard and not same:
                 return self._by_stamps(now)
-            return Flight(newest if same else reported,
+            untaken = newest is not reported and (
+                self._reports.last_ns - self._followed > _UNTAKEN * 1e9)
+            return Flight(newest if same and not untaken else reported,
                           *self._reports.at(now_ns, reported.plan.start_ns), is_heard)
+
+    def check_steady(self, now: float) -> None:
+        """
+        Check that the time of the plan that is flown goes on evenly.
+
+        :raises LateError: while a follower slows down or speeds up; nobody knows where it will be.
+        """
+        with self._lock:
+            if self._reports and self._reports.is_heard(round(now * 1e9)) and (
+                    not self._reports.is_steady()):
+                raise LateError('the flight is slowing down or speeding up at the moment; '
+                                'ask again when it goes on evenly, or stands')
+
+    def stranger(self, now: float) -> str | None:
+        """Return the identity of a plan that a follower flies and nobody here knows, or None."""
+        with self._lock:
+            found = self._stranger
+            heard = found is not None and 0 <= now - found[1] <= _SILENCE
+            return found[0] if found and heard else None
 
     def _by_stamps(self, now: float) -> Flight:
         """Return the flight of the last plan that has begun, or else of the newest."""
@@ -179,12 +218,16 @@ class PlanTracking:
             a plan that is not taken up, and the values of the status by key.
         """
         flight, most = self.flight(now), settings['track_tolerance']
+        stranger = self.stranger(now)
+        problems = [] if stranger is None else [
+            f'the follower flies plan {stranger}, which this planner does not know: it takes up '
+            'no other before its ~/pause and ~/reset']
         if flight is None:
-            return [], {}
+            return problems, {}
         distances = self.distances(settings, now)
-        problems = [f'{name} is {distance:.1f} m from its plan and track_tolerance is {most:g} m'
-                    for name, distance in distances.items()
-                    if flight.state != 'waiting' and distance > most]
+        problems += [f'{name} is {distance:.1f} m from its plan and track_tolerance is {most:g} m'
+                     for name, distance in distances.items()
+                     if flight.state != 'waiting' and distance > most]
         with self._lock:
             newest = next(reversed(self._plans.values()))
             rates = self._track.rates or ('none', 'none')

@@ -30,6 +30,7 @@ from .worker import Worker
 from ..errors import brief, ParameterError, PlanFileError, PlanningError, StoppedError, with_type
 from ..mission.scenario import Scenario
 from ..optimize.feasible import similar
+from ..optimize.rejoin import Rejoin
 from ..plan.bound import Bound
 from ..plan.plan import Plan
 from ..plan.tracking import Flight
@@ -144,6 +145,7 @@ class Planner(Node):
         start = StartTime.of(settings, now_ns, is_flying)
         limit = start.time_limit(settings['time_limit'] or None)
         try:
+            self._tracking.check_steady(now)
             scenario = scenario_from(
                 settings, self._poses, start, self._tracking.sightings(flight, settings, now),
                 flight)
@@ -172,14 +174,17 @@ class Planner(Node):
             if flight is not None and flight.state in ('flying', 'held'):
                 response.message += (f'; it goes on from plan {flight.playback.plan.identity}, '
                                      f'which is {flight.state}')
+            stranger = self._tracking.stranger(self._now())
+            if stranger is not None:
+                response.message += f'; the follower flies another plan, {stranger}'
         return response
 
     def _flight(self, now: float) -> Flight | None:
         """Return the flight from which a new plan goes on, or None."""
         flight = self._tracking.flight(now)
         if flight is None or flight.is_reported or flight.state == 'flying' and (
-                self._topics.is_followed()):
-            return flight
+                self._topics.is_followed() and not self.count_publishers('plan_time')):
+            return flight  # Who would report, and has not yet, has not begun.
         return None
 
     def _initial(self, scenario: Scenario) -> Plan | None:
@@ -231,9 +236,9 @@ class Planner(Node):
                 self._state.end_flight()
         self._replanning.start_when_due(lambda: self._state.plan, settings, now)
 
-    def _publish_replan(self, plan: Plan, continued: Plan, effect: float) -> None:
+    def _publish_replan(self, plan: Plan, rejoin: Rejoin, last: Plan) -> None:
         self._publish_plan(plan, 'replans', still_wanted=lambda: check_in_time(
-            self._state.plan, continued, effect, self._tracking.flight(self._now())))
+            self._state.plan is last, rejoin, self._tracking.flight(self._now())))
 
     def _refuse_replan(self, error: Exception) -> None:
         stopped = isinstance(error, StoppedError)

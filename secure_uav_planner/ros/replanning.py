@@ -17,6 +17,8 @@ from ..optimize.rejoin import first_point, Rejoin, rejoined
 from ..plan.plan import Plan
 from ..plan.tracking import Flight, Sighting
 
+_RESERVE = 0.5  # For what follows a solve, in s; at most half of the time there is.
+_DELIVERY = 0.2  # s that a plan needs to the one who flies it, before it takes effect.
 _REASONS = ('period', 'distance', 'deviation')
 
 
@@ -27,15 +29,15 @@ class Replanning:
     :param worker: the Worker that solves.
     :param poses: the PoseBook.
     :param tracking: the PlanTracking.
-    :param publish: called in the solver's thread with the new plan of the whole mission, the plan
-        that it continues, and when it takes effect in s from point 0; it raises a PlanningError
+    :param publish: called in the solver's thread with the new plan of the whole mission, the
+        Rejoin with which it begins, and the last plan when it was begun; it raises a PlanningError
         if that is too late.
     :param refuse: called with the error if there is no new plan.
     :param superseded: called when another plan came first, which has been reported already.
     """
 
     def __init__(self, worker: Worker, poses: PoseBook, tracking: PlanTracking,
-                 publish: Callable[[Plan, Plan, float], None],
+                 publish: Callable[[Plan, Rejoin, Plan], None],
                  refuse: Callable[[Exception], None],
                  superseded: Callable[[], None]) -> None:
         self._worker = worker
@@ -62,12 +64,15 @@ class Replanning:
         """
         if self._worker.busy or not any(settings[f'replan_{reason}'] for reason in _REASONS):
             return
-        plan = last_plan()  # Only now: a solve that was under way may have published another.
+        last = last_plan()  # Only now: a solve that was under way may have published another.
         flight = self._tracking.flight(now)
-        if plan is None or flight is None or flight.playback.plan is not plan or not flight.rate:
-            return  # The last plan is not flown yet, or its time stands.
-        ahead = settings['replan_lead'] * flight.rate
-        first = first_point(plan.scenario, flight.time + ahead)
+        if last is None or flight is None or not flight.rate:
+            return  # There is no plan, or its time stands.
+        plan = flight.playback.plan
+        if plan.start_ns != last.start_ns:
+            return  # The last plan is not flown yet.
+        lead = settings['replan_lead']
+        first = first_point(plan.scenario, flight.time + lead * flight.rate)
         if first >= plan.scenario.slots:
             return  # The mission ends before a new plan could take effect.
         try:
@@ -86,14 +91,14 @@ class Replanning:
             begun.append(rejoin)
             return rejoin.scenario, {
                 'method': settings['method'], 'objective': objective_from(settings),
-                'initial': rejoin.tail, 'time_limit': settings['replan_lead']}
+                'initial': rejoin.tail, 'time_limit': lead - min(_RESERVE, lead / 2)}
 
         def refuse(error: Exception) -> None:
             self._failed = is_due
             self._refuse(error)
 
         try:
-            self._worker.start(task, lambda future: self._finish(future, begun, refuse))
+            self._worker.start(task, lambda future: self._finish(future, begun, last, refuse))
         except (BusyError, StoppedError):
             return  # A request was faster.
         self._last_planned = now
@@ -132,7 +137,7 @@ class Replanning:
                 raise
             return rejoined(plan, first, [None] * len(sightings), *arguments)
 
-    def _finish(self, future: 'Future[Plan]', begun: Sequence[Rejoin],
+    def _finish(self, future: 'Future[Plan]', begun: Sequence[Rejoin], last: Plan,
                 refuse: Callable[[Exception], None]) -> None:
         """Continue a plan with the result of a replan, in the solver's thread."""
         try:
@@ -140,27 +145,25 @@ class Replanning:
             if found.status == 'cancelled':
                 raise StoppedError('the replan was cancelled')
             rejoin, = begun
-            self._publish(rejoin.continued(found), rejoin.plan, rejoin.effect)
+            self._publish(rejoin.continued(found), rejoin, last)
         except SupersededError:
             self._superseded()
         except Exception as error:
             refuse(error)
 
 
-def check_in_time(plan: Plan | None, continued: Plan, effect: float, flight: Flight | None
-                  ) -> None:
+def check_in_time(is_last: bool, rejoin: Rejoin, flight: Flight | None) -> None:
     """
     Check that a replan may take effect.
 
-    :param plan: the last plan that was published.
-    :param continued: the plan that the replan continues.
-    :param effect: when the replan takes effect, in s from point 0.
-    :param flight: of the plan, now.
-    :raises SupersededError: if another plan has been published in the meantime.
-    :raises LateError: if the time at which it takes effect has passed.
+    :param is_last: whether no other plan has been published since it was begun.
+    :param rejoin: how it begins.
+    :param flight: what is flown now.
+    :raises SupersededError: if another plan came in between.
+    :raises LateError: if there is no time left in which to pass it on.
     """
-    if plan is not continued or flight is None or flight.playback.plan is not continued:
+    if not is_last or flight is None or flight.playback.plan is not rejoin.plan:
         raise SupersededError('replan: another plan came in between')
-    if flight.time > effect:
+    if flight.time + _DELIVERY * flight.rate > rejoin.effect:
         raise LateError('replan: the new plan came after the moment it was to take effect; '
                         'a longer replan_lead gives it more time')
