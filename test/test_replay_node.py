@@ -130,6 +130,32 @@ def test_it_loops_and_starts_by_itself_when_asked(capfd, file):
         wait_for(lambda: sum('end of the plan' in line for line in process.lines) >= 3)
 
 
+def begins_at(seconds):
+    """Return the time of point 0 in ns of a plan that begins so many s from now."""
+    return time.time_ns() + round(seconds * 1e9)
+
+
+def got(process):
+    return sum('got a plan' in line for line in process.lines)
+
+
+def test_with_autostart_a_pause_lasts_through_a_replan_until_a_start(client, capfd, plan):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_here(capfd, 'replay', autostart='true') as process:
+        start_ns = begins_at(3600.0)
+        send(client, plan, start_ns)
+        wait_for(lambda: len(poses) > 3)
+        assert client.call('replay/pause').success
+        # A plan of the same flight.
+        send(client, replace(plan, powers=plan.powers * 0.5), start_ns)
+        wait_for(lambda: got(process) == 2)
+        assert not client.call('replay/pause').success
+        # Another flight, from where the setpoints rest.
+        send(client, plan, start_ns + 10**9)
+        wait_for(lambda: got(process) == 3)
+        assert client.call('replay/pause').success
+
+
 @pytest.mark.parametrize('text', ['', '{"format": "other"}', '[1, 2'])
 def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, capfd, text):
     path = tmp_path / 'foreign.json'

@@ -149,7 +149,11 @@ class Replay(Node):
     def _take(self, plan: Plan) -> None:
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
                                f'{", ".join(self._uavs)}: {plan.identity}')
-        if self._player.load(plan) and (self._starts_next or self._settings['autostart']):
+        before = self._player.playback
+        # A revision of the flight that is known goes on, or stays paused, as that does.
+        is_new = before is None or before.plan.start_ns != plan.start_ns
+        if self._player.load(plan) and (
+                self._starts_next or is_new and self._settings['autostart']):
             self._start()
         self._starts_next = False
         if self._settings['picture_file']:
