@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 import pytest
-from ros_client import Client, node_process, values_of, wait_for
+from ros_client import Client, node_process, values_of, wait_for, wait_for_line
 from std_msgs.msg import Float64
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
@@ -35,11 +35,13 @@ def series_of(topic, message):
 def flown():
     """Return the series of a flight that is replayed to the planner, and the planner's status."""
     with Client() as client, node_process('planner', duration=120.0, slots=20), node_process(
-            'replay', autostart=True, true_eavesdropper='[200.0, 0.0]'):
+            'replay', true_eavesdropper='[200.0, 0.0]') as replay:
         received = {topic: client.listen(kind, topic, 10) for topic, kind in STREAMS.items()}
         status = client.status_of('planner')
         client.send_paper()
         assert client.call('planner/plan').success
+        wait_for_line(replay, 'got a plan')
+        assert client.call('replay/start').success
         wait_for(lambda: status and values_of(status[-1]).get('track.rate', 'none') != 'none',
                  what='the rate achieved so far')
 

@@ -8,7 +8,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_client import node_here, node_process, refusal, wait_for
+from ros_client import node_here, node_process, refusal, wait_for, wait_for_line
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.player import Player
@@ -137,6 +137,16 @@ def begins_at(seconds):
 
 def got(process):
     return sum('got a plan' in line for line in process.lines)
+
+
+def test_autostart_leaves_a_plan_whose_time_has_passed_to_a_start(client, capfd, plan):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_here(capfd, 'replay', autostart='true') as process:
+        send(client, plan, begins_at(-60.0))
+        wait_for_line(process, 'is not started: its time has passed; ~/start plays it')
+        assert not client.call('replay/pause').success and not poses
+        assert client.call('replay/start').success
+        wait_for(lambda: poses)
 
 
 def test_with_autostart_a_pause_lasts_through_a_replan_until_a_start(client, capfd, plan):
@@ -275,7 +285,7 @@ def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
     picture = tmp_path / 'plan.png'
     setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
     with node_process('replay', autostart='true', picture_file=picture) as process:
-        send(client, plan, 10**18)
+        send(client, plan, begins_at(3600.0))
         wait_for(lambda: setpoints and picture.exists())
         # A thread of the node that drew would hold the interpreter lock; a process does not.
         assert 'matplotlib' not in FilePath(f'/proc/{process.pid}/maps').read_text()

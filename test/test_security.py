@@ -137,10 +137,12 @@ def test_no_place_of_ground_node_or_eavesdropper_is_in_the_output():
             node_process('planner', duration=150.0, slots=33, uav1__use_pose='false',
                          uav2__use_pose='false') as planner, \
             node_process('replay', true_eavesdropper=list(EVE), ground_node=list(GROUND),
-                         speed=100.0, autostart='true') as replay:
+                         speed=100.0) as replay:
         client.send_pose('ground_node/pose', *GROUND)
         client.send_estimate('eavesdropper/pose', *EVE, variance=2.0)
         assert client.call('planner/plan').success
+        wait_for(lambda: any('got a plan' in line for line in replay.lines))
+        assert client.call('replay/start').success
         wait_for(lambda: any('end of the plan' in line for line in replay.lines))
 
         # Every way to be refused, with the same places.

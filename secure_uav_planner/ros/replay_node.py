@@ -34,6 +34,7 @@ _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
 _LONGEST_WAIT = 10.0  # For a subscriber of simulated UAVs, in s.
 _LONGEST_SIMULATED_TICK = 2.0  # s
 _CLOCK_ERROR = 0.25  # s; of the node's clock between two ticks.
+_LATE = 3.0  # s after point 0; beyond the patience with the last messages of a plan.
 _FRESH = 1.0  # Largest age in s of the odometry from which a vehicle may start.
 
 
@@ -152,12 +153,23 @@ class Replay(Node):
         before = self._player.playback
         # A revision of the flight that is known goes on, or stays paused, as that does.
         is_new = before is None or before.plan.start_ns != plan.start_ns
-        if self._player.load(plan) and (
-                self._starts_next or is_new and self._settings['autostart']):
+        is_taken = self._player.load(plan)
+        if is_taken and self._starts_next:
             self._start()
+        elif is_taken and is_new and self._settings['autostart']:
+            self._start_in_time(plan)
         self._starts_next = False
         if self._settings['picture_file']:
             self._drawing.draw(plan, self._settings['picture_file'])
+
+    def _start_in_time(self, plan: Plan) -> None:
+        """Release a plan, unless it is one of the topics that was to begin long ago."""
+        if not self._settings['plan_file'] and plan.start_ns is not None and (
+                self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9):
+            self.get_logger().warning(
+                f'plan {plan.identity} is not started: its time has passed; ~/start plays it')
+        else:
+            self._start()
 
     def _refuse(self, reason: str) -> None:
         self.get_logger().warning(brief(f'the new plan is not played: {reason}'))
