@@ -3,6 +3,7 @@
 import math
 import time
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 import numpy as np
@@ -198,28 +199,48 @@ def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
         publishers = {name: client.publisher(Odometry, f'{name}/odom')
                       for name in ('uav1', 'uav2')}
 
-        def report(x, y):
+        def report(x, y, change=lambda message: None):
             for name, z in (('uav1', 100.0), ('uav2', 110.0)):
                 message = Odometry(child_frame_id=f'{name}/base_link')
                 message.header.frame_id = 'map'
                 message.header.stamp = client.node.get_clock().now().to_msg()
                 at = message.pose.pose
                 at.position.x, at.position.y, at.position.z, at.orientation.w = x, y, z, 1.0
+                change(message)
                 publishers[name].publish(message)
 
         assert client.call('planner/plan').success
 
-        def refused_or_waiting(text):
+        def refused_or_waiting(text, *how):
             def asked():
-                report(100.0, 400.0)
+                report(*how)
                 answer = client.call('replay/start')
                 return answer.success and text in answer.message
             return asked
-        wait_for(refused_or_waiting('uav1 to be at its start, 100.0 m away'))
-        assert not stream.has_begun()
+        def of_another_frame(message):
+            message.header.frame_id = 'uav1_ned'
+
+        def without_a_place(message):
+            message.pose.pose.position.z = math.nan
+
+        def of_yesterday(message):
+            message.header.stamp.sec -= 86400
+
+        for text, *how in (
+                ('uav1 to be at its start, 100.0 m away', 100.0, 400.0),
+                ("odometry of uav1 in frame 'map', that which comes is in 'uav1_ned'",
+                 100.0, 499.0, of_another_frame),
+                ('finite odometry of uav1, its position is', 100.0, 499.0, without_a_place),
+                ('odometry of uav1 of now, the stamp of that which comes is 86400', 100.0, 499.0,
+                 of_yesterday)):
+            wait_for(refused_or_waiting(text, *how), what=text)
+            assert not stream.has_begun()
+
+        def without_a_stamp(message):
+            message.header.stamp = Time()
 
         def started():
-            report(100.0, 499.0)
+            report(100.0, 499.0, without_a_stamp)
             time.sleep(0.05)
             return stream.has_begun()
         wait_for(started, what='setpoints')

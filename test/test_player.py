@@ -131,6 +131,8 @@ def test_after_a_reset_the_flight_begins_again_once_the_uavs_can_be_back(plan):
     places[1] = (0.0, 0.0, 110.0)
     assert bench.player.away(places, 5.0, 1.0) == [
         'uav2 to be at its start, 509.9 m away']
+    places[1] = (math.nan, 500.0, 110.0)
+    assert bench.player.away(places, 5.0, 1.0) == ['uav2 to be at its start, nan m away']
 
 
 def onward(bench, plan, ahead, start_ns=None, **fields):

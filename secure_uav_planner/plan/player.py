@@ -184,7 +184,7 @@ class Player:
                 zip(self.playback.plan.scenario.uavs, places, strict=True)):
             if place is not None:
                 distance = math.dist(place, (*starts[index], uav.altitude))
-                if distance > tolerance:
+                if not distance <= tolerance:
                     found.append(f'{uav.name} to be at its start, {distance:.1f} m away')
             elif self._sent is not None and not self.streaming:
                 needed = math.dist(self._sent.positions[index], starts[index]) / uav.max_speed

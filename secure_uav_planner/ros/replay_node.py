@@ -53,7 +53,7 @@ class Replay(Node):
         self._player = Player(self._refuse)
         self._released_ns, self._ticked = 0, time.monotonic()
         self._waits: list[str] = []
-        self._places: dict[str, tuple[int, Place]] = {}
+        self._odometry: dict[str, tuple[int, Odometry]] = {}  # Received in ns.
         self._trajectory_topics: dict[str, str] = {}
         self._assembly = Assembly(self._uavs, lambda name: self.count_publishers(
             self._trajectory_topics[name]) > 0)
@@ -179,8 +179,24 @@ class Replay(Node):
         return tuple(self._settings['true_eavesdropper']) or None
 
     def _on_odometry(self, name: str, message: Odometry) -> None:
-        at = message.pose.pose.position
-        self._places[name] = self.get_clock().now().nanoseconds, (at.x, at.y, at.z)
+        self._odometry[name] = self.get_clock().now().nanoseconds, message
+
+    def _place(self, name: str, now_ns: int) -> Place | str:
+        """Return where a UAV is by its odometry, or in words which odometry is missing."""
+        received, message = self._odometry.get(name, (0, None))
+        if message is None or not 0 <= now_ns - received <= _FRESH * 1e9:
+            return f'odometry of {name}'
+        header, at = message.header, message.pose.pose.position
+        age = (now_ns - (messages.nanoseconds(header.stamp) or received)) * 1e-9
+        place = (at.x, at.y, at.z)
+        if header.frame_id != self._frame_id:
+            return (f'odometry of {name} in frame {shown(self._frame_id)}, that which comes is in '
+                    f'{shown(header.frame_id)}')
+        if not all(map(math.isfinite, place)):
+            return f'finite odometry of {name}, its position is {shown(place)}'
+        if age > _FRESH:
+            return f'odometry of {name} of now, the stamp of that which comes is {age:.1f} s old'
+        return place
 
     # Services
 
@@ -252,11 +268,9 @@ class Replay(Node):
     def _waits_for(self, now_ns: int) -> list[str]:
         """Return in words what the first setpoint waits for."""
         settings, simulated = self._settings, not self._settings['vehicle_odometry']
-        known = {name: place for name, (received, place) in self._places.items()
-                 if 0 <= now_ns - received <= _FRESH * 1e9}
-        waits = [] if simulated else [
-            f'odometry of {name}' for name in self._uavs if name not in known]
-        waits += self._player.away([known.get(name) for name in self._uavs],
+        found = [None if simulated else self._place(name, now_ns) for name in self._uavs]
+        waits = [place for place in found if isinstance(place, str)]
+        waits += self._player.away([None if isinstance(place, str) else place for place in found],
                                    settings['start_tolerance'], settings['speed'])
         # Who only watches simulated UAVs need not subscribe to each of them.
         if simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
