@@ -166,6 +166,34 @@ def test_with_autostart_a_pause_lasts_through_a_replan_until_a_start(client, cap
         assert client.call('replay/pause').success
 
 
+def elsewhere(kind, uav, message):
+    if kind == 'path':
+        message.header.frame_id = 'elsewhere'
+        for pose in message.poses:
+            pose.header.frame_id = ''
+
+
+def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, capfd, plan):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 10000)
+    with node_here(capfd, 'replay', autostart='true') as process:
+        start_ns = begins_at(3600.0)
+        send(client, plan, start_ns)
+        wait_for(lambda: poses)
+        for seconds in (0, 1):
+            send(client, replace(plan, powers=plan.powers * 0.5), start_ns + seconds * 10**9,
+                 elsewhere)
+            wait_for(lambda: sum(
+                "it is in frame 'elsewhere' and the setpoints are in 'earth'" in line
+                for line in process.lines) > seconds)
+        count = len(poses)
+        wait_for(lambda: len(poses) > count + 3)
+        assert {pose.header.frame_id for pose in poses} == {'earth'}
+        # Without setpoints it is a plan like any other; one that is refused changes nothing.
+        assert client.call('replay/reset').success
+        send(client, plan, start_ns + 2 * 10**9, elsewhere)
+        wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
+
+
 @pytest.mark.parametrize('text', ['', '{"format": "other"}', '[1, 2'])
 def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, capfd, text):
     path = tmp_path / 'foreign.json'

@@ -71,7 +71,7 @@ class Replay(Node):
             self._uavs = [uav.name for uav in plan.scenario.uavs]
         self._make_interface()
         if plan is not None:
-            self._take(plan)
+            self._take(plan, self._frame_id)
         self._settings.warn_of_unknown()
         self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
 
@@ -138,8 +138,12 @@ class Replay(Node):
             return reason
         self._problem = ''
         self._warned.clear()
-        self._frame_id = frame_id
-        self._take(plan)
+        if self._player.streaming and frame_id != self._frame_id:
+            self._starts_next = False
+            self._refuse(f'it is in frame {shown(frame_id)} and the setpoints are in '
+                         f'{shown(self._frame_id)}; ~/reset ends them')
+            return ''
+        self._take(plan, frame_id)
         missing = self._assembly.without_trajectory()
         if missing:
             self.get_logger().warning(brief(
@@ -147,13 +151,15 @@ class Replay(Node):
                 + ' that belongs to this plan; it is flown straight from point to point'))
         return ''
 
-    def _take(self, plan: Plan) -> None:
+    def _take(self, plan: Plan, frame_id: str) -> None:
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
                                f'{", ".join(self._uavs)}: {plan.identity}')
         before = self._player.playback
         # A revision of the flight that is known goes on, or stays paused, as that does.
         is_new = before is None or before.plan.start_ns != plan.start_ns
         is_taken = self._player.load(plan)
+        if is_taken:
+            self._frame_id = frame_id
         if is_taken and self._starts_next:
             self._start()
         elif is_taken and is_new and self._settings['autostart']:
