@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path as FilePath
+import shutil
+import subprocess
 import time
 
 from geometry_msgs.msg import PoseStamped
@@ -192,6 +194,49 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, capfd, p
         assert client.call('replay/reset').success
         send(client, plan, start_ns + 2 * 10**9, elsewhere)
         wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
+
+
+# For a process whose system clock is as many s off as a file is long in bytes, backward.
+SHIFTED_CLOCK = """
+#define _GNU_SOURCE
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+int clock_gettime(clockid_t clock, struct timespec *now) {
+  int result = syscall(SYS_clock_gettime, clock, now);
+  struct stat file;
+  if (!result && clock == CLOCK_REALTIME && !stat(getenv("CLOCK_BEHIND"), &file))
+    now->tv_sec -= file.st_size;
+  return result;
+}
+"""
+
+
+@pytest.fixture
+def set_back(tmp_path, monkeypatch):
+    """Return a function that sets the clock of processes, which start from now on, back by s."""
+    if shutil.which('gcc') is None:
+        pytest.skip('the clock of a process is changed by a library, which gcc builds')
+    library, file = tmp_path / 'clock.so', tmp_path / 'behind'
+    subprocess.run(['gcc', '-shared', '-fPIC', '-x', 'c', '-', '-o', library],
+                   input=SHIFTED_CLOCK, text=True, check=True)
+    monkeypatch.setenv('LD_PRELOAD', str(library))
+    monkeypatch.setenv('CLOCK_BEHIND', str(file))
+    return lambda seconds: file.write_bytes(bytes(seconds))
+
+
+def test_setpoints_go_on_when_the_clock_is_set_back(client, file, set_back):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 10000)
+    with node_process('replay', plan_file=file):
+        assert client.call('replay/start').success
+        wait_for(lambda: poses and poses[-1].pose.position.y < 495.0)
+        before = poses[-1]
+        set_back(3600)
+        wait_for(lambda: poses[-1].header.stamp.sec < before.header.stamp.sec - 1800)
+        wait_for(lambda: poses[-1].pose.position.y < before.pose.position.y - 10.0)
 
 
 @pytest.mark.parametrize('text', ['', '{"format": "other"}', '[1, 2'])

@@ -18,7 +18,7 @@ from .guard import Guard, Limits
 from .messages import filled, setpoint_of
 from .node_parameters import Parameters
 from .parameters import RELAY, relay_parameters
-from .topics import odometry_topic, OVERRIDABLE, SENSOR, STREAM
+from .topics import odometry_topic, OVERRIDABLE, SENSOR, STREAM, timer_clock
 from ..errors import brief, ParameterError, PlanningError, PoseError, shown
 from ..output.autopilots import rotation, Stack, STACKS, Vector
 
@@ -50,7 +50,7 @@ class Relay(Node):
         self._odometry: dict[str, Publisher] = {}
         for name, vehicle in zip(uavs, self._settings['vehicles'] or uavs, strict=True):
             self._connect(name, vehicle)
-        self.create_timer(_HOLD_PERIOD, self._on_timer)
+        self.create_timer(_HOLD_PERIOD, self._on_timer, clock=timer_clock(self))
         self._settings.warn_of_unknown()
         self.get_logger().info(brief(
             f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings["stack"]}'))

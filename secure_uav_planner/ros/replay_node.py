@@ -23,7 +23,7 @@ from .drawing import Drawing
 from .mission_parameters import channel_from
 from .node_parameters import Parameters
 from .parameters import REPLAY
-from .topics import LATCHED, OVERRIDABLE, SENSOR, STREAM
+from .topics import LATCHED, OVERRIDABLE, SENSOR, STREAM, timer_clock
 from ..errors import brief, OptionError, ParameterError, PlanningError, shown
 from ..mission.scenario import Point
 from ..plan.plan import Plan
@@ -117,7 +117,7 @@ class Replay(Node):
                              ('reset', self._on_reset)):
             self.create_service(Trigger, f'~/{name}', action, callback_group=self._group)
         self.create_timer(1.0 / self._settings['rate'], self._on_tick,
-                          callback_group=self._group)
+                          callback_group=self._group, clock=timer_clock(self))
 
     def close(self) -> bool:
         """Stop drawing; return whether nothing is left running."""

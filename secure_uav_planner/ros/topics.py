@@ -1,4 +1,4 @@
-"""The nodes' topics: their names, quality of service, those of a plan and those of poses."""
+"""The nodes' topics: their names, quality of service, those of a plan and of poses; timers."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -55,6 +56,12 @@ def odometry_topic(name: str) -> str:
 def uav_topics(name: str) -> tuple[str, str]:
     """Return the topics that say where a UAV is; the first counts before the second."""
     return odometry_topic(name), pose_topic(name)
+
+
+def timer_clock(node: Node) -> Clock:
+    """Return the clock for the timers of setpoints: simulated, or one that is never set back."""
+    clock = node.get_clock()
+    return clock if clock.ros_time_is_active else Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class PlanTopics:
