@@ -196,6 +196,21 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, capfd, p
         wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
 
 
+@pytest.mark.parametrize('service', ['pause', 'reset'])
+def test_a_start_that_waits_for_the_rest_of_a_plan_can_be_withdrawn(client, capfd, plan, service):
+    with node_here(capfd, 'replay') as process:
+        def is_withdrawn():
+            # The rest is waited for for two seconds only, which may pass on a busy machine.
+            send(client, plan, 10**18, topics=('path',))
+            return 'waits for the rest of the plan' in client.call('replay/start').message and (
+                client.call(f'replay/{service}').success)
+
+        wait_for(is_withdrawn)
+        send(client, plan, 10**18)
+        wait_for(lambda: got(process))
+        assert client.call('replay/pause').message == 'nothing is playing'
+
+
 # For a process whose system clock is as many s off as a file is long in bytes, backward.
 SHIFTED_CLOCK = """
 #define _GNU_SOURCE

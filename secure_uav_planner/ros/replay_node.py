@@ -233,13 +233,16 @@ class Replay(Node):
 
     def _on_pause(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
-        response.success = self._player.pause()
+        # A start that waits for the rest of a plan is withdrawn, too.
+        withdrawn, self._starts_next = self._starts_next, False
+        response.success = self._player.pause() or withdrawn
         response.message = 'paused' if response.success else 'nothing is playing'
         return response
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
         self._player.reset()
+        self._starts_next = False
         response.success, response.message = True, 'back at the start'
         return response
 
