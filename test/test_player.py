@@ -106,6 +106,9 @@ def test_what_has_ended_or_is_older_is_never_played_again(plan):
         bench.player.start()
     bench.player.load(replace(plan, start_ns=BEGIN - 1))
     assert bench.refused == ['it begins no later than a plan that has been flown']
+    with pytest.raises(OptionError, match='has ended, and the one that came then is not played: '
+                                          'it begins no later than a plan that has been flown'):
+        bench.player.start()
     assert not bench.run(1.0).velocities.any()
 
 

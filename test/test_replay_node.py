@@ -243,7 +243,9 @@ def set_back(tmp_path, monkeypatch):
     return lambda seconds: file.write_bytes(bytes(seconds))
 
 
-def test_setpoints_go_on_when_the_clock_is_set_back(client, file, set_back):
+def test_setpoints_go_on_when_the_clock_is_set_back(client, plan, tmp_path, set_back):
+    file = tmp_path / 'plan.json'
+    replace(plan, start_ns=begins_at(0.0)).save(file)
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 10000)
     with node_process('replay', plan_file=file):
         assert client.call('replay/start').success
@@ -252,6 +254,9 @@ def test_setpoints_go_on_when_the_clock_is_set_back(client, file, set_back):
         set_back(3600)
         wait_for(lambda: poses[-1].header.stamp.sec < before.header.stamp.sec - 1800)
         wait_for(lambda: poses[-1].pose.position.y < before.pose.position.y - 10.0)
+        assert client.call('replay/pause').success
+        # It has begun, although its time is to come once more.
+        assert client.call('replay/start').message.endswith(': playing')
 
 
 @pytest.mark.parametrize('text', ['', '{"format": "other"}', '[1, 2'])

@@ -50,7 +50,7 @@ class Player:
         self.playback: Playback | None = None
         self.time = self.rate = self.delivered = self.largest_jump = 0.0
         self.playing = self.streaming = False
-        self._refuse = refuse
+        self._say, self._refusal = refuse, ''  # Of the last plan, if that is not played.
         self._latest: Playback | None = None  # What a reset returns to.
         self._next: Playback | None = None  # What takes over when its time has come.
         self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one does.
@@ -74,9 +74,9 @@ class Player:
             return False  # Published again, for example by a planner that has been restarted.
         is_revision = current is not None and plan.start_ns == current.plan.start_ns
         if plan.start_ns is not None and plan.start_ns <= self._flown_ns and not is_revision:
-            self._refuse('it begins no later than a plan that has been flown')
+            self.refuse('it begins no later than a plan that has been flown')
             return False
-        self._latest = new
+        self._latest, self._refusal = new, ''
         if current is None or not self.streaming:
             self._wait_at_start(new)
         elif is_revision:
@@ -87,6 +87,11 @@ class Player:
                 self._join_at_rest()
         return new in (self.playback, self._next)
 
+    def refuse(self, reason: str) -> None:
+        """Say why a plan is not played."""
+        self._refusal = reason
+        self._say(reason)
+
     def _wait_at_start(self, playback: Playback) -> None:
         self.playback, self._next = playback, None
         self.time, self.rate, self.delivered, self.largest_jump = playback.begin, 0.0, 0.0, 0.0
@@ -95,7 +100,7 @@ class Player:
         """Go on with a new plan of the same flight, at the same time of the plan."""
         problem = 'that plan has ended' if self.ended else self._problem(new, self.time, 0.0)
         if problem:
-            self._refuse(f'it comes too late for the flight that it changes: {problem}')
+            self.refuse(f'it comes too late for the flight that it changes: {problem}')
         else:
             self.playback = new
 
@@ -105,7 +110,7 @@ class Player:
         new, self._next = self._next, None
         problem = self._problem(new, new.begin, 0.0)
         if problem:
-            self._refuse(f'{problem}, where the setpoints rest; ~/reset ends them')
+            self.refuse(f'{problem}, where the setpoints rest; ~/reset ends them')
             self.playing = self.playing and not self.ended
         else:
             self._wait_at_start(new)
@@ -151,8 +156,9 @@ class Player:
         if self.playback is None:
             raise OptionError('there is no plan yet')
         if self.ended:
-            raise OptionError(f'the plan {self.playback.plan.identity} has ended, and no newer '
-                              'one has come')
+            newer = (f'the one that came then is not played: {self._refusal}' if self._refusal
+                     else 'no newer one has come')
+            raise OptionError(f'the plan {self.playback.plan.identity} has ended, and {newer}')
         self.playing = True
 
     def pause(self) -> bool:
@@ -256,7 +262,7 @@ class Player:
         time = new.begin + (0.0 if due is None else self.rate * (now_ns - due) * 1e-9)
         problem = self._problem(new, time, elapsed)
         if problem:
-            self._refuse(f'{problem}, at the time at which it begins')
+            self.refuse(f'{problem}, at the time at which it begins')
             return False
         rate = self.rate
         self._wait_at_start(new)

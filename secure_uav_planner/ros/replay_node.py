@@ -140,8 +140,8 @@ class Replay(Node):
         self._warned.clear()
         if self._player.streaming and frame_id != self._frame_id:
             self._starts_next = False
-            self._refuse(f'it is in frame {shown(frame_id)} and the setpoints are in '
-                         f'{shown(self._frame_id)}; ~/reset ends them')
+            self._player.refuse(f'it is in frame {shown(frame_id)} and the setpoints are in '
+                                f'{shown(self._frame_id)}; ~/reset ends them')
             return ''
         self._take(plan, frame_id)
         missing = self._assembly.without_trajectory()
@@ -212,10 +212,12 @@ class Replay(Node):
         now = self.get_clock().now().nanoseconds
         self._released_ns = now
         self._waits = [] if self._player.streaming else self._waits_for(now)
-        ahead = ((self._player.due_ns or 0) - now) * 1e-9
+        player = self._player
+        ahead = ((player.due_ns or 0) - now) * 1e-9 if (
+            player.time <= player.playback.begin) else 0.0
         follows = [f'waits for {wait}' for wait in self._waits] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
-        return f'plan {self._player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
+        return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
 
     def _on_start(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
