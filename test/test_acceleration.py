@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, optimize, Plan, Scenario, Uav
+from secure_uav_planner import (
+    Eavesdropper, fly_hover_fly, NoFlyZone, optimize, Plan, Scenario, Uav)
 from secure_uav_planner.errors import InfeasibleMissionError, PlanError, ScenarioError
 from secure_uav_planner.mission.kinematics import Vehicle
 from secure_uav_planner.model.grid import Grid
@@ -147,3 +148,34 @@ def test_a_hundred_times_as_many_slots_change_a_smooth_flight_by_little():
     vehicle = Vehicle((0.0, -1000.0), 10.0, 2.0, (0.0, 0.0), (0.0, 0.0))
     coarse, fine = (vehicle.least_effort(slots, 200.0 / slots)[0] for slots in (200, 20000))
     assert coarse == pytest.approx(fine, rel=0.02)
+
+
+def across(ends, geofence=((-100, -100), (100, -100), (100, 100), (-100, 100)), **fields):
+    """Return a mission of long slots whose UAVs fly from west to east within a fence."""
+    return Scenario((0.0, 0.0), (Eavesdropper((50.0, 50.0)),), tuple(
+        Uav(f'uav{number}', (-80.0, 30.0 * number), (80.0, 30.0 * number), 50.0, 10.0,
+            max_acceleration=1.0, **velocities) for number, velocities in enumerate(ends)),
+        duration=60.0, slots=5, geofence=geofence, **fields)
+
+
+FREE = {'start_velocity': None, 'goal_velocity': None}
+ZONES = tuple(NoFlyZone(((x, -300), (x + 20, -300), (x + 20, 300), (x, 300)))
+              for x in (-110, 90))
+
+
+@pytest.mark.parametrize('method', ['joint', 'alternating'])
+@pytest.mark.parametrize('scenario', [
+    across([FREE]), across([{'goal_velocity': None}, {}]), across([{'goal_velocity': (3.0, 0.0)}]),
+    across([FREE], geofence=None, no_fly_zones=ZONES), across([FREE, FREE], separation=25.0)])
+def test_a_plan_is_found_whose_curve_keeps_clear_beyond_its_points(scenario, method):
+    # A Plan checks itself.
+    assert solve(scenario, method=method).guaranteed_rate > 1.0
+
+
+@pytest.mark.parametrize('ends, fields', [
+    ([{'goal_velocity': (5.0, 0.0)}], {}), ([{'start_velocity': (5.0, 0.0)}], {}),
+    ([{'goal_velocity': (5.0, 0.0)}], {'geofence': None, 'no_fly_zones': ZONES}),
+    ([{'goal_velocity': (0.0, 2.0)}, {'goal_velocity': (0.0, -2.0)}], {'separation': 25.0})])
+def test_ends_whose_velocity_leads_beyond_a_limit_are_refused(ends, fields):
+    with pytest.raises(InfeasibleMissionError):
+        solve(across(ends, **fields))

@@ -29,6 +29,8 @@ class FenceLimit(LineLimit):
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
         number = np.arange(self.grid.slots + 2.0)[:, None]
+        # The curve may begin and end up to half a slot beyond the points, see Tracks.
+        number[0], number[-1] = 0.5, number[-1] + 0.5
         steps = (scenario.max_speeds * self.grid.slot_duration / self.grid.length)[self.first]
         for ends, moves in ((self.grid.starts, number), (self.grid.goals, number[::-1])):
             slack = (self.normals * ends[self.first]).sum(axis=-1) - self.offsets

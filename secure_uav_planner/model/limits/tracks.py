@@ -26,6 +26,7 @@ _STRAIGHT_BY_THREE = ((0.0, 1.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 1.0))
 _SMOOTH_HALVES = (((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.125, 0.75, 0.125)),
                   ((0.125, 0.75, 0.125), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5)))
 _POINT = ((0.0, 1.0, 0.0),)
+_ENDS = ((0.5, 0.5, 0.0),), ((0.0, 0.5, 0.5),)
 _STRAIGHT_HALVES = (((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.0, 1.0, 0.0)),
                     ((0.0, 1.0, 0.0), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5)))
 
@@ -52,17 +53,20 @@ class Tracks:
 
     @classmethod
     def of_points(cls, grid: Grid) -> 'Tracks':
-        """Return tracks whose control points are the points alone."""
+        """Return tracks of the points alone, and of the curve's ends instead of start and goal."""
         tracks = cls.__new__(cls)
-        tracks._set(grid, [[_POINT]] * len(grid.scenario.uavs))
+        tracks._set(grid, [[_POINT]] * len(grid.scenario.uavs), _ENDS)
         return tracks
 
-    def _set(self, grid: Grid, kinds: list[list[_Piece]]) -> None:
+    def _set(self, grid: Grid, kinds: list[list[_Piece]],
+             ends: tuple[_Piece, _Piece] | None = None) -> None:
         self.grid = grid
         smooth = np.isfinite(grid.scenario.max_accelerations)
         self.uav: NDArray[np.intp] = np.repeat(np.arange(len(kinds)), len(kinds[0]))
         weights = np.array([one for kind in kinds for one in kind])
         self.weights: Array = np.repeat(weights[None], grid.slots + 2, axis=0)
+        if ends is not None:
+            self.weights[0], self.weights[-1] = ends
         self.constant = np.zeros((*self.weights.shape[:-1], 2))
         self._close_ends(smooth)
         self.all_weights = self.weights.copy()
