@@ -155,7 +155,7 @@ def across(ends, geofence=((-100, -100), (100, -100), (100, 100), (-100, 100)), 
     return Scenario((0.0, 0.0), (Eavesdropper((50.0, 50.0)),), tuple(
         Uav(f'uav{number}', (-80.0, 30.0 * number), (80.0, 30.0 * number), 50.0, 10.0,
             max_acceleration=1.0, **velocities) for number, velocities in enumerate(ends)),
-        duration=60.0, slots=5, geofence=geofence, **fields)
+        geofence=geofence, **{'duration': 60.0, 'slots': 5, **fields})
 
 
 FREE = {'start_velocity': None, 'goal_velocity': None}
@@ -172,10 +172,18 @@ def test_a_plan_is_found_whose_curve_keeps_clear_beyond_its_points(scenario, met
     assert solve(scenario, method=method).guaranteed_rate > 1.0
 
 
-@pytest.mark.parametrize('ends, fields', [
-    ([{'goal_velocity': (5.0, 0.0)}], {}), ([{'start_velocity': (5.0, 0.0)}], {}),
-    ([{'goal_velocity': (5.0, 0.0)}], {'geofence': None, 'no_fly_zones': ZONES}),
-    ([{'goal_velocity': (0.0, 2.0)}, {'goal_velocity': (0.0, -2.0)}], {'separation': 25.0})])
-def test_ends_whose_velocity_leads_beyond_a_limit_are_refused(ends, fields):
-    with pytest.raises(InfeasibleMissionError):
+@pytest.mark.parametrize('ends, fields, field, message', [
+    ([{'goal_velocity': (5.0, 0.0)}], {}, 'uavs[0]', 'takes uav0 .* goal inside the geofence at'),
+    ([{'start_velocity': (0.0, 5.0)}],  # With slots of minutes, even it could not begin inside.
+     {'geofence': ((-100, -100), (100, -100), (100, 14), (-100, 14)), 'duration': 27.0,
+      'slots': 60}, 'duration', 'uav0 needs at least .* from start to goal inside the geofence at'),
+    ([{'goal_velocity': (5.0, 0.0)}], {'geofence': None, 'no_fly_zones': ZONES}, 'uavs[0]',
+     'goal around zone 1 or zone 2 at'),
+    ([{'goal_velocity': (5.0, 0.0)}], {'no_fly_zones': ZONES}, 'uavs[0]',
+     'goal around zone 1 or zone 2 inside the geofence at'),
+    ([{'goal_velocity': (0.0, 2.0)}, {'goal_velocity': (0.0, -2.0)}], {'separation': 25.0},
+     'separation', 'uav0 and uav1 were found that keep the separation of 25 m and stay inside')])
+def test_ends_whose_velocity_leads_beyond_a_limit_are_refused(ends, fields, field, message):
+    with pytest.raises(InfeasibleMissionError, match=message) as error:
         solve(across(ends, **fields))
+    assert error.value.field == field

@@ -13,7 +13,8 @@ from .visibility_graph import Check
 from ...errors import InfeasibleMissionError, TimeLimitError
 from ...mission.scenario import Scenario
 from ...mission.validation import RANGES
-from ...model.airspace import airspace_of
+from ...model.airspace import airspace_of, GEOFENCE
+from ...model.limits import SeparationLimit
 
 _SHARE = 0.05  # Of its slack that a flight leaves which shows that there is one.
 _DOUBLINGS, _HALVINGS = 8, 12
@@ -25,8 +26,8 @@ def refuse(scenario: Scenario, check: Check) -> NoReturn:
 
     :param check: as for fly_hover_fly_positions. When it raises TimeLimitError after flights of
         the duration were searched in vain, no duration is named.
-    :raises InfeasibleMissionError: naming the UAVs, what is in their way, and the shortest
-        duration with which flights were found; `others` are those of further UAVs.
+    :raises InfeasibleMissionError: naming the UAVs, what is in their way or must be kept, and the
+        shortest duration with which flights were found; `others` are those of further UAVs.
     """
     problems: list[InfeasibleMissionError] = []
     try:
@@ -39,6 +40,11 @@ def refuse(scenario: Scenario, check: Check) -> NoReturn:
         problems[0].others = tuple(problems[1:])
         raise problems[0]
     names = ' and '.join(uav.name for uav in scenario.uavs)
+    kept = {field: text for field, text, applies in (
+        ('separation', f'keep the separation of {scenario.separation:g} m',
+         SeparationLimit.applies_to(scenario)),
+        ('geofence', f'stay inside {GEOFENCE}', scenario.geofence is not None),
+        ('no_fly_zones', 'avoid the no-fly zones', scenario.no_fly_zones)) if applies}
     try:
         shortest = _shortest(scenario, check)
     except TimeLimitError:
@@ -46,8 +52,8 @@ def refuse(scenario: Scenario, check: Check) -> NoReturn:
     more = ('' if shortest is None else
             f'; with a duration of {_text(shortest)} s, some were')
     raise InfeasibleMissionError(
-        f'duration is {scenario.duration:g} s; no flights of {names} were found that keep the '
-        f'separation of {scenario.separation:g} m{more}', ('separation',))
+        f'duration is {scenario.duration:g} s; no flights of {names} were found that '
+        f'{" and ".join(kept.values())}{more}', (next(iter(kept)),))
 
 
 def _of_one(scenario: Scenario, number: int, check: Check) -> Iterator[InfeasibleMissionError]:
@@ -59,7 +65,9 @@ def _of_one(scenario: Scenario, number: int, check: Check) -> Iterator[Infeasibl
         yield InfeasibleMissionError(
             f'no way leads {uav.name} from start to goal: {names} is in its way',
             ('uavs', number))
-    elif names and not _is_flown(alone, check):
+    elif (names or scenario.geofence is not None) and not _is_flown(alone, check):
+        around = f' around {names}' * bool(names) + f' inside {GEOFENCE}' * (
+            scenario.geofence is not None and GEOFENCE not in names)
         limits = f'{uav.max_speed:g} m/s' + (
             '' if uav.max_acceleration is None else f' and {uav.max_acceleration:g} m/s^2')
         try:
@@ -71,12 +79,12 @@ def _of_one(scenario: Scenario, number: int, check: Check) -> Iterator[Infeasibl
             if shortest is not None:
                 yield InfeasibleMissionError(
                     f'duration is {scenario.duration:g} s; {uav.name} needs at least '
-                    f'{_text(shortest)} s from start to goal around {names} at {limits}',
+                    f'{_text(shortest)} s from start to goal{around} at {limits}',
                     ('duration',))
                 return
         yield InfeasibleMissionError(
-            f'no flight was found that takes {uav.name} from start to goal around '
-            f'{names} at {limits}, {searched}', ('uavs', number))
+            f'no flight was found that takes {uav.name} from start to goal{around} '
+            f'at {limits}, {searched}', ('uavs', number))
 
 
 def _in_the_way(scenario: Scenario) -> str:
@@ -97,14 +105,15 @@ def _shortest(scenario: Scenario, check: Check) -> float | None:
     """Return a duration with which flights are found, close to the shortest, or None."""
     low = scenario.duration
     longest = min(low * 2**_DOUBLINGS, RANGES['duration'][1])
-    if not _is_flown_in(scenario, longest, check):
+    at_rest = all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
+    # From rest to rest, a longer flight is always easier.
+    if at_rest and not _is_flown_in(scenario, longest, check):
         return None
-    high = low
-    while high < longest:
-        high = min(2 * high, longest)
-        if _is_flown_in(scenario, high, check):
-            break
-        low = high
+    high = min(2 * low, longest)
+    while not _is_flown_in(scenario, high, check):
+        if high >= longest:
+            return None
+        low, high = high, min(2 * high, longest)
     for _ in range(_HALVINGS):
         middle = math.sqrt(low * high)
         if _is_flown_in(scenario, middle, check):
