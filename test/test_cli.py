@@ -17,7 +17,7 @@ import threading
 
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
+from secure_uav_planner import Channel, fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
 from secure_uav_planner.apps.cli.main import EXIT_STATUSES, main, make_parser
 from secure_uav_planner.output.geodesy import Origin
 from secure_uav_planner.output.qgroundcontrol import mission, TOLERANCE
@@ -108,6 +108,27 @@ def test_the_csv_has_every_point_with_place_time_velocity_and_power(planned):
             tuple(moment.velocities[uav]), abs=1e-9)
         power = 0.0 if point in (0, 31) else plan.powers[uav, point - 1]
         assert float(row['power']) == power
+
+
+def test_a_mission_without_a_proof_is_planned_and_its_plan_says_so(tmp_path, capsys):
+    replace(Scenario.paper(120.0, slots=10), channel=Channel(los='urban')).save(
+        tmp_path / 'mission.yaml')
+    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path),
+                 '--time-limit', '1', '--no-baselines']) == 0
+    out, err = capsys.readouterr()
+    assert 'no bound: it is proven for free space' in out and err == ''
+    assert Plan.load(tmp_path / 'plan.json').bound is None
+
+
+def test_a_plan_is_kept_when_its_bound_fails(tmp_path, monkeypatch, capsys):
+    def fail(*_, **__):
+        raise MemoryError
+    monkeypatch.setattr('secure_uav_planner.apps.cli.planning.upper_bound', fail)
+    Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
+    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path)]) == 1
+    file = tmp_path / 'plan.json'
+    assert f'written: {file}\n' in capsys.readouterr().err
+    assert Plan.load(file).bound is None
 
 
 def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):

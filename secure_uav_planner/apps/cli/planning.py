@@ -74,13 +74,15 @@ def make_plan(options: argparse.Namespace) -> int:
     out = writable(Path(options.out))
     with lines_of(options.mission), _interruptible() as stop, ProgressLine() as line:
         plan = _planned(scenario, options, stop, line)
-        bound = _bound(plan, options, stop, line)
-        proven = plan.with_bound(bound)
         # Written before anything is printed, which may have no reader, and the plan first:
         # whatever fails from here on, it is there.
         with _listed() as written:
-            proven.save(out / 'plan.json')
+            plan.save(out / 'plan.json')
             written.append(out / 'plan.json')
+            bound = _bound(plan, options, stop, line)
+            proven = plan.with_bound(bound)
+            if bound:
+                proven.save(out / 'plan.json')
             baselines = [] if options.no_baselines else _baselines(scenario, options, stop, line)
             line.say('drawing ...', force=True)
             written.extend(_write(proven, baselines, out, origin))
@@ -90,6 +92,8 @@ def make_plan(options: argparse.Namespace) -> int:
     print(table([*baselines, plan], bound))
     print(f'\n{plan.message}' + (
         f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
+    if options.bound_time_limit and not scenario.channel.is_free_space:
+        print('no bound: it is proven for free space without fading only')
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     print(f'written: {", ".join(map(str, written))}')
@@ -148,7 +152,7 @@ def _planned(scenario: Scenario, options: argparse.Namespace, stop: list[int],
 
 def _bound(plan: Plan, options: argparse.Namespace, stop: list[int],
            line: ProgressLine) -> Bound | None:
-    if stop or options.bound_time_limit is None:
+    if stop or options.bound_time_limit is None or not plan.scenario.channel.is_free_space:
         return None
 
     def on_progress(progress: Progress) -> bool:
