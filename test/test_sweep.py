@@ -14,7 +14,7 @@ import time
 import pytest
 from secure_uav_planner import METHODS, Plan, Scenario, solve
 from secure_uav_planner.apps.campaign.journal import Journal
-from secure_uav_planner.apps.campaign.results import draw_figure
+from secure_uav_planner.apps.campaign.results import draw_figure, save_tables
 from secure_uav_planner.apps.campaign.specification import load_campaign
 from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.errors import MissionFileError
@@ -250,20 +250,24 @@ def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
 @pytest.mark.parametrize('text, reason', [
     ('mision: mission.yaml', 'did you mean mission?'),
     ('vary: {}', 'mission is null'), ('[]', 'it must be a mapping'), ('', 'it must be a mapping'),
-    ('mission: none.yaml', 'No such file'), ('mission: {slots: 3}', 'lacks ground_node'),
+    ('mission: none.yaml', 'mission none.yaml cannot be read: No such file'),
+    ('mission: {slots: 3}', 'lacks ground_node'),
     ('mission: mission.yaml\nvary: 7', 'vary is 7'),
     ('mission: mission.yaml\nvary: {durations: [1]}', 'no field'),
     ('mission: mission.yaml\nvary: {uavs.7.altitude: [1]}', 'no field'),
     ('mission: mission.yaml\nvary: {uavs.x.altitude: [1]}', 'no field'),
     ('mission: mission.yaml\nvary: {uavs.².altitude: [1]}', 'no field'),
     ('mission: mission.yaml\nvary: {duration: []}', 'must be a list of values'),
-    ('mission: mission.yaml\nvary: {duration: {from: 1, to: 2, count: 0}}', 'above 0'),
-    ('mission: mission.yaml\nvary: {duration: {from: 1, to: x, count: 3}}', 'above 0'),
+    ('mission: mission.yaml\nvary: {duration: {from: 1, to: 2, count: 0}}', 'from 1 to 1000000'),
+    ('mission: mission.yaml\nvary: {duration: {from: 1, to: 2, count: 1000000000}}',
+     'from 1 to 1000000'),
+    ('mission: mission.yaml\nvary: {duration: {uniform: [2, 1]}}', 'the first at most the second'),
+    ('mission: mission.yaml\nvary: {duration: {from: 1, to: x, count: 3}}', 'from 1 to 1000000'),
     ('mission: mission.yaml\nvary: {duration: {uniform: 3}}', 'two numbers'),
-    ('mission: mission.yaml\nvary: {duration: {normal: [1, -1]}}', 'two numbers'),
+    ('mission: mission.yaml\nvary: {duration: {normal: [1, -1]}}', 'the second at least 0'),
     ('mission: mission.yaml\nvary: {duration: {gamma: [1, 1]}}', 'must be a list of values'),
     ('mission: mission.yaml\nvary: {duration: [120, .inf]}', 'its numbers must be finite'),
-    ('mission: mission.yaml\nvary: {duration: {from: 1, to: .inf, count: 3}}', 'above 0'),
+    ('mission: mission.yaml\nvary: {duration: {from: 1, to: .inf, count: 3}}', 'from 1 to 1000000'),
     ('mission: mission.yaml\nvary: {duration: {uniform: [0, .inf]}}', 'two numbers'),
     ('mission: mission.yaml\nvary: {duration: {normal: [.nan, 1]}}', 'must be finite'),
     ('mission: mission.yaml\nsamples: 0', 'samples is 0'),
@@ -291,6 +295,45 @@ vary: {uavs.*.max_speed: [12.0], uavs.0.start.1: [450.0]}
     [task] = load_campaign('campaign.yaml').tasks()
     assert [uav['max_speed'] for uav in task['mission']['uavs']] == [12.0, 12.0]
     assert task['mission']['uavs'][0]['start'] == [100.0, 450.0]
+
+
+def test_fields_left_out_at_their_defaults_can_be_varied_and_no_other_key_changes(folder):
+    Path('campaign.yaml').write_text('mission: mission.yaml')
+    [task] = load_campaign('campaign.yaml').tasks()
+    mission = json.loads(json.dumps(Scenario.load('mission.yaml').to_dict()))
+    assert task['mission'] == mission and not {'channel', 'colluding'} & mission.keys()
+    Path('campaign.yaml').write_text("""
+mission: mission.yaml
+vary: {channel.exponent: [2.0, 2.5], colluding: [true, false]}
+bound_time_limit: 0.1
+methods: [fly_hover_fly_constant]
+""")
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    rows = {(row['fields']['channel.exponent'], row['fields']['colluding']): row
+            for row in journal()}
+    assert len({row['rate'] for row in rows.values()}) >= 2
+    # Where no bound is proven, there is a row without one.
+    assert all(row['outcome'] == 'ok' and (row['bound'] is None) == (exponent != 2.0)
+               for (exponent, _), row in rows.items()) and len(rows) == 4
+
+
+def test_values_of_several_kinds_are_columns_of_json_and_null_is_nothing(tmp_path):
+    rows = [{'key': str(number), 'outcome': 'ok', 'fields': {
+        'mixed': mixed, 'limit': limit, 'large': large, 'colluding': bool(number)}}
+            for number, (mixed, limit, large) in enumerate(
+                [(5, None, 1.5), ('x', 2.0, 10**30), (None, 3, 2), ([1, 2], None, True)])]
+    csv_file, *others = save_tables(rows, tmp_path)
+    with open(csv_file, newline='') as file:
+        table = list(csv.DictReader(file))
+    assert [row['mixed'] for row in table] == ['5', '"x"', '', '[1, 2]']
+    assert [row['limit'] for row in table] == ['', '2.0', '3', '']
+    parquet = pytest.importorskip('pyarrow.parquet')
+    [file] = others
+    columns = parquet.read_table(file).to_pydict()
+    assert columns['mixed'] == ['5', '"x"', None, '[1, 2]']
+    assert columns['limit'] == [None, 2.0, 3.0, None]
+    assert columns['large'] == ['1.5', f'{10**30}', '2', 'true']
+    assert columns['colluding'] == [False, True, True, True]
 
 
 # Dask

@@ -62,7 +62,7 @@ def _results(task: Task) -> dict[str, Any]:
             plan, **arguments(task['assess'])).summary.items()})
     if more:
         found['more'] = more
-    if limit is not None:
+    if limit is not None and scenario.channel.is_free_space:  # Else nothing is proven.
         bound = upper_bound(scenario, objective=objective, plan=plan, time_limit=limit)
         gap = bound.gap(plan)
         found.update(bound=bound.rate if math.isfinite(bound.rate) else None,

@@ -21,15 +21,16 @@ def save_tables(rows: Rows, folder: Path) -> list[Path]:
     """
     Write all rows as results.csv and, where PyArrow is installed, as results.parquet.
 
-    Each varied field and each further result has a column of its name; values of fields that are
-    no numbers are JSON.
+    Each varied field and each further result has a column of its name; those of fields with values
+    of several kinds, or that are neither numbers nor null, are JSON.
 
     :return: the files.
     """
     names = [*COLUMNS, *dict.fromkeys(
         name for part in ('more', 'fields') for row in rows for name in row.get(part, ()))]
+    plain = {name for name in names if _is_plain([row['fields'].get(name) for row in rows])}
     flat = [{**row, **row.get('more', {}), **{
-        name: value if isinstance(value, (int, float)) else json.dumps(value)
+        name: value if name in plain or value is None else json.dumps(value)
         for name, value in row['fields'].items()}} for row in rows]
     files = [folder / 'results.csv']
     with atomic_file(files[0]) as file:
@@ -46,6 +47,14 @@ def save_tables(rows: Rows, folder: Path) -> list[Path]:
     with atomic_file(files[1], binary=True) as file:
         parquet.write_table(table, file)
     return files
+
+
+def _is_plain(values: list[Any]) -> bool:
+    """Return whether values, beside null, are one column: all numbers, or all true or false."""
+    given = [value for value in values if value is not None]
+    return all(isinstance(value, bool) for value in given) or all(
+        isinstance(value, (int, float)) and not isinstance(value, bool)
+        and abs(value) <= 2.0**53 for value in given)  # Beyond, floats are no whole numbers.
 
 
 def save_figure(rows: Rows, path: Path) -> None:

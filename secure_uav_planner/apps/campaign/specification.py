@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 import copy
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import difflib
 from itertools import product
 import json
@@ -18,16 +18,21 @@ from ...assessment.monte_carlo import arguments
 from ...errors import OptionError, shown, words_of_files
 from ...mission import METHODS, OBJECTIVES
 from ...mission.formats.documents import Document, Problem, read, refusal
+from ...mission.propagation import Channel
 from ...mission.scenario import Scenario
 from ...optimize.solve import checked_objective
 
 BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
 """What `methods` may name beside the methods of solve."""
 
-LAWS = ('uniform', 'normal')
-"""How a field can be drawn at random."""
+LAWS = {'uniform': 'the first at most the second', 'normal': 'the second at least 0'}
+"""How a field can be drawn at random, and what its two numbers must be."""
 
-MOST_TASKS = 10**8
+MOST_TASKS = 10**6
+"""The most missions of a campaign, which has a row for each in memory, and values of a field."""
+
+_LEFT_OUT = {'channel': asdict(Channel()), 'colluding': False}
+"""What Scenario.to_dict leaves out, and so do the missions of a campaign that does not vary it."""
 
 _DEFAULTS: dict[str, Any] = {
     'vary': {}, 'samples': 1, 'seed': 0, 'methods': [METHODS[0]], 'objectives': None,
@@ -188,7 +193,10 @@ class _Reader:
         if isinstance(given, str):
             try:
                 return _plain(Scenario.load(self._folder / given))
-            except (OSError, ValueError) as error:
+            except OSError as error:
+                self._add(('mission',), f'the mission {self._folder / given} cannot be read: '
+                          f'{error.strerror or error}')
+            except ValueError as error:
                 self._add(('mission',), f'the mission cannot be used: {error}')
         elif isinstance(given, dict):
             try:
@@ -210,6 +218,8 @@ class _Reader:
             place = ('vary', name)
             if mission is not None:
                 try:
+                    if (field := name.partition('.')[0]) in _LEFT_OUT:
+                        mission.setdefault(field, copy.deepcopy(_LEFT_OUT[field]))
                     _targets(mission, name)
                 except LookupError:
                     self._add(place, f'the mission has no field {shown(name)}; name it as '
@@ -222,6 +232,8 @@ class _Reader:
                               'null stands for no limit')
             elif isinstance(value, dict) and set(value) == {'from', 'to', 'count'}:
                 try:
+                    if value['count'] > MOST_TASKS:
+                        raise ValueError
                     with np.errstate(all='ignore'):
                         grid[name] = np.linspace(
                             value['from'], value['to'], value['count']).tolist()
@@ -229,18 +241,18 @@ class _Reader:
                     grid[name] = []
                 if not grid[name] or not _is_json(grid[name]):
                     self._add(place, f'{name} is {shown(value)}; from and to must be numbers, '
-                              'count a whole number above 0')
+                              f'count a whole number from 1 to {MOST_TASKS}')
             elif isinstance(value, dict) and len(value) == 1 and set(value) <= set(LAWS):
                 [(law, numbers)] = value.items()
                 try:
                     first, second = numbers
                     drawn = getattr(np.random.default_rng(0), law)(first, second)
                     if not np.isfinite(drawn).all():
-                        raise ValueError('they must be finite')
+                        raise ValueError
                     laws[name] = law, first, second
-                except (TypeError, ValueError, OverflowError) as error:
+                except (TypeError, ValueError, OverflowError):
                     self._add(place, f'{name} is {shown(value)}; {law} must have two numbers, or '
-                              f'two places: {error}')
+                              f'two places; they must be finite, and {LAWS[law]}')
             else:
                 self._add(place, f'{name} is {shown(value)}; it must be a list of values, {{from, '
                           'to, count}, {uniform: [low, high]} or {normal: [mean, deviation]}')
