@@ -366,9 +366,12 @@ def test_nobody_predicts_a_flight_whose_pace_changes(two_plans):
     plan, _ = two_plans
     tracking = PlanTracking(PoseBook())
     tracking.follow(plan, 1000.0)
-    hear(tracking, plan, (1010.0, 10.0), (1010.05, 10.05), (1010.1, 10.1))
-    tracking.check_steady(1010.1)
-    hear(tracking, plan, (1010.15, 10.1495))
+    clocks = 1010.0 + np.arange(40) * 0.05
+    hear(tracking, plan, *((clock, clock - 1000.0) for clock in clocks))
+    hear(tracking, plan, (1012.0, 11.98), (1012.05, 12.05))  # A stamp that was taken late.
+    tracking.check_steady(1012.05)
+    slower = np.arange(1, 11) * 0.05
+    hear(tracking, plan, *((1012.05 + since, 12.05 + since - 0.1 * since**2) for since in slower))
     with pytest.raises(LateError, match='slowing down or speeding up'):
-        tracking.check_steady(1010.15)
-    tracking.check_steady(1012.0)  # Nothing was heard for long: it stands.
+        tracking.check_steady(1012.55)
+    tracking.check_steady(1014.0)  # Nothing was heard for long: it stands.

@@ -22,7 +22,7 @@ _MOST_PLANS = 8  # Of which a follower may report.
 _MEMORY = 2.0  # Reports of so many s are kept, for odometry that comes later.
 _SILENCE = 1.0  # s without a report, after which the time of the plan stands still.
 _SAME_TIME = 0.01  # s
-_STEADY = 0.01  # Change of the rate of a plan's time that is none.
+_STEADY = 0.03  # Change of the rate of a plan's time, in half a second, that is none.
 _UNTAKEN = 2.0  # s after a plan has come, or begins, when a follower flies another one.
 
 
@@ -58,12 +58,14 @@ class _Reports:
         return clock_ns - self._clock[-1] <= _SILENCE * 1e9
 
     def is_steady(self) -> bool:
-        """Return whether the last three reports agree on how fast the time of the plan goes on."""
-        if len(self._clock) < 3:
-            return True
-        clock, plan = (np.diff(np.array([times[index] for index in (-3, -2, -1)]))
-                       for times in (self._clock, self._plan))
-        return bool(abs(np.diff(plan / clock)[0]) < _STEADY * clock[-1] * 1e-9)
+        """Return whether the time of the plan went on equally fast in both halves of a second."""
+        since = np.array([time - self._clock[-1] for time in self._clock]) * 1e-9
+        rates = np.diff(np.array(self._plan) - self._plan[-1]) * 1e-9 / np.diff(since)
+        # Medians, for a stamp that is taken late on a busy machine tells nothing of the pace.
+        halves = [rates[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
+                  for begin in (-1.0, -0.5)]
+        return not all(map(len, halves)) or bool(
+            abs(np.median(halves[0]) - np.median(halves[1])) < _STEADY)
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """Return the time of the plan in s from its point 0, and its rate, at a time in ns."""
@@ -155,6 +157,12 @@ class PlanTracking:
                     not self._reports.is_steady()):
                 raise LateError('the flight is slowing down or speeding up at the moment; '
                                 'ask again when it goes on evenly, or stands')
+
+    @property
+    def is_reported(self) -> bool:
+        """Return whether a follower has said anything of a plan that is known."""
+        with self._lock:
+            return self._reports is not None
 
     def stranger(self, now: float) -> str | None:
         """Return the identity of a plan that a follower flies and nobody here knows, or None."""

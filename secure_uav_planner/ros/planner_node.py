@@ -183,8 +183,9 @@ class Planner(Node):
         """Return the flight from which a new plan goes on, or None."""
         flight = self._tracking.flight(now)
         if flight is None or flight.is_reported or flight.state == 'flying' and (
-                self._topics.is_followed() and not self.count_publishers('plan_time')):
-            return flight  # Who would report, and has not yet, has not begun.
+                self._topics.is_followed() and (
+                    self._tracking.is_reported or not self.count_publishers('plan_time'))):
+            return flight  # Who would report, and never did, has not begun.
         return None
 
     def _initial(self, scenario: Scenario) -> Plan | None:
