@@ -74,6 +74,21 @@ def test_a_jump_is_refused_with_its_distance_and_the_last_place_is_held(distance
                       acceleration=(0.0, 0.0, 0.0))
 
 
+def test_a_velocity_beyond_the_limit_is_refused_in_any_place_and_the_last_place_is_held():
+    guard, x, now = streamed()
+    guard.see((x, 0.0, 100.0), now)
+    for number in range(1, 20):
+        later = now + number * STEP
+        with pytest.raises(OptionError, match='it has 500.0 m/s, and max_jump and max_speed allow '
+                                              '14.0 m/s'):
+            guard.take(at(x, later, velocity=(0.0, -300.0, 400.0)), later, LIMITS)
+        assert not guard.has_ended(later, LIMITS)
+    assert guard.hold(later).position == (x, 0.0, 100.0)
+    assert passes(guard, at(x, later, velocity=(8.0, 6.0, 0.0)))
+    # The first one of a stream as well.
+    assert not passes(Guard(), at(x, later, velocity=(14.1, 0.0, 0.0)))
+
+
 def test_a_stream_that_stays_away_is_never_followed_and_one_that_comes_back_is():
     guard, x, now = streamed()
     for number in range(1, 200):

@@ -324,6 +324,9 @@ def test_what_is_no_setpoint_or_jumps_is_not_relayed_and_said_once_in_a_while(
         assert not found
         turn.w = 1.0
         source.until(lambda: found)
+        point.velocities[0].linear.x = 500.0
+        until_said('a setpoint of uav1 is not relayed: it has 500.0 m/s, and max_jump and')
+        point.velocities[0].linear.x = 3.0
         # A jump, such as that of another source, 400 m away: the last place is held.
         source.place.x = 410.0
         until_said('a setpoint of uav1 is not relayed: it is 400.0 m from the last one')

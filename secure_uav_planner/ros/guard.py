@@ -21,7 +21,8 @@ class Limits:
     What a stream of setpoints must keep.
 
     :param max_speed: of the UAV in m/s.
-    :param max_jump: by how many m a setpoint may be farther from the one before than that.
+    :param max_jump: by how many m a setpoint may be farther from the one before than that, or
+        lead farther until the last place is held.
     :param start_tolerance: in m, from the vehicle to the first setpoint of a stream.
     :param timeout: age of a setpoint in s, and time without one, beyond which a stream has ended.
     """
@@ -61,6 +62,7 @@ class Guard:
                               f'and setpoint_timeout is {limits.timeout:g} s')
         going_on = self._last is not None and _within(self._heard, now, limits.timeout)
         self._heard = now
+        _check_speed(setpoint, limits)
         problem = _jump(self._last, setpoint, limits) if going_on else ''
         if self._seen and _within(self._seen[1], now, limits.timeout) and (
                 problem or not going_on):
@@ -86,6 +88,15 @@ class Guard:
 
 def _within(then: int, now: int, seconds: float) -> bool:
     return abs(now - then) * 1e-9 <= seconds
+
+
+def _check_speed(setpoint: Setpoint, limits: Limits) -> None:
+    """Refuse a velocity that leads beyond a jump before the place is held."""
+    speed = math.hypot(*setpoint.velocity or ())
+    most = limits.max_speed + limits.max_jump / _PATIENCE
+    if speed > most:
+        raise OptionError(f'it has {speed:.1f} m/s, and max_jump and max_speed allow '
+                          f'{most:.1f} m/s')
 
 
 def _jump(last: Setpoint, setpoint: Setpoint, limits: Limits) -> str:

@@ -208,7 +208,8 @@ REPLAY = {
     'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
     'speed': Spec(1.0, 'Playback speed; 1 is real time.', (0.001, 10000.0)),
     'loop': Spec(False, 'Start again at the end, as after ~/reset and ~/start.'),
-    'autostart': Spec(False, 'Start every plan at its time, without ~/start.'),
+    'autostart': Spec(False, 'Start every flight at its time, without ~/start; not a plan of the '
+                      'topics whose time has passed.'),
     'vehicle_odometry': Spec(False, 'Listen to <uav>/odom of real UAVs, and start when each is at '
                              'its start; false to publish <uav>/odom of UAVs that follow the plan '
                              'exactly.', read_only=True),
@@ -238,8 +239,8 @@ RELAY = {
     'setpoint_timeout': Spec(1.0, 'Age in s beyond which a setpoint is not relayed; also the time '
                              'without setpoints after which nothing more is sent.', (0.1, 60.0)),
     'max_jump': Spec(1.0, 'Distance in m by which a setpoint may be farther from the last one '
-                     'relayed than <uav>.max_speed allows since then; beyond it, the last place '
-                     'is held.', (0.0, 1e7)),
+                     'relayed than <uav>.max_speed allows since then, or its velocity may lead '
+                     'farther in 0.25 s; beyond it, the last place is held.', (0.0, 1e7)),
     'start_tolerance': Spec(5.0, 'Largest distance in m of a vehicle whose odometry is known from '
                             'the first setpoint that is relayed to it, and from one after a jump.',
                             (0.01, 1e7)),
