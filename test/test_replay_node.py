@@ -1,6 +1,7 @@
 """The replay node, in a process of its own over DDS."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path as FilePath
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.topics import LATCHED
+from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -194,6 +196,19 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, capfd, p
         assert client.call('replay/reset').success
         send(client, plan, start_ns + 2 * 10**9, elsewhere)
         wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
+
+
+def test_with_few_setpoints_the_time_of_the_plan_is_still_told_often(client, capfd, file):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    times = client.listen(TimeReference, 'plan_time', 1000)
+    with node_here(capfd, 'replay', plan_file=file, rate=0.5):
+        assert client.call('replay/start').success
+        wait_for(lambda: len(poses) >= 3)
+        stamps = [(pose.header.stamp.sec, pose.header.stamp.nanosec) for pose in poses]
+        told = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in times]
+        assert poses[0].pose.position.y == 500.0  # The start itself.
+        for begin, end in pairwise(stamps):
+            assert sum(begin < stamp <= end for stamp in told) >= 8, told
 
 
 @pytest.mark.parametrize('service', ['pause', 'reset'])

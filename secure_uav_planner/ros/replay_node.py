@@ -33,6 +33,7 @@ from ..plan.player import Place, Player
 _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
 _LONGEST_WAIT = 10.0  # For a subscriber of simulated UAVs, in s.
 _LONGEST_SIMULATED_TICK = 2.0  # s
+_TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower counts as silent.
 _CLOCK_ERROR = 0.25  # s; of the node's clock between two ticks.
 _LATE = 3.0  # s after point 0; beyond the patience with the last messages of a plan.
 _FRESH = 1.0  # Largest age in s of the odometry from which a vehicle may start.
@@ -116,7 +117,9 @@ class Replay(Node):
         for name, action in (('start', self._on_start), ('pause', self._on_pause),
                              ('reset', self._on_reset)):
             self.create_service(Trigger, f'~/{name}', action, callback_group=self._group)
-        self.create_timer(1.0 / self._settings['rate'], self._on_tick,
+        rate = self._settings['rate']
+        self._streamed, self._ticks_each = 0, math.ceil(_TIME_RATE / rate)  # For each setpoint.
+        self.create_timer(1.0 / (rate * self._ticks_each), self._on_tick,
                           callback_group=self._group, clock=timer_clock(self))
 
     def close(self) -> bool:
@@ -258,6 +261,8 @@ class Replay(Node):
         player, playback = self._player, self._player.playback
         if player.playing and not player.streaming:
             self._report(self._waits_for(now))
+        if not player.streaming:
+            self._streamed = 0
         running = player.playing
         moment = player.tick(now, self._settings['speed'], self._eavesdropper,
                              is_ready=not self._waits, longest=longest)
@@ -265,7 +270,9 @@ class Replay(Node):
             self._plan_time.publish(
                 messages.plan_time(player.playback.plan, player.time, clock.to_msg()))
         if moment is not None:
-            self._publish(moment, clock.to_msg())
+            if self._streamed % self._ticks_each == 0:
+                self._publish(moment, clock.to_msg())
+            self._streamed += 1
         if running and player.ended:
             self._announce_end()
 
