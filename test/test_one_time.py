@@ -217,6 +217,7 @@ def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
                 answer = client.call('replay/start')
                 return answer.success and text in answer.message
             return asked
+
         def of_another_frame(message):
             message.header.frame_id = 'uav1_ned'
 
