@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
+from .signals import deferred_signals
 from .visibility_graph import Check
 from ...mission.scenario import Array, Scenario
 from ...model.grid import Grid, resampled
@@ -236,6 +237,14 @@ class _Projection:
 
     def _solved(self, *problem: Any) -> Array | None:
         """Return the solution that Clarabel finds, or None."""
+        while True:
+            with deferred_signals() as signals:
+                answer = self._solved_unless(signals, *problem)
+            if not signals:  # Otherwise their handlers let the work go on.
+                return answer
+
+    def _solved_unless(self, signals: list[int], *problem: Any) -> Array | None:
+        """Return the solution that Clarabel finds, or None, also once there are signals."""
         clarabel: Any = import_module('clarabel')
         settings = clarabel.DefaultSettings()
         settings.verbose = False
@@ -247,7 +256,7 @@ class _Projection:
                 self._check()
             except BaseException as error:
                 raised.append(error)
-            return bool(raised)
+            return bool(raised or signals)
 
         try:
             solver = clarabel.DefaultSolver(*problem, settings)
