@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from matplotlib.image import imread
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, Plan, Scenario, solve
+from secure_uav_planner import fly_hover_fly, NoFlyZone, Plan, Scenario, solve
 from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.picture import draw_plan, power_level, save_picture
@@ -110,3 +110,20 @@ def test_a_plan_of_any_mission_can_be_drawn(scenario):
     figure = draw_plan(plan, [plan])
     figure.draw_without_rendering()
     assert len(figure.axes) == 3
+
+
+@pytest.mark.filterwarnings('error')
+def test_names_of_any_kind_are_shown_and_stay_within_the_picture(plans, tmp_path):
+    names = ('$\\bad$', '_hidden', 'name_of_thirty_characters_long', '無人機', 'a' * 80)
+    first = plans[0].scenario
+    scenario = replace(first, uavs=tuple(replace(first.uavs[0], name=name) for name in names),
+                       no_fly_zones=(NoFlyZone(((0, 0), (9, 0), (9, 9)), name='$\\bad$'),))
+    plan = fly_hover_fly(replace(scenario, no_fly_zones=()))
+    for number, figure in enumerate((plan.plot(), scenario.plot())):
+        file = tmp_path / f'{number}.png'
+        figure.savefig(file)
+        for axes in figure.axes[:2]:
+            texts = [text.get_text().replace('\n', '') for text in axes.get_legend().texts]
+            for name in ('\\$\\bad\\$', '_hidden', 'name_of_thirty_characters_long', '無人機'):
+                assert any(name in text for text in texts)
+        assert (imread(file)[:, -3:, :3] == 1).all()

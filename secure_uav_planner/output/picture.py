@@ -2,6 +2,7 @@
 
 from io import BytesIO
 from textwrap import wrap
+import warnings
 
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
@@ -20,6 +21,7 @@ from .drawing import (
 _WIDTH = 9.0
 _MAP_WIDTH = 6.2
 _TITLE_WIDTH = 90  # In characters.
+_LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # Likewise.
 _DOTS_PER_INCH = 200
 _FAINT = 1e-3
 _COMPASS = 0.32  # Length of its arrows in inches.
@@ -40,6 +42,12 @@ _NAMES = {
 
 class _Picture(Figure):
     """A Figure that notebooks show, without pyplot."""
+
+    def savefig(self, *arguments, **options):
+        with warnings.catch_warnings():
+            # Names may be in scripts that the font has not; boxes stand for them.
+            warnings.filterwarnings('ignore', message='Glyph .* missing')
+            super().savefig(*arguments, **options)
 
     def _repr_png_(self):
         with BytesIO() as file:
@@ -95,7 +103,7 @@ def draw_scenario(scenario):
             'arrowstyle': '-', 'linestyle': (0, (2, 4)), 'color': uav_color(index)})
         _draw_ends(axes, index, way)
     _add_compass(axes, place_of, np.stack([scenario.starts, scenario.goals]))
-    lines = {f'{uav.name}, {uav.altitude:g} m high': Line2D(
+    lines = {_label(uav, f', {uav.altitude:g} m high'): Line2D(
         [], [], color=uav_color(index), linestyle=(0, (2, 4)))
         for index, uav in enumerate(scenario.uavs)}
     _explain_map(axes, scenario, lines)
@@ -146,11 +154,25 @@ def draw_map(axes, plan, baselines=(), legend=True, extent=None):
     if legend:
         levels = np.linspace(0, 1, 9)
         ramps = {
-            f'{uav.name}, 0 to {peak:g} W': tuple(
+            _label(uav, f', 0 to {peak:g} W'): tuple(
                 Line2D([], [], color=_ramp(index)(level), linewidth=_width(level),
                        solid_capstyle='butt') for level in levels)
             for index, uav in enumerate(scenario.uavs)}
         _explain_map(axes, scenario, ramps, bool(baselines))
+
+
+def _label(uav, text):
+    """Return the name of a UAV and a text, as they fit into the legend."""
+    name = uav.name
+    if len(name) > _NAME_LENGTH:  # Without its middle, as the ends of names tell them apart.
+        name = f'{name[:_NAME_LENGTH // 2 - 2]}...{name[2 - _NAME_LENGTH // 2:]}'
+    label = _plain('\n'.join(wrap(name + text, _LEGEND_WIDTH)))
+    return f' {label}' if label.startswith('_') else label  # '_' would hide it.
+
+
+def _plain(text):
+    """Return a text in which Matplotlib finds no formulas."""
+    return text.replace('$', r'\$')
 
 
 def _draw_ground(axes, scenario, place_of):
@@ -187,7 +209,7 @@ def draw_airspace(axes, scenario, place_of=np.asarray):
     for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
         style = _ZONE if is_in_the_way(zone, scenario) else _ZONE_BESIDE
         axes.add_patch(Polygon(place_of(zone.vertices), **style, zorder=1.5))
-        text = '\n'.join(filter(None, (name, altitudes_of(zone))))
+        text = '\n'.join(filter(None, (_plain(name), altitudes_of(zone))))
         axes.annotate(text, place_of(middle_of(zone)), ha='center', va='center', fontsize=7.5,
                       color='0.25', zorder=8, annotation_clip=True,
                       path_effects=[withStroke(linewidth=2.5, foreground='white')])
@@ -209,7 +231,7 @@ def draw_powers(axes, plan):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
                     label='\n'.join(filter(None, (
-                        f'{uav.name} ({_ROLES[index > 0]})',
+                        _label(uav, f' ({_ROLES[index > 0]})'),
                         energy_label(plan.energies[index])))))
     for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
         limits = {getattr(uav, field) for uav in plan.scenario.uavs}
