@@ -127,3 +127,13 @@ def test_names_of_any_kind_are_shown_and_stay_within_the_picture(plans, tmp_path
             for name in ('\\$\\bad\\$', '_hidden', 'name_of_thirty_characters_long', '無人機'):
                 assert any(name in text for text in texts)
         assert (imread(file)[:, -3:, :3] == 1).all()
+
+
+def test_one_limit_of_power_has_one_label_and_a_rate_of_zero_cuts_none_off(plans, tmp_path):
+    scenario = plans[0].scenario
+    scenario = replace(scenario, reference_snr_db=0.0, uavs=tuple(
+        replace(uav, peak_power=1.0, average_power=1.0) for uav in scenario.uavs))
+    figure = fly_hover_fly(scenario).plot()
+    assert [text.get_text() for text in figure.axes[1].texts] == ['peak, average']
+    figure.savefig(tmp_path / 'plan.png')
+    assert (imread(tmp_path / 'plan.png')[:, :3, :3] == 1).all()

@@ -19,7 +19,8 @@ from .drawing import (
     is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
 
 _WIDTH = 9.0
-_MAP_WIDTH = 6.2
+_MAP_WIDTH = 5.95
+_LEFT = 1.0
 _TITLE_WIDTH = 90  # In characters.
 _LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # Likewise.
 _DOTS_PER_INCH = 200
@@ -78,7 +79,7 @@ def draw_plan(plan, baselines=()):
     # Axes are placed in inches, because constrained layout cuts off legends beside axes of equal
     # aspect.
     map_axes, power_axes, rate_axes = (
-        figure.add_axes((0.75 / _WIDTH, bottom / total, _MAP_WIDTH / _WIDTH, height / total))
+        figure.add_axes((_LEFT / _WIDTH, bottom / total, _MAP_WIDTH / _WIDTH, height / total))
         for bottom, height in ((4.35, tall), (2.35, 1.4), (0.5, 1.7)))
     draw_map(map_axes, plan, baselines)
     draw_powers(power_axes, plan)
@@ -93,7 +94,7 @@ def draw_scenario(scenario):
     extent = extent_of(scenario)
     tall = _map_height(extent)
     figure = _Picture(figsize=(_WIDTH, tall + 0.8))
-    axes = figure.add_axes((0.75 / _WIDTH, 0.6 / (tall + 0.8), _MAP_WIDTH / _WIDTH,
+    axes = figure.add_axes((_LEFT / _WIDTH, 0.6 / (tall + 0.8), _MAP_WIDTH / _WIDTH,
                             tall / (tall + 0.8)))
     place_of = _set_up_map(axes, scenario, extent)
     _draw_ground(axes, scenario, place_of)
@@ -233,13 +234,16 @@ def draw_powers(axes, plan):
                     label='\n'.join(filter(None, (
                         _label(uav, f' ({_ROLES[index > 0]})'),
                         energy_label(plan.energies[index])))))
+    limits = {}
     for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
-        limits = {getattr(uav, field) for uav in plan.scenario.uavs}
-        if len(limits) == 1:
-            axes.axhline(*limits, color=_GREY, linewidth=0.9, linestyle=':', zorder=0)
-            axes.annotate(text, (0.0, *limits), xycoords=('axes fraction', 'data'),
-                          xytext=(4, 1), textcoords='offset points', va='bottom',
-                          color=_GREY, fontsize=8)
+        values = {getattr(uav, field) for uav in plan.scenario.uavs}
+        if len(values) == 1:
+            limits.setdefault(values.pop(), []).append(text)
+    for limit, texts in limits.items():
+        axes.axhline(limit, color=_GREY, linewidth=0.9, linestyle=':', zorder=0)
+        axes.annotate(', '.join(texts), (0.0, limit), xycoords=('axes fraction', 'data'),
+                      xytext=(4, 1), textcoords='offset points', va='bottom',
+                      color=_GREY, fontsize=8)
     peak = max(uav.peak_power for uav in plan.scenario.uavs)
     axes.set_yscale('asinh', linear_width=_FAINT * peak)
     axes.set_ylim(0, 1.5 * peak)
@@ -261,6 +265,7 @@ def draw_rates(axes, plan, baselines=()):
                     linestyle=style, label=name_of(other.method).replace(', ', ',\n'))
     highest = max(one.worst_case_rates.max() for one in (plan, *baselines))
     axes.set_ylim(0, 1.08 * max(highest, 0.01))
+    axes.locator_params(axis='y', steps=[1, 2, 5, 10])  # For labels that fit at the left.
     axes.set_xlabel('time (s)')
     _finish(axes, plan, 'secrecy rate\n(bit/s/Hz)')
 
