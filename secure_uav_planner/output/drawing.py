@@ -19,8 +19,12 @@ _UAVS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#F0E442')
 
 
 def uav_color(index):
-    """Return the colour of a UAV by index, '#rrggbb'; UAV 0 transmits."""
-    return _UAVS[0] if index == 0 else _UAVS[1 + (index - 1) % (len(_UAVS) - 1)]
+    """Return the colour of a UAV by index, '#rrggbb'; UAV 0 transmits, later rounds are darker."""
+    if index == 0:
+        return _UAVS[0]
+    rounds, color = divmod(index - 1, len(_UAVS) - 1)
+    parts = (int(_UAVS[1 + color][at:at + 2], 16) for at in (1, 3, 5))
+    return '#' + ''.join(f'{round(part * 0.6**rounds):02X}' for part in parts)
 
 
 def receiver_label(eavesdropper):
