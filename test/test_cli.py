@@ -251,6 +251,10 @@ def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
      "'alternating' has only 'guaranteed'"),
     (['new', 'no/folder/mission.yaml'], 'cannot be written: No such file'),
     (['new', 'new.json'], 'cannot have comments'),
+    (['new', '.', '--force'], '. is a folder; name a file in it, such as mission.yaml'),
+    (['plan', 'mission.json', '--origin', 'a', 'b'],
+     '--origin is a b; it must be LAT LON [ALT], in numbers'),
+    (['show', str(ROOT / 'docs' / 'plan.png')], 'plan.png is not a plan: it is not text in UTF-8'),
     (['node', 'flyer'], 'there is no node flyer; there are planner, relay, replay')])
 def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, arguments, reason):
     monkeypatch.chdir(tmp_path)
@@ -271,10 +275,13 @@ def test_a_wrong_command_line_is_status_2_and_shows_the_usage(arguments, capsys)
 
 
 def test_a_time_with_a_unit_is_refused_with_what_is_allowed(capsys):
-    for option in ('--time-limit', '--bound-time-limit'):
+    for option, value, least in (
+            ('--time-limit', '1m', ''), ('--bound-time-limit', '1m', '0 or '),
+            ('--bound-time-limit', '-1', '0 or ')):
         with pytest.raises(SystemExit):
-            main(['plan', 'mission.yaml', option, '1m'])
-        assert "'1m' must be a number above 0, in s and without a unit" in capsys.readouterr().err
+            main(['plan', 'mission.yaml', option, value])
+        assert (f"'{value}' must be {least}a number above 0, in s and without a unit"
+                in capsys.readouterr().err)
 
 
 def limited():
@@ -290,9 +297,38 @@ def test_a_full_disk_is_one_line_and_status_1(tmp_path):
         env=environment())
     assert done.returncode == 1, done.stdout + done.stderr
     line, = done.stderr.splitlines()
-    assert line.startswith('secure_uav_planner: ') and 'File too large' in line
-    assert str(Path('out') / 'plan.json') in line
+    assert line == (f'secure_uav_planner: {tmp_path / "out" / "plan.json"} cannot be written: '
+                    'File too large; what was written before is kept')
     assert not list((tmp_path / 'out').glob('*.json*'))
+
+
+@pytest.mark.parametrize('command', ['show', 'assess'])
+def test_a_picture_that_cannot_be_written_is_told_before_all_else(
+        planned, tmp_path, capsys, command):
+    (tmp_path / 'folder.png').mkdir()
+    for file, reason in (('none/x.png', 'No such file or directory'),
+                         ('folder.png', 'it is a folder')):
+        assert main([command, str(planned[0] / 'a' / 'b' / 'plan.json'), '-o',
+                     str(tmp_path / file)]) == 2
+        out, err = capsys.readouterr()
+        assert out == '' and f'{tmp_path / file} cannot be written: {reason}' in err
+
+
+def test_the_command_needs_no_output_and_tells_of_one_that_is_full(tmp_path):
+    Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
+
+    def check(end, **variables):
+        return subprocess.run(
+            ['sh', '-c', f'exec "$@" {end}', 'sh', *MODULE, 'check', 'mission.yaml'], cwd=tmp_path,
+            capture_output=True, text=True, timeout=PATIENCE, env=environment(**variables))
+
+    for end in ('>&-', '2>&-', '>&- 2>&-'):
+        assert check(end).returncode == 0, end
+    for unbuffered in ('', '1'):
+        done = check('>/dev/full', PYTHONUNBUFFERED=unbuffered)
+        assert (done.returncode, done.stderr) == (1, (
+            'secure_uav_planner: standard output cannot be written: No space left on device; what '
+            'was written before is kept\n'))
 
 
 def test_a_failure_on_the_way_says_what_was_written(tmp_path):

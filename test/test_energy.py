@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import quad
 from secure_uav_planner import fly_hover_fly, Plan, Propulsion, Scenario, solve
 from secure_uav_planner.apps.cli.main import main
-from secure_uav_planner.errors import ScenarioError
+from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.validation import RANGES
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.model.energy import energies, HOVERING_SPEED
@@ -116,6 +116,13 @@ def test_a_wrong_value_is_refused_with_field_and_range(field):
         assert caught.value.field == field
 
 
+@pytest.mark.parametrize('speeds', ['x', -1.0, math.nan, [1.0, -2.0]])
+def test_a_speed_that_is_none_is_refused(speeds):
+    with pytest.raises(OptionError, match='speeds is .* must (be an array|have) .*numbers') as error:
+        Propulsion().power(speeds)
+    assert '()' not in str(error.value)
+
+
 def test_a_propulsion_of_another_kind_is_refused():
     uav = Scenario.paper().uavs[0]
     with pytest.raises(ScenarioError, match='propulsion is 7; it must be a Propul') as caught:
@@ -151,11 +158,11 @@ slots: 60
 """)
     assert main(['check', str(tmp_path / 'mission.yaml')]) == 2
     told = capsys.readouterr().err.replace(str(tmp_path), '')
-    for words in ("mission.yaml:10: propulsion.blade_power is '70 W'; it must be a number from 0 "
-                  'to 1e+06, in W, without its unit',
-                  'mission.yaml:11: propulsion.tip_speed is -3; it must be a number from 1 to '
+    for words in ("mission.yaml:10: one.propulsion.blade_power is '70 W'; it must be a number "
+                  'from 0 to 1e+06, in W, without its unit',
+                  'mission.yaml:11: one.propulsion.tip_speed is -3; it must be a number from 1 to '
                   '10000 m/s',
-                  "mission.yaml:12: propulsion has no field 'solid'; did you mean solidity?"):
+                  "mission.yaml:12: one.propulsion has no field 'solid'; did you mean solidity?"):
         assert words in told
     assert told.count('\n') == 3
 

@@ -214,6 +214,28 @@ def test_a_place_is_told_as_it_is_written(tmp_path):
         assert told.startswith(words) and ' m m' not in told
 
 
+@pytest.mark.parametrize('field, value, words', [
+    ('start_velocity', 5, 'start_velocity is 5; it must be null or two components (x, y) from '
+     '-1e+07 to 1e+07 m/s'),
+    ('propulsion', {'blade_power': -5}, 'uav1.propulsion.blade_power is -5; it must be a number '
+     'from 0 to 1e+06 W')])
+def test_a_wrong_field_of_a_uav_is_told_with_its_name_unit_and_null(tmp_path, field, value, words):
+    data = Scenario.paper().to_dict()
+    data['uavs'][0][field] = value
+    [(_, told)] = problems(written(tmp_path, yaml.safe_dump(json.loads(json.dumps(data)))))
+    assert told.endswith(words) and told.startswith('uav1.')
+
+
+@pytest.mark.parametrize('field, value, words', [
+    ('geofence', 100, 'geofence is 100; it must be a list of vertices (x, y) in m'),
+    ('channel', {'los': 'city'}, "channel.los is 'city'; it must be null, one of suburban, "),
+    ('channel', {'outage': 0.1}, 'channel.rician_k_db is null; it must be a number')])
+def test_what_may_be_null_is_told_in_the_words_of_the_file(tmp_path, field, value, words):
+    data = {**Scenario.paper().to_dict(), field: value}
+    [(_, told)] = problems(written(tmp_path, yaml.safe_dump(json.loads(json.dumps(data)))))
+    assert told.startswith(words) and not told.endswith(' m m')
+
+
 def test_an_error_of_python_has_the_words_of_python():
     with pytest.raises(ScenarioError, match='max_speed is True'):
         Uav('a', (0, 0), (0, 0), 100, True)

@@ -253,6 +253,13 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, plan, monk
     assert [file.name for file in tmp_path.iterdir()] == ['plan.json']
 
 
+def test_an_error_of_a_save_names_the_file_that_was_asked_for(tmp_path, plan):
+    file = tmp_path / 'none' / 'plan.json'
+    with pytest.raises(FileNotFoundError) as error:
+        plan.save(file)
+    assert error.value.filename == str(file) and '.part' not in str(error.value)
+
+
 @given(scenarios(), st.data())
 def test_the_tail_of_a_plan_is_feasible_for_what_is_left(scenario, data):
     plan = replace(fly_hover_fly(scenario), start_ns=10**18)

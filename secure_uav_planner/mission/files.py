@@ -29,15 +29,15 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
     is_new = not path.exists()
     mode = 0o666 if is_new else path.stat().st_mode & 0o777
     try:
-        with naming(path), open(
-                part, 'xb' if binary else 'x', encoding=None if binary else 'utf-8',
-                opener=lambda name, flags: os.open(name, flags, mode)) as file:
-            if not is_new:
-                os.fchmod(file.fileno(), mode)  # Without the umask.
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
+        with naming(path, part):
+            with open(part, 'xb' if binary else 'x', encoding=None if binary else 'utf-8',
+                      opener=lambda name, flags: os.open(name, flags, mode)) as file:
+                if not is_new:
+                    os.fchmod(file.fileno(), mode)  # Without the umask.
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)
     except BaseException:
         part.unlink(missing_ok=True)
         raise
@@ -45,13 +45,17 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
 
 
 @contextmanager
-def naming(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Let errors of a file name it; those of writing, as on a full disk, do not."""
+def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[None]:
+    """
+    Let errors of a file name it; those of writing, as on a full disk, do not.
+
+    :param part: a file whose errors name it as well.
+    """
     try:
         yield
     except OSError as error:
-        if error.errno is not None and error.filename is None:
-            error.filename = os.fspath(path)
+        if error.errno is not None and error.filename in (None, part and os.fspath(part)):
+            error.filename, error.filename2 = os.fspath(path), None
         raise
 
 

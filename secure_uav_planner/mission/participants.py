@@ -88,11 +88,15 @@ class Uav:
         set_checked(self, owner, self._checked_velocity, 'start_velocity', 'goal_velocity',
                     optional=True)
         if self.propulsion is not None:
-            object.__setattr__(self, 'propulsion', checked_block(
-                'propulsion', self.propulsion, Propulsion))
+            try:
+                object.__setattr__(self, 'propulsion', checked_block(
+                    'propulsion', self.propulsion, Propulsion))
+            except ScenarioError as error:
+                raise ScenarioError(f'{owner}{error}', error.place) from None
 
     def _checked_velocity(self, owner: str, field: str, value: Any) -> Point:
-        velocity = checked_point(owner, field, value)
+        velocity = checked_point(owner, field, value, None,
+                                 f'{shown(None)} or two components', 'm/s')
         if math.hypot(*velocity) > self.max_speed * (1 + _ROUNDING):
             raise ScenarioError(
                 f'{owner}{field} is {shown(velocity)}, {math.hypot(*velocity):g} m/s; it must be '

@@ -32,8 +32,8 @@ def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
         an outline that crosses or touches itself, and for a polygon without area.
     """
     if isinstance(values, (str, bytes)) or not hasattr(values, '__len__'):
-        raise ScenarioError(f'{owner}{field} is {shown(values)}; it must be a list of vertices',
-                            (field,))
+        raise ScenarioError(f'{owner}{field} is {shown(values)}; it must be a list of vertices '
+                            '(x, y) in m', (field,))
     if len(values) > MAX_VERTICES:
         raise ScenarioError(f'{owner}{field} has {len(values)} vertices; it must have at most '
                             f'{MAX_VERTICES}', (field,))

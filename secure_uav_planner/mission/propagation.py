@@ -53,7 +53,7 @@ class Channel:
         for field, other in (('rician_k_db', 'outage'), ('outage', 'rician_k_db')):
             set_checked(self, 'channel.', checked_number, field, optional=True)
             if getattr(self, field) is None and getattr(self, other) is not None:
-                raise ScenarioError(f'channel.{field} is None; it must be a number, as '
+                raise ScenarioError(f'channel.{field} is {shown(None)}; it must be a number, as '
                                     f'channel.{other} is one', (field,))
 
     @property
@@ -83,5 +83,5 @@ def _checked_los(value: Any) -> Any:
         except ScenarioError as error:
             raise ScenarioError(f'channel.los is {shown(value)}: {error}', ('los',)) from None
     raise ScenarioError(
-        f'channel.los is {shown(value)}; it must be None, one of {", ".join(ENVIRONMENTS)}, or '
+        f'channel.los is {shown(value)}; it must be {shown(None)}, one of {", ".join(ENVIRONMENTS)}, or '
         'three numbers: a, b and the extra loss in dB', ('los',))

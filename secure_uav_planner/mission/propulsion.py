@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from .validation import Array, checked_array, checked_number, set_checked
+from ..errors import OptionError, shown
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,16 @@ class Propulsion:
         set_checked(self, 'propulsion.', checked_number, *(field.name for field in fields(self)))
 
     def power(self, speeds: Any) -> Array:
-        """Return P(V), equation (12), in W at speeds V in m/s of any shape."""
-        squared = np.square(checked_array('speeds', speeds))
+        """
+        Return P(V), equation (12), in W at speeds V in m/s of any shape.
+
+        :raises OptionError: for a speed that is not a number of at least 0.
+        """
+        given = checked_array('speeds', speeds)
+        if not (given >= 0).all():
+            raise OptionError(f'speeds is {shown(speeds)}; it must have numbers of at least 0 m/s',
+                              ('speeds',))
+        squared = np.square(given)
         ratio = squared / (2 * self.induced_velocity**2)
         # sqrt(1 + x^2) - x, without the loss of digits for a large x.
         induced = 1 / np.sqrt(np.hypot(1.0, ratio) + ratio)

@@ -148,11 +148,14 @@ def checked_number(owner: str, field: str, value: Any) -> float:
     return number
 
 
-def checked_point(owner: str, field: str, value: Any, index: int | None = None) -> Point:
+def checked_point(owner: str, field: str, value: Any, index: int | None = None,
+                  allowed: str = 'two coordinates', unit: str = 'm') -> Point:
     """
     Return value as a tuple of two floats, or raise ScenarioError with field and value.
 
     :param index: where the value is in the field, if that is a list of points.
+    :param allowed: what messages say that it must be.
+    :param unit: likewise.
     """
     low, high = RANGES['coordinate']
     try:
@@ -161,8 +164,8 @@ def checked_point(owner: str, field: str, value: Any, index: int | None = None) 
         x = y = math.nan
     if not (low <= x <= high and low <= y <= high):
         name, place = (field, ()) if index is None else (f'{field}[{index}]', (index,))
-        raise ScenarioError(f'{owner}{name} is {shown(value)}; it must be two coordinates '
-                            f'(x, y) from {low:g} to {high:g} m', (field, *place))
+        raise ScenarioError(f'{owner}{name} is {shown(value)}; it must be {allowed} '
+                            f'(x, y) from {low:g} to {high:g} {unit}', (field, *place))
     return (x, y)
 
 
@@ -221,7 +224,7 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
     if not fits or values is None:
         allowed = ' or '.join(str(shape).replace('None', 'N') for shape in shapes)
         raise OptionError(f'{name} is {shown(values)}; it must be an array of numbers'
-                          f'{shapes and " of the shape "}{allowed}', (name,))
+                          f'{" of the shape " if shapes else ""}{allowed}', (name,))
     return array
 
 

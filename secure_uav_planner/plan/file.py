@@ -53,6 +53,8 @@ def read_plan(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
             return _plan_of(json.loads(read_text(path, _MOST_BYTES)), kind)
     except json.JSONDecodeError as error:
         raise PlanFileError(f'{path} is not a plan: line {error.lineno} is not JSON') from None
+    except UnicodeDecodeError:
+        raise PlanFileError(f'{path} is not a plan: it is not text in UTF-8') from None
     except (ValueError, RecursionError) as error:
         raise PlanFileError(
             f'{path} is not a plan: {error}', getattr(error, 'place', ())) from None

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import OptionError
+from ...mission.files import naming
 
 
 class Journal:
@@ -39,8 +40,9 @@ class Journal:
 
     def add(self, row: dict[str, Any]) -> None:
         """Write a row, and hand it to the operating system at once."""
-        self._file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
-        self._file.flush()
+        with naming(self._path):
+            self._file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
+            self._file.flush()
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """Yield all rows in the order in which they were finished."""

@@ -58,6 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     :return: the exit status: 0 done, 1 failed on the way, 2 bad input, 130 stopped by a signal.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:  # The caller has closed it.
+            setattr(sys, name, open(os.devnull, 'w', encoding='utf-8'))
     try:
         if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
             return _run_node(argv[1], argv[2:])
@@ -79,13 +82,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         _tell(str(error))
         return BAD_INPUT
     except BrokenPipeError:
-        # Whoever read has gone; Python must not try again when it ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()  # Whoever read has gone.
         return FAILED
     except StoppedError as error:
         _tell(str(error))
         return STOPPED
-    except (PlanningError, OSError, MemoryError) as error:
+    except OSError as error:
+        what = error.filename or ('standard output' if _is_output_lost() else None)
+        _tell(str(error) if what is None or error.strerror is None else
+              f'{what} cannot be written: {error.strerror}; what was written before is kept')
+        return FAILED
+    except (PlanningError, MemoryError) as error:
         _tell(str(error) or type(error).__name__)
         return FAILED
     except KeyboardInterrupt:
@@ -93,12 +100,34 @@ def main(argv: Sequence[str] | None = None) -> int:
         return STOPPED
 
 
+def _is_output_lost() -> bool:
+    """Return whether nothing can be printed, by an empty line."""
+    try:
+        print(flush=True)
+    except OSError:
+        _drop_output()
+        return True
+    return False
+
+
+def _drop_output() -> None:
+    """Let Python not try again to write what was printed when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _with_origin(argv: Sequence[str]) -> list[str]:
-    """Return arguments in which the numbers after --origin are one, whatever follows them."""
+    """
+    Return arguments in which the numbers after --origin are one, whatever follows them.
+
+    :raises OptionError: when fewer than two numbers follow it.
+    """
     found = list(argv)
     if '--origin' in found:
         first = found.index('--origin')
         numbers = [*takewhile(_is_number, found[first + 1:])]
+        if len(numbers) < 2:
+            raise OptionError(f'--origin is {" ".join(found[first + 1:first + 3])}; it must be LAT '
+                              'LON [ALT], in numbers')
         found[first:first + 1 + len(numbers)] = [f'--origin={" ".join(numbers)}']
     return found
 
@@ -307,11 +336,11 @@ def _add_node(commands) -> None:
     parser.add_argument('node', choices=NODES)
 
 
-def _seconds(text: str) -> float:
+def _seconds(text: str, least: str = '') -> float:
     seconds = _number(text)
     if not seconds > 0:
         raise argparse.ArgumentTypeError(
-            f'{shown(text)} must be a number above 0, in s and without a unit')
+            f'{shown(text)} must be {least}a number above 0, in s and without a unit')
     return seconds
 
 
@@ -320,7 +349,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def _seconds_or_none(text: str) -> float | None:
-    return None if _number(text) == 0 else _seconds(text)
+    return None if _number(text) == 0 else _seconds(text, '0 or ')
 
 
 def _number(text: str) -> float:

@@ -37,16 +37,24 @@ def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
 
 def picture_file(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
     """
-    Return the file of --out, or one beside the plan.
+    Return the file of --out, or one beside the plan, after its folder has been tried.
 
     :param default: the suffix of the file beside the plan.
     :param suffixes: that are allowed.
+    :raises OptionError: for another suffix, or a file that cannot be written.
     """
     file = Path(options.out) if options.out else Path(options.plan).with_suffix(default)
     if file.suffix.lower() not in suffixes:
         raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
                           f'{", ".join(suffixes)}')
-    return file
+    try:
+        if file.is_dir():
+            raise IsADirectoryError('it is a folder')
+        with tempfile.TemporaryFile(dir=file.parent):
+            return file
+    except OSError as error:
+        raise OptionError(f'{file} cannot be written: {error.strerror or error}; choose another '
+                          'file with --out') from None
 
 
 def writable(folder: Path) -> Path:
@@ -68,6 +76,8 @@ def writable(folder: Path) -> Path:
 def new(options: argparse.Namespace) -> int:
     """Write the example; return the exit status."""
     path = Path(options.mission)
+    if path.is_dir():
+        raise OptionError(f'{path} is a folder; name a file in it, such as {path / "mission.yaml"}')
     if path.exists() and not options.force:
         raise OptionError(f'{path} is there already; --force replaces it')
     if path.suffix.lower() == '.json':

@@ -214,7 +214,8 @@ def show(options: argparse.Namespace) -> int:
             from ...output.page import save_page as save
         else:
             from ...output.picture import save_picture as save
-    save(plan, file)
+    with naming(file):
+        save(plan, file)
     print(f'written: {file}')
     return DONE
 
@@ -238,7 +239,8 @@ def assess_plan(options: argparse.Namespace) -> int:
         print(f'{error.name} is not installed, so nothing is drawn; pip install '
               '"secure_uav_planner[view]"', file=sys.stderr)
         return DONE
-    save_assessment(found, file)
+    with naming(file):
+        save_assessment(found, file)
     print(f'\nwritten: {file}')
     return DONE
 
