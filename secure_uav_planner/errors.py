@@ -65,7 +65,12 @@ class ScenarioError(PlanningError, ValueError):
 
 
 class InfeasibleMissionError(ScenarioError):
-    """No flight keeps the limits; the text names the shortest duration that allows one."""
+    """
+    No flight keeps the limits; the text names the least duration of the straight line.
+
+    Where the duration is longer, it names what is in the way, and the shortest duration with which
+    flights were found, if any were.
+    """
 
     code = 'infeasible'
 

@@ -481,9 +481,12 @@ def test_the_reference_of_the_python_api_has_the_signatures_of_the_code():
         for code in re.findall(rf'`{name}\(([^`]*)\)`', text):
             thing = getattr(secure_uav_planner, name)
             parameters = inspect.signature(thing).parameters.values()
-            assert code == ', '.join(
-                one.name if one.default is one.empty else f'{one.name}={one.default!r}'
-                for one in parameters), name
+            words = [one.name if one.default is one.empty else f'{one.name}={one.default!r}'
+                     for one in parameters]
+            named = sum(one.kind is one.KEYWORD_ONLY for one in parameters)
+            if named:
+                words.insert(len(words) - named, '*')
+            assert code == ', '.join(words), name
             found += 1
     assert found >= 6
 

@@ -83,5 +83,5 @@ def _checked_los(value: Any) -> Any:
         except ScenarioError as error:
             raise ScenarioError(f'channel.los is {shown(value)}: {error}', ('los',)) from None
     raise ScenarioError(
-        f'channel.los is {shown(value)}; it must be {shown(None)}, one of {", ".join(ENVIRONMENTS)}, or '
-        'three numbers: a, b and the extra loss in dB', ('los',))
+        f'channel.los is {shown(value)}; it must be {shown(None)}, one of '
+        f'{", ".join(ENVIRONMENTS)}, or three numbers: a, b and the extra loss in dB', ('los',))

@@ -36,9 +36,10 @@ def rows_of(plan: Plan) -> list[tuple[Any, ...]]:
     Return a row for every point of every UAV: where it flies at the point's time, and how fast.
 
     With a limit of acceleration these are places of the flown curve, as in `<uav>/trajectory`,
-    not the control points. That curve leaves the start half a slot before point 0 and reaches the
-    goal half a slot after the last point: these places are the points -1 and N+2. The power is
-    that of the slot which begins at the point; it is 0 where none does.
+    not the control points. That curve begins half a slot before point 0 and ends half a slot after
+    the last point, at the start and the goal where the UAV rests there: these places are the
+    points -1 and N+2. The power is that of the slot which begins at the point; it is 0 where none
+    does.
     """
     scenario, curve = plan.scenario, plan.curve
     times = np.unique([curve.begin, *plan.times, curve.end])

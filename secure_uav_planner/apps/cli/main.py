@@ -28,7 +28,8 @@ EXIT_STATUSES = {
     DONE: 'done',
     FAILED: 'failed on the way, for example because the disk is full',
     BAD_INPUT: 'bad input: a wrong option, mission or plan, or a folder that cannot be written',
-    STOPPED: 'stopped by Ctrl-C; a plan that was under way is kept as far as it had come',
+    STOPPED: 'stopped by Ctrl-C or SIGTERM; a plan that was under way is kept as far as it had '
+             'come',
 }
 """The meaning of each exit status."""
 
@@ -126,8 +127,8 @@ def _with_origin(argv: Sequence[str]) -> list[str]:
         first = found.index('--origin')
         numbers = [*takewhile(_is_number, found[first + 1:])]
         if len(numbers) < 2:
-            raise OptionError(f'--origin is {" ".join(found[first + 1:first + 3])}; it must be LAT '
-                              'LON [ALT], in numbers')
+            given = ' '.join(found[first + 1:first + 3])
+            raise OptionError(f'--origin is {given}; it must be LAT LON [ALT], in numbers')
         found[first:first + 1 + len(numbers)] = [f'--origin={" ".join(numbers)}']
     return found
 
@@ -247,7 +248,7 @@ def _add_show(commands) -> None:
     parser.add_argument('plan', help='a plan file, such as out/plan.json')
     parser.add_argument('-o', '--out', metavar='FILE',
                         help='picture (.png, .svg, .pdf) or web page (.html) to write (default: '
-                        'a .png beside the plan)')
+                        'a .png beside the plan, in place of the one that plan drew there)')
 
 
 def _add_assess(commands) -> None:

@@ -77,7 +77,8 @@ def new(options: argparse.Namespace) -> int:
     """Write the example; return the exit status."""
     path = Path(options.mission)
     if path.is_dir():
-        raise OptionError(f'{path} is a folder; name a file in it, such as {path / "mission.yaml"}')
+        raise OptionError(
+            f'{path} is a folder; name a file in it, such as {path / "mission.yaml"}')
     if path.exists() and not options.force:
         raise OptionError(f'{path} is there already; --force replaces it')
     if path.suffix.lower() == '.json':
