@@ -420,24 +420,29 @@ def test_two_jammers_without_gibbs_entropy_are_noticed(monkeypatch):
 def random_splits(rng, eavesdroppers, count=5):
     """Return splits at 2 breakpoints in 3 stages."""
     shape = (count, 2, 3)
-    return (rng.integers(0, count, shape), rng.integers(0, eavesdroppers, shape),
-            rng.random(shape))
+    side = rng.integers(0, eavesdroppers + 2, shape)
+    return (rng.integers(0, count, shape), side,
+            np.where(side < eavesdroppers, rng.random(shape), rng.normal(size=shape)))
 
 
 @given(st.integers(0, 10**6), st.integers(1, 3))
 @settings(max_examples=30)
-def test_the_boxes_of_shares_are_the_whole_cube(seed, eavesdroppers):
+def test_the_boxes_of_shares_and_powers_are_everything(seed, eavesdroppers):
     rng = np.random.default_rng(seed)
-    low, high = jammer_shares.share_boxes(random_splits(rng, eavesdroppers), eavesdroppers)
+    low, high, powers = jammer_shares.share_boxes(
+        random_splits(rng, eavesdroppers), eavesdroppers)
     for rho in rng.random((40, eavesdroppers)).round(int(rng.integers(0, 3))):
-        at = rho[None, :, None, None]
-        assert ((low <= at) & (at <= high)).all(1).any(0).all()
+        at, power = rho[None, :, None, None], rng.normal(size=2)
+        power[rng.random(2) < 0.2] = -np.inf
+        within = ((low <= at) & (at <= high)).all(1)
+        power = power[None, :, None, None]
+        assert (within & ((powers[0] <= power) & (power <= powers[1])).all(1)).any(0).all()
 
 
 def lemma_8_fails(seed, eavesdroppers):
     """Return whether some share exceeds the bound of its box, for a random convex F."""
     rng = np.random.default_rng(seed)
-    low, high = jammer_shares.share_boxes(random_splits(rng, eavesdroppers), eavesdroppers)
+    low, high, _ = jammer_shares.share_boxes(random_splits(rng, eavesdroppers), eavesdroppers)
     height, slope = rng.normal(0, 3, 6), rng.normal(0, 5, (6, eavesdroppers))
 
     def convex(rho):
@@ -451,6 +456,86 @@ def lemma_8_fails(seed, eavesdroppers):
     exact = convex(np.moveaxis(rho, 2, -1)) + (
         v[:, None, None] * (entropy(rho) - np.log(2.0))).sum(2)
     return (exact > bounds + 1e-9).any()
+
+
+def pairs_above(seed, eavesdroppers, shrink=0.0):
+    """
+    Return by how much the best pair of two jammers' columns exceeds lemma 8's bound, (2, 3).
+
+    :param shrink: by how much the boxes' intervals of log p are too short, which is an error.
+    """
+    rng = np.random.default_rng(seed)
+    low, high, powers = jammer_shares.share_boxes(
+        random_splits(rng, eavesdroppers), eavesdroppers)
+    v = rng.dirichlet(np.ones(eavesdroppers)) * rng.random()
+    receivers = np.concatenate([[-1.0], v])
+    power = rng.normal(size=(2, 30))
+    power[:, 0] = -np.inf
+    snr = np.exp(power[..., None] + rng.normal(0, 3, (2, 30, 1 + eavesdroppers)))
+    worth = rng.normal(0, 0.3, (2, 30))
+    pairs = np.log1p(snr[0][:, None] + snr[1]) @ receivers + worth[0][:, None] + worth[1]
+    rho = jammer_shares.corners(low, high)
+    theta = rng.random(low.shape[:1] + (1, 2, 3)) * (
+        1 + (rho * rng.uniform(-0.3, 0.0, (len(low), 1, eavesdroppers, 2, 3))).sum(2))
+    values = entropy(theta) * -1.0 + np.log(2.0)
+    for j, (ground, heard) in enumerate(((theta, rho), (1 - theta, 1 - rho))):
+        ends = powers[:, :, j, None] + np.array([0.0, -shrink])[:, None, None, None, None]
+        for b, vertex, k, g in np.ndindex(*values.shape):
+            within = (ends[0, b, 0, k, g] <= power[j]) & (power[j] <= ends[1, b, 0, k, g])
+            weight = receivers * np.append(ground[b, vertex, k, g], heard[b, vertex, :, k, g])
+            values[b, vertex, k, g] += (np.log1p(2 * snr[j]) @ weight + worth[j]).max(
+                where=within, initial=-1e3)
+    bounds = jammer_shares.over_boxes(values, low, high, np.broadcast_to(
+        v, (2, 3, eavesdroppers)))
+    return pairs.max() - bounds.max(0)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 3))
+@settings(max_examples=20, deadline=None)
+def test_lemma_8_bounds_every_pair_of_places_and_powers(seed, eavesdroppers):
+    assert pairs_above(seed, eavesdroppers).max() <= 1e-9
+
+
+def test_powers_that_are_in_no_box_are_noticed():
+    assert max(pairs_above(seed, 2, 0.3).max() for seed in range(30)) > 1e-9
+
+
+def powers_above(seed, count=8):
+    """Return by how much places and powers within a box exceed the maximum of its powers."""
+    rng, scenario = np.random.default_rng(seed), mission(seed, jammers=2)
+    team = teams.Team.of(scenario, EavesdropperSubset.of(scenario, 'guaranteed'))
+    potential = random_potential(team.regions[1], team.stages, rng, False)
+    stage, weights = rng.integers(0, 6, count), rng.random(count)
+    shares = (weights * rng.random(count))[:, None]
+    within = np.sort(np.log(team.regions[1].peak) + rng.uniform(-20, 2, (2, count)), axis=0)
+    within[0, :count // 3] = -np.inf
+    price, tolerance = 0.3, np.full(count, 1e-3)
+    still = certificate._still(potential, price, np.full(6, -np.inf), tolerance[:6], bool)
+    found = certificate._maxima(team, potential, 1, still, stage, weights, shares, price,
+                                np.full(count, -np.inf), tolerance, bool, within)
+    terms, extra = certificate.terms_of(team, potential, 1, stage, weights, shares, price)
+    excess = []
+    for k, (low, high) in enumerate(within.T):
+        places = places_in(team.regions[1], stage[k], rng)
+        powers = np.exp(rng.uniform(max(low, high - 25), high, len(places)))
+        powers[rng.random(len(places)) < 0.3] = np.exp(low)
+        powers = np.minimum(powers, team.regions[1].peak)
+        with np.errstate(divide='ignore'):
+            excess.append((values(terms, k, places, powers) + extra[k] - found[k]).max())
+    return max(excess)
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=20, deadline=None)
+def test_no_power_of_a_box_exceeds_its_maximum(seed):
+    assert powers_above(seed) <= 0
+
+
+def test_powers_that_count_as_silence_too_early_are_noticed(monkeypatch):
+    right = certificate.powers_of
+    monkeypatch.setattr(certificate, 'powers_of', lambda team, uav: (
+        right(team, uav)[1] - 1, right(team, uav)[1]))
+    assert max(map(powers_above, range(20))) > 0
 
 
 @given(st.integers(0, 10**6), st.integers(1, 3))

@@ -42,7 +42,8 @@ class Terms:
     :param margin: for rounding, added to every bound, (M,).
     :param price: lam in nats per W.
     :param log_gain: logarithm of the SNR at one unit and 1 W, for a jammer times how many jam.
-    :param powers: lower and upper limit of a jammer's log p, or None where no power counts.
+    :param powers: lower and upper limits of a jammer's log p, of all functions or (M,) each, or
+        None where no power counts.
     """
 
     region: ReachableSet
@@ -55,7 +56,7 @@ class Terms:
     margin: Array
     price: float = 0.0
     log_gain: float = 0.0
-    powers: tuple[float, float] | None = None
+    powers: tuple[float | Array, float | Array] | None = None
 
     def __len__(self) -> int:
         return len(self.stage)
@@ -95,6 +96,7 @@ class Terms:
         """Return what the kernel reads."""
         region = self.region
         low, high = region.sides
+        powers = np.broadcast_arrays(*(self.powers or (0.0, 0.0)), self.weight)[:2]
         arrays = {name: getattr(region, name) for name in (
             'ground', 'eavesdroppers', 'radii', 'log_advantages', 'from_start', 'to_goal',
             'corner')}
@@ -102,10 +104,11 @@ class Terms:
             'weight', 'shares', 'slope', 'bend', 'tilt', 'margin')}
         return {
             **{name: np.ascontiguousarray(array, float)
-               for name, array in (*arrays.items(), ('low', low), ('high', high))},
+               for name, array in (*arrays.items(), ('low', low), ('high', high),
+                                   ('powers', np.stack(powers, -1)))},
             'stage': np.ascontiguousarray(self.stage, np.int64), 'altitude': region.altitude,
             'distance': region.distance, 'price': float(self.price),
-            'log_gain': float(self.log_gain), 'powers': self.powers}
+            'log_gain': float(self.log_gain), 'jams': self.powers is not None}
 
     def bounds(self, function: int, centre: Array, half: Array) -> tuple[float, float]:
         """

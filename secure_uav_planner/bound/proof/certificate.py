@@ -43,6 +43,9 @@ from ...plan.plan import POWER_TOLERANCE
 FLOOR = 1e-6
 """Received SNR below which a jammer's power counts by the most that it can do."""
 
+EVERY_POWER = np.array([[-np.inf], [np.inf]])
+"""Both ends of the logarithms of powers."""
+
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
@@ -124,10 +127,10 @@ def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still:
         b, vertex, k, g = at
         return _maxima(team, potentials[jammer], jammer, still[jammer], g, weights[k, g] * theta,
                        shares[k, g] * rho, prices[jammer], given.known[jammer][b, vertex, k, g],
-                       given.box_slack[b, k, g], stop)
+                       given.box_slack[b, k, g], stop, powers[:, b, jammer - 1, k, g])
 
     # One jammer has all shares: a single corner of a single box.
-    low, high = share_boxes(given.splits, team.eavesdroppers)
+    low, high, powers = share_boxes(given.splits, team.eavesdroppers)
     rho = corners(low, high)
     theta = given.theta[:, None] + (rho * given.theta_slope[:, None]).sum(2)
     if team.jammers == 1:
@@ -173,14 +176,24 @@ def _still(potential: Potential, price: float, known: Array, tolerance: Array,
     return np.asarray(terms.maxima(known - extra, tolerance, stop=stop) + extra)
 
 
+def powers_of(team: Team, uav: int) -> tuple[float, float]:
+    """Return the logarithms of a jammer's powers from which one below counts as silence."""
+    region, top = team.regions[uav], math.log(team.regions[uav].peak)
+    largest = region.log_gain + math.log(team.copies) + max(
+        0.0, float(region.log_advantages.max()))
+    return min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top
+
+
 def terms_of(team: Team, potential: Potential, uav: int, stage: Index, weights: Array,
-             shares: Array, price: float) -> tuple[Terms, Array]:
+             shares: Array, price: float,
+             within: Array = EVERY_POWER) -> tuple[Terms, Array]:
     """
     Return M functions whose maxima are M_i at breakpoints, but for a constant, and that.
 
     :param stage: of every function, (M,).
     :param weights: w0 or w0 theta, (M,).
     :param shares: v or v rho, (M, E).
+    :param within: both ends of a jammer's log p, (2, M).
     :return: the functions, and what to add to each, (M,).
     """
     region = potential.region
@@ -189,9 +202,8 @@ def terms_of(team: Team, potential: Potential, uav: int, stage: Index, weights: 
     gain, powers = region.log_gain, None
     if uav:
         gain += math.log(team.copies)
-        top = math.log(region.peak)
-        largest = gain + max(0.0, float(region.log_advantages.max()))
-        powers = (min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top)
+        low, high = np.clip(within, *powers_of(team, uav))
+        powers = low, high
     terms = Terms(region, stage, weights, shares, slope[stage], bend[stage],
                   potential.tilt()[stage], spare[stage],
                   price, gain, powers)
@@ -200,20 +212,24 @@ def terms_of(team: Team, potential: Potential, uav: int, stage: Index, weights: 
 
 def _maxima(team: Team, potential: Potential, uav: int, still: Array, stage: Index, weights: Array,
             shares: Array, price: float, known: Array, tolerance: Array,
-            stop: Callable[[], bool]) -> Array:
+            stop: Callable[[], bool], within: Array = EVERY_POWER) -> Array:
     """
     Return M_i of (w0, v), (M,), in given stages.
 
     A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
     potential is at most `still`, and the rates' part at most v log(1 + FLOOR) for a positive
-    power and -w0 log(1 - delta) for one of -POWER_TOLERANCE.
+    power and -w0 log(1 - delta) for one of -POWER_TOLERANCE. Only functions of powers that begin
+    above that are without it.
+
+    :param within: both ends of a jammer's log p, (2, M).
     """
-    terms, extra = terms_of(team, potential, uav, stage, weights, shares, price)
+    terms, extra = terms_of(team, potential, uav, stage, weights, shares, price, within)
     least = np.full(len(terms), -np.inf)
     if uav:
         below = team.copies * team.delta[uav]
         least = (still[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin
                  + (-terms.weight * math.log1p(-below) if below < 1 else math.inf))
+        least = np.where(within[0] > powers_of(team, uav)[0], -np.inf, least)
     wanted = np.maximum(known, least - tolerance) - extra
     found = terms.maxima(wanted, tolerance, stop=stop) + extra
     return np.asarray(np.maximum(found, least))

@@ -1,5 +1,5 @@
 """
-Lemma 8: two jammers, by the first one's shares of what the eavesdroppers hear.
+Lemma 8: two jammers, by their powers and the first one's shares of what the eavesdroppers hear.
 
 The logarithm of a sum is not a sum, but by Gibbs' inequality it is the largest one of many: with
 y_j = 1/2 + x_j, log(1 + x_1 + x_2) = max over rho of rho log(y_1 / rho)
@@ -9,11 +9,13 @@ y_j = 1/2 + x_j, log(1 + x_1 + x_2) = max over rho of rho log(y_1 / rho)
         <= max over rho of F(rho) + sum_e v_e (H(rho_e) - log 2),
     F(rho) = M_1(w0 theta, v rho) + M_2(w0 (1 - theta), v (1 - rho)) - w0 (H(theta) - log 2),
 
-M_j being the maximum of one jammer with twice the gain. The shares, a cube, are divided into
-boxes, and in each theta is an affine function of rho with values from 0 to 1. M_j is a maximum of
-linear functions, so F is convex there, and below any plane that is not below it at the box's
-corners. With the plane in the place of F the maximum over rho is one for each eavesdropper: of
-rho mu + v H(rho), at rho = phi'(mu / v) or the nearer end of its interval.
+M_j being the maximum of one jammer with twice the gain. The shares, a cube, are divided into boxes
+together with the powers: every rho and every pair of powers is in one of them. In a box M_j is the
+maximum over jammer j's powers of its interval alone, and theta an affine function of rho with
+values from 0 to 1, so that a jammer that is off need not do with the theta of one that is on. M_j
+is a maximum of linear functions, so F is convex there, and below any plane that is not below it at
+the box's corners. With the plane in the place of F the maximum over rho is one for each
+eavesdropper: of rho mu + v H(rho), at rho = phi'(mu / v) or the nearer end of its interval.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 from .conjugate import Array, entropy, sigmoid
 
 Splits = tuple[NDArray[np.intp], NDArray[np.intp], Array]
-"""Which box is cut, for which eavesdropper, and where: (S, K, G) each."""
+"""Which box is cut, along which side, and where: (S, K, G) each."""
 
 STEEPEST = 100.0
 """Slope of a plane in units of v: no column is steeper than the logarithm of a gain."""
@@ -38,26 +40,30 @@ def no_splits(shape: tuple[int, ...]) -> Splits:
     return none, none, np.zeros((0, *shape))
 
 
-def share_boxes(splits: Splits, eavesdroppers: int) -> tuple[Array, Array]:
+def share_boxes(splits: Splits, eavesdroppers: int) -> tuple[Array, Array, Array]:
     """
-    Return the boxes that splits leave: together they are the cube, whatever the splits are.
+    Return the boxes that splits leave: together they are everything, whatever the splits are.
 
-    A cut leaves what is below it to the box that is cut, and the rest to a new box.
+    Their sides are the shares, one for each eavesdropper, and log p of both jammers. A cut leaves
+    what is below it to the box that is cut, and the rest to a new box.
 
-    :return: lower and upper corners, (B, E, K, G).
+    :return: lower and upper corners of the shares, (B, E, K, G), and both ends of the logarithms
+        of powers, (2, B, 2, K, G).
     """
     count, *shape = splits[0].shape
-    low = np.zeros((count + 1, eavesdroppers, *shape))
+    low = np.zeros((count + 1, eavesdroppers + 2, *shape))
     high = np.ones_like(low)
+    low[:, eavesdroppers:], high[:, eavesdroppers:] = -np.inf, np.inf
     k, g = np.indices(shape)
-    for new, (box, e, at) in enumerate(zip(*splits), 1):
+    for new, (box, side, at) in enumerate(zip(*splits), 1):
         box = np.clip(box, 0, new - 1)
-        at = np.clip(at, low[box, e, k, g], high[box, e, k, g])
+        at = np.clip(at, low[box, side, k, g], high[box, side, k, g])
         for part in (low, high):
             part[new] = np.moveaxis(part[box, :, k, g], -1, 0)
-        low[new, e, k, g] = at
-        high[box, e, k, g] = at
-    return low, high
+        low[new, side, k, g] = at
+        high[box, side, k, g] = at
+    return (low[:, :eavesdroppers], high[:, :eavesdroppers],
+            np.stack([low[:, eavesdroppers:], high[:, eavesdroppers:]]))
 
 
 def corners(low: Array, high: Array) -> Array:

@@ -22,7 +22,8 @@ class Multipliers:
     :param prices: lam, (U,) in nats per W, not negative.
     :param weights: w0 at the breakpoints, rising, (K, G), within (0, 1].
     :param shares: v at the breakpoints, (K, G, E), not negative, with a sum of at most w0.
-    :param splits: of the jammers' shares into boxes, at every breakpoint; see jammer_shares.
+    :param splits: of two jammers' shares and powers into boxes, at every breakpoint; see
+        jammer_shares.
     :param theta: the first jammer's share at the ground node in every box, (B, K, G), where its
         shares are 0, and theta_slope, how it changes with them, (B, E, K, G).
     :param helpers: lam of the helpers, in nats per W.

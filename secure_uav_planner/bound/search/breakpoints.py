@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from itertools import product
+from dataclasses import dataclass, replace
+import math
 from typing import Any
 
 import numpy as np
@@ -14,25 +14,25 @@ from .descent import golden
 from .dual import Branch, curved, Dual, unpacked
 from .multiplier_search import MultiplierSearch
 from ..proof.chords import interpolated, neighbours, on_chords, over_pieces, pieces
-from ..proof.conjugate import Array, entropy, mixing, sigmoid, transmit_power
-from ..proof.jammer_shares import affine, corners, no_splits, over_boxes, share_boxes
+from ..proof.conjugate import Array, entropy, mixing, transmit_power
+from ..proof.jammer_shares import corners, no_splits, over_boxes, share_boxes, Splits
 from ..proof.multipliers import Multipliers
 from ..proof.team import Team
+from ...model.kernel import core
 
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Breakpoints w0 of the certificate, beside those that the search has used."""
 
-SPLITS, MORE = 5, 16
-"""How often the shares of two jammers are divided at all breakpoints, and at those needed."""
+SPLITS, MORE = 3, 20
+"""How often two jammers' shares and powers are cut at all breakpoints, and at those needed."""
 
-END, STEPS = 0.005, 16
 """Share of a jammer from which it is cut no finer, and steps for the best theta."""
 
 FEW = 300
 """Columns of every UAV in every mode from which v is chosen."""
 
-TOLERANCES = {0: 5e-4, 1: 5e-4, 2: 2e-3}
-"""What a maximum may be too large, in nats, by the number of jammers that are followed."""
+TOLERANCE = 5e-4
+"""What a maximum may be too large, in nats."""
 
 SPARED = 1e-4
 """By how much a stage's bound may rise for a breakpoint that is left out, in nats."""
@@ -42,11 +42,11 @@ SLACK = 0.5
 
 
 def breakpoint_multipliers(search: MultiplierSearch,
-                           tolerance: float | None = None) -> Multipliers:
+                           tolerance: float = TOLERANCE) -> Multipliers:
     """
     Return what the certificate needs, for its own breakpoints of w0 and of rho.
 
-    :param tolerance: what a maximum may be too large, in nats; by default one of TOLERANCES.
+    :param tolerance: what a maximum may be too large, in nats.
     """
     if not search.seen:
         search.dual(0.01)
@@ -55,46 +55,33 @@ def breakpoint_multipliers(search: MultiplierSearch,
     dual = Dual(team, [], [], [], 1e-9)
     breakpoints = np.sort([*(np.full(count, w0) for w0 in BREAKPOINTS), *search.weights], axis=0)
     shares = np.array([_shares(search, dual, weight) for weight in breakpoints])
-    boxes = _Boxes(search, dual, breakpoints, shares)
-    for _ in range(SPLITS if team.jammers > 1 else 0):
-        boxes.split()
     still = np.array([dual.values(i, point, search.silent(i))[0].max(1) for i in range(uavs)])
     known = [dual.values(i, point, search.seen[i], list(zip(breakpoints, shares))).max(2)
              for i in range(min(uavs, 2))]
-    if uavs > 1:
-        known[1:] = boxes.known if uavs == 3 else [known[1][None, None]]
+    every = np.ones(breakpoints.shape, bool)
+    division = _Division(no_splits(every.shape), np.ones((1, *every.shape)),
+                         np.zeros((1, team.eavesdroppers, *every.shape)),
+                         np.array([part[None, None] for part in known[1:]]))
+    if team.jammers > 1:
+        division = _Division.of(search, breakpoints, shares, every, SPLITS)
+    known[1:] = division.known
     for i in range(uavs):
         constant = search.potential(i).constant() if curved(point.potentials.shape[2]) else 0.0
         still[i] += constant
         known[i] = known[i] + constant
     x = point.potentials.transpose(1, 0, 2)
     slope, bend, turn = unpacked(x)
-    if tolerance is None:
-        tolerance = TOLERANCES[team.jammers]
     given = Multipliers(
-        slope, bend, turn, point.prices, breakpoints, shares, boxes.splits, boxes.theta,
-        boxes.slope,
-        _helpers(search), tuple(known), still, np.ones(breakpoints.shape, bool),
+        slope, bend, turn, point.prices, breakpoints, shares, division.splits,
+        division.theta, division.slope, _helpers(search), tuple(known), still, every,
         np.full((len(breakpoints) + 1, count), tolerance),
-        np.full(boxes.theta.shape, tolerance))
-    needed = _needed(team, given)
-    given = replace(given, needed=needed)
+        np.full(division.theta.shape, tolerance))
+    given = replace(given, needed=_needed(team, given))
     if team.jammers > 1:
-        # The needed breakpoints of every stage first, as many as the stage with the most has.
-        order = np.argsort(~needed, axis=0, kind='stable')[:needed.sum(0).max()]
-        finer = _Boxes(search, dual, np.take_along_axis(breakpoints, order, 0),
-                       np.take_along_axis(shares, order[..., None], 0))
-        for _ in range(MORE):
-            finer.split()
-
-        def spread(values: NDArray[Any]) -> NDArray[Any]:
-            found = np.zeros(values.shape[:-2] + breakpoints.shape, values.dtype)
-            np.put_along_axis(found, np.broadcast_to(order, values.shape), values, -2)
-            return found
-        box, share, at = finer.splits
-        given = replace(given, splits=(spread(box), spread(share), spread(at)),
-                        theta=spread(finer.theta), theta_slope=spread(finer.slope),
-                        known=(given.known[0], *spread(finer.known)))
+        finer = _Division.of(search, breakpoints, shares, given.needed, MORE)
+        given = replace(given, splits=finer.splits, theta=finer.theta, theta_slope=finer.slope,
+                        known=(given.known[0], *finer.known),
+                        box_slack=np.full(finer.theta.shape, tolerance))
     return _with_slack(team, given, tolerance)
 
 
@@ -102,7 +89,7 @@ def _boxes(team: Team, given: Multipliers) -> Array:
     """Return about the bounds of the jammers' terms in every box, (B, K, G)."""
     if team.jammers < 2:
         return given.known[1][:, 0] if team.jammers else np.zeros((1, *given.weights.shape))
-    low, high = share_boxes(given.splits, team.eavesdroppers)
+    low, high, _ = share_boxes(given.splits, team.eavesdroppers)
     theta = given.theta[:, None] + (corners(low, high) * given.theta_slope[:, None]).sum(2)
     values = given.known[1] + given.known[2] - given.weights * mixing(np.stack([theta, 1 - theta]))
     return over_boxes(values, low, high, given.shares)
@@ -154,92 +141,71 @@ def _with_slack(team: Team, given: Multipliers, tolerance: float) -> Multipliers
                    box_slack=tolerance + factor * (slack[1:] + box))
 
 
-class _Boxes:
+@dataclass(frozen=True, eq=False)
+class _Division:
     """
-    The boxes of the first jammer's shares at all breakpoints, by what columns are worth.
+    The boxes of the jammers' shares and powers at breakpoints; see jammer_shares.
 
-    :param weights: w0, (K, G).
-    :param shares: v, (K, G, E).
-    :ivar splits: see jammer_shares.
-    :ivar theta: where the shares are 0, (B, K, G).
-    :ivar slope: of theta by the shares, (B, E, K, G).
-    :ivar known: what both jammers' terms are worth at the corners, (2, B, V, K, G).
+    :param splits: (S, K, G) each.
+    :param theta: where the shares are 0, (B, K, G).
+    :param slope: of theta by the shares, (B, E, K, G).
+    :param known: what both jammers' terms are worth at the corners, (2, B, V, K, G).
     """
 
-    def __init__(self, search: MultiplierSearch, dual: Dual, weights: Array,
-                 shares: Array) -> None:
-        self._search, self._dual, self._weights, self._shares = search, dual, weights, shares
-        self._at = tuple(np.indices(weights.shape))
-        self.splits = no_splits(weights.shape)
-        low, high = share_boxes(self.splits, shares.shape[-1])
-        self.theta, self.slope = np.ones((1, *weights.shape)), np.zeros_like(low)
-        if search.team.jammers == 2:
-            self._columns = search.candidates[1:]
-            self.theta, self.slope, self.known, self._sum, self._slopes = self._fitted(low, high)
+    splits: Splits
+    theta: Array
+    slope: Array
+    known: Array
 
-    def split(self) -> None:
-        """Cut the box with the largest bound at every breakpoint where its plane fits least."""
-        k, g = self._at
-        low, high = share_boxes(self.splits, self._shares.shape[-1])
-        worst = over_boxes(self._sum, low, high, self._shares).argmax(0)
-        low, high = (np.moveaxis(part[worst, :, k, g], -1, 0) for part in (low, high))
-        # How much the sum bends along every share, by its slopes at the corners.
-        slope = np.moveaxis(self._slopes[worst, ..., k, g], (-2, -1), (0, 1))
-        corner = np.array(list(product((0, 1), repeat=len(low))), bool)
-        bends = [((slope[corner[:, e], e] - slope[~corner[:, e], e]) * width).max(0)
-                 for e, width in enumerate(high - low)]
-        which = np.argmax(bends, axis=0)
-        # The middle, by the logarithm of what one jammer is heard with more than the other.
-        ends = [np.clip(part[which, k, g], END, 1.0 - END) for part in (low, high)]
-        cut = sigmoid(sum(np.log(end / (1.0 - end)) for end in ends) / 2)
-        box, share, at = self.splits
-        self.splits = (np.concatenate([box, worst[None]]), np.concatenate([share, which[None]]),
-                       np.concatenate([at, cut[None]]))
-        low, high = share_boxes(self.splits, len(low))
-        both = np.stack([worst, np.full_like(worst, len(low) - 1)])
-        found = self._fitted(*(np.moveaxis(part[both, :, k, g], -1, 1) for part in (low, high)))
-        self.theta, self.slope, self._sum, self._slopes, *known = (
-            self._replaced(old, new, worst) for old, new in zip(
-                (self.theta, self.slope, self._sum, self._slopes, *self.known),
-                (found[0], found[1], found[3], found[4], *found[2])))
-        self.known = np.stack(known)
+    @classmethod
+    def of(cls, search: MultiplierSearch, weights: Array, shares: Array,
+           needed: NDArray[np.bool_], count: int) -> _Division:
+        """
+        Cut what two jammers can do, the box with the largest bound again and again.
 
-    def _replaced(self, old: Array, new: Array, worst: Array) -> Array:
-        """Return values of boxes (B, ..., K, G) with those that were cut, and the new boxes."""
-        whole = np.concatenate([old, new[1:]])
-        whole[worst, ..., self._at[0], self._at[1]] = np.moveaxis(new[0], (-2, -1), (0, 1))
-        return whole
+        :param weights: w0, (K, G).
+        :param shares: v, (K, G, E).
+        :param needed: where, (K, G).
+        :param count: of the cuts.
+        """
+        team, point = search.team, search.point
+        dual = Dual(team, [], [], [], 1e-9)
+        k, g = np.nonzero(needed)
+        e = shares.shape[-1]
+        given: dict[str, list[Any]] = {}
+        for j, columns in enumerate(search.candidates[1:], 1):
+            region, cost = team.regions[j], point.prices[j] * columns.power
+            with np.errstate(divide='ignore'):
+                power = np.log(columns.power)
+            for name, value in {
+                    'place': columns.place, 'power': power,
+                    'base': dual.values(j, point, columns)[0] + cost,
+                    'pull': search.potential(j).change[0],
+                    'people': np.concatenate([[region.ground], region.eavesdroppers]),
+                    'radii': np.append(0.0, region.radii),
+                    'gain': np.exp(region.log_gain + math.log(team.copies) + np.append(
+                        0.0, region.log_advantages)),
+                    'altitude': region.altitude, 'distance': region.distance,
+                    'price': point.prices[j], 'peak': math.log(region.peak),
+                    'from_start': region.from_start, 'to_goal': region.to_goal,
+                    'width': np.subtract(*region.sides[::-1]).max(1)}.items():
+                given.setdefault(name, []).append(value)
+        box, side = np.zeros((2, len(k), count), np.int64)
+        at, theta = np.zeros((len(k), count)), np.zeros((len(k), count + 1))
+        slope, known = np.zeros((*theta.shape, e)), np.zeros((*theta.shape, 2, 2**e))
+        core.bound_share_boxes({
+            **{name: np.ascontiguousarray(value, float) for name, value in given.items()},
+            'stages': weights.shape[1], 'stage': g.astype(np.int64),
+            'weight': weights[k, g], 'shares': shares[k, g], 'box': box, 'side': side, 'at': at,
+            'theta': theta, 'slope': slope, 'known': known})
 
-    def _fitted(self, low: Array, high: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Return theta, its slope, both jammers' terms, F, and its slopes, for some boxes."""
-        at = corners(low, high)
-        best = golden(lambda theta: self._worth(theta, at)[1],
-                      np.zeros_like(at[:, :, 0]), np.ones_like(at[:, :, 0]), STEPS)
-        slope, middle, centre = affine(low, high, best), best.mean(1), (low + high) / 2
-        rise = ((at - centre[:, None]) * slope[:, None]).sum(2)
-        room = np.minimum(middle, 1.0 - middle) * (1 - 1e-9)
-        slope = slope * np.minimum(1.0, room / np.maximum(np.abs(rise).max(1), 1e-300))[:, None]
-        start = middle - (centre * slope).sum(1)
-        theta = np.clip(start[:, None] + (at * slope[:, None]).sum(2), 0.0, 1.0)
-        return start, slope, *self._worth(theta, at)
-
-    def _worth(self, theta: Array, rho: Array) -> tuple[Array, Array, Array]:
-        """Return both jammers' terms at (B, V, E, K, G), F, and its slopes by rho."""
-        breakpoints, count = self._weights.shape
-        known = np.empty((2, *theta.shape))
-        slopes = np.zeros(rho.shape)
-        row = np.arange(count)
-        for j, (columns, share, part) in enumerate(zip(
-                self._columns, (theta, 1.0 - theta), (rho, 1.0 - rho))):
-            for b, vertex in np.ndindex(*theta.shape[:2]):
-                worth = self._dual.values(j + 1, self._search.point, columns, [
-                    (self._weights[k] * share[b, vertex, k],
-                     self._shares[k] * part[b, vertex, :, k].T) for k in range(breakpoints)])
-                known[j, b, vertex] = worth.max(2)
-                leaks = columns.leaks[row, worth.argmax(2)] * self._shares
-                slopes[b, vertex] += (1 - 2 * j) * leaks.transpose(2, 0, 1)
-        total = known.sum(0) - self._weights * mixing(np.stack([theta, 1.0 - theta]))
-        return known, total, slopes
+        def spread(values: NDArray[Any], *axes: int) -> NDArray[Any]:
+            values = values.transpose(*(axis + 1 for axis in axes), 0)
+            found = np.zeros(values.shape[:-1] + weights.shape, values.dtype)
+            found[..., k, g] = values
+            return found
+        return cls((spread(box, 0), spread(side, 0), spread(at, 0)), spread(theta, 0),
+                   spread(slope, 0, 1), spread(known, 1, 0, 2))
 
 
 def _shares(search: MultiplierSearch, dual: Dual, weight: Array) -> Array:

@@ -78,7 +78,7 @@ public:
           eavesdroppers_(size_of(given, "radii")), altitude_(given["altitude"].cast<double>()),
           distance_(given["distance"].cast<double>()), price_(given["price"].cast<double>()),
           log_gain_(given["log_gain"].cast<double>()),
-          jams_(!given["powers"].is_none()), ground_(given, "ground", 2),
+          jams_(given["jams"].cast<bool>()), ground_(given, "ground", 2),
           places_(given, "eavesdroppers", 2 * eavesdroppers_),
           radii_(given, "radii", eavesdroppers_),
           log_advantages_(given, "log_advantages", eavesdroppers_),
@@ -87,11 +87,8 @@ public:
           high_(given, "high", 2 * stages_), stage_(given, "stage", count_),
           weight_(given, "weight", count_), shares_(given, "shares", count_ * eavesdroppers_),
           slope_(given, "slope", 2 * count_), bend_(given, "bend", 3 * count_),
-          tilt_(given, "tilt", 6 * count_), margin_(given, "margin", count_) {
-        if (jams_) {
-            powers_[0] = given["powers"].cast<py::tuple>()[0].cast<double>();
-            powers_[1] = given["powers"].cast<py::tuple>()[1].cast<double>();
-        }
+          tilt_(given, "tilt", 6 * count_), margin_(given, "margin", count_),
+          powers_(given, "powers", 2 * count_) {
         for (std::size_t k = 0; k < count_; ++k)
             if (stage_[k] < 0 || std::size_t(stage_[k]) >= stages_)
                 throw std::invalid_argument("wrong array: stage");
@@ -164,7 +161,7 @@ public:
         const int dimensions = this->dimensions();
         const std::size_t stage = stage_[k];
         double best = known + tolerance, top = known;
-        std::vector<Box> queue = grid(stage);
+        std::vector<Box> queue = grid(k);
         for (std::size_t head = 0; head < queue.size(); ++head) {
             const Box box = queue[head];
             // Written so that a NaN is never dropped.
@@ -293,14 +290,15 @@ private:
         return f;
     }
 
-    std::vector<Box> grid(std::size_t stage) const {
+    std::vector<Box> grid(std::size_t k) const {
+        const std::size_t stage = stage_[k];
         double low[3], high[3];
         for (int i = 0; i < 2; ++i) {
             low[i] = low_[2 * stage + i];
             high[i] = high_[2 * stage + i];
         }
-        low[2] = powers_[0];
-        high[2] = powers_[1];
+        low[2] = powers_[2 * k];
+        high[2] = powers_[2 * k + 1];
         const int all = kParts * kParts * (jams_ ? kParts : 1);
         std::vector<Box> boxes(all);
         for (int number = 0; number < all; ++number) {
@@ -403,11 +401,10 @@ private:
     std::size_t count_, stages_, eavesdroppers_;
     double altitude_, distance_, price_, log_gain_;
     bool jams_;
-    double powers_[2] = {0, 0};
     Array<double> ground_, places_, radii_, log_advantages_, from_start_, to_goal_, corner_, low_,
         high_;
     Array<std::int64_t> stage_;
-    Array<double> weight_, shares_, slope_, bend_, tilt_, margin_;
+    Array<double> weight_, shares_, slope_, bend_, tilt_, margin_, powers_;
 };
 
 // Write the bounds of functions first..last to `known`, and the best points that were met.
