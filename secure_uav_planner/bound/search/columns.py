@@ -16,6 +16,9 @@ RINGS = (0.01, 0.03, 0.1, 0.3)
 GRID, COARSE, STILL = (11, 13), (4, 5), (5, 5)
 """Places along and across a set: to look for columns, to keep always, to be silent at."""
 
+PAIRS = 40
+"""Pairs of columns that are kept beside the best of every column."""
+
 RIM = 32
 """Directions in which the reachable set's farthest place is a place to be silent at."""
 
@@ -65,6 +68,58 @@ class Columns:
         """Return all columns of several."""
         return Columns(*(np.concatenate([getattr(part, name) for part in parts], axis=1)
                          for name in ('place', 'power', 'ground', 'leaks')))
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """
+    Places and powers of two jammers in every stage.
+
+    :param place: (2, G, C, 2) in units.
+    :param power: (2, G, C) in W.
+    :param ground: what w0 multiplies, (G, C) in nats: of both jammers together, and so exact.
+    :param leaks: what v multiplies, (G, C, E) in nats.
+    """
+
+    place: Array
+    power: Array
+    ground: Array
+    leaks: Array
+
+    @classmethod
+    def best(cls, one: Columns, two: Columns, base: tuple[Array, Array], weight: Array,
+             v: Array) -> Pairs:
+        """
+        Return the pairs that are worth most, and the best of every column.
+
+        :param base: what the columns are worth where nothing is sent, (G, C) each.
+        :param weight: w0, (G,).
+        :param v: (G, E).
+        """
+        # Columns of two jammers count with twice their gain.
+        x, y = (np.expm1(-some.ground) / 2 for some in (one, two))
+        ground = -np.log1p(x[:, :, None] + y[:, None])
+        x, y = (np.expm1(some.leaks) / 2 for some in (one, two))
+        leaks = np.log1p(x[:, :, None] + y[:, None])
+        worth = (base[0][:, :, None] + base[1][:, None] + weight[:, None, None] * ground
+                 + np.matmul(leaks, v[:, None, :, None])[..., 0])
+        stages, first, second = worth.shape
+        flat = worth.reshape(stages, -1)
+        index = np.concatenate([
+            np.argpartition(flat, -PAIRS, 1)[:, -PAIRS:],
+            np.arange(first) * second + worth.argmax(2),
+            worth.argmax(1) * second + np.arange(second)], 1)
+        row, (i, j) = np.arange(stages)[:, None], np.divmod(index, second)
+        chosen = one.take(i), two.take(j)
+        return cls(np.stack([some.place for some in chosen]),
+                   np.stack([some.power for some in chosen]), ground[row, i, j], leaks[row, i, j])
+
+    @staticmethod
+    def joined(parts: list[Pairs]) -> Pairs:
+        """Return all pairs of several."""
+        return Pairs(*(np.concatenate([getattr(part, name) for part in parts], axis)
+                       for name, axis in (('place', 2), ('power', 2), ('ground', 1),
+                                          ('leaks', 1))))
 
 
 def grid(region: ReachableSet, along: int, across: int) -> Array:

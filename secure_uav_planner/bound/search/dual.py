@@ -2,8 +2,10 @@
 The dual function on columns, smoothed, with two derivatives: what Newton's method minimises.
 
 It is the certificate's bound with every maximum taken over columns and over a few branches, that
-is breakpoints of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). It is jointly
-convex in the potentials, v and lam. v has a barrier at 0 where there are several eavesdroppers, w0
+is breakpoints of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). Two jammers'
+columns come in pairs, for which their noise is known exactly: lemma 8, with shares in boxes, comes
+close to that, and multipliers that are good for a few shares are not. It is jointly convex in the
+potentials, v and lam. v has a barrier at 0 where there are several eavesdroppers, w0
 - s and lam have weak ones of their own: at a high SNR w0 - s is of the order of 1e-3 and below.
 """
 
@@ -13,8 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .columns import Columns
+from .columns import Columns, Pairs
 from .newton import DualDerivatives, DualPoint
 from ..proof.conjugate import Array, entropy, mixing, transmit_power
 from ..proof.team import Team
@@ -71,11 +74,13 @@ class Dual:
     :param silent: for every UAV, those without.
     :param branches: the ways a slot can be that the multipliers have to be good for.
     :param tau: temperature of every smoothed maximum, in nats.
+    :ivar pairs: in every branch those of two jammers, if they take the place of their columns.
     """
 
     def __init__(self, team: Team, columns: list[Columns], silent: list[Columns],
                  branches: list[Branch], tau: float) -> None:
         self.team, self.branches, self.tau = team, branches, tau
+        self.pairs: list[Pairs] = []
         self.columns = (columns, silent)
         self.count = team.stages.count.astype(float)
         self.average = np.array([region.average for region in team.regions])
@@ -218,8 +223,14 @@ class Dual:
             for branch in self.branches:
                 ground, parts = branch.parts(uav)
                 branches.append((branch.weight * ground, point.shares[branch.group], parts))
-        size = e + 2 * point.potentials.shape[2] + 1
-        shape = (len(branches), len(none))
+        return self._smoothed(uav, point, columns, branches, second)
+
+    def _smoothed(self, uav: int, point: DualPoint, columns: Columns,
+                  branches: list[tuple[Array, Array, Array]], second: bool) -> tuple[
+                      Array, Array, Array]:
+        """Return the smoothed maxima of a UAV in branches of (w0, v, rho)."""
+        size = point.shares.shape[-1] + 2 * point.potentials.shape[2] + 1
+        shape = (len(branches), len(self.count))
         value = np.empty(shape)
         slope, hessian = (np.empty(shape + more if second else 0)
                           for more in ((size,), (size, size)))
@@ -239,15 +250,23 @@ class Dual:
         options.append((np.zeros(g), np.zeros((g, size)) if second else np.zeros(0),
                         np.zeros((g, size, size)) if second else np.zeros(0), -1))
         values = np.array([option[0] for option in options])
+        for k, pairs in enumerate(self.pairs):
+            more, slope, bend = self._of_pairs(
+                self.branches[k], pairs, point, second)
+            values[k] += more
+            if second:
+                options[k][1][:] += slope
+                options[k][2][:] += bend
         for i in range(u):
-            found = [np.concatenate(pair) for pair in zip(
-                self._maxima(i, point, False, second), self._maxima(i, point, True, second))]
-            values += found[0]
-            which = np.r_[0:e, e + i * p:e + (i + 1) * p,
-                          e + (u + i) * p:e + (u + i + 1) * p, e + 2 * u * p + i]
-            for k, (_, grad, hess, _) in enumerate(options if second else []):
-                grad[:, which] += found[1][k]
-                hess[:, which[:, None], which] += found[2][k]
+            lists = [(self._maxima(i, point, True, second), options[-1:], values[-1:])]
+            if not (self.pairs and i):
+                lists.append((self._maxima(i, point, False, second), options[:-1], values[:-1]))
+            which = self._unknowns(i, point)
+            for found, some, value in lists:
+                value += found[0]
+                for k, (_, grad, hess, _) in enumerate(some if second else []):
+                    grad[:, which] += found[1][k]
+                    hess[:, which[:, None], which] += found[2][k]
         top = values.max(0)
         mix = np.exp((values - top) / self.tau)
         total = mix.sum(0)
@@ -268,6 +287,52 @@ class Dual:
                 hess[:, source, source] + slope[:, :, None] * slope[:, None] / self.tau)
         stages -= stage[:, :, None] * stage[:, None] / self.tau
         return best, stage * self.count[:, None], stages * self.count[:, None, None]
+
+    @staticmethod
+    def _unknowns(i: int, point: DualPoint) -> NDArray[np.intp]:
+        """Return where v and UAV i's potentials and price are among a stage's unknowns."""
+        (u, p), e = point.potentials.shape[1:], point.shares.shape[-1]
+        return np.r_[0:e, e + i * p:e + (i + 1) * p,
+                     e + (u + i) * p:e + (u + i + 1) * p, e + 2 * u * p + i]
+
+    def _of_pairs(self, branch: Branch, pairs: Pairs, point: DualPoint,
+                  second: bool) -> tuple[Array, Array, Array]:
+        """Return the smoothed maximum over pairs, (G,), and its derivatives, as in _powers."""
+        v, (u, p), g = point.shares[branch.group], point.potentials.shape[1:], len(self.count)
+        e, at = v.shape[-1], pairs.place / self.count[:, None, None]
+        size = e + 2 * u * p + u
+        worth = branch.weight[:, None] * pairs.ground + np.matmul(
+            pairs.leaks, v[..., None])[..., 0]
+        pull = np.diff(point.potentials[..., :2], axis=0)
+        costs = []
+        for i in (1, 2):
+            worth += np.matmul(at[i - 1], pull[:, i, :, None])[..., 0]
+            worth -= point.prices[i] * pairs.power[i - 1]
+            # What linear potentials cost is the same everywhere: as in a list of the origin.
+            origin = Columns(*(np.zeros((g, 1, *more)) for more in ((2,), (), (), (e,))))
+            costs.append(self._smoothed(
+                i, point, origin, [(np.zeros(g), 0 * v, 0 * v)], second))
+        top = worth.max(1)
+        mix = np.exp((worth - top[:, None]) / self.tau)
+        total = mix.sum(1)
+        value = top + self.tau * np.log(total) + costs[0][0][0] + costs[1][0][0]
+        if not second:
+            return value, top, top
+        mix /= total[:, None]
+        rows = np.zeros((*worth.shape, size))
+        rows[..., :e] = pairs.leaks
+        for i in (1, 2):
+            before, after = e + i * p, e + (u + i) * p
+            rows[..., before:before + 2], rows[..., after:after + 2] = -at[i - 1], at[i - 1]
+            rows[..., e + 2 * u * p + i] = -pairs.power[i - 1]
+        grad = np.matmul(mix[:, None], rows)[:, 0]
+        hess = (np.matmul((rows * mix[..., None]).transpose(0, 2, 1), rows)
+                - grad[:, :, None] * grad[:, None]) / self.tau
+        for i, (_, slope, bend) in enumerate(costs, 1):
+            which = self._unknowns(i, point)
+            grad[:, which] += slope[0]
+            hess[:, which[:, None], which] += bend[0]
+        return value, grad, hess
 
     def _powers(self, branch: Branch, point: DualPoint, size: int,
                 second: bool) -> tuple[Array, Array, Array]:
