@@ -176,7 +176,8 @@ def test_a_plan_is_found_whose_curve_keeps_clear_beyond_its_points(scenario, met
     ([{'goal_velocity': (5.0, 0.0)}], {}, 'uavs[0]', 'takes uav0 .* goal inside the geofence at'),
     ([{'start_velocity': (0.0, 5.0)}],  # With slots of minutes, even it could not begin inside.
      {'geofence': ((-100, -100), (100, -100), (100, 14), (-100, 14)), 'duration': 27.0,
-      'slots': 60}, 'duration', 'uav0 needs at least .* from start to goal inside the geofence at'),
+      'slots': 60}, 'duration',
+     'uav0 needs at least .* from start to goal inside the geofence at'),
     ([{'goal_velocity': (5.0, 0.0)}], {'geofence': None, 'no_fly_zones': ZONES}, 'uavs[0]',
      'goal around zone 1 or zone 2 at'),
     ([{'goal_velocity': (5.0, 0.0)}], {'no_fly_zones': ZONES}, 'uavs[0]',
