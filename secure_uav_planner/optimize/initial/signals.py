@@ -41,8 +41,8 @@ def deferred_signals() -> Iterator[list[int]]:
             _restore(before, signal.SIGTERM)
     finally:  # Also when a handler that is back has raised an error in between.
         _restore(before, signal.SIGINT)
-    for number in sorted(came, reverse=True):  # SIGTERM first, which may end the process.
-        signal.raise_signal(number)
+    for deferred in sorted(came, reverse=True):  # SIGTERM first, which may end the process.
+        signal.raise_signal(deferred)
 
 
 def _restore(before: dict[signal.Signals, Any], number: signal.Signals) -> None:
