@@ -83,6 +83,6 @@ def test_all_that_is_wrong_with_the_channel_of_a_file_is_told_with_its_lines(tmp
     with pytest.raises(MissionFileError) as error:
         Scenario.load(file)
     found = {problem.line - first: problem.text for problem in error.value.problems}
-    assert any('rician_k_db is None' in text for text in found.values())
+    assert any('rician_k_db is null' in text for text in found.values())
     assert 'channel.exponent is 7' in found[1] and "no field 'loss'" in found[2]
     assert all(name in found[3] for name in ENVIRONMENTS) and 'colluding is' in found[5]
