@@ -159,7 +159,7 @@ class PlanTracking:
                                 'ask again when it goes on evenly, or stands')
 
     @property
-    def is_reported(self) -> bool:
+    def has_reports(self) -> bool:
         """Return whether a follower has said anything of a plan that is known."""
         with self._lock:
             return self._reports is not None

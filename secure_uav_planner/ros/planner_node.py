@@ -184,7 +184,7 @@ class Planner(Node):
         flight = self._tracking.flight(now)
         if flight is None or flight.is_reported or flight.state == 'flying' and (
                 self._topics.is_followed() and (
-                    self._tracking.is_reported or not self.count_publishers('plan_time'))):
+                    self._tracking.has_reports or not self.count_publishers('plan_time'))):
             return flight  # Who would report, and never did, has not begun.
         return None
 

@@ -66,8 +66,9 @@ def _of_one(scenario: Scenario, number: int, check: Check) -> Iterator[Infeasibl
             f'no way leads {uav.name} from start to goal: {names} is in its way',
             ('uavs', number))
     elif (names or scenario.geofence is not None) and not _is_flown(alone, check):
-        around = f' around {names}' * bool(names) + f' inside {GEOFENCE}' * (
-            scenario.geofence is not None and GEOFENCE not in names)
+        around = f' around {names}' if names else ''
+        if scenario.geofence is not None and GEOFENCE not in names:
+            around += f' inside {GEOFENCE}'
         limits = f'{uav.max_speed:g} m/s' + (
             '' if uav.max_acceleration is None else f' and {uav.max_acceleration:g} m/s^2')
         try:
