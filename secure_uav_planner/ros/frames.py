@@ -26,8 +26,6 @@ class Frames:
 
     It listens from the first pose of another frame on, so a planner whose poses are all in its own
     frame does not spend time on /tf.
-
-    :param node: the Node that listens.
     """
 
     def __init__(self, node: Node) -> None:
@@ -40,18 +38,18 @@ class Frames:
         """
         Return a pose in another frame, with its covariance and velocity.
 
-        :raises WrongFrameError: where tf2_ros is not installed, cannot listen, or does not know
-            the transform.
+        :raises WrongFrameError: where tf2_ros is missing, cannot listen, or knows no transform.
         :raises PoseError: if the transform cannot be used.
         """
         reason = frame_refusal(message, frame_id)
         try:
-            listens = self._listener is not None or self._listen()
+            self._listen()
+        except ImportError:
+            raise WrongFrameError(
+                f'{reason}, or tf2_ros must be installed to transform it') from None
         except Exception as error:  # Such as one of an enclave that does not allow it.
             raise WrongFrameError(f'{reason}, or tf2 must listen to transforms, which it cannot: '
                                   f'{with_type(error)}') from None
-        if not listens:
-            raise WrongFrameError(f'{reason}, or tf2_ros must be installed to transform it')
         try:
             transform = self._transform(message, frame_id)
         except (self._tf2.TransformException, ValueError) as error:
@@ -59,17 +57,15 @@ class Frames:
                                   f'{brief(error, 200)}') from None
         return moved(message, transform, frame_id)
 
-    def _listen(self) -> bool:
-        """Begin to listen; return whether tf2_ros is installed."""
-        try:
-            self._tf2 = import_module('tf2_ros')
-        except ImportError:
-            return False
+    def _listen(self) -> None:
+        """Begin to listen, unless that has been done."""
+        if self._listener is not None:
+            return
+        self._tf2 = import_module('tf2_ros')
         if self._buffer is None:  # One that was made before it failed to listen is kept.
             # With the clock of the node, which may jump back.
             self._buffer = self._tf2.Buffer(node=self._node)
         self._listener = self._tf2.TransformListener(self._buffer, self._node)
-        return True
 
     def _transform(self, message: Message, frame_id: str) -> Transform:
         header, latest = message.header, Time()

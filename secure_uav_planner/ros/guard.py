@@ -34,11 +34,7 @@ class Limits:
 
 
 class Guard:
-    """
-    Passes the setpoints of one UAV unless they jump, and holds the last place when none passes.
-
-    Times are in ns, of one clock that may jump.
-    """
+    """Passes the setpoints of one UAV unless they jump, and holds the last place; times in ns."""
 
     def __init__(self) -> None:
         self._last: Setpoint | None = None  # That has passed, and when.
@@ -51,23 +47,27 @@ class Guard:
         self._seen = place, now
 
     def take(self, setpoint: Setpoint, now: int, limits: Limits) -> None:
-        """
-        Note a setpoint.
-
-        :raises OptionError: with the reason, if it must not be passed on.
-        """
+        """Note a setpoint, or raise an OptionError that says why it must not be passed on."""
         age = (now - setpoint.time_ns) * 1e-9
         if abs(age) > limits.timeout:
             raise OptionError(f'its stamp is {abs(age):.1f} s {"old" if age > 0 else "ahead"} '
                               f'and setpoint_timeout is {limits.timeout:g} s')
-        going_on = self._last is not None and _within(self._heard, now, limits.timeout)
+        last = self._last if _within(self._heard, now, limits.timeout) else None
         self._heard = now
-        _check_speed(setpoint, limits)
-        problem = _jump(self._last, setpoint, limits) if going_on else ''
+        # Where a velocity leads before the place is held must not be farther than a jump.
+        speed = math.hypot(*setpoint.velocity or ())
+        most = limits.max_speed + limits.max_jump / _PATIENCE
+        if speed > most:
+            raise OptionError(f'it has {speed:.1f} m/s, and max_jump and max_speed allow '
+                              f'{most:.1f} m/s')
+        problem = _jump(last, setpoint, limits) if last is not None else ''
         if self._seen and _within(self._seen[1], now, limits.timeout) and (
-                problem or not going_on):
-            offset = _offset(self._seen[0], setpoint, limits)
-            problem = offset and (problem or offset)
+                problem or last is None):
+            # Where the vehicle is, a stream may begin, also after a jump.
+            distance = math.dist(setpoint.position, self._seen[0])
+            problem = '' if distance <= limits.start_tolerance else problem or (
+                f'it is {distance:.1f} m from the vehicle and start_tolerance is '
+                f'{limits.start_tolerance:g} m')
         if problem:
             raise OptionError(problem)
         self._last, self._passed = setpoint, now
@@ -90,15 +90,6 @@ def _within(then: int, now: int, seconds: float) -> bool:
     return abs(now - then) * 1e-9 <= seconds
 
 
-def _check_speed(setpoint: Setpoint, limits: Limits) -> None:
-    """Refuse a velocity that leads beyond a jump before the place is held."""
-    speed = math.hypot(*setpoint.velocity or ())
-    most = limits.max_speed + limits.max_jump / _PATIENCE
-    if speed > most:
-        raise OptionError(f'it has {speed:.1f} m/s, and max_jump and max_speed allow '
-                          f'{most:.1f} m/s')
-
-
 def _jump(last: Setpoint, setpoint: Setpoint, limits: Limits) -> str:
     """Return why a setpoint does not continue another one, or an empty string."""
     step = (setpoint.time_ns - last.time_ns) * 1e-9
@@ -106,16 +97,6 @@ def _jump(last: Setpoint, setpoint: Setpoint, limits: Limits) -> str:
         return f'it is {-step:.3g} s older than the last one'
     distance = math.dist(setpoint.position, last.position)
     most = limits.max_jump + limits.max_speed * min(step, limits.timeout)
-    if distance <= most:
-        return ''
-    return (f'it is {distance:.1f} m from the last one, and max_jump and max_speed allow '
-            f'{most:.1f} m')
-
-
-def _offset(place: Vector, setpoint: Setpoint, limits: Limits) -> str:
-    """Return why a setpoint cannot be the first one of a vehicle, or an empty string."""
-    distance = math.dist(setpoint.position, place)
-    if distance <= limits.start_tolerance:
-        return ''
-    return (f'it is {distance:.1f} m from the vehicle and start_tolerance is '
-            f'{limits.start_tolerance:g} m')
+    return '' if distance <= most else (
+        f'it is {distance:.1f} m from the last one, and max_jump and max_speed allow '
+        f'{most:.1f} m')

@@ -1,14 +1,10 @@
 """The executable `planner`; the node is in planner_node."""
 
+from functools import partial
+
 from .start import run_executable
 
-_PAUSE = 0.005
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the planner node as a process."""
-    run_executable('planner_node', 'Planner', args, pause=_PAUSE)
-
+main = partial(run_executable, 'planner_node', 'Planner', pause=0.005)
 
 if __name__ == '__main__':
     main()

@@ -29,7 +29,6 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause
 
     :param make_node: returns the node. Its method close() stops all work and returns whether none
         is left. The text of a PlanningError is shown to the user.
-    :param args: the command line, by default that of the process.
     :param pause: a pause after every callback, in s. It leaves time for other threads, which share
         the interpreter, and for services when very many messages arrive.
     """
@@ -37,14 +36,12 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
     except (PlanningError, RuntimeError, OSError, ParameterException, NameValidationException,
-            InvalidQosOverridesError) as error:
-        print(f'cannot start: {brief(error)}', file=sys.stderr, flush=True)
-        rclpy.try_shutdown()
-        sys.exit(1)
-    except ValueError as error:
-        # rclpy raises it for some arguments. Otherwise it is a programming error, so its class is
-        # shown as well.
-        print(f'cannot start: {with_type(error)}', file=sys.stderr, flush=True)
+            InvalidQosOverridesError, ValueError) as error:
+        # rclpy raises a ValueError for some arguments. Otherwise it is a programming error, so
+        # its class is shown as well.
+        is_strange = isinstance(error, ValueError) and not isinstance(error, PlanningError)
+        print(f'cannot start: {with_type(error) if is_strange else brief(error)}',
+              file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
     stop = threading.Event()

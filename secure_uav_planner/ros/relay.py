@@ -1,12 +1,10 @@
 """The executable `relay`; the node is in relay_node."""
 
+from functools import partial
+
 from .start import run_executable
 
-
-def main(args: list[str] | None = None) -> None:
-    """Run the relay node as a process."""
-    run_executable('relay_node', 'Relay', args)
-
+main = partial(run_executable, 'relay_node', 'Relay')
 
 if __name__ == '__main__':
     main()

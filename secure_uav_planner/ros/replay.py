@@ -1,12 +1,10 @@
 """The executable `replay`; the node is in replay_node."""
 
+from functools import partial
+
 from .start import run_executable
 
-
-def main(args: list[str] | None = None) -> None:
-    """Run the replay node as a process."""
-    run_executable('replay_node', 'Replay', args)
-
+main = partial(run_executable, 'replay_node', 'Replay')
 
 if __name__ == '__main__':
     main()

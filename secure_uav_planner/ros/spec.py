@@ -1,7 +1,6 @@
 """One parameter of a node: its type, its meaning and what it may be."""
 
 from dataclasses import dataclass
-import math
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -54,11 +53,7 @@ class Spec:
         return isinstance(self.default, list) and self.limits is None
 
     def checked(self, name: str, value: Any, what: str = '') -> Any:
-        """
-        Return the value in the parameter's type, or raise ParameterError.
-
-        :param what: what the error puts before the name.
-        """
+        """Return the value in the parameter's type, or raise a ParameterError about what it is."""
         try:
             return self._converted(value)
         except (TypeError, ValueError, OverflowError, NameValidationException):
@@ -78,19 +73,16 @@ class Spec:
             return self._number(value, kind)
         if value is False and 'off' in (self.choices or ()):
             return 'off'
-        if not isinstance(value, kind) or (self.choices and value not in self.choices):
-            raise ValueError
-        if kind is str and self.length and len(value) > self.length[1]:
+        if not isinstance(value, kind) or self.choices and value not in self.choices or (
+                kind is str and self.length and len(value) > self.length[1]):
             raise ValueError
         return value
 
     def _number(self, value: Any, kind: type) -> float:
         # An integer is accepted as a float, as in `duration: 150` in YAML, and 1e2 as an integer.
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise ValueError
-        if kind is int and value != int(value):
-            raise ValueError
-        if not math.isfinite(value) or not self.limits[0] <= value <= self.limits[1]:
+        low, high = self.limits
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not (
+                low <= value <= high and value == kind(value)):
             raise ValueError
         return kind(value)
 

@@ -11,14 +11,7 @@ import signal
 
 def run_executable(module: str, node: str, args: list[str] | None = None, **options: object
                    ) -> None:
-    """
-    Import a node, run it until a signal, and exit the process.
-
-    :param module: the name of the module of this package that contains the node.
-    :param node: the name of the node's class.
-    :param args: the command line, by default that of the process.
-    :param options: further arguments of process.run_node.
-    """
+    """Import a node of a module, run it until a signal with process.run_node, and exit."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
     kind = getattr(import_module(f'{__package__}.{module}'), node)
