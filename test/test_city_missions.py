@@ -289,7 +289,7 @@ def test_a_worker_has_progress_and_can_be_cancelled_while_first_flights_are_sear
     uavs = tuple(replace(scenario.uavs[0], name=f'uav{index}', start=(30.0 * index, 500.0),
                          goal=(30.0 * (index ^ 1), -500.0)) for index in range(16))
     with worker.reserved():
-        future = worker.start(lambda: (replace(scenario, uavs=uavs), {'method': 'joint'}))
+        future = worker.start(lambda solve: solve(replace(scenario, uavs=uavs), method='joint'))
         assert called.wait(60.0) and worker.busy
         wait_for(lambda: worker.progress is not None)
         assert (worker.progress.number, worker.progress.rate) == (0, 0.0)

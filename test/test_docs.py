@@ -15,6 +15,8 @@ import threading
 from typing import NamedTuple
 
 import pytest
+import rclpy
+from rclpy.context import Context
 from ros_client import flat
 import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, Scenario
@@ -28,6 +30,8 @@ from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters,
     zone_parameters)
+from secure_uav_planner.ros.planner_node import Planner
+from secure_uav_planner.ros.replay_node import Replay
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -424,12 +428,44 @@ def test_the_generated_reference_is_current():
             'run `python -m secure_uav_planner.ros.reference docs`')
 
 
+def offered(node):
+    """Return the topics and services of a node as Interfaces of any UAV, without a meaning."""
+    of_any = {'uav1': '<uav>', 'uav2': '<uav>', 'eavesdropper': '<eavesdropper>',
+              node.get_name(): '~'}
+    found = [('sub', one.topic_name, one.msg_type, 'msg', one.qos_profile)
+             for one in node.subscriptions]
+    found += [('pub', one.topic_name, one.msg_type, 'msg', one.qos_profile)
+              for one in node.publishers]
+    found += [('srv', one.service_name, one.srv_type, 'srv', None) for one in node.services]
+    for direction, name, kind, folder, qos in found:
+        first, _, rest = name.removeprefix('/here/').partition('/')
+        package = kind.__module__.split('.')[0]
+        if package not in OF_ROS and name not in ('/clock', '/rosout'):
+            yield (node.get_name(), direction, f'{of_any.get(first, first)}/{rest}'.rstrip('/'),
+                   f'{package}/{folder}/{kind.__name__}', reference.in_words(qos) if qos else '')
+
+
+@pytest.mark.parametrize('kind', [Planner, Replay])
+def test_the_nodes_have_the_topics_and_services_of_the_reference(kind, interfaces):
+    context = Context()
+    rclpy.init(context=context, args=[])
+    node = kind(context=context, namespace='/here')
+    try:
+        assert set(offered(node)) == {one[:5] for one in interfaces if one.node == node.get_name()}
+    finally:
+        node.close()
+        node.destroy_node()
+        context.try_shutdown()
+
+
 # Names of others, and of messages, that the pages mention.
 FOREIGN = {
     'catkin_generate_changelog', 'catkin_prepare_release', 'child_frame_id', 'frame_id',
     'mrs_msgs', 'plan_time', 'poses', 'px4_msgs', 'qos_overrides', 'secure_uav_planner',
     'setpoint_trajectory', 'time_from_start', 'time_ref', 'use_sim_time',
 }
+
+OF_ROS = ('rcl_interfaces', 'type_description_interfaces')
 
 
 def known_names():

@@ -106,8 +106,9 @@ def test_a_moved_pose_is_one_of_the_frame_that_it_has_been_moved_to():
     book.take('uav1/pose', message, 'map', 5.0)
     known = book.get('uav1/pose')
     np.testing.assert_allclose((*known.position, known.height), turn.apply(place) + shift)
-    assert book.problem('uav1/pose', 'map', 5.0, 10.0) is None
-    assert isinstance(book.problem('uav1/pose', 'odom', 5.0, 10.0), WrongFrameError)
+    for frame_id, problem in (('map', type(None)), ('odom', WrongFrameError)):
+        settings = {'frame_id': frame_id, 'pose_timeout': 10.0}
+        assert isinstance(book.problem('uav1/pose', settings, 5.0, of_ground=False), problem)
 
 
 @pytest.mark.parametrize('broken', [0.0, 1.1, math.nan, math.inf])

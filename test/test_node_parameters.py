@@ -13,7 +13,7 @@ from secure_uav_planner.errors import ParameterError
 from secure_uav_planner.ros.mission_parameters import (
     airspace_from, of_mission, uav_from, values_of)
 from secure_uav_planner.ros.node_parameters import Parameters
-from secure_uav_planner.ros.parameters import PLANNER
+from secure_uav_planner.ros.parameters import PLANNER, SCENARIO_FIELDS
 from secure_uav_planner.ros.spec import Spec
 from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
 from std_msgs.msg import Float64
@@ -71,7 +71,8 @@ def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):
 def test_the_values_that_stand_for_a_mission_give_the_same_mission(scenario):
     values = {name: spec.default for name, spec in PLANNER.items()} | values_of(scenario)
     assert tuple(uav_from(values, name) for name in values['uavs']) == scenario.uavs
-    for field, value in airspace_from(values).items():
+    for field, value in {**airspace_from(values), **{
+            field: values[field] for field in SCENARIO_FIELDS}}.items():
         assert value == getattr(scenario, field)
     assert [values[f'{name}.error_radius'] for name in values['eavesdroppers']] == [
         eve.error_radius for eve in scenario.eavesdroppers]

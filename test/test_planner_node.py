@@ -435,22 +435,22 @@ class HeldBound:
         return bound
 
 
-@pytest.mark.parametrize('stop', ['cancel', 'start', 'close'])
+@pytest.mark.parametrize('stop', ['cancel', 'put', 'close'])
 def test_a_bound_under_way_is_stopped_and_not_reported(monkeypatch, stop):
     plan, small = (solve(Scenario.paper(104.0, slots=slots)) for slots in (52, 8))
     held, found, failures = HeldBound(monkeypatch, 52), [], []
     bounding = Bounding(lambda *given: found.append(given), failures.append)
-    bounding.start(plan)
+    bounding.put(plan)
     wait_for(held.under_way.is_set, what='the bound to be under way')
-    if stop == 'start':
-        bounding.start(small)
+    if stop == 'put':
+        bounding.put(small)
         wait_for(lambda: found, what='the bound of the other plan')
     elif stop == 'cancel':
         bounding.cancel()
         wait_for(lambda: held.statuses, what='the end of the bound')
     assert bounding.close(PATIENCE)
     assert held.statuses[0] == 'cancelled' and not failures
-    assert [given[0] for given in found] == ([small] if stop == 'start' else [])
+    assert [given[0] for given in found] == ([small] if stop == 'put' else [])
 
 
 def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(

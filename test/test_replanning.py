@@ -10,7 +10,8 @@ import pytest
 from rclpy.time import Time
 from ros_client import PATIENCE, wait_for
 from secure_uav_planner import Scenario, solve
-from secure_uav_planner.errors import InfeasibleMissionError, LateError, OptionError
+from secure_uav_planner.errors import (
+    InfeasibleMissionError, LateError, OptionError, SupersededError)
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
 from secure_uav_planner.ros.plan_tracking import PlanTracking
@@ -43,12 +44,17 @@ class Bench:
         self.published, self.refused, self.superseded = [], [], []
         self.now_ns = 0  # When a new plan is ready.
         self.replanning = Replanning(
-            self.worker, self.poses, self.tracking, self._publish, self.refused.append,
-            lambda: self.superseded.append(self.worker.busy))
+            self.worker, self.poses, self.tracking, self._publish, self._refuse)
 
     def _publish(self, plan, rejoin, last):
         check_in_time(self.last is last, rejoin, self.tracking.flight(self.now_ns * 1e-9))
         self.published.append((plan, rejoin.effect))
+
+    def _refuse(self, error):
+        if isinstance(error, SupersededError):
+            self.superseded.append(self.worker.busy)
+        else:
+            self.refused.append(error)
 
     def know(self, kind, topic, x, y, now):
         message = kind()

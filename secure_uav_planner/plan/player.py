@@ -8,6 +8,7 @@ go on from those that are being sent; else it is refused, with the reason.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -80,11 +81,14 @@ class Player:
         if current is None or not self.streaming:
             self._wait_at_start(new)
         elif is_revision:
-            self._revise(new)
+            problem = 'that plan has ended' if self.ended else self._problem(new, self.time, 0.0)
+            if problem:
+                self.refuse(f'it comes too late for the flight that it changes: {problem}')
+            else:
+                self.playback = new
         else:
             self._next = new
-            if self.rate == 0.0 and not self._goes_on:
-                self._join_at_rest()
+            self._join_at_rest()
         return new in (self.playback, self._next)
 
     def refuse(self, reason: str) -> None:
@@ -96,17 +100,12 @@ class Player:
         self.playback, self._next = playback, None
         self.time, self.rate, self.delivered, self.largest_jump = playback.begin, 0.0, 0.0, 0.0
 
-    def _revise(self, new: Playback) -> None:
-        """Go on with a new plan of the same flight, at the same time of the plan."""
-        problem = 'that plan has ended' if self.ended else self._problem(new, self.time, 0.0)
-        if problem:
-            self.refuse(f'it comes too late for the flight that it changes: {problem}')
-        else:
-            self.playback = new
-
     def _join_at_rest(self) -> None:
-        """Go over to the next plan while the setpoints rest, where that is its start."""
-        assert self._next is not None
+        """Go over to the next plan if the setpoints rest, where that is its start."""
+        # It does not rest where time will go on without another word.
+        waits = self.playback is not None and self.time <= self.playback.begin
+        if self._next is None or self.rate or self.playing and not (self.ended or waits):
+            return
         new, self._next = self._next, None
         problem = self._problem(new, new.begin, 0.0)
         if problem:
@@ -117,20 +116,19 @@ class Player:
 
     def _problem(self, new: Playback, time: float, elapsed: float) -> str:
         """Return why the setpoints cannot go on with a plan at a time, or an empty string."""
-        sent, moment = self._sent, self._moment(new, time, self.rate)
+        sent, moment = self._sent, _seen(new, time, self.rate)
         if sent is None or self.playback is None:
             return ''
         altitudes, quick = self.playback.plan.scenario.altitudes, max(1.0, self.rate)
         for index, uav in enumerate(new.plan.scenario.uavs):
-            distance = float(np.linalg.norm(moment.positions[index] - sent.positions[index]))
+            distance = math.dist(moment.positions[index], sent.positions[index])
             climb = abs(uav.altitude - altitudes[index])
             if distance > uav.max_speed * quick * elapsed + POSITION_JUMP or climb > POSITION_JUMP:
                 return (f'its setpoint of {uav.name} is {math.hypot(distance, climb):.1f} m from '
                         'the last one')
-            if uav.max_acceleration is None:
-                continue
-            change = float(np.linalg.norm(moment.velocities[index] - sent.velocities[index]))
-            if change > uav.max_acceleration * quick**2 * elapsed + VELOCITY_JUMP:
+            change = math.dist(moment.velocities[index], sent.velocities[index])
+            if uav.max_acceleration is not None and (
+                    change > uav.max_acceleration * quick**2 * elapsed + VELOCITY_JUMP):
                 return f'its velocity of {uav.name} differs by {change:.2f} m/s from the last one'
         return ''
 
@@ -140,12 +138,6 @@ class Player:
     def ended(self) -> bool:
         """Whether the end of the plan has been reached."""
         return self.playback is not None and self.time >= self.playback.duration
-
-    @property
-    def _goes_on(self) -> bool:
-        """Whether time goes on, or will without another word."""
-        return self.playing and not self.ended and (
-            self.playback is None or self.time > self.playback.begin)
 
     def start(self) -> None:
         """
@@ -168,10 +160,9 @@ class Player:
 
     def reset(self) -> None:
         """End the setpoints; the newest plan waits at its start."""
-        self.pause()
+        self.playing = False
         if self.streaming:
-            self._rested = 0.0
-        self.streaming = False
+            self.streaming, self._rested = False, 0.0
         if self._latest is not None:
             self._wait_at_start(self._latest)
 
@@ -203,11 +194,6 @@ class Player:
 
     # Time
 
-    @property
-    def due_ns(self) -> int | None:
-        """When the first UAV leaves its start by the time of the plan, in ns, or None."""
-        return None if self.playback is None else _due(self.playback)
-
     def tick(self, now_ns: int, speed: float = 1.0, eavesdropper: ArrayLike | None = None,
              is_ready: bool = True, longest: float = 0.5) -> Moment | None:
         """
@@ -224,60 +210,58 @@ class Player:
         elapsed = 0.0 if self._ticked_ns is None else (now_ns - self._ticked_ns) * 1e-9
         if elapsed < 0.0:
             self._flown_ns = -1  # Plans of the time that begins anew are older by their stamps.
-        elapsed = min(max(0.0, elapsed), longest)
+        elapsed, self._ticked_ns = min(max(0.0, elapsed), longest), now_ns
         if not self.streaming:
             # The first setpoint is the start itself.
             self._rested, elapsed = self._rested + elapsed, 0.0
-        self._ticked_ns = now_ns
-        if self.playback is None or not self.streaming and not (self.playing and is_ready):
-            return None
-        if not self.streaming:
+            if self.playback is None or not (self.playing and is_ready):
+                return None
             self.streaming, self._sent = True, None
-        last_rate, moved = self.rate, self.rate * elapsed
+        last_rate, moved, sent = self.rate, self.rate * elapsed, self._sent
         if not self._took_over(now_ns, elapsed):
             begin = self.time
             self._advance(now_ns, elapsed, speed)
             moved = self.time - begin
+            assert self.playback is not None
             self.delivered += _delivered(self.playback, begin, self.time, eavesdropper)
-        moment = self._moment(self.playback, self.time, self.rate)
-        if self._sent is not None and self.rate != last_rate:
-            # The time of the plan goes on at another rate, which moves UAVs with a limit.
-            limited = np.isfinite(self.playback.plan.scenario.max_accelerations)
-            moment.accelerations[limited] = (
-                moment.velocities - self._sent.velocities)[limited] / elapsed
-        self._note(moment, moved)
+        assert self.playback is not None
+        moment = self._sent = _seen(self.playback, self.time, self.rate)
+        if sent is not None:
+            scenario = self.playback.plan.scenario
+            if self.rate != last_rate:
+                # The time of the plan goes on at another rate, which moves UAVs with a limit.
+                limited = np.isfinite(scenario.max_accelerations)
+                moment.accelerations[limited] = (
+                    moment.velocities - sent.velocities)[limited] / elapsed
+            distances = np.linalg.norm(moment.positions - sent.positions, axis=-1)
+            self.largest_jump = max(
+                self.largest_jump, float((distances - scenario.max_speeds * moved).max()))
         return moment
 
     def _took_over(self, now_ns: int, elapsed: float) -> bool:
         """Return whether the next plan has just taken over, or refuse it if it cannot."""
-        if self._next is None:
+        self._join_at_rest()
+        new, due = self._next, due_ns(self._next)
+        if new is None or not self.playing or due is not None and now_ns < due:
             return False
-        due = _due(self._next)
-        if self.rate == 0.0 and not self._goes_on:
-            self._join_at_rest()
-            return False
-        if not self.playing or due is not None and now_ns < due:
-            return False
-        new, self._next = self._next, None
-        time = new.begin + (0.0 if due is None else self.rate * (now_ns - due) * 1e-9)
+        self._next, rate = None, self.rate
+        time = new.begin + (0.0 if due is None else rate * (now_ns - due) * 1e-9)
         problem = self._problem(new, time, elapsed)
         if problem:
             self.refuse(f'{problem}, at the time at which it begins')
             return False
-        rate = self.rate
         self._wait_at_start(new)
         self.time, self.rate = time, rate
         return True
 
     def _advance(self, now_ns: int, elapsed: float, speed: float) -> None:
-        playback, due = self.playback, self.due_ns
+        playback, due = self.playback, due_ns(self.playback)
         assert playback is not None
-        target = speed if self.playing else 0.0
         if self.time <= playback.begin and due is not None:
             elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)  # It does not begin before.
         if elapsed == 0.0:
             return
-        self.rate = self._next_rate(playback, target, elapsed)
+        self.rate = self._next_rate(playback, speed if self.playing else 0.0, elapsed)
         self.time += self.rate * elapsed
         self._flown_ns = -1 if playback.plan.start_ns is None else playback.plan.start_ns
         if self.time > playback.duration - _AT_THE_END:
@@ -291,17 +275,20 @@ class Player:
         limited = np.isfinite(limits)
         if not limited.any() or self._sent is None:
             return target
-        times, rates = self._brakes(playback, max(target, self.rate))
+        most = max(target, self.rate)
+        if self._braking is None or self._braking[0] is not playback or self._braking[1] < most:
+            self._braking = (playback, most, *_braking(playback, most))
+        times, rates = self._braking[2:]
         if len(times):
             target = min(target, float(np.interp(
                 self.time + self.rate * elapsed, times, rates, left=target)))
-        most = limits * max(1.0, target, self.rate)**2 * elapsed * (1 + 1e-9) + 1e-9
+        most_change = limits * max(1.0, target, self.rate)**2 * elapsed * (1 + 1e-9) + 1e-9
         sent = self._sent.velocities
 
         def is_allowed(rate: float) -> bool:
             velocities = playback.at(self.time + rate * elapsed).velocities * rate
             change = np.linalg.norm(velocities - sent, axis=-1)
-            return bool((change <= most)[limited].all())
+            return bool((change <= most_change)[limited].all())
 
         if is_allowed(target):
             return target
@@ -312,39 +299,29 @@ class Player:
             kept, refused = (middle, refused) if is_allowed(middle) else (kept, middle)
         return kept
 
-    def _brakes(self, playback: Playback, most: float) -> tuple[Array, Array]:
-        """
-        Return the largest rates with which a goal that is passed at speed is still a stop.
 
-        :return: increasing times in s and the rates; empty where all UAVs arrive at rest.
-        """
-        if self._braking is None or self._braking[0] is not playback or self._braking[1] < most:
-            self._braking = (playback, most, *_braking(playback, most))
-        return self._braking[2:]
-
-    @staticmethod
-    def _moment(playback: Playback, time: float, rate: float) -> Moment:
-        """Return a Moment as it is seen when the time of the plan goes on with a rate."""
-        moment = playback.at(time)
-        return Moment(moment.positions, moment.velocities * rate, moment.headings, moment.powers,
-                      moment.accelerations * rate**2)
-
-    def _note(self, moment: Moment, elapsed: float) -> None:
-        assert self.playback is not None
-        if self._sent is not None:
-            moved = np.linalg.norm(moment.positions - self._sent.positions, axis=-1)
-            beyond = float((moved - self.playback.plan.scenario.max_speeds * elapsed).max())
-            self.largest_jump = max(self.largest_jump, beyond)
-        self._sent = moment
+def due_ns(playback: Playback | None) -> int | None:
+    """Return when the first UAV leaves its start by the time of the plan, in ns, or None."""
+    if playback is None or playback.plan.start_ns is None:
+        return None
+    return playback.plan.start_ns + round(playback.begin * 1e9)
 
 
-def _due(playback: Playback) -> int | None:
-    start_ns = playback.plan.start_ns
-    return None if start_ns is None else start_ns + round(playback.begin * 1e9)
+def _seen(playback: Playback, time: float, rate: float) -> Moment:
+    """Return a Moment as it is seen when the time of the plan goes on with a rate."""
+    moment = playback.at(time)
+    return replace(moment, velocities=moment.velocities * rate,
+                   accelerations=moment.accelerations * rate**2)
 
 
 def _braking(playback: Playback, most: float) -> tuple[Array, Array]:
-    """See Player._brakes; integrated backward from the end, where the rate is 0."""
+    """
+    Return the largest rates with which a goal that is passed at speed is still a stop.
+
+    They are integrated backward from the end, where the rate is 0.
+
+    :return: increasing times in s and the rates; empty where all UAVs arrive at rest.
+    """
     limits = playback.plan.scenario.max_accelerations
     limited = np.isfinite(limits)
     if (np.abs(playback.at(playback.duration).velocities[limited]) < VELOCITY_JUMP).all():

@@ -29,19 +29,12 @@ _LONGEST_GAP = 2.0  # Between two samples of a Track, in s; nothing is known abo
 
 
 class Flight(NamedTuple):
-    """
-    The flight of a plan.
-
-    :ivar playback: of the plan.
-    :ivar time: to which time of the plan it has come, in s from point 0.
-    :ivar rate: how fast that goes on; 1 is real time, 0 stands still.
-    :ivar is_reported: whether a follower says so; otherwise the stamps do.
-    """
+    """The flight of a plan."""
 
     playback: Playback
-    time: float
-    rate: float
-    is_reported: bool
+    time: float  # To which it has come, in s from point 0.
+    rate: float  # How fast that goes on; 1 is real time, 0 stands still.
+    is_reported: bool  # By a follower; otherwise the stamps say so.
 
     @property
     def state(self) -> str:
@@ -54,37 +47,22 @@ class Flight(NamedTuple):
 
 
 class Sighting(NamedTuple):
-    """
-    The measured state of a UAV.
+    """The measured state of a UAV."""
 
-    :ivar time: of the measurement, in s from point 0 of the plan.
-    :ivar position: (x, y) in m.
-    :ivar velocity: (x, y) in m/s, or None where it is not known.
-    """
-
-    time: float
-    position: Point
-    velocity: Point | None = None
+    time: float  # Of the measurement, in s from point 0 of the plan.
+    position: Point  # (x, y) in m
+    velocity: Point | None = None  # (x, y) in m/s
 
 
 def deviation(playback: Playback, uav: int, sighting: Sighting) -> Array:
-    """
-    Return the offset of a UAV from its plan at the time of the measurement, (2,) in m.
-
-    Before its begin and after its end the plan rests.
-
-    :param playback: of the plan.
-    :param uav: the index of the UAV.
-    """
+    """Return the offset of a UAV from its plan when it was measured, (2,) in m."""
     return np.array(sighting.position) - playback.curve.at([sighting.time]).positions[uav, 0]
 
 
 def predicted(playback: Playback, uav: int, sighting: Sighting, times: ArrayLike
               ) -> tuple[Array, Array]:
     """
-    Return where a UAV will be that flies back to its plan, and how fast it will be.
-
-    The module's text states the law.
+    Return where a UAV will be that flies back to its plan by the law above, and how fast.
 
     :param times: (K,) in s from point 0, increasing; before the measurement its values hold.
     :return: positions (K, 2) in m, velocities (K, 2) in m/s.
@@ -123,12 +101,8 @@ def expected(sighting: Sighting, time: float, playback: Playback | None = None, 
     """
     Return where a UAV will be when a new plan begins, in m, and its velocity in m/s, if known.
 
-    A UAV on its last plan will be where that plan says, so that its setpoints go on without a
-    jump. Any other one goes on with its present velocity.
-
-    :param time: in the same time as that of the sighting.
-    :param playback: of its last plan, or None.
-    :param tolerance: the distance in m within which it counts as on that plan.
+    A UAV within a tolerance in m of its last plan will be where that plan says, so that its
+    setpoints go on without a jump. Any other one goes on with its present velocity.
     """
     if playback is not None and math.hypot(*deviation(playback, uav, sighting)) <= tolerance:
         motion = playback.curve.at([time])
@@ -142,14 +116,10 @@ def expected(sighting: Sighting, time: float, playback: Playback | None = None, 
 
 def departing(uav: Uav, position: Point, velocity: Point | None, slot_duration: float) -> Uav:
     """
-    Return a UAV that starts with a state.
+    Return a UAV that starts at a position in m with a velocity in m/s, if that is known.
 
-    With a limit of acceleration the curve leaves that state half a slot before point 0. Without
-    one, or without a velocity, point 0 is the position.
-
-    :param position: (x, y) in m.
-    :param velocity: (x, y) in m/s, or None; it counts as at most the UAV's largest speed.
-    :param slot_duration: in s.
+    With a limit of acceleration the curve leaves that state half a slot before point 0, with at
+    most its largest speed. Without one, or without a velocity, point 0 is the position.
     """
     if uav.max_acceleration is None or velocity is None:
         return replace(uav, start=position)
@@ -192,11 +162,9 @@ class Track:
 
     def add(self, playback: Playback, time: float, positions: Array) -> None:
         """
-        Note where the UAVs are; a plan with another start begins a new flight.
+        Note where the UAVs are, (U, 2) in m, at a time in s from point 0 of a plan.
 
-        :param time: in s from point 0.
-        :param positions: (U, 2) in m.
-        :raises OptionError: for positions of another shape.
+        A plan with another start begins a new flight.
         """
         if np.shape(positions) != (len(playback.plan.scenario.uavs), 2):
             raise OptionError(f'positions has the shape {shown(np.shape(positions))}; it must be '

@@ -1,11 +1,10 @@
 """Assembly of a plan from the messages on its topics."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any
 
 from nav_msgs.msg import Path
 import numpy as np
-from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .messages import nanoseconds
@@ -29,149 +28,123 @@ class Assembly:
 
     Every message is used for one plan only, because messages with powers have no stamp, and new
     powers must not be combined with an old path. A plan may have no trajectories. They are waited
-    for where somebody publishes them, and one that comes late makes the last plan anew.
-
-    :param names: the names of the UAVs.
-    :param expects: whether somebody publishes the trajectory of a UAV, by its name.
+    for where somebody publishes them, as `expects` says of a topic, and one that comes late makes
+    the last plan anew.
     """
 
     def __init__(self, names: Sequence[str], expects: Callable[[str], bool]) -> None:
-        self._names = names
-        self._expects = expects
-        self._new = _Messages({}, {}, {})
-        self._last = _Messages({}, {}, {})
+        self._names, self._expects = names, expects
+        self._needed = [f'{name}/{kind}' for kind in ('path', 'power') for name in names]
+        self._optional = [f'{name}/trajectory' for name in names]
+        self._new: dict[str, Any] = {}  # Messages by their topics, since the last plan.
+        self._last: dict[str, Any] = {}  # Those of the last plan.
         self._received: int | None = None
 
-    def take(self, name: str, message: Path | Float64MultiArray | MultiDOFJointTrajectory,
-             now_ns: int) -> None:
-        """Keep a message as the newest of a UAV's topic."""
-        if isinstance(message, MultiDOFJointTrajectory):
-            self._new.trajectories[name] = message
-            # One that comes before everything else of its plan waits in silence.
-            if not (self._new.paths or self._new.powers or self._late()):
-                return
-        elif isinstance(message, Path):
-            self._new.paths[name] = message
-        else:
-            self._new.powers[name] = message
-        self._received = now_ns
+    def take(self, topic: str, message: Any, now_ns: int) -> None:
+        """Keep a message as the newest of its topic."""
+        self._new[topic] = message
+        # A trajectory that comes before everything else of its plan waits in silence.
+        if self._has_begun() or self._late():
+            self._received = now_ns
 
     def is_due(self, now_ns: int) -> bool:
-        """
-        Return whether plan() should be called now.
-
-        That is so when a complete set has arrived and then no message for a short time, or when
-        the rest of a set has been missing for too long.
-        """
+        """Return whether a set is complete and settled, or its rest has been missing too long."""
         if self._received is None:
             return False
         # After the clock has jumped back, do not wait.
-        waited = now_ns - self._received
-        patience = _SETTLING_NS if self._is_complete() else _PATIENCE_NS
-        return not 0 <= waited < patience
+        patience = _PATIENCE_NS if self._missing() else _SETTLING_NS
+        return not 0 <= now_ns - self._received < patience
 
     def is_whole(self) -> bool:
         """Return whether there is a message of every topic, of which at least one is new."""
-        return self._received is not None and self._is_complete()
+        return self._received is not None and not self._missing()
 
     def is_arriving(self) -> bool:
         """Return whether some messages of a plan have come and others are still waited for."""
-        return self._received is not None and not self._is_complete()
+        return self._received is not None and bool(self._missing())
 
     @property
     def problem(self) -> str:
         """Why the messages that have come do not make a newer plan yet, or an empty string."""
-        new = self._new
-        if not (new.paths or new.powers):
-            return ''
-        return f'nothing new has come on {", ".join(self._missing(new))}'
+        return _nothing_on(self._missing()) if self._has_begun() else ''
 
     def plan(self, ground_node: Point, reference_snr_db: float, channel: Channel,
              eavesdropper: Point | None) -> tuple[Plan, str]:
         """
         Return the plan that the messages contain, and its frame.
 
-        :param eavesdropper: (x, y) in m, or None for one at the ground node.
         :raises PlanningError: if the messages do not make a plan. They are kept, because a later
             message may complete them.
         """
         self._received = None
         chosen = self._chosen()
-        missing = self._missing(chosen)
+        missing = [topic for topic in self._needed if topic not in chosen]
         if missing:
-            raise PlanError(f'nothing new has come on {", ".join(missing)}')
-        found = plan_from(
+            raise PlanError(_nothing_on(missing))
+        found = _plan_from(
             self._names, chosen, ground_node, reference_snr_db, channel, eavesdropper)
-        self._new, self._last = _Messages({}, {}, {}), chosen
-        return found, chosen.paths[self._names[0]].header.frame_id
+        self._new, self._last = {}, chosen
+        return found, chosen[f'{self._names[0]}/path'].header.frame_id
 
     def without_trajectory(self) -> list[str]:
-        """Return the UAVs of the last plan whose trajectories are published but did not come."""
-        return [name for name in self._names
-                if name not in self._last.trajectories and self._expects(name)]
+        """Return the topics that are published and of which nothing came for the last plan."""
+        return [topic for topic in self._optional
+                if topic not in self._last and self._expects(topic)]
 
-    def _chosen(self) -> '_Messages':
+    def _has_begun(self) -> bool:
+        """Return whether anything but trajectories is new."""
+        return any(topic in self._new for topic in self._needed)
+
+    def _chosen(self) -> dict[str, Any]:
         """Return the messages of the next plan, or of the last one and what comes late for it."""
-        new = self._new
-        if new.paths or new.powers or not self._late():
-            return new._replace(trajectories=new.trajectories_of(new.paths))
-        return self._last._replace(trajectories={**self._last.trajectories, **self._late()})
+        if not self._has_begun() and (late := self._late()):
+            return self._last | late
+        return self._trajectories(self._new) | {
+            topic: self._new[topic] for topic in self._needed if topic in self._new}
 
-    def _late(self) -> dict[str, MultiDOFJointTrajectory]:
+    def _late(self) -> dict[str, Any]:
         """Return the new trajectories that the last plan was made without."""
-        return {name: message
-                for name, message in self._new.trajectories_of(self._last.paths).items()
-                if name not in self._last.trajectories}
+        return {topic: message for topic, message in self._trajectories(self._last).items()
+                if topic not in self._last}
 
-    def _missing(self, chosen: '_Messages') -> list[str]:
-        return [f'{name}/{topic}' for topic, kept in (('path', chosen.paths),
-                                                      ('power', chosen.powers))
-                for name in self._names if name not in kept]
+    def _trajectories(self, plan: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the new trajectories that have the stamps of a plan's paths."""
+        return {f'{name}/trajectory': self._new[f'{name}/trajectory'] for name in self._names
+                if f'{name}/path' in plan and f'{name}/trajectory' in self._new and (
+                    self._new[f'{name}/trajectory'].header.stamp
+                    == plan[f'{name}/path'].header.stamp)}
 
-    def _is_complete(self) -> bool:
+    def _missing(self) -> list[str]:
+        """Return the topics on which something is waited for."""
         chosen = self._chosen()
-        return not self._missing(chosen) and all(
-            name in chosen.trajectories for name in self._names if self._expects(name))
+        return [topic for topic in (*self._needed, *filter(self._expects, self._optional))
+                if topic not in chosen]
 
 
-class _Messages(NamedTuple):
-    """The messages of a plan by the names of the UAVs; those without a trajectory fly straight."""
-
-    paths: dict[str, Path]
-    powers: dict[str, Float64MultiArray]
-    trajectories: dict[str, MultiDOFJointTrajectory]
-
-    def trajectories_of(self, paths: Mapping[str, Path]) -> dict[str, MultiDOFJointTrajectory]:
-        """Return the trajectories that have the stamps of paths, as those of one plan do."""
-        return {name: message for name, message in self.trajectories.items()
-                if name in paths and message.header.stamp == paths[name].header.stamp}
+def _nothing_on(topics: Sequence[str]) -> str:
+    return f'nothing new has come on {", ".join(topics)}'
 
 
-def plan_from(names: Sequence[str], messages: _Messages, ground_node: Point,
-              reference_snr_db: float, channel: Channel, eavesdropper: Point | None) -> Plan:
-    """
-    Return the Plan that messages contain; its limits are the smallest that the plan keeps.
-
-    :param names: the names of the UAVs in their order.
-    :param eavesdropper: (x, y) in m of an eavesdropper, or None for one at the ground node.
-    :raises PlanningError: if the messages do not fit together.
-    """
-    paths, powers, trajectories = messages
-    slots = len(powers[names[0]].data)
-    for name in names:
-        points, watts = len(paths[name].poses), len(powers[name].data)
-        if points != slots + 2 or watts != slots or not slots:
-            raise PlanError(f'{name} has {points} points and {watts} powers; there must be two '
-                            f'points more than powers, the same for all')
-    _check_frames({name: paths[name] for name in names})
-    start_ns, slot_duration = _timing({name: paths[name] for name in names})
+def _plan_from(names: Sequence[str], messages: Mapping[str, Any], ground_node: Point,
+               reference_snr_db: float, channel: Channel, eavesdropper: Point | None) -> Plan:
+    """Return the Plan that messages contain; its limits are the smallest that the plan keeps."""
+    paths = {name: messages[f'{name}/path'] for name in names}
+    powers = [messages[f'{name}/power'].data for name in names]
+    slots = len(powers[0])
+    for name, levels in zip(names, powers, strict=True):
+        points = len(paths[name].poses)
+        if points != slots + 2 or len(levels) != slots or not slots:
+            raise PlanError(f'{name} has {points} points and {len(levels)} powers; there must be '
+                            'two points more than powers, the same for all')
+    _check_frames(paths)
+    start_ns, slot_duration = _timing(paths)
     places = np.array([[(at.pose.position.x, at.pose.position.y, at.pose.position.z)
-                        for at in paths[name].poses] for name in names])
-    watts = np.array([powers[name].data for name in names], dtype=float)
+                        for at in path.poses] for path in paths.values()])
+    watts = np.array(powers, dtype=float)
     _check_values(names, places, watts)
     positions = places[..., :2]
-    motions = {name: motion for name, message in trajectories.items()
-               if (motion := _motion(name, message, paths[name])) is not None}
+    motions = {name: motion for name in names if f'{name}/trajectory' in messages and (
+        motion := _motion(name, messages[f'{name}/trajectory'], paths[name])) is not None}
     uavs = tuple(
         Uav(name, tuple(line[0].tolist()), tuple(line[-1].tolist()), float(line_z),
             average_power=max(float(level.mean()) * (1 + 1e-9), RANGES['average_power'][0]),
@@ -188,11 +161,7 @@ def plan_from(names: Sequence[str], messages: _Messages, ground_node: Point,
 
 
 def _motion(name: str, message: MultiDOFJointTrajectory, path: Path) -> list[Array] | None:
-    """
-    Return positions, velocities and accelerations at the times of the points, each (N+2, 2).
-
-    :return: None if the trajectory has no velocities or accelerations, as some have.
-    """
+    """Return positions, velocities and accelerations at the points, (N+2, 2) each, or None."""
     if message.header.frame_id != path.header.frame_id:
         raise PlanError(f'{name}/path is in frame {shown(path.header.frame_id)}, '
                         f'{name}/trajectory in {shown(message.header.frame_id)}')
@@ -270,6 +239,6 @@ def _check_values(names: Sequence[str], places: Array, watts: Array) -> None:
             raise PlanError(f'{name}/path has coordinates beyond {low:g} to {high:g} m')
         if not ((levels >= 0) & (levels <= most)).all():
             raise PlanError(f'{name}/power has values beyond 0 to {most:g} W')
-        if np.ptp(line[:, 2]) > _SAME_ALTITUDE:
-            raise PlanError(f'{name}/path climbs by {np.ptp(line[:, 2]):g} m; the altitude must '
-                            f'be constant')
+        climb = np.ptp(line[:, 2])
+        if climb > _SAME_ALTITUDE:
+            raise PlanError(f'{name}/path climbs by {climb:g} m; the altitude must be constant')

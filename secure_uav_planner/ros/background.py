@@ -6,7 +6,7 @@ from typing import Any
 
 from ..bound import upper_bound
 from ..errors import with_type
-from ..plan.bound import Bound, Progress
+from ..plan.bound import Bound
 from ..plan.plan import Plan
 
 
@@ -14,32 +14,39 @@ class LatestOnlyWorker:
     """
     Processes one item at a time in a thread; of several waiting items only the newest is kept.
 
-    :param work: called in the thread with each item; it must not raise.
+    The work must not raise. `newest` is the last item, or None if none is wanted any more.
     """
 
     def __init__(self, work: Callable[[Any], None]) -> None:
         self._work = work
         self._changed = threading.Condition()
-        self._waiting: list[tuple[Any, threading.Event]] = []
+        self._waiting: tuple[Any, threading.Event] | None = None
         self._closed = False
         self._thread: threading.Thread | None = None
+        self.newest: Any = None
 
     def put(self, item: Any) -> threading.Event:
         """Queue an item; return an event that is set when it is done, never if it is replaced."""
         done = threading.Event()
         with self._changed:
-            self._waiting = [(item, done)]
-            if self._thread is None and not self._closed:
+            if self._closed:
+                return done
+            self.newest, self._waiting = item, (item, done)
+            if self._thread is None:
                 # A daemon thread does not keep a stopped node running.
                 self._thread = threading.Thread(target=self._run, daemon=True, name='latest')
                 self._thread.start()
             self._changed.notify()
         return done
 
+    def cancel(self) -> None:
+        """Note that no item is wanted any more."""
+        self.newest = None
+
     def close(self, timeout: float) -> bool:
         """Start no further item; return whether the thread has ended within the timeout in s."""
         with self._changed:
-            self._closed = True
+            self._closed, self.newest = True, None
             self._changed.notify()
         if self._thread is None:
             return True
@@ -52,51 +59,29 @@ class LatestOnlyWorker:
                 self._changed.wait_for(lambda: self._waiting or self._closed)
                 if self._closed:
                     return
-                (item, done), = self._waiting
-                self._waiting = []
+                (item, done), self._waiting = self._waiting, None
             self._work(item)
             done.set()
 
 
-class Bounding:
+class Bounding(LatestOnlyWorker):
     """
-    Computes the upper bound of one plan at a time, in a thread of its own.
+    Computes the upper bound of a plan, as long as no other plan is put and it is not cancelled.
 
-    :param then: called in that thread with the plan and its bound, unless another plan is wanted
-        by then, or none.
-    :param failed: called in that thread with a text if the bound cannot be computed.
+    In its thread it calls `then` with the plan and its bound, or `failed` with a text.
     """
 
     def __init__(self, then: Callable[[Plan, Bound], None], failed: Callable[[str], None]) -> None:
-        self._then = then
-        self._failed = failed
-        self._wanted: Plan | None = None
-        self._thread = LatestOnlyWorker(self._bound)
-
-    def start(self, plan: Plan) -> None:
-        """Compute the bound of a plan, and no other one any more."""
-        self._wanted = plan
-        self._thread.put(plan)
-
-    def cancel(self) -> None:
-        """Stop the computation that is under way, if there is one, within about 0.5 s."""
-        self._wanted = None
-
-    def close(self, timeout: float) -> bool:
-        """Stop finally; return whether the thread has ended within the timeout in s."""
-        self.cancel()
-        return self._thread.close(timeout)
+        super().__init__(self._bound)
+        self._then, self._failed = then, failed
 
     def _bound(self, plan: Plan) -> None:
-        def is_unwanted(_: Progress) -> bool:
-            return self._wanted is not plan
-
-        if self._wanted is not plan:
+        if self.newest is not plan:
             return
         try:
             bound = upper_bound(plan.scenario, objective=plan.objective, plan=plan,
-                                on_progress=is_unwanted)
-            if self._wanted is plan:
+                                on_progress=lambda _: self.newest is not plan)
+            if self.newest is plan:
                 self._then(plan, bound)
         except Exception as error:
             self._failed(f'the bound cannot be computed: {with_type(error)}')

@@ -16,35 +16,27 @@ from ..errors import brief
 from ..plan.plan import Plan
 
 
-class Drawing:
+class Drawing(LatestOnlyWorker):
     """
-    Draws plans in the background, one at a time; of several waiting plans only the newest.
+    Draws plans in the background, each put with its file; of several that wait only the newest.
 
     :param on_failure: called in another thread with the reason when a plan cannot be drawn.
     """
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
+        super().__init__(self._run_process)
         self._on_failure = on_failure
-        self._latest = LatestOnlyWorker(self._run)
         self._process: subprocess.Popen[bytes] | None = None
-        self._closed = False
-
-    def draw(self, plan: Plan, file: str) -> None:
-        """Draw a plan to a file, in the background."""
-        self._latest.put((plan, file))
 
     def close(self, timeout: float) -> bool:
         """Stop drawing; return whether nothing is left running."""
-        self._closed = True
-        process = self._process
-        if process is not None:
-            process.terminate()
-        return self._latest.close(timeout)
+        self.cancel()
+        if self._process is not None:
+            self._process.terminate()
+        return super().close(timeout)
 
-    def _run(self, item: tuple[Plan, str]) -> None:
+    def _run_process(self, item: tuple[Plan, str]) -> None:
         plan, file = item
-        if self._closed:
-            return
         try:
             # A new session, so that the process does not receive Ctrl-C from the terminal.
             self._process = subprocess.Popen(
@@ -55,7 +47,7 @@ class Drawing:
             failed = self._process.returncode != 0
         except (OSError, ValueError) as error:
             failed, reason = True, str(error)
-        if failed and not self._closed:
+        if failed and self.newest is not None:
             self._on_failure(brief(reason or 'it cannot be drawn'))
 
 

@@ -28,11 +28,7 @@ def isolated(out: Path) -> Iterator[None]:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """
-    Reserve a domain that has no participant.
-
-    :raises OSError: if all domains are in use.
-    """
+    """Reserve a domain that has no participant, or raise an OSError if all are in use."""
     first = os.getpid() % len(_DOMAINS)
     for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
         port = 7400 + 250 * domain

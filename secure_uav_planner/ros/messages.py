@@ -8,9 +8,9 @@ in the sent message. Every number is therefore converted with float() or int() h
 import array
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
+from itertools import pairwise
 import math
-import re
-from typing import Any
+from typing import Any, TypeAlias
 
 from builtin_interfaces.msg import Time as Stamp
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -33,8 +33,8 @@ from ..output.drawing import (
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 
+Place: TypeAlias = tuple[float, float, float]
 
-_OF_MESSAGES = re.compile(r'sequence<(\w+)/(\w+)>')
 _MOST_POINTS = 1000  # Largest number of points of a path marker.
 
 
@@ -51,12 +51,7 @@ def nanoseconds(stamp: Stamp) -> int:
 
 
 def plan_time(plan: Plan, seconds: float, stamp: Stamp) -> TimeReference:
-    """
-    Return what a follower of a plan says of its time.
-
-    :param seconds: to which time of the plan the flight has come, in s from point 0.
-    :param stamp: when it has, by the clock.
-    """
+    """Return the time in s from point 0 to which the flight of a plan has come by the clock."""
     message = TimeReference(source=plan.identity)
     message.header.stamp = stamp
     message.time_ref = stamp_at(plan, seconds)
@@ -105,11 +100,7 @@ def power(plan: Plan, uav: int) -> Float64MultiArray:
 
 
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
-    """
-    Return the MultiDOFJointTrajectory of a UAV; the joint has the UAV's name.
-
-    It contains position, velocity and acceleration of the flown curve at the times of the points.
-    """
+    """Return the flown curve of a UAV at the times of the points; the joint has its name."""
     member, motion = plan.scenario.uavs[uav], plan.curve.at(plan.times)
     message = MultiDOFJointTrajectory(joint_names=[member.name])
     message.header.frame_id, message.header.stamp = frame_id, stamp_at(plan)
@@ -125,9 +116,8 @@ def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
 def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence[Any]
                         ) -> MultiDOFJointTrajectory:
     """
-    Return a MultiDOFJointTrajectory with one point, which an autopilot can follow without lag.
+    Return one point, which an autopilot can follow without lag.
 
-    :param name: the name of the UAV and of the joint.
     :param motion: position (x, y, z) in m, yaw in rad, velocity (x, y) in m/s and acceleration
         (x, y) in m/s^2.
     """
@@ -156,12 +146,7 @@ def _level(vector: Sequence[float]) -> Twist:
 
 def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[float],
              yaw: float, velocity: Sequence[float]) -> Odometry:
-    """
-    Return the Odometry of a UAV.
-
-    :param place: (x, y, z) in m.
-    :param velocity: (vx, vy) in m/s in frame_id; the message contains it in the UAV's own frame.
-    """
+    """Return the Odometry of a UAV; it has the velocity (x, y) in m/s in its own frame."""
     message = Odometry(child_frame_id=child_frame_id)
     message.header.frame_id, message.header.stamp = frame_id, stamp
     message.pose.pose = pose(*place, yaw)
@@ -196,19 +181,20 @@ def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
         (at.velocities[0].angular.z or None) if at.velocities else None)
 
 
-def filled(message: Any, values: Mapping[str, Any]) -> Any:
-    """
-    Return a message with values in its fields.
+def class_of(kind: str) -> Any:
+    """Return the class of a message, such as that of 'nav_msgs/Path'."""
+    package, name = kind.split('/')
+    return getattr(import_module(f'{package}.msg'), name)
 
-    :param values: by the names of fields; for a message a mapping, for a list of messages a list.
-    """
+
+def filled(message: Any, values: Mapping[str, Any]) -> Any:
+    """Return a message with values in its fields, by name: mappings for nested messages."""
     for field, value in values.items():
         if isinstance(value, Mapping):
             filled(getattr(message, field), value)
         elif isinstance(value, list):
             kind = message.get_fields_and_field_types()[field]
-            package, name = _OF_MESSAGES.fullmatch(kind).groups()
-            kind = getattr(import_module(f'{package}.msg'), name)
+            kind = class_of(kind.removeprefix('sequence<').removesuffix('>'))
             setattr(message, field, [filled(kind(), one) for one in value])
         else:
             setattr(message, field, value)
@@ -240,22 +226,20 @@ def markers(plan: Plan, frame_id: str) -> MarkerArray:
         0, scenario.slots + 1, min(scenario.slots + 2, _MOST_POINTS)).astype(int))
     found = [Marker(action=Marker.DELETEALL)]
     for index, uav in enumerate(scenario.uavs):
-        line = _marker('path', index, Marker.LINE_STRIP, uav_color(index), (2.0, 0.0, 0.0))
-        line.points = [Point(x=float(x), y=float(y), z=float(uav.altitude))
-                       for x, y in plan.positions[index, points].tolist()]
-        found.append(line)
-        found.append(_label(index, uav.name, (*uav.start, uav.altitude), uav_color(index)))
+        line = [(x, y, uav.altitude) for x, y in plan.positions[index, points].tolist()]
+        found += [_marker('path', index, Marker.LINE_STRIP, uav_color(index), (2.0, 0.0, 0.0),
+                          points=line),
+                  _label(index, uav.name, (*uav.start, uav.altitude), uav_color(index))]
     size = 0.1 * min(uav.altitude for uav in scenario.uavs)
-    node = _marker('ground_node', 0, Marker.CYLINDER, GROUND_NODE, (size, size, size))
-    node.pose = pose(*scenario.ground_node, size / 2, 0.0)
-    found += [node, _label(100, 'ground node', (*scenario.ground_node, 2 * size), GROUND_NODE)]
+    found += [_marker('ground_node', 0, Marker.CYLINDER, GROUND_NODE, (size, size, size),
+                      (*scenario.ground_node, size / 2)),
+              _label(100, 'ground node', (*scenario.ground_node, 2 * size), GROUND_NODE)]
     for index, (eve, name) in enumerate(
             zip(scenario.eavesdroppers, scenario.eavesdropper_names, strict=True)):
         across = 2 * max(eve.error_radius, size / 4)
-        disc = _marker('eavesdropper', index, Marker.CYLINDER, EAVESDROPPER,
-                       (across, across, 1.0), opacity=0.5)
-        disc.pose = pose(*eve.position, 0.5, 0.0)
-        found += [disc, _label(200 + index, name, (*eve.position, 2 * size), EAVESDROPPER)]
+        found += [_marker('eavesdropper', index, Marker.CYLINDER, EAVESDROPPER,
+                          (across, across, 1.0), (*eve.position, 0.5), opacity=0.5),
+                  _label(200 + index, name, (*eve.position, 2 * size), EAVESDROPPER)]
     found += _airspace(scenario)
     for marker in found:
         marker.header.frame_id, marker.header.stamp = frame_id, stamp_at(plan)
@@ -294,73 +278,70 @@ def _moment_markers(scenario: Scenario, moment: Moment, frame_id: str, stamp: St
     for index, (uav, (x, y), watts) in enumerate(
             zip(scenario.uavs, moment.positions, moment.powers, strict=True)):
         size = 10.0 + 10.0 * math.sqrt(max(0.0, watts))
-        sphere = _marker('uav', index, Marker.SPHERE, uav_color(index), (size, size, size))
-        sphere.pose = pose(x, y, uav.altitude, 0.0)
-        sphere.header.frame_id, sphere.header.stamp = frame_id, stamp
-        found.append(sphere)
+        found.append(_marker('uav', index, Marker.SPHERE, uav_color(index), (size, size, size),
+                             (x, y, uav.altitude)))
+        found[-1].header.frame_id, found[-1].header.stamp = frame_id, stamp
     return MarkerArray(markers=found)
 
 
 def _airspace(scenario: Scenario) -> list[Marker]:
     """Return prism, edges and name of every zone, and edges of the geofence and the margin."""
-    high = 1.2 * max(uav.altitude for uav in scenario.uavs)
-    margin = scenario.tracking_margin
-    rim = _marker('tracking_margin', 0, Marker.LINE_LIST, MARGIN, (1.0, 0.0, 0.0))
-    found = [rim] if margin else []
+    high, margin = 1.2 * max(uav.altitude for uav in scenario.uavs), scenario.tracking_margin
+    found, rim = [], []
     for index, (zone, name) in enumerate(
             zip(scenario.no_fly_zones, scenario.zone_names, strict=True)):
         floor = zone.floor
         top = min(zone.ceiling, max(high, 1.2 * floor))  # A zone without a ceiling ends there.
-        prism = _marker('no_fly_zone', index, Marker.TRIANGLE_LIST, NO_FLY_ZONE, (1.0, 1.0, 1.0),
-                        opacity=0.35)
-        prism.points = _faces(zone, floor, top)
-        edges = _marker('no_fly_zone_edges', index, Marker.LINE_LIST, NO_FLY_ZONE, (1.5, 0.0, 0.0))
-        edges.points = _edges(zone.vertices, floor, top)
-        rim.points += _edges(grown(zone.vertices, margin)[0], max(0.0, floor - margin),
-                             top + margin)
-        found += [prism, edges,
+        found += [_marker('no_fly_zone', index, Marker.TRIANGLE_LIST, NO_FLY_ZONE,
+                          (1.0, 1.0, 1.0), opacity=0.35, points=_faces(zone, floor, top)),
+                  _marker('no_fly_zone_edges', index, Marker.LINE_LIST, NO_FLY_ZONE,
+                          (1.5, 0.0, 0.0), points=_edges(zone.vertices, floor, top)),
                   _label(300 + index, name, (*middle_of(zone), top), NO_FLY_ZONE)]
+        rim += _edges(grown(zone.vertices, margin)[0], max(0.0, floor - margin), top + margin)
     if scenario.geofence is not None:
-        fence = _marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0))
-        fence.points = _edges(scenario.geofence, 0.0, high)
-        rim.points += _edges(scenario.keep_in, 0.0, high)
-        found.append(fence)
-    return found
+        found.append(_marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0),
+                             points=_edges(scenario.geofence, 0.0, high)))
+        rim += _edges(scenario.keep_in, 0.0, high)
+    return found + ([_marker('tracking_margin', 0, Marker.LINE_LIST, MARGIN, (1.0, 0.0, 0.0),
+                             points=rim)] if margin else [])
 
 
-def _edges(vertices: Vertices, floor: float, top: float) -> list[Point]:
+def _edges(vertices: Vertices, floor: float, top: float) -> list[Place]:
     """Return the edges of a prism as pairs of points."""
-    return [Point(x=float(x), y=float(y), z=float(z))
-            for (x, y), (to_x, to_y) in zip(vertices, vertices[1:] + vertices[:1], strict=True)
-            for x, y, z in ((x, y, floor), (to_x, to_y, floor), (x, y, top), (to_x, to_y, top),
-                            (x, y, floor), (x, y, top))]
+    return [place for (x, y), (to_x, to_y) in _sides(vertices) for place in (
+        (x, y, floor), (to_x, to_y, floor), (x, y, top), (to_x, to_y, top),
+        (x, y, floor), (x, y, top))]
 
 
-def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Point]:
+def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Place]:
     """Return the walls and the top of a prism as triangles, three points each."""
-    corners = []
-    for (x, y), (to_x, to_y) in zip(
-            zone.vertices, zone.vertices[1:] + zone.vertices[:1], strict=True):
-        corners += [(x, y, floor), (to_x, to_y, floor), (to_x, to_y, top),
-                    (x, y, floor), (to_x, to_y, top), (x, y, top)]
-    for part in convex_parts(zone.vertices):
-        for first, second in zip(part[1:], part[2:], strict=False):
-            corners += [(*part[0], top), (*first, top), (*second, top)]
-    return [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in corners]
+    walls = [place for (x, y), (to_x, to_y) in _sides(zone.vertices) for place in (
+        (x, y, floor), (to_x, to_y, floor), (to_x, to_y, top),
+        (x, y, floor), (to_x, to_y, top), (x, y, top))]
+    return walls + [(*corner, top) for part in convex_parts(zone.vertices)
+                    for pair in pairwise(part[1:]) for corner in (part[0], *pair)]
 
 
-def _marker(namespace: str, index: int, kind: int, color: str, scale: Sequence[float],
-            opacity: float = 1.0) -> Marker:
-    marker = Marker(ns=namespace, id=index, type=kind, action=Marker.ADD)
-    marker.scale = Vector3(x=float(scale[0]), y=float(scale[1]), z=float(scale[2]))
-    marker.pose.orientation.w = 1.0
+def _sides(vertices: Vertices) -> Iterator[tuple[Any, Any]]:
+    return zip(vertices, vertices[1:] + vertices[:1], strict=True)
+
+
+def _marker(namespace: str, index: int, kind: int, color: str, scale: Place,
+            place: Place = (0.0, 0.0, 0.0), opacity: float = 1.0, points: Sequence[Place] = (),
+            text: str = '') -> Marker:
     red, green, blue = (int(color[at:at + 2], 16) / 255 for at in (1, 3, 5))
-    marker.color = ColorRGBA(r=red, g=green, b=blue, a=float(opacity))
-    return marker
+    return Marker(
+        ns=namespace, id=index, type=kind, action=Marker.ADD, pose=pose(*place, 0.0), text=text,
+        scale=_vector(Vector3, scale), points=[_vector(Point, point) for point in points],
+        color=ColorRGBA(r=red, g=green, b=blue, a=float(opacity)))
 
 
-def _label(index: int, text: str, place: Sequence[float], color: str) -> Marker:
-    marker = _marker('label', index, Marker.TEXT_VIEW_FACING, color, (0.0, 0.0, 20.0))
-    marker.text = text
-    marker.pose = pose(place[0], place[1], place[2] + 20.0, 0.0)
-    return marker
+def _vector(kind: type, numbers: Place) -> Any:
+    x, y, z = map(float, numbers)
+    return kind(x=x, y=y, z=z)
+
+
+def _label(index: int, text: str, place: Place, color: str) -> Marker:
+    x, y, z = place
+    return _marker('label', index, Marker.TEXT_VIEW_FACING, color, (0.0, 0.0, 20.0),
+                   (x, y, z + 20.0), text=text)

@@ -1,9 +1,11 @@
 """What is made of the parameters' values, and the values that a mission stands for."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 import math
 from typing import Any
+
+import numpy as np
 
 from .parameters import (
     NO_LIMIT, NO_LOS, NO_OUTAGE, OWN_OBJECTIVE, PROPULSION_FIELDS, PROPULSIONS, UAV_FIELDS)
@@ -15,6 +17,11 @@ from ..mission.propagation import Channel
 from ..mission.propulsion import Propulsion
 from ..mission.scenario import Point, Scenario, Uav
 from ..optimize.solve import checked_objective
+
+_NOTHING = {'geofence': [], 'los': NO_LOS, 'rician_k_db': 0.0, 'outage': NO_OUTAGE,
+            'max_acceleration': NO_LIMIT, 'start_velocity': [], 'goal_velocity': [],
+            'ceiling': NO_LIMIT}
+"""What a parameter has where a field of the mission has None or infinity."""
 
 
 def objective_from(values: Mapping[str, Any]) -> Objective:
@@ -30,8 +37,7 @@ def objective_from(values: Mapping[str, Any]) -> Objective:
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:
     """Return the Uav that the parameter values describe."""
     fields = {field: values[f'{name}.{field}'] for field in UAV_FIELDS}
-    fields['max_acceleration'] = fields['max_acceleration'] or None
-    for field in ('start_velocity', 'goal_velocity'):
+    for field in ('max_acceleration', 'start_velocity', 'goal_velocity'):
         fields[field] = fields[field] or None
     if values[f'{name}.propulsion.model'] != PROPULSIONS[0]:
         fields['propulsion'] = Propulsion(**{
@@ -58,22 +64,16 @@ def channel_from(values: Mapping[str, Any]) -> Channel:
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Return separation, margin, zones and geofence of a Scenario, as the parameter values say.
+    Return zones and geofence of a Scenario, as the parameter values say.
 
     :raises PlanningError: for a zone or a fence that is no polygon; the text names the parameter.
     """
-    fence = values['geofence']
-    return {
-        'separation': values['separation'],
-        'tracking_margin': values['tracking_margin'],
-        'no_fly_zones': tuple(_zone(values, name) for name in values['no_fly_zones']),
-        'geofence': checked_polygon('', 'geofence', _points('geofence', fence)) if fence else None}
-
-
-def _zone(values: Mapping[str, Any], name: str) -> NoFlyZone:
-    return NoFlyZone(
-        _points(f'{name}.vertices', values[f'{name}.vertices']), values[f'{name}.floor'],
-        values[f'{name}.ceiling'] or math.inf, name)
+    zones = (NoFlyZone(_points(f'{name}.vertices', values[f'{name}.vertices']),
+                       values[f'{name}.floor'], values[f'{name}.ceiling'] or math.inf, name)
+             for name in values['no_fly_zones'])
+    fence = _points('geofence', values['geofence'])
+    return {'no_fly_zones': tuple(zones),
+            'geofence': checked_polygon('', 'geofence', fence) if fence else None}
 
 
 def _points(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
@@ -100,45 +100,30 @@ def of_mission(file: str) -> dict[str, Any]:
 
 
 def values_of(mission: Scenario) -> dict[str, Any]:
-    """Return the values of parameters by name that a mission stands for."""
-    zones = [name.replace(' ', '_') for name in mission.zone_names]
-    channel, has_name = mission.channel, isinstance(mission.channel.los, str)
-    values = {
-        **{name: getattr(mission, name) for name in (
-            'duration', 'slots', 'reference_snr_db', 'separation', 'tracking_margin',
-            'colluding')},
-        'ground_node': list(mission.ground_node), 'geofence': _flat(mission.geofence or ()),
-        'uavs': [uav.name for uav in mission.uavs],
-        'eavesdroppers': list(mission.eavesdropper_names), 'no_fly_zones': zones,
-        'channel.exponent': channel.exponent, 'channel.cautious': channel.cautious,
-        'channel.los': channel.los if has_name else NO_LOS,
-        'channel.los_numbers': [] if has_name else list(channel.los or ()),
-        'channel.rician_k_db': channel.rician_k_db or 0.0,
-        'channel.outage': channel.outage or NO_OUTAGE}
+    """Return the values of parameters by name that a mission stands for, and others beside."""
+    data = asdict(mission)
+    names = {'uavs': [uav.name for uav in mission.uavs],
+             'eavesdroppers': list(mission.eavesdropper_names),
+             'no_fly_zones': [name.replace(' ', '_') for name in mission.zone_names]}
+    members = {kind: data.pop(kind) for kind in names}
+    values = names | dict(_flat(data)) | {'channel.los_numbers': []}
+    for kind, found in members.items():
+        for name, member in zip(names[kind], found, strict=True):
+            values |= _flat(member, f'{name}.')
+    if not isinstance(values['channel.los'], str):
+        values |= {'channel.los': NO_LOS, 'channel.los_numbers': values['channel.los']}
     for uav in mission.uavs:
-        values.update({f'{uav.name}.{field}': _plain(field, getattr(uav, field))
-                       for field in UAV_FIELDS})
         values[f'{uav.name}.propulsion.model'] = PROPULSIONS[uav.propulsion is not None]
-        if uav.propulsion is not None:
-            values.update({f'{uav.name}.propulsion.{field}': getattr(uav.propulsion, field)
-                           for field in PROPULSION_FIELDS})
-    for name, eve in zip(mission.eavesdropper_names, mission.eavesdroppers, strict=True):
-        values.update({f'{name}.{field}': getattr(eve, field)
-                       for field in ('error_radius', 'receiver_advantage_db')})
-    for name, zone in zip(zones, mission.no_fly_zones, strict=True):
-        values.update({
-            f'{name}.vertices': _flat(zone.vertices), f'{name}.floor': zone.floor,
-            f'{name}.ceiling': NO_LIMIT if math.isinf(zone.ceiling) else zone.ceiling})
     return values
 
 
-def _plain(field: str, value: Any) -> Any:
-    """Return a UAV's value as a parameter, which has another word for None."""
-    if value is None:
-        return NO_LIMIT if field == 'max_acceleration' else []
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _flat(points: Iterable[Point]) -> list[float]:
-    """Return points as x1, y1, x2, y2, ..."""
-    return list(chain.from_iterable(points))
+def _flat(data: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings by their names as parameters, lists without levels."""
+    for field, value in data.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f'{prefix}{field}.')
+        elif value in (None, math.inf):
+            yield f'{prefix}{field}', _NOTHING.get(field)
+        else:
+            yield f'{prefix}{field}', (
+                np.ravel(value).tolist() if isinstance(value, tuple) else value)

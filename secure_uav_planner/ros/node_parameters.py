@@ -22,40 +22,42 @@ class Parameters:
 
     What is not set is as in the mission of the parameter `mission_file`, or else by default.
 
-    :param node: a Node.
     :param specs: a Spec for each parameter name.
     :param check: called with all values by name; it raises a PlanningError for a wrong
         combination.
+    :param of_members: returns further specs, of the members that the values of the first ones
+        name.
     :raises ParameterError: for a wrong value at the start; the text names the parameter.
     """
 
     def __init__(self, node: Node, specs: Mapping[str, Spec],
-                 check: Callable[[dict[str, Any]], None] = lambda values: None) -> None:
+                 check: Callable[[dict[str, Any]], None],
+                 of_members: Callable[[dict[str, Any]], dict[str, Spec]] = lambda values: {}
+                 ) -> None:
         self._specs: dict[str, Spec] = {}
         self._check = check
         self._values: dict[str, Any] = {}
         self._node = node
         self._of_mission: dict[str, Any] = {}
-        self.declare(specs)
+        self._declare(specs)
+        self._declare(of_members(self._values))
         check(self._values)
         node.add_on_set_parameters_callback(self._on_set)
 
-    def declare(self, specs: Mapping[str, Spec]) -> None:
-        """Declare further parameters."""
-        given, values = _given(self._node), {}
+    def _declare(self, specs: Mapping[str, Spec]) -> None:
+        given = _given(self._node)
         for name, spec in specs.items():
             value = self._of_mission.get(name, spec.default)
             if name in given:
                 value = given[name].value
                 if value is None and isinstance(spec.default, list):
                     value = []  # Which rcl does not tell from no value.
-            values[name] = spec.checked(name, value, 'parameter ')
+            self._specs[name] = spec
+            self._values[name] = spec.checked(name, value, 'parameter ')
             self._node.declare_parameter(
-                name, values[name], spec.descriptor(), ignore_override=True)
+                name, self._values[name], spec.descriptor(), ignore_override=True)
             if name == 'mission_file' and value:  # It is the first one.
                 self._of_mission = of_mission(value)
-        self._specs.update(specs)
-        self._values = {**self._values, **values}
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
@@ -63,11 +65,6 @@ class Parameters:
     def snapshot(self) -> dict[str, Any]:
         """Return all present values by name; later changes do not affect them."""
         return self._values
-
-    def apply(self, check: Callable[[dict[str, Any]], None]) -> None:
-        """Check all values with another function, now and at every change."""
-        check(self._values)
-        self._check = check
 
     def warn_of_unknown(self) -> None:
         """Log every given parameter that does not exist, with the nearest name that does."""
@@ -83,11 +80,10 @@ class Parameters:
         ours = [parameter for parameter in parameters if parameter.name in self._specs]
         if not ours:  # rclpy declares many for each topic and calls this for every one.
             return SetParametersResult(successful=True)
-        values = dict(self._values)
         try:
-            for parameter in ours:
-                values[parameter.name] = self._specs[parameter.name].checked(
-                    parameter.name, parameter.value)
+            values = self._values | {
+                parameter.name: self._specs[parameter.name].checked(
+                    parameter.name, parameter.value) for parameter in ours}
             self._check(values)
         except PlanningError as error:
             return SetParametersResult(successful=False, reason=brief(error))

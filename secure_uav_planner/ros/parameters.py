@@ -42,6 +42,29 @@ CHANNEL = {
 }
 """Parameters of the channel by name."""
 
+SCENARIO_FIELDS = {
+    'duration': 'T, mission duration in s.',
+    'slots': 'N, number of slots of the duration.',
+    'reference_snr_db': 'beta_0/sigma^2, SNR at 1 m and 1 W, in dB.',
+    'colluding': 'Whether the eavesdroppers put together what they hear.',
+    'separation': 'Smallest distance in space between any two UAVs at any time in m; 0 for no '
+                  'limit.',
+    'tracking_margin': 'Largest error of a vehicle on its plan in m, by which zones grow and the '
+                       'geofence shrinks for the plan, and a separation grows by twice it.',
+}
+"""Meanings of the parameters that are fields of Scenario."""
+
+
+def _spec(default: Any, text: str, field: str) -> Spec:
+    """Return the Spec of a field of Scenario, Uav or Propulsion with its default."""
+    if isinstance(default, tuple):
+        shortest = 0 if field.endswith('velocity') else 2
+        return Spec(list(default), text, RANGES['coordinate'], length=(shortest, 2))
+    if default is None:
+        return Spec(NO_LIMIT, text, (NO_LIMIT, RANGES[field][1]))
+    return Spec(default, text, RANGES.get(field))
+
+
 _MISSION_FILE = Spec(
     '', 'Mission file (YAML or JSON) that gives the names of UAVs, eavesdroppers and zones, and '
     'what is not set of the mission; empty for none.', read_only=True)
@@ -57,23 +80,13 @@ PLANNER = {
                           read_only=True),
     'frame_id': Spec('map', 'Frame of all poses and paths, z up (REP-103, REP-105).',
                      length=(0, LONGEST_FRAME)),
-    'duration': Spec(_PAPER.duration, 'T, mission duration in s.', RANGES['duration']),
-    'slots': Spec(_PAPER.slots, 'N, number of slots of the duration.', RANGES['slots']),
-    'reference_snr_db': Spec(_PAPER.reference_snr_db,
-                             'beta_0/sigma^2, SNR at 1 m and 1 W, in dB.',
-                             RANGES['reference_snr_db']),
+    **{field: _spec(getattr(_PAPER, field), text, field)
+       for field, text in SCENARIO_FIELDS.items()},
     **CHANNEL,
-    'colluding': Spec(False, 'Whether the eavesdroppers put together what they hear.'),
-    'separation': Spec(_PAPER.separation, 'Smallest distance in space between any two UAVs at any '
-                       'time in m; 0 for no limit.', RANGES['separation']),
     'no_fly_zones': Spec([], 'Names of the no-fly zones.', length=(0, MAX_ZONES), read_only=True),
     'geofence': Spec([], 'Vertices of a polygon that no UAV leaves in m, one after the other as '
                      '[x1, y1, x2, y2, ...]; empty for none.', RANGES['coordinate'],
                      length=(0, 2 * MAX_VERTICES)),
-    'tracking_margin': Spec(
-        _PAPER.tracking_margin, 'Largest error of a vehicle on its plan in m, by which zones grow '
-        'and the geofence shrinks for the plan, and a separation grows by twice it.',
-        RANGES['tracking_margin']),
     'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
     'objective': Spec(
         OWN_OBJECTIVE, 'Rate that is maximised: the lower bound by formula (guaranteed), or the '
@@ -145,13 +158,12 @@ PROPULSION_FIELDS = {
 def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     """Return the parameters of one UAV by name; the paper's values are the defaults."""
     uav = _PAPER.uavs[min(index, len(_PAPER.uavs) - 1)]
-    return {**{f'{name}.{field}': _uav_spec(getattr(uav, field), text, field)
+    return {**{f'{name}.{field}': _spec(getattr(uav, field), text, field)
                for field, text in UAV_FIELDS.items()},
             f'{name}.propulsion.model': Spec(
                 PROPULSIONS[0], 'What flying takes; with a model, the status says the energy of '
                 'the plan.', choices=PROPULSIONS),
-            **{f'{name}.propulsion.{field}': Spec(
-                getattr(Propulsion(), field), text, RANGES[field])
+            **{f'{name}.propulsion.{field}': _spec(getattr(Propulsion(), field), text, field)
                for field, text in PROPULSION_FIELDS.items()},
             f'{name}.use_pose': Spec(
                 True, 'Whether to plan from the last odometry or pose of the UAV, if one has '
@@ -160,15 +172,6 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
                 [0.0, 0.0, 0.0], 'What is added to the positions (x, y, z) of the odometry and '
                 'poses of the UAV in m: the origin of its local frame; zero where the relay, '
                 'which adds it, publishes the odometry.', RANGES['coordinate'], length=(3, 3))}
-
-
-def _uav_spec(default: Any, text: str, field: str) -> Spec:
-    if isinstance(default, tuple):
-        shortest = 0 if field.endswith('velocity') else 2
-        return Spec(list(default), text, RANGES['coordinate'], length=(shortest, 2))
-    if default is None:
-        return Spec(NO_LIMIT, text, (NO_LIMIT, RANGES[field][1]))
-    return Spec(default, text, RANGES[field])
 
 
 def eavesdropper_parameters(name: str) -> dict[str, Spec]:

@@ -11,7 +11,6 @@ from sensor_msgs.msg import TimeReference
 
 from .messages import nanoseconds
 from .poses import PoseBook
-from .scenarios import sighting_of
 from ..errors import LateError
 from ..mission.scenario import Array
 from ..plan.plan import Plan
@@ -27,40 +26,37 @@ _UNTAKEN = 2.0  # s after a plan has come, or begins, when a follower flies anot
 
 
 class _Reports:
-    """
-    What a follower has said of the time of one plan.
-
-    :param rate: how fast that time goes on until the second report.
-    """
+    """What a follower has said of the time of one plan; at first that goes on with a rate."""
 
     def __init__(self, identity: str, rate: float) -> None:
         self.identity, self._first_rate = identity, rate
-        self._clock: deque[int] = deque()  # ns
-        self._plan: deque[int] = deque()  # ns
+        self._pairs: deque[tuple[int, int]] = deque()  # ns of the clock, and of the plan.
 
     def add(self, clock_ns: int, plan_ns: int) -> None:
-        if self._clock and clock_ns <= self._clock[-1]:
-            self._clock.clear()  # The clock has jumped back.
-            self._plan.clear()
-        self._clock.append(clock_ns)
-        self._plan.append(plan_ns)
-        while clock_ns - self._clock[0] > _MEMORY * 1e9:
-            self._clock.popleft()
-            self._plan.popleft()
+        if self._pairs and clock_ns <= self.last_ns:
+            self._pairs.clear()  # The clock has jumped back.
+        self._pairs.append((clock_ns, plan_ns))
+        while clock_ns - self._pairs[0][0] > _MEMORY * 1e9:
+            self._pairs.popleft()
 
     @property
     def last_ns(self) -> int:
         """Return the time of the last report in ns."""
-        return self._clock[-1]
+        return self._pairs[-1][0]
 
     def is_heard(self, clock_ns: int) -> bool:
         """Return whether there was a report not long before a time in ns."""
-        return clock_ns - self._clock[-1] <= _SILENCE * 1e9
+        return clock_ns - self.last_ns <= _SILENCE * 1e9
+
+    def _since_last(self) -> Array:
+        """Return clock and plan relative to the last report, (2, K), for more digits."""
+        return np.transpose([(clock - self._pairs[-1][0], plan - self._pairs[-1][1])
+                             for clock, plan in self._pairs])
 
     def is_steady(self) -> bool:
         """Return whether the time of the plan went on equally fast in both halves of a second."""
-        since = np.array([time - self._clock[-1] for time in self._clock]) * 1e-9
-        rates = np.diff(np.array(self._plan) - self._plan[-1]) * 1e-9 / np.diff(since)
+        since, plan = self._since_last() * 1e-9
+        rates = np.diff(plan) / np.diff(since)
         # Medians, for a stamp that is taken late on a busy machine tells nothing of the pace.
         halves = [rates[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
                   for begin in (-1.0, -0.5)]
@@ -69,16 +65,13 @@ class _Reports:
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """Return the time of the plan in s from its point 0, and its rate, at a time in ns."""
-        last, since = self._clock[-1], (clock_ns - self._clock[-1]) * 1e-9
-        time = (self._plan[-1] - start_ns) * 1e-9
-        rate = self._first_rate
-        if len(self._clock) > 1:
-            rate = max(0.0, (self._plan[-1] - self._plan[-2]) / (last - self._clock[-2]))
+        (last, plan), rate = self._pairs[-1], self._first_rate
+        if len(self._pairs) > 1:
+            before = self._pairs[-2]
+            rate = max(0.0, (plan - before[1]) / (last - before[0]))
+        since, time = (clock_ns - last) * 1e-9, (plan - start_ns) * 1e-9
         if since <= 0:
-            # Relative to the last one, for more digits.
-            before = np.interp(clock_ns - last, np.array(self._clock) - last,
-                               np.array(self._plan) - self._plan[-1])
-            return time + float(before) * 1e-9, rate
+            return time + float(np.interp(clock_ns - last, *self._since_last())) * 1e-9, rate
         return time + rate * min(since, _SILENCE), rate if self.is_heard(clock_ns) else 0.0
 
 
@@ -87,9 +80,8 @@ class PlanTracking:
     Follows the flight of the last plans.
 
     A follower reports the time of the plan that it flies. Without reports of the last plan, that
-    is flown by its stamps.
-
-    :param poses: the PoseBook.
+    is flown by its stamps. Settings are the values of the planner's parameters by name, and now
+    is the node's time in s.
     """
 
     def __init__(self, poses: PoseBook) -> None:
@@ -102,7 +94,7 @@ class PlanTracking:
         self._lock = threading.Lock()
 
     def follow(self, plan: Plan, now: float) -> None:
-        """Take up a plan that is published at a time in s; it replaces what has not begun."""
+        """Take up a plan that is published now; it replaces what has not begun."""
         with self._lock:
             reported = self._reports.identity if self._reports else None
             begun = [identity for identity, playback in self._plans.items() if now > (
@@ -127,31 +119,30 @@ class PlanTracking:
             self._reports.add(clock, plan)
 
     def flight(self, now: float) -> Flight | None:
-        """Return what is flown at a time in s, or None before any plan."""
+        """Return what is flown at a time, or None before any plan."""
         with self._lock:
             if not self._plans:
                 return None
-            newest = next(reversed(self._plans.values()))
-            reported = self._reports and self._plans.get(self._reports.identity)
-            if self._reports is None or reported is None:
-                return self._by_stamps(now)
-            now_ns = round(now * 1e9)
-            is_heard = self._reports.is_heard(now_ns)
+            newest, now_ns = next(reversed(self._plans.values())), round(now * 1e9)
+            reports = self._reports
+            reported = reports and self._plans.get(reports.identity)
             # A new plan of the same flight is flown at the same time, as soon as it is known.
-            same = newest.plan.start_ns == reported.plan.start_ns
-            if not is_heard and not same:
+            same = reported and newest.plan.start_ns == reported.plan.start_ns
+            if not reported or not (same or reports.is_heard(now_ns)):
                 return self._by_stamps(now)
             untaken = newest is not reported and (
-                self._reports.last_ns - self._followed > _UNTAKEN * 1e9)
+                reports.last_ns - self._followed > _UNTAKEN * 1e9)
             return Flight(newest if same and not untaken else reported,
-                          *self._reports.at(now_ns, reported.plan.start_ns), is_heard)
+                          *reports.at(now_ns, reported.plan.start_ns), reports.is_heard(now_ns))
+
+    def _by_stamps(self, now: float) -> Flight:
+        """Return the flight of the last plan that has begun, or else of the newest."""
+        flights = [Flight(playback, now - playback.plan.start_ns * 1e-9, 1.0, False)
+                   for playback in reversed(self._plans.values())]
+        return next((flight for flight in flights if flight.state != 'waiting'), flights[0])
 
     def check_steady(self, now: float) -> None:
-        """
-        Check that the time of the plan that is flown goes on evenly.
-
-        :raises LateError: while a follower slows down or speeds up; nobody knows where it will be.
-        """
+        """Raise a LateError while a follower slows down or speeds up."""
         with self._lock:
             if self._reports and self._reports.is_heard(round(now * 1e9)) and (
                     not self._reports.is_steady()):
@@ -161,52 +152,48 @@ class PlanTracking:
     @property
     def has_reports(self) -> bool:
         """Return whether a follower has said anything of a plan that is known."""
-        with self._lock:
-            return self._reports is not None
+        return self._reports is not None
 
     def stranger(self, now: float) -> str | None:
         """Return the identity of a plan that a follower flies and nobody here knows, or None."""
-        with self._lock:
-            found = self._stranger
-            heard = found is not None and 0 <= now - found[1] <= _SILENCE
-            return found[0] if found and heard else None
-
-    def _by_stamps(self, now: float) -> Flight:
-        """Return the flight of the last plan that has begun, or else of the newest."""
-        flights = [Flight(playback, now - playback.plan.start_ns * 1e-9, 1.0, False)
-                   for playback in reversed(self._plans.values())]
-        return next((flight for flight in flights if flight.state != 'waiting'), flights[0])
+        identity, heard = self._stranger or (None, -math.inf)
+        return identity if 0 <= now - heard <= _SILENCE else None
 
     def sightings(self, flight: Flight | None, settings: Mapping[str, Any], now: float
                   ) -> list[Sighting | None]:
-        """
-        Return the state of every UAV from which to plan, None where it is not known or not used.
-
-        :param flight: in whose time the sightings are; None for that of the clock.
-        :param settings: values of the planner's parameters by name.
-        :param now: the node's time in s.
-        """
-        return [self.sighting(name, flight, settings, now) if settings[f'{name}.use_pose']
+        """Return where to plan from for every UAV, None where it is not known or not used."""
+        return [self._sighting(name, flight, settings, now) if settings[f'{name}.use_pose']
                 else None for name in settings['uavs']]
 
-    def sighting(self, name: str, flight: Flight | None, settings: Mapping[str, Any], now: float
-                 ) -> Sighting | None:
-        """Return the last usable state of a UAV in the time of a flight, or None."""
-        seen = sighting_of(name, settings, self._poses, now)
-        if seen is None or flight is None:
-            return seen
-        measured = self.flight(seen.time)
-        time = seen.time if measured is None else measured.time
-        if seen.velocity is None or flight.rate == 0.0:
-            return Sighting(time, seen.position)
-        u, v = seen.velocity
-        return Sighting(time, seen.position, (u / flight.rate, v / flight.rate))
+    def _sighting(self, name: str, flight: Flight | None, settings: Mapping[str, Any], now: float
+                  ) -> Sighting | None:
+        """Return the last usable state of a UAV in the time of a flight, or else of the clock."""
+        known = self._poses.of_uav(name, settings, now)
+        if known is None:
+            return None
+        measured = flight and self.flight(known.time)
+        time = measured.time if measured else known.time
+        if flight is None or known.velocity is None:
+            return Sighting(time, known.position, known.velocity)
+        u, v = known.velocity
+        return Sighting(time, known.position, (
+            u / flight.rate, v / flight.rate) if flight.rate else None)
+
+    def _offsets(self, flight: Flight | None, settings: Mapping[str, Any], now: float
+                 ) -> dict[str, Array]:
+        """Return the offset of each UAV from its plan in m, by name, where it is known."""
+        if flight is None:
+            return {}
+        sightings = {name: self._sighting(name, flight, settings, now)
+                     for name in settings['uavs']}
+        return {name: deviation(flight.playback, index, sighting)
+                for index, (name, sighting) in enumerate(sightings.items())
+                if sighting is not None}
 
     def distances(self, settings: Mapping[str, Any], now: float) -> dict[str, float]:
         """Return the distance of each UAV from its plan in m, by name, where it is known."""
-        flight = self.flight(now)
         return {name: math.hypot(*offset)
-                for name, offset in self._offsets(flight, settings, now).items()}
+                for name, offset in self._offsets(self.flight(now), settings, now).items()}
 
     def observe(self, settings: Mapping[str, Any], now: float) -> None:
         """Note where the UAVs are now, for the rate that they achieve."""
@@ -219,12 +206,7 @@ class PlanTracking:
             self._track.add(flight.playback, flight.time, positions)
 
     def report(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
-        """
-        Return what the status says of the flight.
-
-        :return: a text about every UAV that flies farther from its plan than it should and about
-            a plan that is not taken up, and the values of the status by key.
-        """
+        """Return what is wrong with the flight in words, and the values of the status by key."""
         flight, most = self.flight(now), settings['track_tolerance']
         stranger = self.stranger(now)
         problems = [] if stranger is None else [
@@ -248,30 +230,11 @@ class PlanTracking:
             'track.state': flight.state if flight.is_reported else f'{flight.state} by stamps',
             **{f'track.distance.{name}': distances.get(name, 'none')
                for name in settings['uavs']},
-            **dict(zip(('track.rate', 'track.planned_rate'), rates, strict=True))}
-
-    def _offsets(self, flight: Flight | None, settings: Mapping[str, Any], now: float
-                 ) -> dict[str, Array]:
-        """Return the offset of each UAV from its plan in m, by name, where it is known."""
-        if flight is None:
-            return {}
-        found = {}
-        for index, name in enumerate(settings['uavs']):
-            sighting = self.sighting(name, flight, settings, now)
-            if sighting is not None:
-                found[name] = deviation(flight.playback, index, sighting)
-        return found
+            'track.rate': rates[0], 'track.planned_rate': rates[1]}
 
 
 def check_goes_on(before: Flight | None, now: Flight | None, elapsed: float) -> None:
-    """
-    Check that a flight has gone on as a new plan expects.
-
-    :param before: when the plan was asked for.
-    :param now: after some time.
-    :param elapsed: that time in s.
-    :raises LateError: if it was paused, released or replaced since.
-    """
+    """Raise a LateError if a flight was paused, released or replaced in the s since a request."""
     if before is None or not before.is_reported or before.state not in ('flying', 'held'):
         return
     if now is None or now.playback.plan.start_ns != before.playback.plan.start_ns or (

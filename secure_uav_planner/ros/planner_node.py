@@ -12,7 +12,6 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallb
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import TimeReference
-from std_srvs.srv import Trigger
 
 from . import messages
 from .background import Bounding, LatestOnlyWorker
@@ -21,14 +20,15 @@ from .mission_parameters import airspace_from, channel_from, objective_from, uav
 from .node_parameters import Parameters
 from .parameters import eavesdropper_parameters, PLANNER, uav_parameters, zone_parameters
 from .plan_tracking import check_goes_on, PlanTracking
-from .poses import PoseBook
+from .poses import PoseBook, PoseSubscriptions
 from .replanning import check_in_time, Replanning
-from .scenarios import pose_problems, scenario_from, StartTime
-from .status import level_and_text, log_at, State, values
-from .topics import LATCHED, OVERRIDABLE, PlanTopics, PoseSubscriptions, SENSOR
+from .scenarios import scenario_from, StartTime
+from .spec import Spec
+from .status import is_evaluated, level_and_text, log_at, State, values
+from .topics import OVERRIDABLE, publishers, SENSOR, serve, TOPICS
 from .worker import Worker
-from ..errors import brief, ParameterError, PlanFileError, PlanningError, StoppedError, with_type
-from ..mission.scenario import Scenario
+from ..errors import (
+    brief, ParameterError, PlanFileError, PlanningError, StoppedError, SupersededError, with_type)
 from ..optimize.feasible import similar
 from ..optimize.rejoin import Rejoin
 from ..plan.bound import Bound
@@ -44,19 +44,15 @@ _LONGEST_REASON = 4000
 
 class Planner(Node):
     """
-    Plans on request and, if enabled, again during the flight.
-
-    docs/planner.md describes its interface.
+    Plans on request and, if enabled, again in flight; docs/planner.md describes its interface.
 
     :raises PlanningError: for a wrong parameter; the text names it.
     """
 
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', **options)
-        self._settings = Parameters(self, PLANNER)
+        self._settings = Parameters(self, PLANNER, _check, _parameters_of_members)
         self._uavs = self._settings['uavs']
-        self._eavesdroppers = self._settings['eavesdroppers']
-        self._declare_members()
         self._poses = PoseBook(Frames(self).moved)
         self._tracking = PlanTracking(self._poses)
         self._state = State()
@@ -66,9 +62,8 @@ class Planner(Node):
         # Held while a plan is compared with the last one and replaces it.
         self._publishing = threading.Lock()
         self._worker = Worker(self._on_iteration)
-        self._replanning = Replanning(
-            self._worker, self._poses, self._tracking, self._publish_replan,
-            self._refuse_replan, self._publish_status)
+        self._replanning = Replanning(self._worker, self._poses, self._tracking,
+                                      self._publish_replan, self._refuse_replan)
         self._evaluation = LatestOnlyWorker(self._evaluate)
         self._bounding = Bounding(self._add_bound, self.get_logger().error)
         self._make_interface()
@@ -77,30 +72,11 @@ class Planner(Node):
         self._settings.warn_of_unknown()
         self.get_logger().info(brief('ready: ~/plan plans for ' + ', '.join(self._uavs)))
 
-    def _declare_members(self) -> None:
-        zones = self._settings['no_fly_zones']
-        names = [*self._uavs, *self._eavesdroppers, *zones, 'ground_node']
-        if len(set(names)) < len(names):
-            raise ParameterError('parameters uavs, eavesdroppers and no_fly_zones give the names '
-                                 f"{names[:-1]}; they must be unique and not 'ground_node'")
-        for index, name in enumerate(self._uavs):
-            self._settings.declare(uav_parameters(name, index))
-        for name in self._eavesdroppers:
-            self._settings.declare(eavesdropper_parameters(name))
-        for name in zones:
-            self._settings.declare(zone_parameters(name))
-        self._settings.apply(self._check)
-
     def _make_interface(self) -> None:
         checks, services = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
-        self._topics = PlanTopics(self, self._uavs)
-        self._status = self.create_publisher(
-            DiagnosticStatus, '~/status', LATCHED, qos_overriding_options=OVERRIDABLE)
-        self._diagnostics = self.create_publisher(
-            DiagnosticArray, '/diagnostics', 10, qos_overriding_options=OVERRIDABLE)
+        self._publishers_of = publishers(self, TOPICS['planner', 'pub'], self._uavs)
         # A waiting ~/plan occupies one of the executor's threads; the others continue.
-        self.create_service(Trigger, '~/plan', self._on_plan, callback_group=services)
-        self.create_service(Trigger, '~/cancel', self._on_cancel, callback_group=services)
+        serve(self, {'~/plan': self._on_plan, '~/cancel': self._on_cancel}, services)
         # Both timers continue when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, callback_group=services, clock=steady)
@@ -108,17 +84,15 @@ class Planner(Node):
         self.create_subscription(
             TimeReference, 'plan_time', self._tracking.hear, SENSOR,
             callback_group=MutuallyExclusiveCallbackGroup(), qos_overriding_options=OVERRIDABLE)
-        self._pose_subscriptions = PoseSubscriptions(
-            self, self._settings, self._poses, self._publish_status)
+        PoseSubscriptions(self, self._settings, self._poses, self._publish_status)
 
     def close(self) -> bool:
         """Stop the solve that is under way; return whether nothing is left running."""
         with self._lock:
             self._closed = True
         self._bounding.cancel()
-        stopped = self._worker.close(timeout=1.0)
-        stopped = self._bounding.close(timeout=0.6) and stopped
-        return self._evaluation.close(timeout=0.1) and stopped
+        return all([self._worker.close(timeout=1.0), self._bounding.close(timeout=0.6),
+                    self._evaluation.close(timeout=0.1)])
 
     def _now_ns(self) -> int:
         return self.get_clock().now().nanoseconds
@@ -126,24 +100,20 @@ class Planner(Node):
     def _now(self) -> float:
         return self._now_ns() * 1e-9
 
-    def _check(self, values: Mapping[str, Any]) -> None:
-        objective_from(values)
-        for name in self._uavs:
-            uav_from(values, name)
-        airspace_from(values)
-        channel_from(values)
-
     # Planning on request
 
-    def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        began = time.monotonic()
-        settings = self._settings.snapshot()
-        now_ns = self._now_ns()
-        now = now_ns * 1e-9
+    def _on_plan(self) -> tuple[bool, str]:
+        began, now_ns = time.monotonic(), self._now_ns()
+        settings, now = self._settings.snapshot(), now_ns * 1e-9
         flight = self._flight(now)
         is_flying = flight is not None and flight.state == 'flying'
         start = StartTime.of(settings, now_ns, is_flying)
         limit = start.time_limit(settings['time_limit'] or None)
+
+        def check_still_wanted() -> None:
+            start.check_in_time(self._now_ns())
+            check_goes_on(flight, self._flight(self._now()), self._now() - now)
+
         try:
             self._tracking.check_steady(now)
             scenario = scenario_from(
@@ -153,51 +123,40 @@ class Planner(Node):
             with self._worker.reserved(limit):
                 self._bounding.cancel()  # Only now: a request that is refused leaves it alone.
                 left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
-                plan = self._worker.start(lambda: (scenario, {
-                    'method': settings['method'], 'objective': objective_from(settings),
-                    'time_limit': left, 'initial': self._initial(scenario)})).result()
-                if plan.status == 'cancelled':
-                    raise StoppedError('cancelled')
-
-                def still_wanted() -> None:
-                    start.check_in_time(self._now_ns())
-                    check_goes_on(flight, self._flight(self._now()), self._now() - now)
-
+                last = self._state.plan
+                plan = self._worker.start(lambda solve: solve(
+                    scenario, method=settings['method'], objective=objective_from(settings),
+                    time_limit=left, initial=(
+                        last if last and similar(scenario, last.scenario) else None))).result()
                 text = self._publish_plan(
                     replace(plan, start_ns=start.start_of(self._now_ns())), 'plans',
-                    still_wanted=still_wanted)
+                    check_still_wanted)
             self._publish_status()  # Now the request has been answered.
         except Exception as error:
-            response.success, response.message = False, self._refuse(error, 'the solve failed')
-        else:
-            response.success, response.message = True, text
-            if flight is not None and flight.state in ('flying', 'held'):
-                response.message += (f'; it goes on from plan {flight.playback.plan.identity}, '
-                                     f'which is {flight.state}')
-            stranger = self._tracking.stranger(self._now())
-            if stranger is not None:
-                response.message += f'; the follower flies another plan, {stranger}'
-        return response
+            return False, self._refuse(error, 'the solve failed')
+        if flight is not None and flight.state in ('flying', 'held'):
+            text += (f'; it goes on from plan {flight.playback.plan.identity}, which is '
+                     f'{flight.state}')
+        stranger = self._tracking.stranger(self._now())
+        return True, text + (
+            '' if stranger is None else f'; the follower flies another plan, {stranger}')
 
     def _flight(self, now: float) -> Flight | None:
         """Return the flight from which a new plan goes on, or None."""
         flight = self._tracking.flight(now)
-        if flight is None or flight.is_reported or flight.state == 'flying' and (
-                self._topics.is_followed() and (
-                    self._tracking.has_reports or not self.count_publishers('plan_time'))):
-            return flight  # Who would report, and never did, has not begun.
-        return None
+        if flight is None or flight.is_reported:
+            return flight
+        # Who would report, and never did, has not begun.
+        reports = self._tracking.has_reports or not self.count_publishers('plan_time')
+        # Somebody receives paths or trajectories, and so may fly by them.
+        is_followed = any(publisher.get_subscription_count()
+                          for topic, publisher in self._publishers_of.items()
+                          if topic.endswith(('/path', '/trajectory')))
+        return flight if flight.state == 'flying' and is_followed and reports else None
 
-    def _initial(self, scenario: Scenario) -> Plan | None:
-        """Return the last plan if it is a good start for the scenario, or None."""
-        plan = self._state.plan
-        return plan if plan is not None and similar(scenario, plan.scenario) else None
-
-    def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response
-                   ) -> Trigger.Response:
-        response.success = self._worker.cancel()
-        response.message = 'cancelling' if response.success else 'no solve is under way'
-        return response
+    def _on_cancel(self) -> tuple[bool, str]:
+        cancelled = self._worker.cancel()
+        return cancelled, 'cancelling' if cancelled else 'no solve is under way'
 
     def _on_iteration(self) -> None:
         progress = self._worker.progress
@@ -206,20 +165,14 @@ class Planner(Node):
             self._progress_sent = time.monotonic()
             self._publish_status()
 
-    def _refuse(self, error: Exception, failure: str, level: bytes = DiagnosticStatus.WARN,
-                is_replan: bool = False) -> str:
-        """
-        Note, log and return why there is no new plan.
-
-        :param failure: what failed; used for an error that is not a PlanningError.
-        :param level: the level for a PlanningError; for any other error it is ERROR.
-        :param is_replan: whether nobody asked for the plan.
-        """
-        expected = isinstance(error, PlanningError)
-        reason = (brief(error, _LONGEST_REASON) if expected
-                  else f'{failure}: {with_type(error)}')
-        if not expected:
-            level = DiagnosticStatus.ERROR
+    def _refuse(self, error: Exception, failure: str, is_replan: bool = False) -> str:
+        """Note, log and return why there is no new plan; `failure` is for unexpected errors."""
+        if not isinstance(error, PlanningError):
+            level, reason = DiagnosticStatus.ERROR, f'{failure}: {with_type(error)}'
+        elif is_replan and isinstance(error, StoppedError):
+            level, reason = DiagnosticStatus.OK, brief(error, _LONGEST_REASON)
+        else:
+            level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         with self._lock:
             text = self._state.refuse(error, reason, level, is_replan)
         log_at(self.get_logger(), level, f'no new plan: {text}')
@@ -238,13 +191,14 @@ class Planner(Node):
         self._replanning.start_when_due(lambda: self._state.plan, settings, now)
 
     def _publish_replan(self, plan: Plan, rejoin: Rejoin, last: Plan) -> None:
-        self._publish_plan(plan, 'replans', still_wanted=lambda: check_in_time(
+        self._publish_plan(plan, 'replans', lambda: check_in_time(
             self._state.plan is last, rejoin, self._tracking.flight(self._now())))
 
     def _refuse_replan(self, error: Exception) -> None:
-        stopped = isinstance(error, StoppedError)
-        self._refuse(error, 'the replan failed',
-                     DiagnosticStatus.OK if stopped else DiagnosticStatus.WARN, is_replan=True)
+        if isinstance(error, SupersededError):
+            self._publish_status()
+        else:
+            self._refuse(error, 'the replan failed', is_replan=True)
 
     # Publishing
 
@@ -263,37 +217,36 @@ class Planner(Node):
                 with_type(error))
             self.get_logger().warning(f'plan_file: {text}; it is not published')
 
-    def _publish_plan(self, plan: Plan, count: str, restored: bool = False,
-                      still_wanted: Callable[[], None] = lambda: None) -> str:
+    def _publish_plan(self, plan: Plan, count: str,
+                      check_still_wanted: Callable[[], None] = lambda: None,
+                      restored: bool = False) -> str:
         """
-        Publish all messages of a plan and return its summary in one line.
+        Publish all messages of a plan, increase a count, and return its summary in one line.
 
-        :param count: the name of the count to increase.
+        :param check_still_wanted: called when all messages are ready; an error that it raises
+            prevents the publication.
         :param restored: whether the plan comes from the plan file.
-        :param still_wanted: called when all messages are ready; an error that it raises prevents
-            the publication.
         """
         evaluated = self._evaluation.put(plan)
-        outgoing = self._topics.made(plan, self._settings['frame_id'])
-        known = evaluated.wait(_EVALUATION)
+        outgoing = dict(messages.of_plan(plan, self._settings['frame_id']))
+        evaluated.wait(_EVALUATION)
         with self._publishing:
-            still_wanted()
+            check_still_wanted()
             if not restored:
-                self._save(plan, known)
-            for publisher, message in outgoing:
-                publisher.publish(message)
+                self._save(plan)
+            for topic, message in outgoing.items():
+                self._publishers_of[topic].publish(message)
             with self._lock:
-                text = self._state.publish(plan, count, 'restored: ' if restored else '')
-                level = self._state.outcome.level
+                outcome = self._state.publish(plan, count, 'restored: ' if restored else '')
             self._tracking.follow(plan, self._now())
             self._replanning.planned(self._now())
             if self._settings['bound'] == 'after' and plan.bound is None:
-                self._bounding.start(plan)
+                self._bounding.put(plan)
             else:
                 self._bounding.cancel()
-        log_at(self.get_logger(), level, text)
+        log_at(self.get_logger(), outcome.level, outcome.text)
         self._publish_status()
-        return text
+        return outcome.text
 
     def _evaluate(self, plan: Plan) -> None:
         """Evaluate the rates of a plan, in a background thread, because it can take long."""
@@ -303,7 +256,6 @@ class Planner(Node):
             self.get_logger().error(f'the rates cannot be evaluated: {with_type(error)}')
             return
         with self._lock:
-            self._state.evaluate(plan)
             if plan is self._state.plan and not self._closed:
                 self._publish_status()
 
@@ -312,18 +264,19 @@ class Planner(Node):
         plan.evaluated()
         with self._publishing:
             with self._lock:
-                if self._closed or not self._state.take_bound(plan, bound):
+                if self._closed or self._state.plan is not plan:
                     return
-            self._save(plan.with_bound(bound), True)
+                self._state.bound = bound
+            self._save(plan.with_bound(bound))
         self.get_logger().info(f'{plan.rate:.4f} bit/s/Hz, {bound.claim(plan)}')
         self._publish_status()
 
-    def _save(self, plan: Plan, evaluated: bool) -> None:
+    def _save(self, plan: Plan) -> None:
         file = self._settings['plan_file']
         if not file:
             return
         try:
-            plan.save(file, evaluate=evaluated)
+            plan.save(file, evaluate=is_evaluated(plan))
         except (OSError, ValueError) as error:
             self.get_logger().error(
                 f'plan_file: {brief(error)}; the plan is published all the same')
@@ -334,15 +287,14 @@ class Planner(Node):
             busy, progress = self._worker.busy, self._worker.progress
             problems, tracks = self._tracking.report(settings, now)
             level, text = level_and_text(
-                self._state.outcome,
-                [*pose_problems(settings, self._poses, now), *problems], progress)
+                self._state.outcome, [*self._poses.problems(settings, now), *problems], progress)
             return messages.diagnostic_status(
                 self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
                 {**values(self._state, progress, busy, self._poses, settings, now), **tracks})
 
     def _publish_status(self) -> None:
         with self._lock:
-            self._status.publish(self._status_message())
+            self._publishers_of['~/status'].publish(self._status_message())
 
     def _publish_diagnostics(self) -> None:
         now = self._now()
@@ -351,7 +303,28 @@ class Planner(Node):
             status = self._status_message()
             if flight is not None and flight.is_reported or (
                     self._tracking.distances(self._settings.snapshot(), now)):
-                self._status.publish(status)
+                self._publishers_of['~/status'].publish(status)
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._publishers_of['/diagnostics'].publish(message)
+
+
+def _parameters_of_members(values: Mapping[str, Any]) -> dict[str, Spec]:
+    """Return the parameters of the members that the values name."""
+    uavs, eavesdroppers, zones = (
+        values[kind] for kind in ('uavs', 'eavesdroppers', 'no_fly_zones'))
+    names = [*uavs, *eavesdroppers, *zones, 'ground_node']
+    if len(set(names)) < len(names):
+        raise ParameterError('parameters uavs, eavesdroppers and no_fly_zones give the names '
+                             f"{names[:-1]}; they must be unique and not 'ground_node'")
+    of_each = [*(uav_parameters(name, index) for index, name in enumerate(uavs)),
+               *map(eavesdropper_parameters, eavesdroppers), *map(zone_parameters, zones)]
+    return {name: spec for specs in of_each for name, spec in specs.items()}
+
+
+def _check(values: Mapping[str, Any]) -> None:
+    objective_from(values)
+    for name in values['uavs']:
+        uav_from(values, name)
+    airspace_from(values)
+    channel_from(values)

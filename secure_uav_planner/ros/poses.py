@@ -1,16 +1,20 @@
 """The last valid pose of every topic, on which the planner bases its scenarios."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 import threading
 from typing import Any, TypeVar
 
-from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
 
-from ..errors import PoseError, PoseMissingError, PoseStaleError, shown, WrongFrameError
+from .topics import GROUND_NODE_TOPIC, subscribe, TOPICS, uav_topics
+from ..errors import (
+    brief, PoseError, PoseMissingError, PoseStaleError, shown, WrongFrameError)
 from ..mission.scenario import Array, Point, RANGES
 from ..output.autopilots import rotation
 
@@ -22,28 +26,21 @@ _LEAST_SPACING = 0.02  # Of those that are kept, in s, so that they are few at a
 # may be of a publisher whose clock has been set back.
 _KEPT_BEFORE_OLDER = 10.0
 
+_NO_SHIFT = (0.0, 0.0, 0.0)
+_MOST_WARNINGS = 5  # For each topic, until a valid pose arrives on it.
+
 
 @dataclass(frozen=True)
 class KnownPose:
-    """
-    The last valid pose of a topic.
-
-    :param frame_id: the frame of the position.
-    :param position: (x, y) in m.
-    :param height: z in m.
-    :param covariance: the covariance of x and y, (2, 2) in m^2, or None.
-    :param stamp: the time of the measurement in s, or of reception if the pose has no stamp.
-    :param received: the time of reception in s.
-    :param velocity: (x, y) in m/s, from odometry or from the poses of the last second, or None.
-    """
+    """The last valid pose of a topic."""
 
     frame_id: str
-    position: Point
-    height: float
-    covariance: Array | None
-    stamp: float
-    received: float
-    velocity: Point | None = None
+    position: Point  # (x, y) in m
+    height: float  # z in m
+    covariance: Array | None  # Of x and y, (2, 2) in m^2.
+    stamp: float  # When it was measured in s, or received if the pose has no stamp.
+    received: float  # s
+    velocity: Point | None = None  # From odometry or the poses of the last second, in m/s.
 
     @property
     def time(self) -> float:
@@ -63,28 +60,32 @@ class KnownPose:
 Message = TypeVar('Message', PoseStamped, PoseWithCovarianceStamped, Odometry)
 
 
+def frame_refusal(message: Message, frame_id: str) -> str:
+    """Return why a pose of another frame is refused."""
+    return (f'the pose is in frame {shown(message.header.frame_id)}; it must be in frame '
+            f'{shown(frame_id)}, as the parameter frame_id says')
+
+
+def _refuse(message: Message, frame_id: str) -> Message:
+    raise WrongFrameError(frame_refusal(message, frame_id))
+
+
 class PoseBook:
-    """
-    The last valid pose of every topic, and the wrong frame of any later pose.
+    """The last valid pose of every topic, after it was moved into the frame of the planner."""
 
-    :param moved: returns a pose in another frame, or raises WrongFrameError, by default always.
-    """
-
-    def __init__(self, moved: Callable[[Message, str], Message] | None = None) -> None:
-        self._moved = moved or _refuse
+    def __init__(self, moved: Callable[[Any, str], Any] = _refuse) -> None:
+        self._moved = moved
         self._poses: dict[str, KnownPose] = {}
         self._foreign: dict[str, str] = {}
         self._recent: dict[str, list[tuple[float, Point]]] = {}
         self._lock = threading.Lock()
 
     def take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped | Odometry,
-             frame_id: str, now: float, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+             frame_id: str, now: float, origin: Sequence[float] = _NO_SHIFT) -> None:
         """
         Check a pose and keep it, unless a newer one has just come.
 
-        :param message: a PoseStamped, PoseWithCovarianceStamped or Odometry.
         :param frame_id: the frame in which it must be, or into which it can be moved.
-        :param now: the node's time in s.
         :param origin: what is added to its position, (x, y, z) in m.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
@@ -97,7 +98,11 @@ class PoseBook:
                     self._foreign[topic] = shown(header.frame_id)
                 raise
         pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
-        _check_values(pose)
+        _check_range(pose.position, 'position', RANGES['coordinate'][1], 'm')
+        for axis in 'xyzw':
+            value = getattr(pose.orientation, axis)
+            if not math.isfinite(value):
+                raise PoseError(f'orientation.{axis} is {shown(value)}; it must be finite')
         covariance = velocity = None
         if isinstance(message, PoseWithCovarianceStamped):
             covariance = _horizontal_covariance(message.pose.covariance)
@@ -125,10 +130,9 @@ class PoseBook:
                   if 0 < stamp - time <= _LONGEST_BASE]
         if not recent or stamp - recent[-1][0] >= _LEAST_SPACING:
             self._recent[topic] = [*recent, (stamp, place)]
-        time, before = recent[0] if recent else (stamp, place)
-        base = stamp - time
-        if base < _SHORTEST_BASE:
+        if not recent or (base := stamp - recent[0][0]) < _SHORTEST_BASE:
             return None
+        before = recent[0][1]
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
     def get(self, topic: str) -> KnownPose | None:
@@ -136,18 +140,38 @@ class PoseBook:
         with self._lock:
             return self._poses.get(topic)
 
-    def problem(self, topic: str, frame_id: str, now: float, timeout: float,
-                height_tolerance: float | None = None, optional: bool = False
-                ) -> PoseError | None:
-        """
-        Return why the pose of a topic cannot be used for planning, or None if it can.
+    def of_uav(self, name: str, settings: Mapping[str, Any], now: float) -> KnownPose | None:
+        """Return the last usable odometry of a UAV, or else its last usable pose, or None."""
+        for topic in uav_topics(name):
+            known = self.get(topic)
+            if known is not None and self.problem(topic, settings, now, False) is None:
+                return known
+        return None
 
-        :param frame_id: the frame in which it must be.
-        :param now: the node's time in s.
-        :param timeout: the age in s beyond which it is not used, or 0 for no limit.
-        :param height_tolerance: its largest distance from z = 0 in m, or None for no limit.
-        :param optional: whether the pose may be missing.
-        """
+    def check(self, settings: Mapping[str, Any], now: float, of_uavs: bool = True) -> None:
+        """Raise an error of the class of the first problem, with the text of all, if any."""
+        problems = self.problems(settings, now, of_uavs)
+        if problems:
+            raise type(problems[0])('; '.join(map(str, problems)))
+
+    def problems(self, settings: Mapping[str, Any], now: float, of_uavs: bool = True
+                 ) -> list[PoseError]:
+        """Return an error for every topic whose pose cannot be used for planning."""
+        found = [self.problem(topic, settings, now, True) for topic in (
+            GROUND_NODE_TOPIC, *(f'{name}/pose' for name in settings['eavesdroppers']))]
+        for name in settings['uavs'] if of_uavs else ():
+            if settings[f'{name}.use_pose'] and self.of_uav(name, settings, now) is None:
+                of_uav = [self.problem(topic, settings, now, False) for topic in uav_topics(name)]
+                found += [type(problem)(
+                    f'{problem}; send a new one, or set {name}.use_pose to false to plan from '
+                    f'{name}.start') for problem in of_uav if problem is not None][:1]
+        return [problem for problem in found if problem is not None]
+
+    def problem(self, topic: str, settings: Mapping[str, Any], now: float, of_ground: bool
+                ) -> PoseError | None:
+        """Return why the pose of a topic cannot be used for planning, or None if it can."""
+        # Poses of UAVs may be missing, and at any height.
+        frame_id, timeout = settings['frame_id'], settings['pose_timeout']
         with self._lock:
             known, foreign = self._poses.get(topic), self._foreign.get(topic)
         if known is not None and known.frame_id != frame_id:
@@ -156,46 +180,60 @@ class PoseBook:
             return WrongFrameError(
                 f'{topic} is in frame {foreign} and the parameter frame_id is {shown(frame_id)}')
         if known is None:
-            return None if optional else PoseMissingError(f'no pose has come on {topic}')
+            return PoseMissingError(f'no pose has come on {topic}') if of_ground else None
         if timeout and known.age(now) > timeout:
             return PoseStaleError(f'the pose on {topic} is {known.age(now):.1f} s old and '
                                   f'pose_timeout is {timeout:g} s')
-        if height_tolerance is not None and abs(known.height) > height_tolerance:
+        if of_ground and abs(known.height) > settings['height_tolerance']:
             return PoseError(
                 f'the pose on {topic} has z = {known.height:g} m and height_tolerance is '
-                f'{height_tolerance:g} m; the ground node and the eavesdroppers must be at '
-                f'z = 0 of the frame, above which altitudes count')
-        return None
-
-    def usable(self, topics: Sequence[str], frame_id: str, now: float, timeout: float
-               ) -> KnownPose | None:
-        """Return the pose of the first topic that has one that is usable, as by problem()."""
-        for topic in topics:
-            known = self.get(topic)
-            if known is not None and self.problem(topic, frame_id, now, timeout) is None:
-                return known
+                f'{settings["height_tolerance"]:g} m; the ground node and the eavesdroppers must '
+                'be at z = 0 of the frame, above which altitudes count')
         return None
 
 
-def frame_refusal(message: Message, frame_id: str) -> str:
-    """Return why a pose of another frame is refused."""
-    return (f'the pose is in frame {shown(message.header.frame_id)}; it must be in frame '
-            f'{shown(frame_id)}, as the parameter frame_id says')
+class PoseSubscriptions:
+    """
+    Subscribes to the poses of all members, keeps valid ones and warns once of each other kind.
 
+    It calls on_first after the first valid pose of a topic.
+    """
 
-def _refuse(message: Message, frame_id: str) -> Message:
-    raise WrongFrameError(frame_refusal(message, frame_id))
+    def __init__(self, node: Node, settings: Any, poses: PoseBook, on_first: Callable[[], None]
+                 ) -> None:
+        self._node, self._settings, self._poses = node, settings, poses
+        self._on_first = on_first
+        self._warned: dict[str, set[str]] = {}
+        topics = {name: topic for name, topic in TOPICS['planner', 'sub'].items() if '/' in name}
+        subscribe(node, topics, self._take, MutuallyExclusiveCallbackGroup(), settings['uavs'],
+                  settings['eavesdroppers'])
+
+    def _take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped | Odometry
+              ) -> None:
+        first, member = self._poses.get(topic) is None, topic.partition('/')[0]
+        now = self._node.get_clock().now().nanoseconds * 1e-9
+        origin = (self._settings[f'{member}.origin'] if member in self._settings['uavs']
+                  else _NO_SHIFT)
+        warned = self._warned.setdefault(topic, set())
+        try:
+            self._poses.take(topic, message, self._settings['frame_id'], now, origin)
+        except PoseError as error:
+            reason = brief(error)
+            if reason not in warned and len(warned) < _MOST_WARNINGS:
+                warned.add(reason)
+                self._node.get_logger().warning(f'{topic}: {reason}; it is not used')
+        else:
+            warned.clear()
+            if first:
+                self._on_first()
 
 
 def error_radius(covariance: Array, confidence: float) -> float:
     """
     Return the radius in m that contains a normally distributed error with a given probability.
 
-    The largest axis of the covariance is used. The radius is exact if the covariance is the same
-    in all directions, and on the safe side otherwise.
-
-    :param covariance: the covariance of x and y, (2, 2) in m^2.
-    :param confidence: the probability, above 0 and below 1.
+    The largest axis of the covariance, (2, 2) in m^2, is used: the radius is exact if that is the
+    same in all directions, and on the safe side otherwise.
     """
     scale = float(np.abs(covariance).max())
     if scale == 0.0:
@@ -207,28 +245,19 @@ def error_radius(covariance: Array, confidence: float) -> float:
     return math.sqrt(-2.0 * math.log1p(-confidence) * largest) * math.sqrt(scale)
 
 
-def _check_values(pose: Pose) -> None:
-    low, high = RANGES['coordinate']
-    for field in 'xyz':
-        value = getattr(pose.position, field)
-        if not low <= value <= high:
-            raise PoseError(
-                f'position.{field} is {shown(value)}; it must be from {low:g} to {high:g} m')
-    for field in 'xyzw':
-        value = getattr(pose.orientation, field)
-        if not math.isfinite(value):
-            raise PoseError(f'orientation.{field} is {shown(value)}; it must be finite')
+def _check_range(of: Any, name: str, most: float, unit: str) -> None:
+    """Check that the x, y and z of something are at most as large."""
+    for axis in 'xyz':
+        value = getattr(of, axis)
+        if not abs(value) <= most:
+            raise PoseError(f'{name}.{axis} is {shown(value)}; it must be from {-most:g} to '
+                            f'{most:g} {unit}')
 
 
 def _velocity(message: Odometry) -> Point:
     """Return the horizontal velocity of an Odometry in the frame of its header, in m/s."""
     speed = message.twist.twist.linear
-    most = RANGES['max_speed'][1]
-    for field in 'xyz':
-        value = getattr(speed, field)
-        if not abs(value) <= most:
-            raise PoseError(f'twist.linear.{field} is {shown(value)}; it must be from {-most:g} '
-                            f'to {most:g} m/s')
+    _check_range(speed, 'twist.linear', RANGES['max_speed'][1], 'm/s')
     # REP-105 and nav_msgs: a twist is in the child frame, whatever that is.
     if message.child_frame_id == message.header.frame_id:
         return (speed.x, speed.y)

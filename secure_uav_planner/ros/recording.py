@@ -14,17 +14,12 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from . import messages
-from .status import closest_approach_values
+from .status import plan_values
 from ..errors import OptionError, shown
 from ..mission.files import atomic_file
-from ..mission.scenario import Point
 from ..model import channel
 from ..plan.plan import Plan
 from ..plan.playback import Playback
-
-_PRIMITIVES = {
-    'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',
-    'uint32', 'int64', 'uint64', 'string', 'wstring'}
 
 # The format of rosbag2. When the bag is played, late subscribers then receive the plan.
 _QOS = """- history: keep_last
@@ -39,17 +34,13 @@ _QOS = """- history: keep_last
 """
 
 
-def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate: float = 5.0,
-           eavesdropper: Point | None = None) -> None:
+def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate: float = 5.0
+           ) -> None:
     """
     Write all messages of the planner and of the replay node for a plan, flown in real time.
 
     :param plan: a Plan; without a start time it starts at 0.
-    :param path: the path of the MCAP file.
-    :param frame_id: the frame of all messages that have a header.
     :param rate: the rate of setpoints in Hz of the plan's time.
-    :param eavesdropper: its true position, (2,) in m; by default it has the worst position of its
-        disc in every slot.
     :raises OptionError: for a rate that is not positive.
     :raises OSError: if the file cannot be written; an existing file is then unchanged.
     """
@@ -60,17 +51,15 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate
     with atomic_file(path, binary=True) as file:
         bag = _Bag(file, plan.start_ns)
         _record_plan(bag, plan, frame_id)
-        _record_replay(bag, plan, frame_id, rate, eavesdropper)
+        _record_replay(bag, plan, frame_id, rate)
         bag.finish()
 
 
 def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
-    scenario = plan.scenario
-    stamp = messages.stamp_at(plan)
+    scenario, stamp = plan.scenario, messages.stamp_at(plan)
     bag.write('/ground_node/pose', messages.pose_stamped(
         frame_id, stamp, *scenario.ground_node, 0.0, 0.0))
-    for eve, name in zip(
-            scenario.eavesdroppers, scenario.eavesdropper_names, strict=True):
+    for eve, name in zip(scenario.eavesdroppers, scenario.eavesdropper_names, strict=True):
         estimate = PoseWithCovarianceStamped()
         estimate.header.frame_id, estimate.header.stamp = frame_id, stamp
         estimate.pose.pose = messages.pose(*eve.position, 0.0, 0.0)
@@ -79,14 +68,11 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
         bag.write(_resolved(topic, 'planner'), message, latched=True)
     bag.write('/planner/status', messages.diagnostic_status(
         'planner: plan', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
-            'state': 'idle', 'plan.guaranteed_rate': plan.guaranteed_rate,
-            'plan.worst_case_rate': plan.worst_case_rate, 'plan.method': plan.method,
-            'plan.status': plan.status, 'plan.solve_time': plan.solve_time,
-            'plan.curve_rate': plan.curve_rate, **closest_approach_values(plan)}), latched=True)
+            'state': 'idle', **plan_values(plan.evaluated())}), latched=True)
 
 
-def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float,
-                   eavesdropper: Point | None) -> None:
+def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float) -> None:
+    """Write the setpoints, and the rate where the eavesdropper is at its worst in every slot."""
     scenario, playback = plan.scenario, Playback(plan)
     worst = channel.worst_case_places(scenario, plan.positions, plan.powers)
     times = np.arange(0.0, playback.duration, 1.0 / rate)
@@ -95,9 +81,8 @@ def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float,
         for topic, message in messages.of_moment(scenario, moment, frame_id, stamp):
             bag.write(_resolved(topic, 'replay'), message, time)
         slot = min(max(int(time / scenario.slot_duration + 1e-9), 1), scenario.slots) - 1
-        place = worst[slot] if eavesdropper is None else eavesdropper
         bag.write('/replay/secrecy_rate', messages.float64(
-            playback.secrecy_rate(moment, place)), time)
+            playback.secrecy_rate(moment, worst[slot])), time)
 
 
 def _resolved(topic: str, node: str) -> str:
@@ -138,36 +123,17 @@ class _Bag:
 
 
 def definition(name: str) -> str:
-    """
-    Return the definition of a message type and of all types that it contains, for MCAP.
-
-    :param name: such as 'nav_msgs/msg/Path'.
-    """
-    own = _text(name)
-    parts, seen, left = [own], {name}, _members(own, name)
+    """Return the definition of a type, such as nav_msgs/msg/Path, and of those in it."""
+    texts: dict[str, str] = {}
+    left = [name.replace('/msg/', '/')]
     while left:
-        member = left.pop(0)
-        if member in seen:
+        kind = left.pop(0)
+        if kind in texts:
             continue
-        seen.add(member)
-        text = _text(member)
-        parts.append(f'{"=" * 80}\nMSG: {member.replace("/msg/", "/")}\n{text}')
-        left += _members(text, member)
-    return '\n'.join(parts)
-
-
-def _text(name: str) -> str:
-    package, folder, kind = name.split('/')
-    return (Path(get_package_share_directory(package)) / folder / f'{kind}.msg').read_text()
-
-
-def _members(text: str, owner: str) -> list[str]:
-    """Return the names of the message types in the fields of a definition."""
-    found = []
-    for line in text.splitlines():
-        words = line.split('#')[0].split()
-        kind = re.sub(r'\[.*|<=.*', '', words[0]) if words else ''
-        if kind and kind not in _PRIMITIVES:
-            package, _, name = kind.rpartition('/')
-            found.append(f'{package.split("/")[0] or owner.split("/")[0]}/msg/{name}')
-    return found
+        package, message = kind.split('/')
+        texts[kind] = (Path(get_package_share_directory(package))
+                       / 'msg' / f'{message}.msg').read_text()
+        fields = messages.class_of(kind).get_fields_and_field_types()
+        left += re.findall(r'\w+/\w+', ' '.join(fields.values()))
+    own, *others = texts.items()
+    return '\n'.join([own[1], *(f'{"=" * 80}\nMSG: {kind}\n{text}' for kind, text in others)])

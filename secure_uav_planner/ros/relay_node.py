@@ -1,7 +1,7 @@
 """The relay node: setpoints in the messages of an autopilot's stack, and odometry back from it."""
 
 from collections.abc import Mapping
-from importlib import import_module
+from functools import partial
 import math
 from operator import add
 from pathlib import Path
@@ -15,10 +15,11 @@ from rclpy.publisher import Publisher
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .guard import Guard, Limits
-from .messages import filled, setpoint_of
+from .messages import class_of, filled, setpoint_of
 from .node_parameters import Parameters
 from .parameters import RELAY, relay_parameters
-from .topics import odometry_topic, OVERRIDABLE, SENSOR, STREAM, timer_clock
+from .spec import Spec
+from .topics import OVERRIDABLE, publishers, SENSOR, STREAM, subscribe, timer_clock, TOPICS
 from ..errors import brief, ParameterError, PlanningError, PoseError, shown
 from ..output.autopilots import rotation, Stack, STACKS, Vector
 
@@ -35,10 +36,8 @@ class Relay(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('relay', **options)
-        self._settings = Parameters(self, RELAY, _check)
+        self._settings = Parameters(self, RELAY, _check, _parameters_of_uavs)
         uavs = self._settings['uavs']
-        for index, name in enumerate(uavs):
-            self._settings.declare(relay_parameters(name, index))
         self._stack = STACKS[self._settings['stack']]
         self._kinds = _kinds_of(self._settings['stack'], self._stack)
         rotation((0.0, 0.0, 0.0, 1.0))  # SciPy is imported now and not when a setpoint comes.
@@ -47,7 +46,10 @@ class Relay(Node):
         self._logger_of = {name: self.get_logger().get_child(name) for name in uavs}
         self._outputs: dict[str, dict[str, Publisher]] = {}
         self._reports: dict[str, dict[str, Any]] = {name: {} for name in uavs}
-        self._odometry: dict[str, Publisher] = {}
+        self._odometry = publishers(self, TOPICS['relay', 'pub'], uavs) if (
+            self._settings['publish_odometry']) else {}
+        subscribe(self, TOPICS['relay', 'sub'], self._on_setpoint, self.default_callback_group,
+                  uavs)
         for name, vehicle in zip(uavs, self._settings['vehicles'] or uavs, strict=True):
             self._connect(name, vehicle)
         self.create_timer(_HOLD_PERIOD, self._on_timer, clock=timer_clock(self))
@@ -63,18 +65,10 @@ class Relay(Node):
         self._outputs[name] = {kind: self.create_publisher(
             self._kinds[kind], f'{vehicle}/{topic}', STREAM, qos_overriding_options=OVERRIDABLE)
             for kind, topic in self._stack.topics.items()}
-        self.create_subscription(
-            MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
-            lambda message: self._on_setpoint(name, message), STREAM,
-            qos_overriding_options=OVERRIDABLE)
         for kind, topic in self._stack.reports.items():
             self.create_subscription(
-                self._kinds[kind], f'{vehicle}/{topic}',
-                lambda message, kind=kind: self._on_report(name, kind, message), SENSOR,
-                qos_overriding_options=OVERRIDABLE)
-        if self._settings['publish_odometry']:
-            self._odometry[name] = self.create_publisher(
-                Odometry, odometry_topic(name), STREAM, qos_overriding_options=OVERRIDABLE)
+                self._kinds[kind], f'{vehicle}/{topic}', partial(self._on_report, name, kind),
+                SENSOR, qos_overriding_options=OVERRIDABLE)
 
     @property
     def _now(self) -> int:
@@ -84,8 +78,8 @@ class Relay(Node):
         return Limits(self._settings[f'{name}.max_speed'], self._settings['max_jump'],
                       self._settings['start_tolerance'], self._settings['setpoint_timeout'])
 
-    def _on_setpoint(self, name: str, message: MultiDOFJointTrajectory) -> None:
-        now = self._now
+    def _on_setpoint(self, topic: str, message: MultiDOFJointTrajectory) -> None:
+        name, now = topic.partition('/')[0], self._now
         try:
             # Guarded as it is sent, so that a change of the origin counts as a jump, too.
             setpoint = setpoint_of(message).seen_from(self._settings[f'{name}.origin'])
@@ -131,7 +125,7 @@ class Relay(Node):
                 throttle_duration_sec=_WARN_AGAIN)
             return
         self._guard_of[name].see(place, self._now)
-        if name in self._odometry:
+        if self._odometry:
             self._publish_odometry(name, odometry, place)
 
     def _publish_odometry(self, name: str, odometry: Odometry, place: Vector) -> None:
@@ -141,7 +135,7 @@ class Relay(Node):
         odometry.child_frame_id = f'{name}/base_link'
         if not (header.stamp.sec or header.stamp.nanosec):
             header.stamp = self.get_clock().now().to_msg()
-        publisher = self._odometry[name]
+        publisher = self._odometry[f'{name}/odom']
         publisher.publish(odometry)
         if self.count_publishers(publisher.topic_name) > 1:
             self._logger_of[name].warning(
@@ -161,12 +155,8 @@ def _place_of(odometry: Odometry) -> Vector:
 def _kinds_of(name: str, stack: Stack) -> dict[str, type]:
     """Return the message classes of a stack by what it calls them."""
     try:
-        found = {kind: getattr(import_module(f'{stack.package}.msg'), kind)
-                 for kind in stack.topics}
-        for report in stack.reports:
-            package, kind = report.split('/')
-            found[report] = getattr(import_module(f'{package}.msg'), kind)
-        return found
+        return {**{kind: class_of(f'{stack.package}/{kind}') for kind in stack.topics},
+                **{kind: class_of(kind) for kind in stack.reports}}
     except (ImportError, AttributeError) as error:
         raise ParameterError(
             f'parameter stack is {name}: its message package {stack.package} is missing '
@@ -180,6 +170,11 @@ def _advice(stack: Stack) -> str:
     if Path(rclpy.__file__).is_relative_to(sys.prefix):
         return f'ROS from wheels cannot have it; run the relay with ROS from apt: {way}'
     return way
+
+
+def _parameters_of_uavs(values: Mapping[str, Any]) -> dict[str, Spec]:
+    return {name: spec for index, uav in enumerate(values['uavs'])
+            for name, spec in relay_parameters(uav, index).items()}
 
 
 def _check(values: Mapping[str, Any]) -> None:

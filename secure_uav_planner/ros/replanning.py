@@ -26,26 +26,17 @@ class Replanning:
     """
     Starts a solve of the rest of the mission when one is due, and continues the plan with it.
 
-    :param worker: the Worker that solves.
-    :param poses: the PoseBook.
-    :param tracking: the PlanTracking.
     :param publish: called in the solver's thread with the new plan of the whole mission, the
-        Rejoin with which it begins, and the last plan when it was begun; it raises a PlanningError
-        if that is too late.
-    :param refuse: called with the error if there is no new plan.
-    :param superseded: called when another plan came first, which has been reported already.
+        Rejoin with which it begins, and the last plan when it was begun.
+    :param refuse: called with the error if there is no new plan, or publish raised it; with a
+        SupersededError if another plan came first, which has been reported already.
     """
 
     def __init__(self, worker: Worker, poses: PoseBook, tracking: PlanTracking,
                  publish: Callable[[Plan, Rejoin, Plan], None],
-                 refuse: Callable[[Exception], None],
-                 superseded: Callable[[], None]) -> None:
-        self._worker = worker
-        self._poses = poses
-        self._tracking = tracking
-        self._publish = publish
-        self._refuse = refuse
-        self._superseded = superseded
+                 refuse: Callable[[Exception], None]) -> None:
+        self._worker, self._poses, self._tracking = worker, poses, tracking
+        self._publish, self._refuse = publish, refuse
         self._last_planned = -math.inf
         self._failed = False  # The last replan that was due.
 
@@ -53,15 +44,9 @@ class Replanning:
         """Note the time in s of a new plan, from which the next period is counted."""
         self._last_planned, self._failed = now, False
 
-    def start_when_due(self, last_plan: Callable[[], Plan | None],
-                       settings: Mapping[str, Any], now: float) -> None:
-        """
-        Start a solve of the rest of a plan, if one is due and no other solve is under way.
-
-        :param last_plan: returns the last plan that was published, or None.
-        :param settings: values of the planner's parameters by name.
-        :param now: the node's time in s.
-        """
+    def start_when_due(self, last_plan: Callable[[], Plan | None], settings: Mapping[str, Any],
+                       now: float) -> None:
+        """Start a solve of the rest of a plan, if one is due and no other solve is under way."""
         if self._worker.busy or not any(settings[f'replan_{reason}'] for reason in _REASONS):
             return
         last = last_plan()  # Only now: a solve that was under way may have published another.
@@ -80,43 +65,42 @@ class Replanning:
         except PlanningError:
             return  # Poses are missing or too old; the diagnostics report it.
         is_due = self._is_due(plan, known, settings, now)
-        is_off = flight.state == 'flying' and self._is_off(settings, now)
-        if not (is_due or is_off):
+        if not is_due and not (flight.state == 'flying' and self._is_off(settings, now)):
             return
         sightings = self._tracking.sightings(flight, settings, now)
-        begun: list[Rejoin] = []
 
-        def task() -> tuple[Scenario, dict[str, Any]]:
-            rejoin = self._rejoin(plan, first, sightings, settings, known, must_meet=not is_due)
-            begun.append(rejoin)
-            return rejoin.scenario, {
-                'method': settings['method'], 'objective': objective_from(settings),
-                'initial': rejoin.tail, 'time_limit': lead - min(_RESERVE, lead / 2)}
+        def replan(solve: Callable[..., Plan]) -> tuple[Plan, Rejoin]:
+            rejoin = _rejoined(plan, first, sightings, settings, known, must_meet=not is_due)
+            found = solve(rejoin.scenario, method=settings['method'],
+                          objective=objective_from(settings), initial=rejoin.tail,
+                          time_limit=lead - min(_RESERVE, lead / 2))
+            return rejoin.continued(found), rejoin
 
-        def refuse(error: Exception) -> None:
-            self._failed = is_due
-            self._refuse(error)
+        def finish(future: 'Future[tuple[Plan, Rejoin]]') -> None:
+            try:
+                self._publish(*future.result(), last)
+            except Exception as error:
+                if not isinstance(error, SupersededError):
+                    self._failed = is_due
+                self._refuse(error)
 
         try:
-            self._worker.start(task, lambda future: self._finish(future, begun, last, refuse))
+            self._worker.start(replan, finish)
         except (BusyError, StoppedError):
             return  # A request was faster.
         self._last_planned = now
 
-    def _is_due(self, plan: Plan, known: Scenario, settings: Mapping[str, Any],
-                now: float) -> bool:
-        """
-        Return whether the period is over, or a receiver has moved.
-
-        After a failure, a move does not count before the lead is over.
-        """
+    def _is_due(self, plan: Plan, known: Scenario, settings: Mapping[str, Any], now: float
+                ) -> bool:
+        """Return whether the period is over, or a receiver has moved."""
         period, distance = settings['replan_period'], settings['replan_distance']
         # If the clock has jumped back, the last plan may be in the future; it is then ignored.
         since = now - self._last_planned
-        over = period and not 0 <= since < period
+        if period and not 0 <= since < period:
+            return True
+        # After a failure, a move does not count before the lead is over.
         waits = self._failed and 0 <= since < settings['replan_lead']
-        return bool(over or (
-            distance and not waits and has_moved(plan.scenario, known, distance)))
+        return bool(distance and not waits and has_moved(plan.scenario, known, distance))
 
     def _is_off(self, settings: Mapping[str, Any], now: float) -> bool:
         """Return whether a UAV is too far from its plan, and has had the time to come back."""
@@ -126,42 +110,21 @@ class Replanning:
         return any(distance > most and settings[f'{name}.use_pose']
                    for name, distance in self._tracking.distances(settings, now).items())
 
-    def _rejoin(self, plan: Plan, first: int, sightings: Sequence[Sighting | None],
-                settings: Mapping[str, Any], known: Scenario, must_meet: bool) -> Rejoin:
-        """Return the beginning of a replan; unless must_meet, from the plan if need be."""
-        arguments = (settings['track_tolerance'], known.ground_node, known.eavesdroppers)
-        try:
-            return rejoined(plan, first, sightings, *arguments)
-        except InfeasibleMissionError:
-            if must_meet:
-                raise
-            return rejoined(plan, first, [None] * len(sightings), *arguments)
 
-    def _finish(self, future: 'Future[Plan]', begun: Sequence[Rejoin], last: Plan,
-                refuse: Callable[[Exception], None]) -> None:
-        """Continue a plan with the result of a replan, in the solver's thread."""
-        try:
-            found = future.result()
-            if found.status == 'cancelled':
-                raise StoppedError('the replan was cancelled')
-            rejoin, = begun
-            self._publish(rejoin.continued(found), rejoin, last)
-        except SupersededError:
-            self._superseded()
-        except Exception as error:
-            refuse(error)
+def _rejoined(plan: Plan, first: int, sightings: Sequence[Sighting | None],
+              settings: Mapping[str, Any], known: Scenario, must_meet: bool) -> Rejoin:
+    """Return the beginning of a replan; unless must_meet, from the plan if need be."""
+    arguments = (settings['track_tolerance'], known.ground_node, known.eavesdroppers)
+    try:
+        return rejoined(plan, first, sightings, *arguments)
+    except InfeasibleMissionError:
+        if must_meet:
+            raise
+        return rejoined(plan, first, [None] * len(sightings), *arguments)
 
 
 def check_in_time(is_last: bool, rejoin: Rejoin, flight: Flight | None) -> None:
-    """
-    Check that a replan may take effect.
-
-    :param is_last: whether no other plan has been published since it was begun.
-    :param rejoin: how it begins.
-    :param flight: what is flown now.
-    :raises SupersededError: if another plan came in between.
-    :raises LateError: if there is no time left in which to pass it on.
-    """
+    """Raise an error if a replan comes too late for what is flown, or after another plan."""
     if not is_last or flight is None or flight.playback.plan is not rejoin.plan:
         raise SupersededError('replan: another plan came in between')
     if flight.time + _DELIVERY * flight.rate > rejoin.effect:

@@ -6,16 +6,9 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from sensor_msgs.msg import TimeReference
-from std_msgs.msg import Float64, Float64MultiArray
-from std_srvs.srv import Trigger
-from trajectory_msgs.msg import MultiDOFJointTrajectory
-from visualization_msgs.msg import MarkerArray
 
 from . import messages
 from .assembly import Assembly
@@ -23,12 +16,12 @@ from .drawing import Drawing
 from .mission_parameters import channel_from
 from .node_parameters import Parameters
 from .parameters import REPLAY
-from .topics import LATCHED, OVERRIDABLE, SENSOR, STREAM, timer_clock
+from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ..errors import brief, OptionError, ParameterError, PlanningError, shown
 from ..mission.scenario import Point
 from ..plan.plan import Plan
 from ..plan.playback import Moment
-from ..plan.player import Place, Player
+from ..plan.player import due_ns, Place, Player
 
 _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
 _LONGEST_WAIT = 10.0  # For a subscriber of simulated UAVs, in s.
@@ -51,13 +44,11 @@ class Replay(Node):
         self._settings = Parameters(self, REPLAY, _check)
         self._uavs = self._settings['uavs']
         self._frame_id = self._settings['frame_id']
-        self._player = Player(self._refuse)
+        self._player = Player(lambda reason: self.get_logger().warning(
+            brief(f'the new plan is not played: {reason}')))
         self._released_ns, self._ticked = 0, time.monotonic()
         self._waits: list[str] = []
         self._odometry: dict[str, tuple[int, Odometry]] = {}  # Received in ns.
-        self._trajectory_topics: dict[str, str] = {}
-        self._assembly = Assembly(self._uavs, lambda name: self.count_publishers(
-            self._trajectory_topics[name]) > 0)
         self._warned: set[str] = set()
         self._starts_next = False  # Whether ~/start was for the plan whose messages arrive.
         self._problem = ''  # Of the last messages that made no plan.
@@ -65,58 +56,28 @@ class Replay(Node):
             f'picture_file: {reason}; the replay goes on without'))
         # All callbacks use the same player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
-        plan = self._saved_plan(self._settings['plan_file'])
-        if plan is None:
-            self._subscribe()
-        else:
+        plan = _saved_plan(self._settings['plan_file'])
+        if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
+        names = {} if plan is not None else subscribe(
+            self, TOPICS['replay', 'sub'], self._on_plan_message, self._group, self._uavs)
+        self._assembly = Assembly(
+            self._uavs, lambda topic: self.count_publishers(names[topic]) > 0)
         self._make_interface()
         if plan is not None:
             self._take(plan, self._frame_id)
         self._settings.warn_of_unknown()
         self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
 
-    @staticmethod
-    def _saved_plan(file: str) -> Plan | None:
-        try:
-            return Plan.load(file) if file else None
-        except (OSError, ValueError) as error:
-            raise ParameterError(f'parameter plan_file: {brief(error)}') from None
-
-    def _subscribe(self) -> None:
-        for name in self._uavs:
-            for kind, topic in ((Path, 'path'), (Float64MultiArray, 'power'),
-                                (MultiDOFJointTrajectory, 'trajectory')):
-                subscription = self.create_subscription(
-                    kind, f'{name}/{topic}',
-                    lambda message, name=name: self._assembly.take(
-                        name, message, self.get_clock().now().nanoseconds),
-                    LATCHED, callback_group=self._group, qos_overriding_options=OVERRIDABLE)
-            self._trajectory_topics[name] = subscription.topic_name
-
     def _make_interface(self) -> None:
-        def stream(kind: type, topic: str) -> Publisher:
-            return self.create_publisher(
-                kind, topic, STREAM, qos_overriding_options=OVERRIDABLE)
-
-        kinds = {'setpoint/pose': PoseStamped, 'setpoint/power': Float64,
-                 'setpoint/trajectory': MultiDOFJointTrajectory}
+        topics = dict(TOPICS['replay', 'pub'])
         if self._settings['vehicle_odometry']:
-            for name in self._uavs:
-                self.create_subscription(
-                    Odometry, f'{name}/odom',
-                    lambda message, name=name: self._on_odometry(name, message), SENSOR,
-                    callback_group=self._group, qos_overriding_options=OVERRIDABLE)
-        else:
-            kinds['odom'] = Odometry
-        self._outputs = {f'{name}/{topic}': stream(kind, f'{name}/{topic}')
-                         for name in self._uavs for topic, kind in kinds.items()}
-        self._outputs['~/markers'] = stream(MarkerArray, '~/markers')
-        self._plan_time = stream(TimeReference, 'plan_time')
-        self._rate = stream(Float64, '~/secrecy_rate')
-        for name, action in (('start', self._on_start), ('pause', self._on_pause),
-                             ('reset', self._on_reset)):
-            self.create_service(Trigger, f'~/{name}', action, callback_group=self._group)
+            odometry = topics.pop('<uav>/odom')
+            subscribe(self, {'<uav>/odom': odometry._replace(qos=SENSOR)}, self._on_odometry,
+                      self._group, self._uavs)
+        self._outputs = publishers(self, topics, self._uavs)
+        serve(self, {'~/start': self._on_start, '~/pause': self._on_pause,
+                     '~/reset': self._on_reset}, self._group)
         rate = self._settings['rate']
         self._streamed, self._ticks_each = 0, math.ceil(_TIME_RATE / rate)  # For each setpoint.
         self.create_timer(1.0 / (rate * self._ticks_each), self._on_tick,
@@ -125,6 +86,11 @@ class Replay(Node):
     def close(self) -> bool:
         """Stop drawing; return whether nothing is left running."""
         return self._drawing.close(timeout=0.5)
+
+    # Plans
+
+    def _on_plan_message(self, topic: str, message: Any) -> None:
+        self._assembly.take(topic, message, self.get_clock().now().nanoseconds)
 
     def _assemble(self) -> str:
         """Load the plan of the topics; return the reason if that fails, or an empty string."""
@@ -150,8 +116,8 @@ class Replay(Node):
         missing = self._assembly.without_trajectory()
         if missing:
             self.get_logger().warning(brief(
-                'nothing has come on ' + ', '.join(f'{name}/trajectory' for name in missing)
-                + ' that belongs to this plan; it is flown straight from point to point'))
+                f'nothing has come on {", ".join(missing)} that belongs to this plan; it is flown '
+                'straight from point to point'))
         return ''
 
     def _take(self, plan: Plan, frame_id: str) -> None:
@@ -163,32 +129,25 @@ class Replay(Node):
         is_taken = self._player.load(plan)
         if is_taken:
             self._frame_id = frame_id
+        is_late = not self._settings['plan_file'] and plan.start_ns is not None and (
+            self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9)
         if is_taken and self._starts_next:
             self._start()
-        elif is_taken and is_new and self._settings['autostart']:
-            self._start_in_time(plan)
-        self._starts_next = False
-        if self._settings['picture_file']:
-            self._drawing.draw(plan, self._settings['picture_file'])
-
-    def _start_in_time(self, plan: Plan) -> None:
-        """Release a plan, unless it is one of the topics that was to begin long ago."""
-        if not self._settings['plan_file'] and plan.start_ns is not None and (
-                self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9):
+        elif is_taken and is_new and self._settings['autostart'] and is_late:
             self.get_logger().warning(
                 f'plan {plan.identity} is not started: its time has passed; ~/start plays it')
-        else:
+        elif is_taken and is_new and self._settings['autostart']:
             self._start()
-
-    def _refuse(self, reason: str) -> None:
-        self.get_logger().warning(brief(f'the new plan is not played: {reason}'))
+        self._starts_next = False
+        if self._settings['picture_file']:
+            self._drawing.put((plan, self._settings['picture_file']))
 
     @property
     def _eavesdropper(self) -> Point | None:
         return tuple(self._settings['true_eavesdropper']) or None
 
-    def _on_odometry(self, name: str, message: Odometry) -> None:
-        self._odometry[name] = self.get_clock().now().nanoseconds, message
+    def _on_odometry(self, topic: str, message: Odometry) -> None:
+        self._odometry[topic.partition('/')[0]] = self.get_clock().now().nanoseconds, message
 
     def _place(self, name: str, now_ns: int) -> Place | str:
         """Return where a UAV is by its odometry, or in words which odometry is missing."""
@@ -216,45 +175,40 @@ class Replay(Node):
         self._released_ns = now
         self._waits = [] if self._player.streaming else self._waits_for(now)
         player = self._player
-        ahead = ((player.due_ns or 0) - now) * 1e-9 if (
+        ahead = ((due_ns(player.playback) or 0) - now) * 1e-9 if (
             player.time <= player.playback.begin) else 0.0
         follows = [f'waits for {wait}' for wait in self._waits] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
         return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
 
-    def _on_start(self, _request: Trigger.Request, response: Trigger.Response
-                  ) -> Trigger.Response:
+    def _on_start(self) -> tuple[bool, str]:
         reason = self._assemble() if self._assembly.is_whole() else (
             self._assembly.problem or self._problem)
         self._starts_next = self._assembly.is_arriving()
         try:
-            response.success, response.message = True, (
-                f'waits for the rest of the plan: {reason}' if self._starts_next
-                else self._start())
+            return True, (f'waits for the rest of the plan: {reason}' if self._starts_next
+                          else self._start())
         except OptionError as error:
-            response.success = False
-            response.message = f'{error}{reason and ": "}{reason}'
-        return response
+            return False, f'{error}{reason and ": "}{reason}'
 
-    def _on_pause(self, _request: Trigger.Request, response: Trigger.Response
-                  ) -> Trigger.Response:
+    def _on_pause(self) -> tuple[bool, str]:
         # A start that waits for the rest of a plan is withdrawn, too.
         withdrawn, self._starts_next = self._starts_next, False
-        response.success = self._player.pause() or withdrawn
-        response.message = 'paused' if response.success else 'nothing is playing'
-        return response
+        paused = self._player.pause() or withdrawn
+        return paused, 'paused' if paused else 'nothing is playing'
 
-    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
-                  ) -> Trigger.Response:
+    def _on_reset(self) -> tuple[bool, str]:
         self._player.reset()
         self._starts_next = False
-        response.success, response.message = True, 'back at the start'
-        return response
+        return True, 'back at the start'
 
     # Time
 
     def _on_tick(self) -> None:
-        longest, clock = self._longest_tick(), self.get_clock().now()
+        before, self._ticked, clock = self._ticked, time.monotonic(), self.get_clock().now()
+        # What can have passed since the last tick in s, whatever the clock says.
+        longest = (_LONGEST_SIMULATED_TICK if self.get_clock().ros_time_is_active
+                   else self._ticked - before + _CLOCK_ERROR)
         now = clock.nanoseconds
         if self._assembly.is_due(now):
             self._assemble()
@@ -267,7 +221,7 @@ class Replay(Node):
         moment = player.tick(now, self._settings['speed'], self._eavesdropper,
                              is_ready=not self._waits, longest=longest)
         if playback is not None:
-            self._plan_time.publish(
+            self._outputs['plan_time'].publish(
                 messages.plan_time(player.playback.plan, player.time, clock.to_msg()))
         if moment is not None:
             if self._streamed % self._ticks_each == 0:
@@ -275,13 +229,6 @@ class Replay(Node):
             self._streamed += 1
         if running and player.ended:
             self._announce_end()
-
-    def _longest_tick(self) -> float:
-        """Return what can have passed since the last tick in s, whatever the clock says."""
-        before, self._ticked = self._ticked, time.monotonic()
-        if self.get_clock().ros_time_is_active:
-            return _LONGEST_SIMULATED_TICK
-        return self._ticked - before + _CLOCK_ERROR
 
     def _waits_for(self, now_ns: int) -> list[str]:
         """Return in words what the first setpoint waits for."""
@@ -313,7 +260,7 @@ class Replay(Node):
             if topic in self._outputs:  # With vehicle_odometry, others publish that.
                 self._outputs[topic].publish(message)
         if self._eavesdropper is not None:
-            self._rate.publish(messages.float64(
+            self._outputs['~/secrecy_rate'].publish(messages.float64(
                 self._player.playback.secrecy_rate(moment, self._eavesdropper)))
 
     def _announce_end(self) -> None:
@@ -330,8 +277,15 @@ class Replay(Node):
             self._start()
 
 
+def _saved_plan(file: str) -> Plan | None:
+    try:
+        return Plan.load(file) if file else None
+    except (OSError, ValueError) as error:
+        raise ParameterError(f'parameter plan_file: {brief(error)}') from None
+
+
 def _check(values: Mapping[str, Any]) -> None:
-    place = values.get('true_eavesdropper', [])
-    if len(place) not in (0, 2) or not all(map(math.isfinite, place)):
+    place = values['true_eavesdropper']
+    if len(place) == 1:
         raise ParameterError(
             f'true_eavesdropper is {shown(place)}; it must be (x, y) in m, or empty')

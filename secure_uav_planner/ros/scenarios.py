@@ -1,4 +1,4 @@
-"""What to solve, from parameters and poses: the scenario, and when its plan begins."""
+"""What to solve, from the values of parameters and poses: the scenario, and when it begins."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,14 +6,14 @@ import math
 from typing import Any
 
 from .mission_parameters import airspace_from, channel_from, uav_from
-from .poses import error_radius, KnownPose, PoseBook
-from .topics import GROUND_NODE_TOPIC, pose_topic, uav_topics
-from ..errors import LateError, PoseError, ScenarioError
+from .parameters import SCENARIO_FIELDS
+from .poses import error_radius, PoseBook
+from .topics import GROUND_NODE_TOPIC
+from ..errors import LateError, ScenarioError
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
 from ..plan.tracking import departing, expected, Flight, Sighting
 
 _RESERVE = 1.0  # For what follows a solve, in s; at most half of the time there is.
-_SHORTEST_SOLVE = 0.01
 
 
 @dataclass(frozen=True)
@@ -34,154 +34,78 @@ class StartTime:
     effect_ns: int
 
     @classmethod
-    def of(cls, parameters: Mapping[str, Any], now_ns: int, is_flying: bool = False
-           ) -> 'StartTime':
-        """
-        Return the StartTime of a request.
-
-        :param parameters: values of the planner's parameters by name.
-        :param now_ns: the node's time in ns.
-        :param is_flying: whether UAVs fly on another plan; the new one then takes effect
-            replan_lead ahead, or later.
-        """
-        is_smooth = any(parameters[f'{name}.max_acceleration'] for name in parameters['uavs'])
-        lead_in = parameters['duration'] / parameters['slots'] / 2 if is_smooth else 0.0
-        delay = parameters['start_delay']
+    def of(cls, settings: Mapping[str, Any], now_ns: int, is_flying: bool) -> 'StartTime':
+        """Return that of a request; in flight, a plan takes effect replan_lead ahead or later."""
+        is_smooth = any(settings[f'{name}.max_acceleration'] for name in settings['uavs'])
+        lead_in = settings['duration'] / settings['slots'] / 2 if is_smooth else 0.0
+        delay = settings['start_delay']
         if is_flying:
-            delay = max(delay, parameters['replan_lead'] + lead_in)
+            delay = max(delay, settings['replan_lead'] + lead_in)
         start_ns = now_ns + round(max(delay, lead_in) * 1e9)
         return cls(delay > 0, now_ns, start_ns, start_ns - round(lead_in * 1e9))
 
-    def time_limit(self, limit: float | None) -> float | None:
-        """
-        Return the time limit of the solve in s, or None for none.
+    @property
+    def ahead(self) -> float:
+        """How far ahead of the request the plan takes effect, in s."""
+        return (self.effect_ns - self.asked_ns) * 1e-9
 
-        :param limit: that of the parameters.
-        """
+    def time_limit(self, limit: float | None) -> float | None:
+        """Return the time limit of the solve in s for that of the parameters; None for none."""
         if not self.is_delayed:
             return limit
-        ahead = (self.effect_ns - self.asked_ns) * 1e-9
-        ahead = max(_SHORTEST_SOLVE, ahead - min(_RESERVE, ahead / 2))
-        return ahead if limit is None else min(limit, ahead)
+        left = self.ahead - min(_RESERVE, self.ahead / 2)
+        return left if limit is None else min(limit, left)
 
     def start_of(self, now_ns: int) -> int:
         """Return the time in ns of point 0 of a plan that has been solved now."""
-        if self.is_delayed:
-            return self.start_ns
-        return now_ns + self.start_ns - self.effect_ns
+        return self.start_ns if self.is_delayed else now_ns + self.start_ns - self.effect_ns
 
     def check_in_time(self, now_ns: int) -> None:
-        """
-        Check that the plan may still be published.
-
-        :raises LateError: if the time at which it takes effect has passed.
-        """
+        """Raise a LateError if the time at which the plan takes effect has passed."""
         if self.is_delayed and now_ns > self.effect_ns:
             raise LateError('the new plan came after the moment it was to take effect; a longer '
                             'start_delay gives it more time, and in flight a longer replan_lead')
 
 
-def pose_problems(parameters: Mapping[str, Any], poses: PoseBook, now: float,
-                  of_uavs: bool = True) -> list[PoseError]:
-    """
-    Return an error for every topic whose pose cannot be used for planning.
-
-    :param parameters: values of the planner's parameters by name.
-    :param of_uavs: whether to check the UAVs' poses as well.
-    """
-    frame_id, timeout = parameters['frame_id'], parameters['pose_timeout']
-    problems = [
-        poses.problem(topic, frame_id, now, timeout, parameters['height_tolerance'])
-        for topic in (GROUND_NODE_TOPIC, *map(pose_topic, parameters['eavesdroppers']))]
-    for name in parameters['uavs'] if of_uavs else ():
-        if not parameters[f'{name}.use_pose'] or known_of(name, parameters, poses, now):
-            continue
-        of_uav = [poses.problem(topic, frame_id, now, timeout, optional=True)
-                  for topic in uav_topics(name)]
-        problem = next((problem for problem in of_uav if problem is not None), None)
-        if problem is not None:
-            problem = type(problem)(
-                f'{problem}; send a new one, or set {name}.use_pose to false to plan from '
-                f'{name}.start')
-        problems.append(problem)
-    return [problem for problem in problems if problem is not None]
-
-
-def known_of(name: str, parameters: Mapping[str, Any], poses: PoseBook, now: float
-             ) -> KnownPose | None:
-    """Return the last usable odometry of a UAV, or else its last usable pose, or None."""
-    return poses.usable(
-        uav_topics(name), parameters['frame_id'], now, parameters['pose_timeout'])
-
-
-def sighting_of(name: str, parameters: Mapping[str, Any], poses: PoseBook, now: float
-                ) -> Sighting | None:
-    """Return the last usable state of a UAV, at a time in s of the clock, or None."""
-    known = known_of(name, parameters, poses, now)
-    return known and Sighting(known.time, known.position, known.velocity)
-
-
-def raise_first(problems: list[PoseError]) -> None:
-    """Raise an error of the first problem's class with the texts of all, if there are any."""
-    if problems:
-        raise type(problems[0])('; '.join(map(str, problems)))
-
-
-def scenario_from(parameters: Mapping[str, Any], poses: PoseBook, start: StartTime,
-                  sightings: Sequence[Sighting | None] = (), flight: Flight | None = None
-                  ) -> Scenario:
+def scenario_from(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
+                  sightings: Sequence[Sighting | None], flight: Flight | None) -> Scenario:
     """
     Return the Scenario of a new mission, from where the UAVs are or will be, if that is known.
 
-    :param parameters: values of the planner's parameters by name.
-    :param poses: the planner's PoseBook.
-    :param start: when the mission begins.
-    :param sightings: where each UAV is, in the time of the flight or else in s of the clock; None
-        for one that is not known.
+    :param sightings: where each UAV is, in the time of the flight or else in s of the clock.
     :param flight: the Flight from which it goes on, or None.
-    :raises PoseError: if poses cannot be used; the text names every such topic.
-    :raises ScenarioError: for a mission that cannot be flown, or a wrong combination of values.
+    :raises PlanningError: if poses cannot be used, or for a mission that cannot be flown.
     """
-    raise_first(pose_problems(parameters, poses, start.asked_ns * 1e-9))
-    uavs = [uav_from(parameters, name) for name in parameters['uavs']]
-    for index, sighting in enumerate(sightings):
-        uavs[index] = _begun(uavs[index], index, sighting, parameters, start, flight)
+    poses.check(settings, start.asked_ns * 1e-9)
+    uavs = [_begun(uav_from(settings, name), index, sighting, settings, start, flight)
+            for index, (name, sighting) in enumerate(
+                zip(settings['uavs'], sightings, strict=True))]
     return Scenario(
         ground_node=poses.get(GROUND_NODE_TOPIC).position,
-        eavesdroppers=_eavesdroppers(parameters, poses), uavs=tuple(uavs),
-        duration=parameters['duration'], slots=parameters['slots'],
-        reference_snr_db=parameters['reference_snr_db'], channel=channel_from(parameters),
-        colluding=parameters['colluding'], **airspace_from(parameters))
+        eavesdroppers=_eavesdroppers(settings, poses), uavs=tuple(uavs),
+        channel=channel_from(settings), **airspace_from(settings),
+        **{field: settings[field] for field in SCENARIO_FIELDS})
 
 
-def _begun(uav: Uav, index: int, sighting: Sighting | None, parameters: Mapping[str, Any],
+def _begun(uav: Uav, index: int, sighting: Sighting | None, settings: Mapping[str, Any],
            start: StartTime, flight: Flight | None) -> Uav:
     """Return a UAV with the place, and where it flies the velocity, with which it starts."""
-    ahead = (start.effect_ns - start.asked_ns) * 1e-9
-    if flight is None:
-        if sighting is None or not start.is_delayed:
-            return uav if sighting is None else replace(uav, start=sighting.position)
-        state = expected(sighting, start.effect_ns * 1e-9)
+    if sighting is None and (flight is None or flight.state == 'waiting'):
+        return uav
+    time = start.effect_ns * 1e-9 if flight is None else flight.time + flight.rate * start.ahead
+    is_reported = flight is not None and flight.is_reported
+    if sighting is None or is_reported and flight.state in ('flying', 'held'):
+        state = _planned(uav, index, flight, time)
+    elif is_reported or start.is_delayed:
+        state = expected(sighting, time, flight and flight.playback, index,
+                         settings['track_tolerance'])
     else:
-        time = flight.time + flight.rate * ahead
-        is_streamed = flight.is_reported and flight.state in ('flying', 'held')
-        if sighting is None and flight.state == 'waiting':
-            return uav
-        if is_streamed or sighting is None:
-            state = _planned(uav, index, flight, time)
-        elif flight.is_reported or start.is_delayed:
-            state = expected(sighting, time, flight.playback, index, parameters['track_tolerance'])
-        else:
-            return replace(uav, start=sighting.position)
-    return departing(uav, *state, parameters['duration'] / parameters['slots'])
+        return replace(uav, start=sighting.position)
+    return departing(uav, *state, settings['duration'] / settings['slots'])
 
 
 def _planned(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
-    """
-    Return where a UAV will be on the plan that is flown, and how fast.
-
-    :raises ScenarioError: if it flies at another altitude, or faster than it may from now on.
-    """
+    """Return where a UAV will be on the plan that is flown, and how fast, if it may go on so."""
     flown = flight.playback.plan.scenario.uavs[index]
     if uav.altitude != flown.altitude:
         raise ScenarioError(
@@ -198,39 +122,28 @@ def _planned(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, 
     return (x, y), (u, v)
 
 
-def updated(scenario: Scenario, parameters: Mapping[str, Any], poses: PoseBook,
-            now: float) -> Scenario:
-    """
-    Return the scenario with the present poses of the ground node and the eavesdroppers.
-
-    :raises PoseError: if poses cannot be used; the text names every such topic.
-    """
-    raise_first(pose_problems(parameters, poses, now, of_uavs=False))
+def updated(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, now: float
+            ) -> Scenario:
+    """Return the scenario with the present poses of the ground node and the eavesdroppers."""
+    poses.check(settings, now, of_uavs=False)
     return replace(scenario, ground_node=poses.get(GROUND_NODE_TOPIC).position,
-                   eavesdroppers=_eavesdroppers(parameters, poses))
+                   eavesdroppers=_eavesdroppers(settings, poses))
 
 
 def has_moved(scenario: Scenario, known: Scenario, distance: float) -> bool:
-    """
-    Return whether positions on the ground differ by more than a distance in m.
-
-    It also returns True if an error radius has changed by more than a tenth of the distance.
-
-    :param scenario: the Scenario of the last plan.
-    :param known: the Scenario with the present poses.
-    """
+    """Return whether a place on the ground has moved by more, or a radius by a tenth of it."""
     return math.dist(scenario.ground_node, known.ground_node) > distance or any(
         math.dist(before.position, now.position) > distance
         or abs(before.error_radius - now.error_radius) > 0.1 * distance
         for before, now in zip(scenario.eavesdroppers, known.eavesdroppers))
 
 
-def _eavesdroppers(parameters: Mapping[str, Any], poses: PoseBook) -> tuple[Eavesdropper, ...]:
+def _eavesdroppers(settings: Mapping[str, Any], poses: PoseBook) -> tuple[Eavesdropper, ...]:
     found = []
-    for name in parameters['eavesdroppers']:
-        known = poses.get(pose_topic(name))
-        radius = (error_radius(known.covariance, parameters['confidence'])
-                  if known.covariance.any() else parameters[f'{name}.error_radius'])
+    for name in settings['eavesdroppers']:
+        known = poses.get(f'{name}/pose')
+        radius = (error_radius(known.covariance, settings['confidence'])
+                  if known.covariance.any() else settings[f'{name}.error_radius'])
         found.append(Eavesdropper(known.position, radius, name,
-                                  parameters[f'{name}.receiver_advantage_db']))
+                                  settings[f'{name}.receiver_advantage_db']))
     return tuple(found)

@@ -8,48 +8,28 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from .poses import PoseBook
-from .topics import GROUND_NODE_TOPIC, odometry_topic, pose_topic
+from .topics import GROUND_NODE_TOPIC
 from ..errors import brief, PlanningError
 from ..plan.bound import Bound
 from ..plan.plan import Iteration, Plan
 
-LAST_PLAN_STANDS = '; the last plan stands'
-
 
 class RequestOutcome(NamedTuple):
-    """
-    How the last request or replan ended.
+    """How the last request or replan ended, with a summary of its plan, or why there is none."""
 
-    :ivar level: a level of DiagnosticStatus.
-    :ivar code: 'ok', or the code of the error.
-    :ivar text: a summary of the plan in one line, or the reason why there is no new plan.
-    :ivar is_replan: whether it is a replan that was refused.
-    """
-
-    level: bytes
-    code: str
+    level: bytes  # Of DiagnosticStatus.
+    code: str  # 'ok', or that of the error.
     text: str
-    is_replan: bool = False
+    is_replan: bool = False  # That was refused.
 
 
 @dataclass
 class State:
-    """
-    The last plan, whether the last request or replan was refused, and counts.
-
-    :ivar plan: the last plan that was published, or None.
-    :ivar prefix: what its summary begins with.
-    :ivar evaluated: the last plan whose worst-case rate has been evaluated, or None.
-    :ivar bound: the Bound of the last plan, or None.
-    :ivar upcoming: a plan whose worst-case rate is known and that is not published yet, or None.
-    :ivar refusal: the RequestOutcome of the last request or replan if it led to no plan, or None.
-    """
+    """The last plan that was published, why the last request or replan was refused, and counts."""
 
     plan: Plan | None = None
-    prefix: str = ''
-    evaluated: Plan | None = None
+    prefix: str = ''  # Of its summary.
     bound: Bound | None = None
-    upcoming: Plan | None = None
     refusal: RequestOutcome | None = None
     counts: dict[str, int] = field(
         default_factory=lambda: {'plans': 0, 'replans': 0, 'refusals': 0})
@@ -63,58 +43,37 @@ class State:
         if plan is None:
             return RequestOutcome(DiagnosticStatus.OK, 'ok', 'no plan yet')
         good = plan.status == 'converged' and not plan.clearance.is_close
-        return RequestOutcome(
-            DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
-            self.prefix + plan_summary(plan, self.evaluated is plan, self.bound))
+        return RequestOutcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
+                              self.prefix + plan_summary(plan, self.bound))
 
-    def publish(self, plan: Plan, count: str, prefix: str = '') -> str:
-        """
-        Note a plan that is being published; return its summary in one line.
-
-        :param count: the name of the count to increase.
-        :param prefix: put before the summary.
-        """
+    def publish(self, plan: Plan, count: str, prefix: str) -> RequestOutcome:
+        """Note a plan that is being published, and increase one of the counts."""
         self.plan, self.bound, self.prefix, self.refusal = plan, plan.bound, prefix, None
-        self.evaluated = plan if self.upcoming is plan else None
         self.counts[count] += 1
-        return self.outcome.text
-
-    def evaluate(self, plan: Plan) -> None:
-        """Note that the worst-case rate of a plan is known; the plan may not be published yet."""
-        if self.plan is plan:
-            self.evaluated = plan
-        else:
-            self.upcoming = plan
-
-    def take_bound(self, plan: Plan, bound: Bound) -> bool:
-        """Take up the bound of the last plan; return whether it still is the last."""
-        if self.plan is not plan:
-            return False
-        self.evaluated, self.bound = plan, bound
-        return True
+        return self.outcome
 
     def end_flight(self) -> None:
         """Note that the last plan has been flown; a replan of it is no longer missed."""
         if self.refusal is not None and self.refusal.is_replan:
             self.refusal = None
 
-    def refuse(self, error: Exception, reason: str, level: bytes, is_replan: bool = False) -> str:
+    def refuse(self, error: Exception, reason: str, level: bytes, is_replan: bool) -> str:
         """Note why there is no new plan; return the reason, and whether the last plan remains."""
-        text = reason + (LAST_PLAN_STANDS if self.plan is not None else '')
+        text = reason + ('' if self.plan is None else '; the last plan stands')
         self.counts['refusals'] += 1
         self.refusal = RequestOutcome(
             level, getattr(error, 'code', PlanningError.code), text, is_replan)
         return text
 
 
-def plan_summary(plan: Plan, evaluated: bool, bound: Bound | None = None) -> str:
-    """
-    Return a summary of a plan in one line, without any position.
+def is_evaluated(plan: Plan) -> bool:
+    """Return whether the worst-case rate of a plan is known; evaluating it can take long."""
+    return 'worst_case_rates' in vars(plan)
 
-    :param evaluated: whether its worst-case rate is known; evaluating it can take long.
-    :param bound: its Bound, if that is known.
-    """
-    worst = (f'{plan.worst_case_rate:.4f} bit/s/Hz' if evaluated
+
+def plan_summary(plan: Plan, bound: Bound | None) -> str:
+    """Return a summary of a plan in one line, without any position."""
+    worst = (f'{plan.worst_case_rate:.4f} bit/s/Hz' if is_evaluated(plan)
              else 'not evaluated yet (bit/s/Hz)')
     near = closest_approach_text(plan)
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: guaranteed rate '
@@ -133,9 +92,6 @@ def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
     last request was refused, or its plan has not converged or lets UAVs come close without a
     separation. OK: none of these. While a solve is under way, its progress stands for the last
     outcome. STALE is not used, because tools take it for a node that has stopped reporting.
-
-    :param problems: errors of poses that prevent planning, and texts about UAVs off their plan.
-    :param progress: the latest Iteration of the solve that is under way, or None.
     """
     texts = [str(problem) for problem in problems]
     if progress is not None:
@@ -156,15 +112,8 @@ def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
 
 
 def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook,
-           parameters: Mapping[str, Any], now: float) -> dict[str, Any]:
-    """
-    Return the values of the status by key.
-
-    :param progress: the latest Iteration of the solve that is under way, or None.
-    :param busy: whether a solve is under way.
-    :param parameters: values of the planner's parameters by name.
-    :param now: the node's time in s.
-    """
+           settings: Mapping[str, Any], now: float) -> dict[str, Any]:
+    """Return the values of the status by key; `progress` is that of a solve under way, or None."""
     found: dict[str, Any] = {'state': 'solving' if busy else 'idle',
                              'outcome.code': state.outcome.code, **state.counts}
     if progress is not None:
@@ -175,23 +124,26 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
     if plan is not None:
         found.update({
             'plan.identity': plan.identity, 'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
-            'plan.age': now - plan.start_ns * 1e-9,
-            'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
-            **closest_approach_values(plan), **_energy_values(plan)})
-        if state.evaluated is plan:
-            found['plan.worst_case_rate'] = plan.worst_case_rate
-        found.update({
-            'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
-            'plan.status': plan.status,
-            **({} if state.bound is None else {
-                'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)}),
-            'plan.iterations': _iterations(plan), 'plan.solve_time': plan.solve_time})
-    names = parameters['eavesdroppers'] + parameters['uavs']
-    for topic in [GROUND_NODE_TOPIC, *map(pose_topic, names),
-                  *map(odometry_topic, parameters['uavs'])]:
+            'plan.age': now - plan.start_ns * 1e-9, **plan_values(plan)})
+        if state.bound is not None:
+            found.update({'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)})
+    names = [*settings['eavesdroppers'], *settings['uavs']]
+    for topic in [GROUND_NODE_TOPIC, *(f'{name}/pose' for name in names),
+                  *(f'{name}/odom' for name in settings['uavs'])]:
         known = poses.get(topic)
         found[f'pose_age.{topic}'] = 'none' if known is None else known.age(now)
     return found
+
+
+def plan_values(plan: Plan) -> dict[str, Any]:
+    """Return what a plan achieves and how it was found, as values of the status by key."""
+    found = {'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
+             **closest_approach_values(plan), **_energy_values(plan)}
+    if is_evaluated(plan):
+        found['plan.worst_case_rate'] = plan.worst_case_rate
+    return {**found, 'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
+            'plan.status': plan.status, 'plan.iterations': _iterations(plan),
+            'plan.solve_time': plan.solve_time}
 
 
 def closest_approach_text(plan: Plan) -> str:
@@ -214,10 +166,9 @@ def closest_approach_values(plan: Plan) -> dict[str, Any]:
             ('uav_distance', clearance.between_uavs, clearance.uavs_beyond_margin),
             ('zone_distance', clearance.to_zones, clearance.zones_beyond_margin)):
         if approach is not None:
-            found[f'plan.{key}'] = approach.distance
-            found[f'plan.{key}.beyond_margin'] = left
-            found[f'plan.{key}.between'] = ', '.join(approach.names)
-            found[f'plan.{key}.time'] = approach.time
+            found.update({f'plan.{key}': approach.distance, f'plan.{key}.beyond_margin': left,
+                          f'plan.{key}.between': ', '.join(approach.names),
+                          f'plan.{key}.time': approach.time})
     return found
 
 

@@ -1,25 +1,23 @@
-"""The nodes' topics: their names, quality of service, those of a plan and of poses; timers."""
+"""The nodes' topics and services: their names, types, quality of service and meanings."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from std_msgs.msg import Float64MultiArray
+from sensor_msgs.msg import TimeReference
+from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
-
-from . import messages
-from .node_parameters import Parameters
-from .poses import PoseBook
-from ..errors import brief, PoseError
-from ..plan.plan import Plan
 
 SENSOR = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT,
                     durability=DurabilityPolicy.VOLATILE)
@@ -39,100 +37,129 @@ OVERRIDABLE = QoSOverridingOptions([
 
 GROUND_NODE_TOPIC = 'ground_node/pose'
 
-_NO_SHIFT = (0.0, 0.0, 0.0)
-_MOST_WARNINGS = 5  # For each topic, until a valid pose arrives on it.
+
+class Topic(NamedTuple):
+    """What a topic carries, and how."""
+
+    kind: type
+    qos: QoSProfile
+    meaning: str
 
 
-def pose_topic(name: str) -> str:
-    """Return the topic of a UAV's or an eavesdropper's pose."""
-    return f'{name}/pose'
+_REPLAYED = 'what to replay, unless `plan_file` is set'
+
+TOPICS = {
+    ('planner', 'sub'): {
+        'plan_time': Topic(TimeReference, SENSOR, 'to what time of which plan the flight has '
+                           'come, from a follower'),
+        GROUND_NODE_TOPIC: Topic(PoseStamped, SENSOR, 'the position of the ground node'),
+        '<eavesdropper>/pose': Topic(
+            PoseWithCovarianceStamped, SENSOR,
+            'the estimated position; its covariance gives the error radius'),
+        '<uav>/pose': Topic(PoseStamped, SENSOR, 'optional: where the UAV is'),
+        '<uav>/odom': Topic(Odometry, SENSOR,
+                            'optional: where the UAV is and how fast; used before its pose')},
+    ('planner', 'pub'): {
+        '<uav>/path': Topic(Path, LATCHED, 'every point of the plan with its time'),
+        '<uav>/power': Topic(Float64MultiArray, LATCHED, 'the power of every slot in W'),
+        '<uav>/trajectory': Topic(
+            MultiDOFJointTrajectory, LATCHED, 'position, velocity and acceleration of the flown '
+            'curve at the times of the points'),
+        '~/markers': Topic(MarkerArray, LATCHED, 'the plan for RViz and Foxglove'),
+        '~/status': Topic(DiagnosticStatus, LATCHED,
+                          'state, rates and ages; also while solving'),
+        '/diagnostics': Topic(DiagnosticArray, STREAM, 'the same once a second')},
+    ('replay', 'sub'): {
+        '<uav>/path': Topic(Path, LATCHED, _REPLAYED),
+        '<uav>/power': Topic(Float64MultiArray, LATCHED, _REPLAYED),
+        '<uav>/trajectory': Topic(
+            MultiDOFJointTrajectory, LATCHED, 'the curve through the path; without it, the UAV '
+            'flies straight from point to point')},
+    ('replay', 'pub'): {
+        '<uav>/setpoint/pose': Topic(PoseStamped, STREAM,
+                                     'the pose that the UAV should have now'),
+        '<uav>/setpoint/trajectory': Topic(
+            MultiDOFJointTrajectory, STREAM,
+            'position, velocity, acceleration and yaw of the UAV now, for autopilots'),
+        '<uav>/setpoint/power': Topic(Float64, STREAM, 'the power of the current slot in W'),
+        '<uav>/odom': Topic(Odometry, STREAM, 'a UAV that follows the plan exactly; with '
+                            '`vehicle_odometry` where the real UAV is'),
+        '~/markers': Topic(MarkerArray, STREAM, 'the present positions of the UAVs'),
+        'plan_time': Topic(TimeReference, STREAM,
+                           'to what time of which plan the flight has come'),
+        '~/secrecy_rate': Topic(Float64, STREAM, 'the present rate in bit/s/Hz, if '
+                                '`true_eavesdropper` is set')},
+    ('relay', 'sub'): {
+        '<uav>/setpoint/trajectory': Topic(
+            MultiDOFJointTrajectory, STREAM,
+            'one point: position, yaw and, where known, velocity and acceleration')},
+    ('relay', 'pub'): {
+        '<uav>/odom': Topic(Odometry, STREAM,
+                            'what the autopilot reports, in the frame of the plan')},
+}
+"""Every Topic by its node and direction, but for those of the relay's stacks."""
+
+SERVICES = {
+    ('planner', '~/plan'): 'plan now; the answer is a summary, or the reason for a refusal',
+    ('planner', '~/cancel'): 'stop the solve that is under way',
+    ('replay', '~/start'): 'fly the plan at its time, or go on after a pause',
+    ('replay', '~/pause'): 'slow down, hold the setpoint and continue to stream it',
+    ('replay', '~/reset'): 'end the setpoints; the newest plan waits at its start',
+}
+"""What every service of a node does; each is a std_srvs/Trigger."""
 
 
-def odometry_topic(name: str) -> str:
-    """Return the topic of a UAV's odometry."""
-    return f'{name}/odom'
+def publishers(node: Node, topics: Mapping[str, Topic], uavs: Sequence[str]
+               ) -> dict[str, Publisher]:
+    """Return a publisher of each topic, by the name with that of the UAV."""
+    return {name: node.create_publisher(
+        topic.kind, name, topic.qos, qos_overriding_options=OVERRIDABLE)
+        for name, topic in _named(topics, {'<uav>': uavs})}
+
+
+def subscribe(node: Node, topics: Mapping[str, Topic], callback: Callable[[str, Any], None],
+              group: CallbackGroup, uavs: Sequence[str], eavesdroppers: Sequence[str] = ()
+              ) -> dict[str, str]:
+    """
+    Subscribe to each topic.
+
+    :param callback: called with the name of the topic, which has that of its member, and a
+        message.
+    :return: the names in the graph of ROS, by those names.
+    """
+    return {name: node.create_subscription(
+        topic.kind, name, partial(callback, name), topic.qos, callback_group=group,
+        qos_overriding_options=OVERRIDABLE).topic_name
+        for name, topic in _named(topics, {'<uav>': uavs, '<eavesdropper>': eavesdroppers})}
+
+
+def serve(node: Node, actions: Mapping[str, Callable[[], tuple[bool, str]]],
+          group: CallbackGroup) -> None:
+    """Offer services, each by its name; what an action returns is success and message."""
+    for name, action in actions.items():
+        node.create_service(Trigger, name, partial(_answer, action), callback_group=group)
+
+
+def _answer(action: Callable[[], tuple[bool, str]], _: Trigger.Request,
+            response: Trigger.Response) -> Trigger.Response:
+    response.success, response.message = action()
+    return response
+
+
+def _named(topics: Mapping[str, Topic], members: Mapping[str, Sequence[str]]
+           ) -> Iterator[tuple[str, Topic]]:
+    for name, topic in topics.items():
+        first, _, rest = name.partition('/')
+        yield from ([(f'{member}/{rest}', topic) for member in members[first]]
+                    if first in members else [(name, topic)])
 
 
 def uav_topics(name: str) -> tuple[str, str]:
     """Return the topics that say where a UAV is; the first counts before the second."""
-    return odometry_topic(name), pose_topic(name)
+    return f'{name}/odom', f'{name}/pose'
 
 
 def timer_clock(node: Node) -> Clock:
     """Return the clock for the timers of setpoints: simulated, or one that is never set back."""
     clock = node.get_clock()
     return clock if clock.ros_time_is_active else Clock(clock_type=ClockType.STEADY_TIME)
-
-
-class PlanTopics:
-    """
-    The publishers of a plan.
-
-    :param node: the Node that publishes.
-    :param uavs: the names of the UAVs.
-    """
-
-    def __init__(self, node: Node, uavs: Sequence[str]) -> None:
-        kinds = {f'{name}/{topic}': kind for name in uavs for topic, kind in (
-            ('path', Path), ('power', Float64MultiArray), ('trajectory', MultiDOFJointTrajectory))}
-        self._publishers = {
-            topic: node.create_publisher(kind, topic, LATCHED, qos_overriding_options=OVERRIDABLE)
-            for topic, kind in {**kinds, '~/markers': MarkerArray}.items()}
-
-    def is_followed(self) -> bool:
-        """Return whether anybody receives paths or trajectories, and so may fly by them."""
-        return any(publisher.get_subscription_count()
-                   for topic, publisher in self._publishers.items()
-                   if topic.endswith(('/path', '/trajectory')))
-
-    def made(self, plan: Plan, frame_id: str) -> list[tuple[Publisher, Any]]:
-        """Return all messages of a plan, each behind its publisher."""
-        return [(self._publishers[topic], message)
-                for topic, message in messages.of_plan(plan, frame_id)]
-
-
-class PoseSubscriptions:
-    """
-    Subscribes to the poses of all members, keeps valid ones and warns once of each other kind.
-
-    :param node: the Node that subscribes.
-    :param settings: its Parameters.
-    :param poses: the PoseBook that keeps them.
-    :param on_first: called after the first valid pose of a topic.
-    """
-
-    def __init__(self, node: Node, settings: Parameters, poses: PoseBook,
-                 on_first: Callable[[], None]) -> None:
-        self._node, self._settings, self._poses = node, settings, poses
-        self._on_first = on_first
-        self._origins = {topic: f'{name}.origin'
-                         for name in settings['uavs'] for topic in uav_topics(name)}
-        self._warned: set[tuple[str, str]] = set()
-        group = MutuallyExclusiveCallbackGroup()
-        kinds = {GROUND_NODE_TOPIC: PoseStamped,
-                 **{pose_topic(name): PoseWithCovarianceStamped
-                    for name in settings['eavesdroppers']},
-                 **{pose_topic(name): PoseStamped for name in settings['uavs']},
-                 **{odometry_topic(name): Odometry for name in settings['uavs']}}
-        for topic, kind in kinds.items():
-            node.create_subscription(
-                kind, topic, lambda message, topic=topic: self._take(topic, message), SENSOR,
-                callback_group=group, qos_overriding_options=OVERRIDABLE)
-
-    def _take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped | Odometry
-              ) -> None:
-        first = self._poses.get(topic) is None
-        now = self._node.get_clock().now().nanoseconds * 1e-9
-        origin = self._settings[self._origins[topic]] if topic in self._origins else _NO_SHIFT
-        try:
-            self._poses.take(topic, message, self._settings['frame_id'], now, origin)
-        except PoseError as error:
-            reason = brief(error)
-            if (topic, reason) not in self._warned and (
-                    sum(known[0] == topic for known in self._warned) < _MOST_WARNINGS):
-                self._warned.add((topic, reason))
-                self._node.get_logger().warning(f'{topic}: {reason}; it is not used')
-        else:
-            self._warned -= {known for known in self._warned if known[0] == topic}
-            if first:
-                self._on_first()

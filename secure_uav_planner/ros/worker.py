@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, InvalidStateError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 import threading
 import time
-from typing import Any
+from typing import Any, TypeAlias
 
 from ..errors import BusyError, StoppedError, SupersededError
 from ..mission.scenario import Scenario
@@ -14,32 +15,40 @@ from ..plan.plan import Iteration, Plan
 
 _POLL = 0.02
 
+Task: TypeAlias = Callable[[Callable[..., Plan]], Any]
+"""Called in the solver's thread with the function solve; what it returns is the job's result."""
 
+
+@dataclass
 class _Job:
-    """One solve and its thread."""
+    """One solve, its thread and what comes of it."""
 
-    def __init__(self, cancel: threading.Event) -> None:
-        self.cancel = cancel
-        self.future: 'Future[Plan]' = Future()
-        self.progress: Iteration | None = None
-        self.thread: threading.Thread | None = None
+    cancel: threading.Event
+    cancelled: str
+    thread: threading.Thread | None = None
+    progress: Iteration | None = None
+    future: 'Future[Any]' = field(default_factory=Future)
+
+    def stop(self, error: Exception) -> None:
+        """Let the thread end soon; its future has the error at once."""
+        self.cancel.set()
+        with suppress(InvalidStateError):  # It already has a result or an error.
+            self.future.set_exception(error)
 
 
 class Worker:
     """
     Runs one solve at a time: for requests, and between them in the background.
 
-    A request reserves the worker. This stops a solve in the background, and no other one starts in
-    the background while the worker is reserved.
-
-    :param on_iteration: called in the solver's thread at its beginning and after every iteration.
+    A request reserves the worker. This stops a solve in the background, and none starts there
+    until it is answered. on_iteration is called in the solver's thread, at first before it solves.
     """
 
     def __init__(self, on_iteration: Callable[[], None]) -> None:
         self._on_iteration = on_iteration
         self._reservation = threading.Lock()
         self._request_cancel = threading.Event()
-        self._closed = threading.Event()
+        self._closed = False
         self._lock = threading.Lock()
         self._job: _Job | None = None
 
@@ -60,8 +69,7 @@ class Worker:
         """
         Reserve the worker within the with block, and stop a solve in the background.
 
-        :param patience: how long to wait for the thread of that solve, in s, or None for no limit.
-        :raises BusyError: if the worker is already reserved, or that solve did not stop in time.
+        :raises BusyError: if it is already reserved, or that solve does not stop in `patience` s.
         :raises StoppedError: if the request is cancelled during the wait.
         """
         if not self._reservation.acquire(blocking=False):
@@ -73,33 +81,29 @@ class Worker:
         finally:
             self._reservation.release()
 
-    def start(self, task: Callable[[], tuple[Scenario, dict[str, Any]]],
-              then: Callable[['Future[Plan]'], None] | None = None) -> 'Future[Plan]':
+    def start(self, task: Task, then: Callable[['Future[Any]'], None] | None = None
+              ) -> 'Future[Any]':
         """
         Start a solve for the reservation, or in the background if `then` is given.
 
-        :param task: called in the solver's thread; returns the scenario and further arguments of
-            solve.
         :param then: called with the future at the end of the solver's thread, except when the node
             is stopping. A join of the thread therefore also waits for this call.
-        :return: a concurrent.futures.Future of the Plan.
-        :raises BusyError: if a solve is under way, or if `then` is given while the worker is
-            reserved.
+        :raises BusyError: if a solve is under way, or in the background the worker is reserved.
         :raises StoppedError: if the request has been cancelled, or the node is stopping.
         """
         with self._lock:
-            if self._closed.is_set():
+            if self._closed:
                 raise StoppedError('the planner is stopping')
             if self._job is not None and self._job.thread.is_alive() or (
                     then is not None and self._reservation.locked()):
                 raise BusyError('a solve is under way')
-            job = _Job(self._request_cancel if then is None else threading.Event())
+            job = (_Job(self._request_cancel, 'cancelled') if then is None else
+                   _Job(threading.Event(), 'the replan was cancelled'))
             if job.cancel.is_set():
-                raise StoppedError('cancelled')
+                raise StoppedError(job.cancelled)
             # A daemon thread does not keep a stopped node running.
             job.thread = threading.Thread(
-                target=self._run, args=(job, task, then), daemon=True,
-                name='solver')
+                target=self._run, args=(job, task, then), daemon=True, name='solver')
             self._job = job
             job.thread.start()
             return job.future
@@ -115,13 +119,12 @@ class Worker:
 
     def close(self, timeout: float) -> bool:
         """Stop finally; futures get a StoppedError. Return whether the thread has ended."""
-        self._closed.set()
         with self._lock:
+            self._closed = True
             job = self._job
             if job is None:
                 return True
-            job.cancel.set()
-            _settle(job.future.set_exception, StoppedError('the planner is stopping'))
+            job.stop(StoppedError('the planner is stopping'))
         job.thread.join(timeout)
         return not job.thread.is_alive()
 
@@ -130,40 +133,36 @@ class Worker:
             job = self._job
             if job is None:
                 return
-            job.cancel.set()
-            _settle(job.future.set_exception, SupersededError('a request stopped the replan'))
+            job.stop(SupersededError('a request stopped the replan'))
         until = None if patience is None else time.monotonic() + patience
         while job.thread.is_alive():
             job.thread.join(_POLL)
-            if self._closed.is_set():
+            if self._closed:
                 raise StoppedError('the planner is stopping')
             if self._request_cancel.is_set():
                 raise StoppedError('cancelled')
             if until is not None and time.monotonic() > until:
                 raise BusyError('the solve of a replan has not stopped in time; ask again')
 
-    def _run(self, job: _Job, task: Callable[[], tuple[Scenario, dict[str, Any]]],
-             then: Callable[['Future[Plan]'], None] | None) -> None:
+    def _run(self, job: _Job, task: Task, then: Callable[['Future[Any]'], None] | None) -> None:
         def on_iteration(iteration: Iteration) -> bool:
             if not job.cancel.is_set():
                 job.progress = iteration
                 self._on_iteration()
             return job.cancel.is_set()
 
+        def solved(scenario: Scenario, **options: Any) -> Plan:
+            plan = solve(scenario, on_iteration=on_iteration, **options)
+            if plan.status == 'cancelled':
+                raise StoppedError(job.cancelled)
+            return plan
+
         try:
             self._on_iteration()
-            scenario, options = task()
-            plan = solve(scenario, on_iteration=on_iteration, **options)
+            settle, value = job.future.set_result, task(solved)
         except Exception as error:
-            _settle(job.future.set_exception, error)
-        else:
-            _settle(job.future.set_result, plan)
-        if then is not None and not self._closed.is_set():
+            settle, value = job.future.set_exception, error
+        with suppress(InvalidStateError):
+            settle(value)
+        if then is not None and not self._closed:
             then(job.future)
-
-
-def _settle(settle: Callable[[Any], None], value: Any) -> None:
-    try:
-        settle(value)
-    except InvalidStateError:
-        pass  # It already has a result or an error.
