@@ -45,6 +45,11 @@ class Flight(NamedTuple):
             return 'waiting'
         return 'flying' if self.rate > 0 else 'held'
 
+    @property
+    def is_under_way(self) -> bool:
+        """Return whether it has begun and not ended."""
+        return self.state in ('flying', 'held')
+
 
 class Sighting(NamedTuple):
     """The measured state of a UAV."""
@@ -154,10 +159,8 @@ class Track:
     """
 
     def __init__(self) -> None:
-        self._begin(None)
-
-    def _begin(self, start_ns: int | None) -> None:
-        self._start_ns, self._last = start_ns, math.inf
+        self._start_ns: int | None = None
+        self._last = math.inf
         self._sums = np.zeros(3)  # Time in s, achieved and planned in bit/Hz.
 
     def add(self, playback: Playback, time: float, positions: Array) -> None:
@@ -166,12 +169,13 @@ class Track:
 
         A plan with another start begins a new flight.
         """
-        if np.shape(positions) != (len(playback.plan.scenario.uavs), 2):
+        scenario, start_ns = playback.plan.scenario, playback.plan.start_ns
+        if np.shape(positions) != (len(scenario.uavs), 2):
             raise OptionError(f'positions has the shape {shown(np.shape(positions))}; it must be '
-                              f'{(len(playback.plan.scenario.uavs), 2)}')
-        if playback.plan.start_ns != self._start_ns:
-            self._begin(playback.plan.start_ns)
-        last, self._last, scenario = self._last, time, playback.plan.scenario
+                              f'{(len(scenario.uavs), 2)}')
+        if start_ns != self._start_ns:
+            self._start_ns, self._last, self._sums = start_ns, math.inf, np.zeros(3)
+        last, self._last = self._last, time
         if not 0 < time - last <= _LONGEST_GAP:
             return
         inside = scenario.slot_duration * np.array([1, scenario.slots + 1])

@@ -10,9 +10,8 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from .messages import nanoseconds
 from .parameters import LONGEST_FRAME
 from ..errors import PlanError, shown
-from ..mission.propagation import Channel
-from ..mission.scenario import Array, Eavesdropper, Point, RANGES, Scenario, Uav
-from ..model.curve import Curve, flown
+from ..mission.scenario import Array, RANGES, Scenario, Uav
+from ..model.curve import flown
 from ..plan.plan import Plan
 
 _SETTLING_NS = 100_000_000
@@ -68,11 +67,11 @@ class Assembly:
         """Why the messages that have come do not make a newer plan yet, or an empty string."""
         return _nothing_on(self._missing()) if self._has_begun() else ''
 
-    def plan(self, ground_node: Point, reference_snr_db: float, channel: Channel,
-             eavesdropper: Point | None) -> tuple[Plan, str]:
+    def plan(self, **fields: Any) -> tuple[Plan, str]:
         """
         Return the plan that the messages contain, and its frame.
 
+        :param fields: those of its Scenario that no message contains.
         :raises PlanningError: if the messages do not make a plan. They are kept, because a later
             message may complete them.
         """
@@ -81,8 +80,7 @@ class Assembly:
         missing = [topic for topic in self._needed if topic not in chosen]
         if missing:
             raise PlanError(_nothing_on(missing))
-        found = _plan_from(
-            self._names, chosen, ground_node, reference_snr_db, channel, eavesdropper)
+        found = _plan_from(self._names, chosen, fields)
         self._new, self._last = {}, chosen
         return found, chosen[f'{self._names[0]}/path'].header.frame_id
 
@@ -125,8 +123,8 @@ def _nothing_on(topics: Sequence[str]) -> str:
     return f'nothing new has come on {", ".join(topics)}'
 
 
-def _plan_from(names: Sequence[str], messages: Mapping[str, Any], ground_node: Point,
-               reference_snr_db: float, channel: Channel, eavesdropper: Point | None) -> Plan:
+def _plan_from(names: Sequence[str], messages: Mapping[str, Any], fields: Mapping[str, Any]
+               ) -> Plan:
     """Return the Plan that messages contain; its limits are the smallest that the plan keeps."""
     paths = {name: messages[f'{name}/path'] for name in names}
     powers = [messages[f'{name}/power'].data for name in names]
@@ -152,9 +150,7 @@ def _plan_from(names: Sequence[str], messages: Mapping[str, Any], ground_node: P
             **flown(line, slot_duration, *motions.get(name, [])[1:])._asdict())
         for name, line, line_z, level in zip(
             names, positions, places[:, 0, 2], watts, strict=True))
-    scenario = Scenario(
-        tuple(ground_node), (Eavesdropper(eavesdropper or tuple(ground_node)),), uavs,
-        slot_duration * slots, slots, reference_snr_db, channel=channel)
+    scenario = Scenario(uavs=uavs, duration=slot_duration * slots, slots=slots, **fields)
     plan = Plan(scenario, positions, watts, start_ns=start_ns)
     _check_motions(plan, motions)
     return plan
@@ -182,12 +178,9 @@ def _motion(name: str, message: MultiDOFJointTrajectory, path: Path) -> list[Arr
 
 def _check_motions(plan: Plan, motions: Mapping[str, list[Array]]) -> None:
     """Compare the curve of a plan with the trajectories that it was made from."""
-    expected = Curve(plan.scenario, plan.positions).at(plan.times)
-    for index, uav in enumerate(plan.scenario.uavs):
-        if uav.name not in motions:
-            continue
-        apart = np.linalg.norm(
-            motions[uav.name][0] - expected.positions[index], axis=-1)
+    curves = plan.curve.at(plan.times).positions
+    for uav, curve in zip(plan.scenario.uavs, curves, strict=True):
+        apart = np.linalg.norm(motions.get(uav.name, [curve])[0] - curve, axis=-1)
         if not apart.max() <= _SAME_PLACE:
             raise PlanError(
                 f'{uav.name}/trajectory is not the curve of {uav.name}/path: at point '
@@ -199,15 +192,16 @@ def _check_frames(paths: Mapping[str, Path]) -> None:
     if len(set(frames.values())) > 1:
         raise PlanError('the paths are in different frames: ' + ', '.join(
             f'{name}/path in {shown(frame)}' for name, frame in list(frames.items())[:4]))
-    longest = max(map(len, frames.values()))
-    if longest > LONGEST_FRAME:
-        raise PlanError(f'the frame_id of the paths has {longest} characters; it may have '
-                        f'{LONGEST_FRAME}')
     for name, path in paths.items():
-        for at in path.poses:
-            if at.header.frame_id not in ('', path.header.frame_id):
-                raise PlanError(f'{name}/path is in frame {shown(path.header.frame_id)} and has '
-                                f'a pose in frame {shown(at.header.frame_id)}')
+        frame = frames[name]
+        if len(frame) > LONGEST_FRAME:
+            raise PlanError(f'the frame_id of the paths has {len(frame)} characters; it may have '
+                            f'{LONGEST_FRAME}')
+        other = next((at.header.frame_id for at in path.poses
+                      if at.header.frame_id not in ('', frame)), frame)
+        if other != frame:
+            raise PlanError(f'{name}/path is in frame {shown(frame)} and has a pose in frame '
+                            f'{shown(other)}')
 
 
 def _timing(paths: Mapping[str, Path]) -> tuple[int, float]:

@@ -65,11 +65,7 @@ class LatestOnlyWorker:
 
 
 class Bounding(LatestOnlyWorker):
-    """
-    Computes the upper bound of a plan, as long as no other plan is put and it is not cancelled.
-
-    In its thread it calls `then` with the plan and its bound, or `failed` with a text.
-    """
+    """Computes the upper bound of a plan, unless another one is put or it is cancelled."""
 
     def __init__(self, then: Callable[[Plan, Bound], None], failed: Callable[[str], None]) -> None:
         super().__init__(self._bound)

@@ -17,11 +17,7 @@ from ..plan.plan import Plan
 
 
 class Drawing(LatestOnlyWorker):
-    """
-    Draws plans in the background, each put with its file; of several that wait only the newest.
-
-    :param on_failure: called in another thread with the reason when a plan cannot be drawn.
-    """
+    """Draws plans in the background, each put with its file."""
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         super().__init__(self._run_process)

@@ -83,13 +83,7 @@ class Frames:
 
 
 def moved(message: Message, transform: Transform, frame_id: str) -> Message:
-    """
-    Return a pose after a transform: R p + t, with the covariance R C R^T of both its parts.
-
-    :param transform: from the frame of the message into the other one.
-    :param frame_id: the other frame.
-    :raises PoseError: if the rotation is not a quaternion of length 1.
-    """
+    """Return a pose after a transform: R p + t, with the covariance R C R^T of both its parts."""
     turn = rotation(_vector(transform.rotation, 'xyzw'), 'the rotation of the transform')
     new = deepcopy(message)
     new.header.frame_id = frame_id

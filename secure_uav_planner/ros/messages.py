@@ -52,10 +52,8 @@ def nanoseconds(stamp: Stamp) -> int:
 
 def plan_time(plan: Plan, seconds: float, stamp: Stamp) -> TimeReference:
     """Return the time in s from point 0 to which the flight of a plan has come by the clock."""
-    message = TimeReference(source=plan.identity)
-    message.header.stamp = stamp
-    message.time_ref = stamp_at(plan, seconds)
-    return message
+    return _stamped(TimeReference(source=plan.identity, time_ref=stamp_at(plan, seconds)), '',
+                    stamp)
 
 
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:
@@ -69,9 +67,8 @@ def pose_stamped(frame_id: str, stamp: Stamp, x: float, y: float, z: float, yaw:
                  ) -> PoseStamped:
     """Return a PoseStamped; see pose."""
     message = PoseStamped()
-    message.header.frame_id, message.header.stamp = frame_id, stamp
     _place(message.pose.position, message.pose.orientation, x, y, z, yaw)
-    return message
+    return _stamped(message, frame_id, stamp)
 
 
 def _place(position: Any, turn: Quaternion, x: float, y: float, z: float, yaw: float) -> None:
@@ -80,15 +77,18 @@ def _place(position: Any, turn: Quaternion, x: float, y: float, z: float, yaw: f
     turn.z, turn.w = math.sin(yaw / 2), math.cos(yaw / 2)
 
 
+def _stamped(message: Any, frame_id: str, stamp: Stamp) -> Any:
+    message.header.frame_id, message.header.stamp = frame_id, stamp
+    return message
+
+
 def path(plan: Plan, uav: int, frame_id: str) -> Path:
     """Return the nav_msgs/Path of a UAV by index; each pose is a point with its time."""
-    message, altitude = Path(), plan.scenario.uavs[uav].altitude
-    message.header.frame_id, message.header.stamp = frame_id, stamp_at(plan)
-    message.poses = [
-        pose_stamped(frame_id, stamp_at(plan, time), x, y, altitude, yaw)
-        for time, (x, y), yaw in zip(plan.times.tolist(), plan.positions[uav].tolist(),
-                                     plan.curve.at(plan.times).headings[uav].tolist())]
-    return message
+    altitude, headings = plan.scenario.uavs[uav].altitude, plan.curve.at(plan.times).headings
+    poses = [pose_stamped(frame_id, stamp_at(plan, time), x, y, altitude, yaw)
+             for time, (x, y), yaw in zip(plan.times.tolist(), plan.positions[uav].tolist(),
+                                          headings[uav].tolist(), strict=True)]
+    return _stamped(Path(poses=poses), frame_id, stamp_at(plan))
 
 
 def power(plan: Plan, uav: int) -> Float64MultiArray:
@@ -102,15 +102,13 @@ def power(plan: Plan, uav: int) -> Float64MultiArray:
 def trajectory(plan: Plan, uav: int, frame_id: str) -> MultiDOFJointTrajectory:
     """Return the flown curve of a UAV at the times of the points; the joint has its name."""
     member, motion = plan.scenario.uavs[uav], plan.curve.at(plan.times)
-    message = MultiDOFJointTrajectory(joint_names=[member.name])
-    message.header.frame_id, message.header.stamp = frame_id, stamp_at(plan)
-    message.points = [
-        _trajectory_point((x, y, member.altitude), yaw, velocity, acceleration, time)
-        for (x, y), yaw, velocity, acceleration, time in zip(
-            motion.positions[uav].tolist(), motion.headings[uav].tolist(),
-            motion.velocities[uav].tolist(), motion.accelerations[uav].tolist(),
-            plan.times.tolist())]
-    return message
+    points = [_trajectory_point((x, y, member.altitude), yaw, velocity, acceleration, time)
+              for (x, y), yaw, velocity, acceleration, time in zip(
+                  motion.positions[uav].tolist(), motion.headings[uav].tolist(),
+                  motion.velocities[uav].tolist(), motion.accelerations[uav].tolist(),
+                  plan.times.tolist(), strict=True)]
+    return _stamped(MultiDOFJointTrajectory(joint_names=[member.name], points=points), frame_id,
+                    stamp_at(plan))
 
 
 def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence[Any]
@@ -121,9 +119,8 @@ def trajectory_setpoint(name: str, frame_id: str, stamp: Stamp, motion: Sequence
     :param motion: position (x, y, z) in m, yaw in rad, velocity (x, y) in m/s and acceleration
         (x, y) in m/s^2.
     """
-    message = MultiDOFJointTrajectory(joint_names=[name], points=[_trajectory_point(*motion)])
-    message.header.frame_id, message.header.stamp = frame_id, stamp
-    return message
+    return _stamped(MultiDOFJointTrajectory(
+        joint_names=[name], points=[_trajectory_point(*motion)]), frame_id, stamp)
 
 
 def _trajectory_point(place: Sequence[float], yaw: float, velocity: Sequence[float],
@@ -148,12 +145,11 @@ def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[f
              yaw: float, velocity: Sequence[float]) -> Odometry:
     """Return the Odometry of a UAV; it has the velocity (x, y) in m/s in its own frame."""
     message = Odometry(child_frame_id=child_frame_id)
-    message.header.frame_id, message.header.stamp = frame_id, stamp
     message.pose.pose = pose(*place, yaw)
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
     message.twist.twist.linear = Vector3(
         x=float(ahead @ velocity), y=float(ahead[0] * velocity[1] - ahead[1] * velocity[0]))
-    return message
+    return _stamped(message, frame_id, stamp)
 
 
 def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
@@ -171,13 +167,12 @@ def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
     at = message.points[0]
     place, turn = at.transforms[0].translation, at.transforms[0].rotation
     velocity, acceleration = (
-        [(of.linear.x, of.linear.y, of.linear.z) for of in kind[:1]]
-        for kind in (at.velocities, at.accelerations))
+        (of[0].linear.x, of[0].linear.y, of[0].linear.z) if of else None
+        for of in (at.velocities, at.accelerations))
     east, north, _ = rotation((turn.x, turn.y, turn.z, turn.w), 'rotation').apply((1.0, 0.0, 0.0))
     return Setpoint(
         message.header.frame_id, nanoseconds(message.header.stamp), (place.x, place.y, place.z),
-        math.atan2(north, east), velocity[0] if velocity else None,
-        acceleration[0] if acceleration else None,
+        math.atan2(north, east), velocity, acceleration,
         (at.velocities[0].angular.z or None) if at.velocities else None)
 
 
@@ -216,12 +211,9 @@ def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str
 
 
 def markers(plan: Plan, frame_id: str) -> MarkerArray:
-    """
-    Return a MarkerArray with paths, ground node, eavesdroppers' discs, zones, fence and margin.
-
-    Of paths with very many points only some are shown, because markers are for display only.
-    """
+    """Return paths, ground node, eavesdroppers' discs, zones, fence and margin."""
     scenario = plan.scenario
+    # Of very many points only some are shown, because markers are for display only.
     points = np.unique(np.linspace(
         0, scenario.slots + 1, min(scenario.slots + 2, _MOST_POINTS)).astype(int))
     found = [Marker(action=Marker.DELETEALL)]
@@ -240,10 +232,8 @@ def markers(plan: Plan, frame_id: str) -> MarkerArray:
         found += [_marker('eavesdropper', index, Marker.CYLINDER, EAVESDROPPER,
                           (across, across, 1.0), (*eve.position, 0.5), opacity=0.5),
                   _label(200 + index, name, (*eve.position, 2 * size), EAVESDROPPER)]
-    found += _airspace(scenario)
-    for marker in found:
-        marker.header.frame_id, marker.header.stamp = frame_id, stamp_at(plan)
-    return MarkerArray(markers=found)
+    return MarkerArray(markers=[_stamped(marker, frame_id, stamp_at(plan))
+                                for marker in (*found, *_airspace(scenario))])
 
 
 def of_plan(plan: Plan, frame_id: str) -> Iterator[tuple[str, Any]]:
@@ -278,9 +268,9 @@ def _moment_markers(scenario: Scenario, moment: Moment, frame_id: str, stamp: St
     for index, (uav, (x, y), watts) in enumerate(
             zip(scenario.uavs, moment.positions, moment.powers, strict=True)):
         size = 10.0 + 10.0 * math.sqrt(max(0.0, watts))
-        found.append(_marker('uav', index, Marker.SPHERE, uav_color(index), (size, size, size),
-                             (x, y, uav.altitude)))
-        found[-1].header.frame_id, found[-1].header.stamp = frame_id, stamp
+        found.append(_stamped(_marker(
+            'uav', index, Marker.SPHERE, uav_color(index), (size, size, size),
+            (x, y, uav.altitude)), frame_id, stamp))
     return MarkerArray(markers=found)
 
 

@@ -1,4 +1,8 @@
-"""What is made of the parameters' values, and the values that a mission stands for."""
+"""
+What is made of the parameters' values, and the values that a mission stands for.
+
+A wrong combination of values raises a PlanningError that names the parameter.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -25,11 +29,7 @@ _NOTHING = {'geofence': [], 'los': NO_LOS, 'rician_k_db': 0.0, 'outage': NO_OUTA
 
 
 def objective_from(values: Mapping[str, Any]) -> Objective:
-    """
-    Return the objective that the parameter values describe.
-
-    :raises OptionError: if the method cannot maximise it.
-    """
+    """Return the objective that the parameter values describe, if the method can have it."""
     objective = values['objective']
     return checked_objective(values['method'], None if objective == OWN_OBJECTIVE else objective)
 
@@ -46,11 +46,7 @@ def uav_from(values: Mapping[str, Any], name: str) -> Uav:
 
 
 def channel_from(values: Mapping[str, Any]) -> Channel:
-    """
-    Return the Channel that the parameter values describe.
-
-    :raises PlanningError: for an environment and numbers at once, or wrong numbers.
-    """
+    """Return the Channel that the parameter values describe."""
     los, numbers = values['channel.los'], values['channel.los_numbers']
     if numbers and los != NO_LOS:
         raise ParameterError(
@@ -63,11 +59,7 @@ def channel_from(values: Mapping[str, Any]) -> Channel:
 
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Return zones and geofence of a Scenario, as the parameter values say.
-
-    :raises PlanningError: for a zone or a fence that is no polygon; the text names the parameter.
-    """
+    """Return the zones and the geofence that the parameter values describe."""
     zones = (NoFlyZone(_points(f'{name}.vertices', values[f'{name}.vertices']),
                        values[f'{name}.floor'], values[f'{name}.ceiling'] or math.inf, name)
              for name in values['no_fly_zones'])
@@ -85,11 +77,7 @@ def _points(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
 
 
 def of_mission(file: str) -> dict[str, Any]:
-    """
-    Return the values of parameters by name that a mission file stands for.
-
-    :raises ParameterError: if it holds no mission or cannot be read.
-    """
+    """Return the values of parameters by name that a mission file stands for."""
     try:
         return values_of(Scenario.load(file))
     except OSError as error:

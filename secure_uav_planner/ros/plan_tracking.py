@@ -235,7 +235,7 @@ class PlanTracking:
 
 def check_goes_on(before: Flight | None, now: Flight | None, elapsed: float) -> None:
     """Raise a LateError if a flight was paused, released or replaced in the s since a request."""
-    if before is None or not before.is_reported or before.state not in ('flying', 'held'):
+    if before is None or not (before.is_reported and before.is_under_way):
         return
     if now is None or now.playback.plan.start_ns != before.playback.plan.start_ns or (
             abs(now.time - before.time - before.rate * elapsed) > _SAME_TIME):

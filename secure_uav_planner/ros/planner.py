@@ -4,7 +4,7 @@ from functools import partial
 
 from .start import run_executable
 
-main = partial(run_executable, 'planner_node', 'Planner', pause=0.005)
+main = partial(run_executable, 'planner', pause=0.005)
 
 if __name__ == '__main__':
     main()

@@ -43,11 +43,7 @@ _LONGEST_REASON = 4000
 
 
 class Planner(Node):
-    """
-    Plans on request and, if enabled, again in flight; docs/planner.md describes its interface.
-
-    :raises PlanningError: for a wrong parameter; the text names it.
-    """
+    """Plans on request and, if enabled, again in flight; see docs/planner.md."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', **options)
@@ -122,7 +118,8 @@ class Planner(Node):
             # This stops a replan, and no other one starts before this request is answered.
             with self._worker.reserved(limit):
                 self._bounding.cancel()  # Only now: a request that is refused leaves it alone.
-                left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
+                left = None if limit is None else max(
+                    _SHORTEST_SOLVE, limit - (time.monotonic() - began))
                 last = self._state.plan
                 plan = self._worker.start(lambda solve: solve(
                     scenario, method=settings['method'], objective=objective_from(settings),
@@ -133,8 +130,8 @@ class Planner(Node):
                     check_still_wanted)
             self._publish_status()  # Now the request has been answered.
         except Exception as error:
-            return False, self._refuse(error, 'the solve failed')
-        if flight is not None and flight.state in ('flying', 'held'):
+            return False, self._refuse(error)
+        if flight is not None and flight.is_under_way:
             text += (f'; it goes on from plan {flight.playback.plan.identity}, which is '
                      f'{flight.state}')
         stranger = self._tracking.stranger(self._now())
@@ -165,10 +162,11 @@ class Planner(Node):
             self._progress_sent = time.monotonic()
             self._publish_status()
 
-    def _refuse(self, error: Exception, failure: str, is_replan: bool = False) -> str:
-        """Note, log and return why there is no new plan; `failure` is for unexpected errors."""
+    def _refuse(self, error: Exception, is_replan: bool = False) -> str:
+        """Note, log and return why there is no new plan."""
         if not isinstance(error, PlanningError):
-            level, reason = DiagnosticStatus.ERROR, f'{failure}: {with_type(error)}'
+            what = 'replan' if is_replan else 'solve'
+            level, reason = DiagnosticStatus.ERROR, f'the {what} failed: {with_type(error)}'
         elif is_replan and isinstance(error, StoppedError):
             level, reason = DiagnosticStatus.OK, brief(error, _LONGEST_REASON)
         else:
@@ -198,7 +196,7 @@ class Planner(Node):
         if isinstance(error, SupersededError):
             self._publish_status()
         else:
-            self._refuse(error, 'the replan failed', is_replan=True)
+            self._refuse(error, is_replan=True)
 
     # Publishing
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 import threading
-from typing import Any, TypeVar
+from typing import Any, TypeAlias
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -25,6 +25,8 @@ _LEAST_SPACING = 0.02  # Of those that are kept, in s, so that they are few at a
 # For so long in s after a pose has come, an older one does not replace it. One that comes later
 # may be of a publisher whose clock has been set back.
 _KEPT_BEFORE_OLDER = 10.0
+
+Message: TypeAlias = PoseStamped | PoseWithCovarianceStamped | Odometry
 
 _NO_SHIFT = (0.0, 0.0, 0.0)
 _MOST_WARNINGS = 5  # For each topic, until a valid pose arrives on it.
@@ -57,9 +59,6 @@ class KnownPose:
             0.0 <= self.received - other.received < _KEPT_BEFORE_OLDER)
 
 
-Message = TypeVar('Message', PoseStamped, PoseWithCovarianceStamped, Odometry)
-
-
 def frame_refusal(message: Message, frame_id: str) -> str:
     """Return why a pose of another frame is refused."""
     return (f'the pose is in frame {shown(message.header.frame_id)}; it must be in frame '
@@ -73,15 +72,15 @@ def _refuse(message: Message, frame_id: str) -> Message:
 class PoseBook:
     """The last valid pose of every topic, after it was moved into the frame of the planner."""
 
-    def __init__(self, moved: Callable[[Any, str], Any] = _refuse) -> None:
+    def __init__(self, moved: Callable[[Message, str], Message] = _refuse) -> None:
         self._moved = moved
         self._poses: dict[str, KnownPose] = {}
         self._foreign: dict[str, str] = {}
         self._recent: dict[str, list[tuple[float, Point]]] = {}
         self._lock = threading.Lock()
 
-    def take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped | Odometry,
-             frame_id: str, now: float, origin: Sequence[float] = _NO_SHIFT) -> None:
+    def take(self, topic: str, message: Message, frame_id: str, now: float,
+             origin: Sequence[float] = _NO_SHIFT) -> None:
         """
         Check a pose and keep it, unless a newer one has just come.
 
@@ -193,23 +192,18 @@ class PoseBook:
 
 
 class PoseSubscriptions:
-    """
-    Subscribes to the poses of all members, keeps valid ones and warns once of each other kind.
-
-    It calls on_first after the first valid pose of a topic.
-    """
+    """Keeps the valid poses of all members, and warns once of each other kind."""
 
     def __init__(self, node: Node, settings: Any, poses: PoseBook, on_first: Callable[[], None]
                  ) -> None:
         self._node, self._settings, self._poses = node, settings, poses
-        self._on_first = on_first
+        self._on_first = on_first  # Called after the first valid pose of a topic.
         self._warned: dict[str, set[str]] = {}
         topics = {name: topic for name, topic in TOPICS['planner', 'sub'].items() if '/' in name}
         subscribe(node, topics, self._take, MutuallyExclusiveCallbackGroup(), settings['uavs'],
                   settings['eavesdroppers'])
 
-    def _take(self, topic: str, message: PoseStamped | PoseWithCovarianceStamped | Odometry
-              ) -> None:
+    def _take(self, topic: str, message: Message) -> None:
         first, member = self._poses.get(topic) is None, topic.partition('/')[0]
         now = self._node.get_clock().now().nanoseconds * 1e-9
         origin = (self._settings[f'{member}.origin'] if member in self._settings['uavs']

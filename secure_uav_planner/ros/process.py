@@ -65,26 +65,28 @@ def _spin(node: Node, stop: threading.Event, pause: float
           ) -> tuple[bool, BaseException | None]:
     executor = MultiThreadedExecutor(num_threads=_THREADS)
     executor.add_node(node)
-    failure = None
-    while failure is None and not stop.is_set():
+
+    def turn(timeout: float) -> Exception | None:
         try:
-            executor.spin_once(timeout_sec=0.2)
-            time.sleep(pause)
+            executor.spin_once(timeout_sec=timeout)
         except Exception as error:
             # rclpy's own services also raise errors, after a malformed request.
             node.get_logger().error(f'a callback failed: {with_type(error)}',
                                     throttle_duration_sec=1.0)
-            failure = None if rclpy.ok() else error
             time.sleep(_AFTER_FAILURE)
+            return error
+        return None
+
+    failure = None
+    while failure is None and not stop.is_set():
+        error = turn(0.2)
+        failure = None if rclpy.ok() else error
+        time.sleep(pause)
     finished = node.close()
-    if failure is None:
-        # Send the answers that clients are still waiting for.
-        until = time.monotonic() + _LAST_ANSWERS
-        while time.monotonic() < until:
-            try:
-                executor.spin_once(timeout_sec=0.05)
-            except Exception as error:
-                node.get_logger().error(f'a callback failed: {with_type(error)}')
+    # Send the answers that clients are still waiting for.
+    until = time.monotonic() + _LAST_ANSWERS
+    while failure is None and time.monotonic() < until:
+        turn(0.05)
     _shut_down(executor)
     return finished, failure
 

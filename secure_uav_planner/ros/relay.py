@@ -4,7 +4,7 @@ from functools import partial
 
 from .start import run_executable
 
-main = partial(run_executable, 'relay_node', 'Relay')
+main = partial(run_executable, 'relay')
 
 if __name__ == '__main__':
     main()

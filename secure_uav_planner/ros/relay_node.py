@@ -28,11 +28,7 @@ _WARN_AGAIN = 5.0  # s
 
 
 class Relay(Node):
-    """
-    Passes on setpoints and odometry; docs/relay.md describes its interface.
-
-    :raises PlanningError: for a wrong parameter, or when the stack's message package is missing.
-    """
+    """Passes on setpoints and odometry; see docs/relay.md."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('relay', **options)

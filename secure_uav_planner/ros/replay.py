@@ -4,7 +4,7 @@ from functools import partial
 
 from .start import run_executable
 
-main = partial(run_executable, 'replay_node', 'Replay')
+main = partial(run_executable, 'replay')
 
 if __name__ == '__main__':
     main()

@@ -18,7 +18,7 @@ from .node_parameters import Parameters
 from .parameters import REPLAY
 from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ..errors import brief, OptionError, ParameterError, PlanningError, shown
-from ..mission.scenario import Point
+from ..mission.scenario import Eavesdropper, Point
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 from ..plan.player import due_ns, Place, Player
@@ -33,11 +33,7 @@ _FRESH = 1.0  # Largest age in s of the odometry from which a vehicle may start.
 
 
 class Replay(Node):
-    """
-    Replays the plan of the topics, or a saved plan; docs/replay.md describes its interface.
-
-    :raises PlanningError: for a wrong parameter or plan file; the text names it.
-    """
+    """Replays the plan of the topics, or a saved plan; see docs/replay.md."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('replay', **options)
@@ -95,9 +91,11 @@ class Replay(Node):
     def _assemble(self) -> str:
         """Load the plan of the topics; return the reason if that fails, or an empty string."""
         try:
+            ground_node = tuple(self._settings['ground_node'])
             plan, frame_id = self._assembly.plan(
-                self._settings['ground_node'], self._settings['reference_snr_db'],
-                channel_from(self._settings), self._eavesdropper)
+                ground_node=ground_node, channel=channel_from(self._settings),
+                eavesdroppers=(Eavesdropper(self._eavesdropper or ground_node),),
+                reference_snr_db=self._settings['reference_snr_db'])
         except PlanningError as error:
             reason = self._problem = brief(error)
             self._starts_next = False

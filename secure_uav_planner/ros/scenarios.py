@@ -21,17 +21,15 @@ class StartTime:
     """
     When the plan of a request begins.
 
-    :param is_delayed: whether it begins at a time that is known before the solve.
     :param asked_ns: the time of the request in ns.
-    :param start_ns: the time of point 0 in ns.
-    :param effect_ns: when setpoints pass over to the plan, in ns: half a slot before point 0 if
+    :param delay: from then to point 0 in s, or 0 for a plan that begins once it has been solved.
+    :param lead_in: how long before point 0 setpoints pass over to the plan in s: half a slot if
         any UAV has a limit of acceleration, for then it leaves its start.
     """
 
-    is_delayed: bool
     asked_ns: int
-    start_ns: int
-    effect_ns: int
+    delay: float
+    lead_in: float
 
     @classmethod
     def of(cls, settings: Mapping[str, Any], now_ns: int, is_flying: bool) -> 'StartTime':
@@ -41,28 +39,32 @@ class StartTime:
         delay = settings['start_delay']
         if is_flying:
             delay = max(delay, settings['replan_lead'] + lead_in)
-        start_ns = now_ns + round(max(delay, lead_in) * 1e9)
-        return cls(delay > 0, now_ns, start_ns, start_ns - round(lead_in * 1e9))
+        return cls(now_ns, delay, lead_in)
 
     @property
     def ahead(self) -> float:
         """How far ahead of the request the plan takes effect, in s."""
-        return (self.effect_ns - self.asked_ns) * 1e-9
+        return max(0.0, self.delay - self.lead_in)
+
+    @property
+    def effect_ns(self) -> int:
+        """When the plan takes effect, in ns."""
+        return self.asked_ns + round(self.ahead * 1e9)
 
     def time_limit(self, limit: float | None) -> float | None:
         """Return the time limit of the solve in s for that of the parameters; None for none."""
-        if not self.is_delayed:
+        if not self.delay:
             return limit
         left = self.ahead - min(_RESERVE, self.ahead / 2)
         return left if limit is None else min(limit, left)
 
     def start_of(self, now_ns: int) -> int:
         """Return the time in ns of point 0 of a plan that has been solved now."""
-        return self.start_ns if self.is_delayed else now_ns + self.start_ns - self.effect_ns
+        return (self.effect_ns if self.delay else now_ns) + round(self.lead_in * 1e9)
 
     def check_in_time(self, now_ns: int) -> None:
         """Raise a LateError if the time at which the plan takes effect has passed."""
-        if self.is_delayed and now_ns > self.effect_ns:
+        if self.delay and now_ns > self.effect_ns:
             raise LateError('the new plan came after the moment it was to take effect; a longer '
                             'start_delay gives it more time, and in flight a longer replan_lead')
 
@@ -94,9 +96,9 @@ def _begun(uav: Uav, index: int, sighting: Sighting | None, settings: Mapping[st
         return uav
     time = start.effect_ns * 1e-9 if flight is None else flight.time + flight.rate * start.ahead
     is_reported = flight is not None and flight.is_reported
-    if sighting is None or is_reported and flight.state in ('flying', 'held'):
+    if sighting is None or is_reported and flight.is_under_way:
         state = _planned(uav, index, flight, time)
-    elif is_reported or start.is_delayed:
+    elif is_reported or start.delay:
         state = expected(sighting, time, flight and flight.playback, index,
                          settings['track_tolerance'])
     else:

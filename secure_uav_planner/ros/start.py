@@ -9,10 +9,9 @@ import os
 import signal
 
 
-def run_executable(module: str, node: str, args: list[str] | None = None, **options: object
-                   ) -> None:
-    """Import a node of a module, run it until a signal with process.run_node, and exit."""
+def run_executable(name: str, args: list[str] | None = None, **options: object) -> None:
+    """Import the node of a name, run it until a signal with process.run_node, and exit."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
-    kind = getattr(import_module(f'{__package__}.{module}'), node)
+    kind = getattr(import_module(f'{__package__}.{name}_node'), name.title())
     import_module(f'{__package__}.process').run_node(kind, args, **options)

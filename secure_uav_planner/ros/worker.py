@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, InvalidStateError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+import math
 import threading
 import time
 from typing import Any, TypeAlias
@@ -76,7 +77,19 @@ class Worker:
             raise BusyError('a solve is under way')
         try:
             self._request_cancel = threading.Event()
-            self._stop_background(patience)
+            with self._lock:
+                job = self._job
+                if job is not None:
+                    job.stop(SupersededError('a request stopped the replan'))
+            until = math.inf if patience is None else time.monotonic() + patience
+            while job is not None and job.thread.is_alive():
+                job.thread.join(_POLL)
+                if self._closed:
+                    raise StoppedError('the planner is stopping')
+                if self._request_cancel.is_set():
+                    raise StoppedError('cancelled')
+                if time.monotonic() > until:
+                    raise BusyError('the solve of a replan has not stopped in time; ask again')
             yield
         finally:
             self._reservation.release()
@@ -127,22 +140,6 @@ class Worker:
             job.stop(StoppedError('the planner is stopping'))
         job.thread.join(timeout)
         return not job.thread.is_alive()
-
-    def _stop_background(self, patience: float | None) -> None:
-        with self._lock:
-            job = self._job
-            if job is None:
-                return
-            job.stop(SupersededError('a request stopped the replan'))
-        until = None if patience is None else time.monotonic() + patience
-        while job.thread.is_alive():
-            job.thread.join(_POLL)
-            if self._closed:
-                raise StoppedError('the planner is stopping')
-            if self._request_cancel.is_set():
-                raise StoppedError('cancelled')
-            if until is not None and time.monotonic() > until:
-                raise BusyError('the solve of a replan has not stopped in time; ask again')
 
     def _run(self, job: _Job, task: Task, then: Callable[['Future[Any]'], None] | None) -> None:
         def on_iteration(iteration: Iteration) -> bool:
