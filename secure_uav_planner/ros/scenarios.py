@@ -83,10 +83,8 @@ def scenario_from(settings: Mapping[str, Any], poses: PoseBook, start: StartTime
             for index, (name, sighting) in enumerate(
                 zip(settings['uavs'], sightings, strict=True))]
     return Scenario(
-        ground_node=poses.get(GROUND_NODE_TOPIC).position,
-        eavesdroppers=_eavesdroppers(settings, poses), uavs=tuple(uavs),
-        channel=channel_from(settings), **airspace_from(settings),
-        **{field: settings[field] for field in SCENARIO_FIELDS})
+        uavs=tuple(uavs), channel=channel_from(settings), **_receivers(settings, poses),
+        **airspace_from(settings), **{field: settings[field] for field in SCENARIO_FIELDS})
 
 
 def _begun(uav: Uav, index: int, sighting: Sighting | None, settings: Mapping[str, Any],
@@ -128,8 +126,7 @@ def updated(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, no
             ) -> Scenario:
     """Return the scenario with the present poses of the ground node and the eavesdroppers."""
     poses.check(settings, now, of_uavs=False)
-    return replace(scenario, ground_node=poses.get(GROUND_NODE_TOPIC).position,
-                   eavesdroppers=_eavesdroppers(settings, poses))
+    return replace(scenario, **_receivers(settings, poses))
 
 
 def has_moved(scenario: Scenario, known: Scenario, distance: float) -> bool:
@@ -140,7 +137,8 @@ def has_moved(scenario: Scenario, known: Scenario, distance: float) -> bool:
         for before, now in zip(scenario.eavesdroppers, known.eavesdroppers))
 
 
-def _eavesdroppers(settings: Mapping[str, Any], poses: PoseBook) -> tuple[Eavesdropper, ...]:
+def _receivers(settings: Mapping[str, Any], poses: PoseBook) -> dict[str, Any]:
+    """Return the ground node and the eavesdroppers of a Scenario."""
     found = []
     for name in settings['eavesdroppers']:
         known = poses.get(f'{name}/pose')
@@ -148,4 +146,4 @@ def _eavesdroppers(settings: Mapping[str, Any], poses: PoseBook) -> tuple[Eavesd
                   if known.covariance.any() else settings[f'{name}.error_radius'])
         found.append(Eavesdropper(known.position, radius, name,
                                   settings[f'{name}.receiver_advantage_db']))
-    return tuple(found)
+    return {'ground_node': poses.get(GROUND_NODE_TOPIC).position, 'eavesdroppers': tuple(found)}
