@@ -51,7 +51,7 @@ def nanoseconds(stamp: Stamp) -> int:
 
 
 def plan_time(plan: Plan, seconds: float, stamp: Stamp) -> TimeReference:
-    """Return the time in s from point 0 to which the flight of a plan has come by the clock."""
+    """Return to what time of a plan, in s from point 0, its flight has come at a time."""
     return _stamped(TimeReference(source=plan.identity, time_ref=stamp_at(plan, seconds)), '',
                     stamp)
 

@@ -29,7 +29,7 @@ _NOTHING = {'geofence': [], 'los': NO_LOS, 'rician_k_db': 0.0, 'outage': NO_OUTA
 
 
 def objective_from(values: Mapping[str, Any]) -> Objective:
-    """Return the objective that the parameter values describe, if the method can have it."""
+    """Return the objective that the parameter values describe, if the method maximises it."""
     objective = values['objective']
     return checked_objective(values['method'], None if objective == OWN_OBJECTIVE else objective)
 

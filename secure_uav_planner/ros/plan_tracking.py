@@ -26,7 +26,7 @@ _UNTAKEN = 2.0  # s after a plan has come, or begins, when a follower flies anot
 
 
 class _Reports:
-    """What a follower has said of the time of one plan; at first that goes on with a rate."""
+    """What a follower has said of the time of one plan, which at first goes on at a given rate."""
 
     def __init__(self, identity: str, rate: float) -> None:
         self.identity, self._first_rate = identity, rate
@@ -234,7 +234,11 @@ class PlanTracking:
 
 
 def check_goes_on(before: Flight | None, now: Flight | None, elapsed: float) -> None:
-    """Raise a LateError if a flight was paused, released or replaced in the s since a request."""
+    """
+    Check that a flight has gone on as expected, some s after a plan was asked for.
+
+    :raises LateError: if it was paused, released or replaced since.
+    """
     if before is None or not (before.is_reported and before.is_under_way):
         return
     if now is None or now.playback.plan.start_ns != before.playback.plan.start_ns or (

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path as FilePath
 import threading
 import time
@@ -59,7 +60,7 @@ class Planner(Node):
         self._publishing = threading.Lock()
         self._worker = Worker(self._on_iteration)
         self._replanning = Replanning(self._worker, self._poses, self._tracking,
-                                      self._publish_replan, self._refuse_replan)
+                                      self._publish_replan, partial(self._refuse, is_replan=True))
         self._evaluation = LatestOnlyWorker(self._evaluate)
         self._bounding = Bounding(self._add_bound, self.get_logger().error)
         self._make_interface()
@@ -164,6 +165,9 @@ class Planner(Node):
 
     def _refuse(self, error: Exception, is_replan: bool = False) -> str:
         """Note, log and return why there is no new plan."""
+        if isinstance(error, SupersededError):
+            self._publish_status()  # The plan that came first has been reported.
+            return str(error)
         if not isinstance(error, PlanningError):
             what = 'replan' if is_replan else 'solve'
             level, reason = DiagnosticStatus.ERROR, f'the {what} failed: {with_type(error)}'
@@ -191,12 +195,6 @@ class Planner(Node):
     def _publish_replan(self, plan: Plan, rejoin: Rejoin, last: Plan) -> None:
         self._publish_plan(plan, 'replans', lambda: check_in_time(
             self._state.plan is last, rejoin, self._tracking.flight(self._now())))
-
-    def _refuse_replan(self, error: Exception) -> None:
-        if isinstance(error, SupersededError):
-            self._publish_status()
-        else:
-            self._refuse(error, is_replan=True)
 
     # Publishing
 

@@ -130,7 +130,7 @@ def updated(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, no
 
 
 def has_moved(scenario: Scenario, known: Scenario, distance: float) -> bool:
-    """Return whether a place on the ground has moved by more, or a radius by a tenth of it."""
+    """Return whether a receiver has moved by more than a distance in m, or a radius by a tenth."""
     return math.dist(scenario.ground_node, known.ground_node) > distance or any(
         math.dist(before.position, now.position) > distance
         or abs(before.error_radius - now.error_radius) > 0.1 * distance

@@ -53,7 +53,7 @@ class Spec:
         return isinstance(self.default, list) and self.limits is None
 
     def checked(self, name: str, value: Any, what: str = '') -> Any:
-        """Return the value in the parameter's type, or raise a ParameterError about what it is."""
+        """Return the value in the parameter's type; the text of an error begins with `what`."""
         try:
             return self._converted(value)
         except (TypeError, ValueError, OverflowError, NameValidationException):
