@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import gc
 from importlib import import_module
 import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -55,12 +56,14 @@ def wait_for(condition, patience=PATIENCE, what='the condition'):
 @contextmanager
 def node_process(name, *arguments, namespace=None, **parameters):
     """Run a node in its own process; yield the process, with its output in .lines."""
-    command = [sys.executable, '-m', f'secure_uav_planner.ros.{name}', *_ros_args(parameters)]
+    root = str(Path(__file__).parents[1])
+    command = [sys.executable, f'{root}/scripts/{name}', *_ros_args(parameters)]
     if namespace:
         command += ['-r', f'__ns:={namespace}']
     process = subprocess.Popen(
         [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+        env={**os.environ, 'PYTHONUNBUFFERED': '1',
+             'PYTHONPATH': os.pathsep.join([root, os.environ.get('PYTHONPATH', '')])})
     process.name, process.lines = name, []
     _note(process)
     reader = threading.Thread(target=lambda: process.lines.extend(process.stdout), daemon=True)

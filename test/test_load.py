@@ -92,7 +92,8 @@ def test_under_load_a_solve_is_cancelled_and_the_next_one_plans():
 @pytest.mark.parametrize('method, slots', [('joint', 2000), ('alternating', 50)])
 def test_how_much_longer_a_solve_takes_under_load(method, slots):
     with Client() as client, node_process(
-            'planner', duration=200.0, slots=slots, method=method, time_limit=0.0):
+            'planner', duration=200.0, slots=slots, method=method, time_limit=0.0,
+            pose_timeout=0.0):
         client.send_paper()
 
         def solve_time():
