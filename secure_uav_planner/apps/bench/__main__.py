@@ -1,21 +1,27 @@
-"""Run the benchmark: print tables, and write Markdown, CSV and a picture to a folder."""
+"""Run the benchmark: print the measurements, and write them as CSV and their summary."""
 
 import argparse
 import datetime
 import os
 from pathlib import Path
 import platform
+import statistics
 import sys
 
-from . import measuring, report
-from .fatrop import TOLERANCE
+import pandas
+
+from . import measuring
 from .missions import random_mission
+from .opponents import imported_casadi
 from ... import __version__
 from ...mission.scenario import Scenario
+from ...output.table import markdown_table
 
 PAPER = ((102.0, 10.0, 1.3694), (104.0, 10.0, 1.5601), (120.0, 10.0, 1.9875),
          (150.0, 10.0, 2.5035), (200.0, 10.0, 3.0187), (200.0, 0.0, 3.1917))
 TWO_SLOTS = 100  # Of the missions of two UAVs.
+RANDOM = {'two UAVs': 'of two UAVs', 'random': 'with 1 to 3 jammers and eavesdroppers'}
+"""The tables of random missions, and what these are."""
 
 
 def main(arguments=None):
@@ -28,74 +34,110 @@ def main(arguments=None):
     parser.add_argument('--missions', type=int, help='number of random missions')
     options = parser.parse_args(arguments)
     try:
-        import casadi
-    except ImportError:
-        print('the benchmark compares with CasADi: pip install casadi', file=sys.stderr)
+        casadi = imported_casadi()
+    except ImportError as error:
+        print(error, file=sys.stderr)
         return 1
     options.out.mkdir(parents=True, exist_ok=True)
-    repeats = 3 if options.quick else 7
     count = options.missions or (4 if options.quick else 24)
-    seeds = range(options.seed, options.seed + count)
     tables = {}
-
-    def table(name, rows):
+    for name, rows in _tables(range(options.seed, options.seed + count), options.quick):
         print(f'\n{name}')
         tables[name] = []
         for row in rows:
             tables[name].append(row)
-            print('  ' + ', '.join(f'{column} {report.text(column, value)}'
-                                   for column, value in row.items()
-                                   if value is not None), flush=True)
-
-    table('paper', (
-        measuring.measure(f'T = {duration:g} s, radius {radius:g} m',
-                          Scenario.paper(duration, radius), repeats,
-                          alternating=not options.quick, reference=reference)
-        for duration, radius, reference in PAPER))
-    sizes = (200, 400) if options.quick else (200, 400, 1000, 2000, 5000)
-    table('slots', (
-        {**measuring.measure(f'N = {slots}', Scenario.paper(200.0, 10.0, slots), repeats,
-                             ipopt=slots <= 2000, fatrop=slots <= 2000),
-         'peak_memory': measuring.peak_memory(slots)} for slots in sizes))
-    table('random', (measuring.measure(f'seed {seed}', random_mission(seed), min(repeats, 3))
-                     for seed in seeds))
-    table('two UAVs', (measuring.measure(
-        f'seed {seed}', random_mission(seed, slots=TWO_SLOTS, jammers=1), min(repeats, 3))
-        for seed in seeds))
-    warm = [('paper', Scenario.paper(duration), 0) for duration in (102.0, 120.0, 200.0)]
-    warm += [(f'seed {seed}', random_mission(seed), seed) for seed in seeds]
-    table('warm', (measuring.measure_warm(name, scenario, seed, min(repeats, 3))
-                   for name, scenario, seed in warm))
-
-    radii = [(duration, radius) for duration in (102.0, 120.0, 200.0) for radius in (10.0, 60.0)]
-    objectives = [(f'T = {duration:g} s, radius {radius:g} m', Scenario.paper(duration, radius))
-                  for duration, radius in radii[:2 if options.quick else None]]
-    objectives += [(f'seed {seed}', random_mission(seed)) for seed in seeds]
-    table('objectives', (measuring.measure_objectives(*mission) for mission in objectives))
-
-    today, machine = datetime.date.today().isoformat(), platform.machine()
-    summary = (f'Measured on {today} with version {__version__}, on {os.cpu_count()} processors '
-               f'({machine}):\n\n' + report.summary(tables))
+            print('  ' + ', '.join(
+                f'{column} {value:.4g}' if isinstance(value, float) else f'{column} {value}'
+                for column, value in row.items()), flush=True)
+    summary = (f'Measured on {datetime.date.today().isoformat()} with version {__version__}, '
+               f'CasADi {casadi.__version__} and Python {platform.python_version()}, on '
+               f'{os.cpu_count()} processors ({platform.machine()}):\n\n{summary_of(tables)}')
     print('\n' + summary)
-    document = (
-        f'# Benchmark of {today}\n\n'
-        f'`python -m secure_uav_planner.apps.bench {" ".join(arguments or sys.argv[1:])}`, '
-        f'Python {platform.python_version()}, CasADi {casadi.__version__}, '
-        f'{machine}. Times are medians in s, rates in bit/s/Hz, memory in MB. IPOPT '
-        'and FATROP start from fly-hover-fly with constant power, with exact derivatives. IPOPT '
-        f'has its default options, and FATROP a tolerance of {TOLERANCE:g} and otherwise its '
-        'own; it finds the stages by itself, with the powers used before as a state. With '
-        'several eavesdroppers the largest leak is an epigraph variable, and the kinks at d = 0 '
-        'and d = eps are left to them (the first rounded by 1 cm): they have no smoother fair '
-        'form.\n\n' + summary)
-    for name, rows in tables.items():
-        document += f'\n## {name}\n\n{report.table_of(rows)}'
     (options.out / 'speed.md').write_text(summary, encoding='utf-8')
-    (options.out / 'bench.md').write_text(document, encoding='utf-8')
-    report.write_csv(options.out / 'bench.csv', tables)
-    report.plot_scaling(options.out / 'time_against_slots.png', tables['slots'])
+    pandas.concat({name: pandas.DataFrame(rows) for name, rows in tables.items()},
+                  names=['table']).to_csv(options.out / 'bench.csv')
     print(f'written to {options.out}')
     return 0
+
+
+def _tables(seeds, quick):
+    """Yield the name of every table, and its rows as they are measured."""
+    repeats = 3 if quick else 7
+    few = min(repeats, 3)
+    yield 'paper', (
+        measuring.measure(f'T = {duration:g} s, radius {radius:g} m',
+                          Scenario.paper(duration, radius), repeats, alternating=True,
+                          reference=reference) for duration, radius, reference in PAPER)
+    yield 'slots', (
+        {**measuring.measure(f'N = {slots}', Scenario.paper(200.0, 10.0, slots), repeats,
+                             others=slots <= 2000),
+         'peak_memory': measuring.peak_memory(slots)}
+        for slots in ((200, 400) if quick else (200, 400, 1000, 2000, 5000)))
+    named = [(f'seed {seed}', random_mission(seed)) for seed in seeds]
+    yield 'random', (measuring.measure(*mission, few) for mission in named)
+    yield 'two UAVs', (measuring.measure(
+        f'seed {seed}', random_mission(seed, slots=TWO_SLOTS, jammers=1), few) for seed in seeds)
+    radii = [(duration, radius) for duration in (102.0, 120.0, 200.0) for radius in (10.0, 60.0)]
+    paper = [(f'T = {duration:g} s, radius {radius:g} m', Scenario.paper(duration, radius))
+             for duration, radius in radii[:2 if quick else None]]
+    yield 'warm', (measuring.measure_warm(*mission, few) for mission in (*paper, *named))
+    yield 'objectives', (measuring.measure_objectives(*mission) for mission in (*paper, *named))
+
+
+def summary_of(tables):
+    """Return the main results of the tables, rows by name, as a Markdown table and a list."""
+    lines = [_compared(f"the paper's, {row['name']}", [row], statistics.median)
+             for table in ('paper', 'slots') for row in tables[table]]
+    for table, of in RANDOM.items():
+        rows = tables[table]
+        lines += [_compared(f'{len(rows)} random ones {of}, median', rows, statistics.median),
+                  _compared('the worst of them', rows, min)]
+    others = [other.upper() for other in measuring.OPPONENTS]
+    return markdown_table(
+        ('missions', 'planner', *(f'against {other}' for other in others),
+         *(f'rate above that of {other}' for other in others)),
+        lines) + '\n\n' + '\n'.join(f'- {line}' for line in _facts(tables)) + '\n'
+
+
+def _compared(name, rows, choose):
+    """Return a line of the summary: the chosen time, ratios and gains of some rows."""
+    times = [row['joint_time'] for row in rows]
+    ratios, gains = [], []
+    for other in measuring.OPPONENTS:
+        compared = [row for row in rows if f'{other}_ratio' in row]
+        if not compared:
+            ratios.append('')
+            gains.append('')
+            continue
+        whole, call = (choose(row[f'{other}_{what}'] for row in compared)
+                       for what in ('ratio', 'ratio_solve'))
+        ratios.append(f'{_ratio(whole)} ({_ratio(call)})')
+        gains.append(f"{choose(row['joint_rate'] - row[f'{other}_rate'] for row in compared):.4f}")
+    return [name, f'{1000 * (max if choose is min else choose)(times):.0f} ms', *ratios, *gains]
+
+
+def _ratio(value):
+    return f'{value:.0f}' if value >= 9.95 else f'{value:.1f}'
+
+
+def _facts(tables):
+    """Yield what the tables say beside the comparison with other solvers, in sentences."""
+    ratios = [row['alternating_time'] / row['joint_time'] for row in tables['paper']]
+    yield ("On the paper's missions, its alternating method takes "
+           f'{min(ratios):.0f} to {max(ratios):.0f} times as long.')
+    first, *_, last = tables['slots']
+    yield (f"A process that plans {first['slots']} slots takes {first['peak_memory']:.0f} MB of "
+           f"memory, one that plans {last['slots']} takes {last['peak_memory']:.0f} MB.")
+    ratio, gain = (statistics.median(values) for values in zip(*(
+        (row['warm_ratio'], row['warm_rate'] - row['cold_rate']) for row in tables['warm'])))
+    yield (f"After the eavesdroppers' estimates have moved by 5 m, a solve that starts from the "
+           f'last plan takes {ratio:.0%} of the time of a first one in the median; the rate '
+           f'differs by {gain:+.5f} bit/s/Hz in the median.')
+    ratio = statistics.median(row['objective_ratio'] for row in tables['objectives'])
+    gains = [row['p1_rate'] - row['p2_rate'] for row in tables['objectives']]
+    yield (f'The worst-case objective takes {ratio:.1f} times the processor time of the '
+           f'guaranteed one in the median; the worst-case rate gains '
+           f'{statistics.median(gains):.4f} bit/s/Hz in the median, {min(gains):.4f} at least.')
 
 
 if __name__ == '__main__':

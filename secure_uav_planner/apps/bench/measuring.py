@@ -8,9 +8,7 @@ import time
 
 import numpy as np
 
-from .fatrop import solve_by_fatrop
-from .ipopt import solve_by_ipopt
-from .opponent import has_fatrop
+from .opponents import solve_by_fatrop, solve_by_ipopt
 from ...optimize import solve
 from ...optimize.initial import constant_powers, fly_hover_fly_positions
 
@@ -23,51 +21,45 @@ with open('/proc/self/status') as status:
     print(*(int(line.split()[1]) / 1024 for line in status if line.startswith('VmHWM:')))
 """
 
-_OPPONENTS = {'ipopt': solve_by_ipopt, 'fatrop': solve_by_fatrop}
+OPPONENTS = {'ipopt': solve_by_ipopt, 'fatrop': solve_by_fatrop}
 
 
-def measure(name, scenario, repeats, *, ipopt=True, fatrop=True, alternating=False,
-            reference=None):
+def measure(name, scenario, repeats, *, others=True, alternating=False, reference=None):
     """
-    Return the measurements of a scenario as a row, a dictionary.
+    Return the measurements of a Scenario as a row, a dictionary.
 
     The solvers take turns, so that a change of the machine's load affects all. Times are medians
     in s. The time of `joint` includes everything, also its several starts. A ratio is the other
     solver's time, including the time to build the problem, divided by that of `joint`;
     `..._ratio_solve` counts the other solver's call alone.
 
-    :param name: the name of the row.
-    :param scenario: a Scenario.
     :param repeats: how often each solver runs.
-    :param ipopt: whether to run IPOPT.
-    :param fatrop: whether to run FATROP, where CasADi brings it.
+    :param others: whether to run the OPPONENTS.
     :param alternating: whether to run the paper's algorithm as well, once.
     :param reference: the rate to reach in bit/s/Hz, if it is known.
     """
     start = fly_hover_fly_positions(scenario), constant_powers(scenario)
-    others = {other: [] for other, wanted in (
-        ('ipopt', ipopt), ('fatrop', fatrop and has_fatrop())) if wanted}
+    found = {other: [] for other in OPPONENTS if others}
     plans = []
     for _ in range(repeats):
-        plans.append(solve(scenario, method='joint', objective='guaranteed'))
-        for other, answers in others.items():
+        plans.append(solve(scenario, objective='guaranteed'))
+        for other, answers in found.items():
             # One run is enough to know the time of a slow answer.
             if not answers or answers[0].solve_time < 2.0:
-                answers.append(_OPPONENTS[other](scenario, *start))
-    plan = plans[0]
+                answers.append(OPPONENTS[other](scenario, *start))
+    time_taken = statistics.median(plan.solve_time for plan in plans)
     row = {
         'name': name, 'uavs': len(scenario.uavs), 'eavesdroppers': len(scenario.eavesdroppers),
-        'slots': scenario.slots, 'reference': reference, 'joint_rate': plan.guaranteed_rate,
-        'joint_time': statistics.median(plan.solve_time for plan in plans),
-        'joint_iterations': len(plan.history) - 1, 'joint_status': plan.status}
-    for other, answers in others.items():
+        'slots': scenario.slots, 'reference': reference, 'joint_rate': plans[0].guaranteed_rate,
+        'joint_time': time_taken}
+    for other, answers in found.items():
         build = statistics.median(answer.build_time for answer in answers)
         call = statistics.median(answer.solve_time for answer in answers)
         row.update({
             f'{other}_rate': answers[0].rate, f'{other}_build': build, f'{other}_solve': call,
-            f'{other}_iterations': answers[0].iterations, f'{other}_status': answers[0].status,
-            f'{other}_ratio': (build + call) / row['joint_time'],
-            f'{other}_ratio_solve': call / row['joint_time']})
+            f'{other}_converged': answers[0].is_converged,
+            f'{other}_ratio': (build + call) / time_taken,
+            f'{other}_ratio_solve': call / time_taken})
     if alternating:
         paper = solve(scenario, method='alternating')
         row.update(alternating_rate=paper.guaranteed_rate, alternating_time=paper.solve_time)
@@ -81,22 +73,16 @@ def peak_memory(slots):
     return float(done.stdout)
 
 
-def measure_warm(name, scenario, seed, repeats):
-    """
-    Return a row that compares a warm with a cold start after all eavesdroppers moved by 5 m.
-
-    :param seed: the seed of the direction of the move.
-    """
-    before = solve(scenario, method='joint', objective='guaranteed')
-    angle = np.random.default_rng([5, seed]).uniform(0, 2 * np.pi)
+def measure_warm(name, scenario, repeats):
+    """Return a row that compares a warm with a cold start after all eavesdroppers moved by 5 m."""
+    before = solve(scenario, objective='guaranteed')
+    angle = np.random.default_rng([5, scenario.slots]).uniform(0, 2 * np.pi)
     moved = replace(scenario, eavesdroppers=tuple(
         replace(eve, position=(eve.position[0] + 5 * np.cos(angle),
                                eve.position[1] + 5 * np.sin(angle)))
         for eve in scenario.eavesdroppers))
-    cold, warm = [], []
-    for _ in range(repeats):
-        cold.append(solve(moved, method='joint', objective='guaranteed'))
-        warm.append(solve(moved, method='joint', initial=before, objective='guaranteed'))
+    cold, warm = ([solve(moved, initial=initial, objective='guaranteed') for _ in range(repeats)]
+                  for initial in (None, before))
     times = [statistics.median(plan.solve_time for plan in plans) for plans in (cold, warm)]
     return {
         'name': name, 'slots': scenario.slots, 'cold_rate': cold[0].guaranteed_rate,
