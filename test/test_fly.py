@@ -8,9 +8,8 @@ import pytest
 from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav
 from secure_uav_planner.apps.fly import missions, report
 from secure_uav_planner.apps.fly.__main__ import main
-from secure_uav_planner.apps.fly.events import fly_event
-from secure_uav_planner.apps.fly.flight import fly_plan
-from secure_uav_planner.apps.fly.picture import save_event_flight, save_flight
+from secure_uav_planner.apps.fly.flight import fly_event, fly_plan
+from secure_uav_planner.apps.fly.picture import save_flight
 from secure_uav_planner.apps.fly.quadrotor import Gusts, Quadrotor, STEP
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.output.autopilots import Setpoint
@@ -28,11 +27,11 @@ def plan():
 
 @pytest.fixture(scope='module')
 def flight(plan):
-    return fly_plan(plan, seed=1)
+    return fly_plan('short', plan, seed=1)
 
 
 def test_quadrotors_in_gusts_fly_the_plan_from_the_setpoints_of_the_replay_node(plan, flight):
-    found = report.report_of('short', flight)
+    found = report.report_of(plan, flight)
     print(f'\n{report.flight_table([found])}')
     assert found.error_rms < 2.0 and found.error_max < 6.0
     assert found.arrival < 4.0
@@ -45,19 +44,26 @@ def test_quadrotors_in_gusts_fly_the_plan_from_the_setpoints_of_the_replay_node(
     assert found.error_rms > 0.05
 
 
-def test_the_setpoints_are_the_curve_at_the_times_of_the_flight(flight):
-    assert flight.setpoints == pytest.approx(flight.planned, abs=1e-6)
+def planned(plan, times):
+    """Return where the planned curve is at some times, (U, K, 3) in m."""
+    level = Playback(plan).curve.at(times).positions
+    heights = np.broadcast_to(plan.scenario.altitudes[:, None, None], (*level.shape[:2], 1))
+    return np.concatenate([level, heights], axis=-1)
+
+
+def test_the_setpoints_are_the_curve_at_the_times_of_the_flight(plan, flight):
+    assert flight.setpoints == pytest.approx(planned(plan, flight.times), abs=1e-6)
+    assert flight.plan_times == pytest.approx(flight.times)
 
 
 def test_the_flight_is_drawn(flight, tmp_path):
-    save_flight('short', flight, tmp_path / 'flight.png')
+    save_flight(flight, tmp_path / 'flight.png')
     assert (tmp_path / 'flight.png').read_bytes().startswith(b'\x89PNG')
 
 
 def test_the_rate_of_a_flight_that_is_exact_is_that_of_the_playback(plan, flight):
     times = np.arange(flight.times[0], flight.times[-1], 0.01)
-    exact = replace(flight, times=times)
-    rate = report.mean_rate(plan, times, exact.planned)
+    rate = report.mean_rate(plan, times, planned(plan, times))
     assert rate == pytest.approx(Playback(plan).guaranteed_rates.mean(), rel=1e-3)
 
 
@@ -137,7 +143,7 @@ def test_no_setpoint_jumps_when_a_flight_is_late_paused_and_pushed_aside(tmp_pat
     assert found.error_max > 10.0
     assert flown.places[0, -1] == pytest.approx((30.0, 0.0, 60.0), abs=2.0)
     assert found.achieved_rate == pytest.approx(found.planned_rate, rel=0.2)
-    save_event_flight(flown, tmp_path / 'event.png')
+    save_flight(flown, tmp_path / 'event.png')
     assert (tmp_path / 'event.png').read_bytes().startswith(b'\x89PNG')
     # A jump would be found.
     flown.setpoints[0, 100:] += 0.5

@@ -97,7 +97,7 @@ def draw_scenario(scenario):
     axes = figure.add_axes((_LEFT / _WIDTH, 0.6 / (tall + 0.8), _MAP_WIDTH / _WIDTH,
                             tall / (tall + 0.8)))
     place_of = _set_up_map(axes, scenario, extent)
-    _draw_ground(axes, scenario, place_of)
+    draw_ground(axes, scenario, place_of)
     for index, uav in enumerate(scenario.uavs):
         way = place_of([uav.start, uav.goal])
         axes.annotate('', way[1], way[0], zorder=3, arrowprops={
@@ -135,7 +135,7 @@ def draw_map(axes, plan, baselines=(), legend=True, extent=None):
     for other in baselines:
         for path in other.positions:
             axes.plot(*place_of(path).T, color=_GREY, linewidth=0.9, zorder=1)
-    _draw_ground(axes, scenario, place_of)
+    draw_ground(axes, scenario, place_of)
     peak = max(uav.peak_power for uav in scenario.uavs)
     heights = [axes.transData.transform(place_of(path))[:, 1].mean() for path in plan.positions]
     labelled = [place_of(middle_of(zone)) for zone in scenario.no_fly_zones]
@@ -176,18 +176,23 @@ def _plain(text):
     return text.replace('$', r'\$')
 
 
-def _draw_ground(axes, scenario, place_of):
-    """Draw what does not fly: zones and fence, discs, and the ground node."""
-    draw_airspace(axes, scenario, place_of)
-    for eve in scenario.eavesdroppers:
+def draw_ground(axes, scenario, place_of=np.asarray):
+    """
+    Draw what does not fly: zones and fence, discs, and the ground node.
+
+    :param place_of: from positions in m to places on the axes.
+    """
+    _draw_airspace(axes, scenario, place_of)
+    for eve, name in zip(scenario.eavesdroppers, scenario.eavesdropper_names):
         place = place_of(eve.position)
         axes.add_patch(Circle(place, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
         axes.add_patch(Circle(place, eve.error_radius, fill=False, edgecolor=EAVESDROPPER))
-        axes.plot(*place, 'X', **_sign(EAVESDROPPER, 8), zorder=6)
+        axes.plot(*place, 'X', **_sign(EAVESDROPPER, 8), zorder=6, label=_plain(name))
         axes.annotate(receiver_label(eve), place, (7, 7), textcoords='offset points', fontsize=8,
                       color=EAVESDROPPER, zorder=8, path_effects=[
                           withStroke(linewidth=2.5, foreground='white')])
-    axes.plot(*place_of(scenario.ground_node), '^', **_sign(GROUND_NODE, 10), zorder=6)
+    axes.plot(*place_of(scenario.ground_node), '^', **_sign(GROUND_NODE, 10), zorder=6,
+              label='ground node')
 
 
 def _draw_ends(axes, index, points):
@@ -197,12 +202,8 @@ def _draw_ends(axes, index, points):
                   markeredgewidth=1.5, markersize=7 + 4 * index, zorder=5 - 0.1 * index)
 
 
-def draw_airspace(axes, scenario, place_of=np.asarray):
-    """
-    Draw the fence, and the zones: filled where a UAV flies at their altitudes, with the margin.
-
-    :param place_of: from positions in m to places on the axes.
-    """
+def _draw_airspace(axes, scenario, place_of):
+    """Draw fence and zones: filled where a UAV flies at their altitudes, with the margin."""
     for rim in rims(scenario):
         axes.add_patch(Polygon(place_of(rim), **_MARGIN, zorder=0.4, label='margin'))
     if scenario.geofence is not None:

@@ -5,11 +5,9 @@ The exit status is 1 if setpoints jumped.
 """
 
 import argparse
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 import sys
-import time
 
 from .missions import city_missions, event_mission, EVENTS, paper_missions, random_missions
 from ...errors import PlanningError
@@ -65,22 +63,21 @@ def _plans(options):
 
 def _fly_all(options):
     """Fly, print and write; return whether no setpoint jumped."""
-    from .events import fly_event
-    from .flight import fly_plan
-    from .picture import save_event_flight, save_flight
+    from .flight import fly_event, fly_plan
+    from .picture import save_flight
     from .report import event_report, event_table, flight_table, report_of
     reports, event_reports = [], []
     for number, (name, plan) in enumerate(_plans(options)):
-        with _timed(reports, flight_table):
-            flight = fly_plan(plan, seed=number)
-            reports.append(report_of(name, flight))
-            save_flight(name, flight, options.out / f'flight_{number + 1}.png')
+        flight = fly_plan(name, plan, seed=number)
+        reports.append(report_of(plan, flight))
+        print(flight_table(reports).splitlines()[-1], flush=True)
+        save_flight(flight, options.out / f'flight_{number + 1}.png')
     for name in options.events:
-        with _timed(event_reports, event_table):
-            flight = fly_event(EVENTS[name], event_mission())
-            event_reports.append(event_report(flight))
-            save_event_flight(flight, options.out / f'event_{name}.png')
-    text = '\n\n'.join(rows(found) for rows, found in (
+        flight = fly_event(EVENTS[name], event_mission())
+        event_reports.append(event_report(flight))
+        print(event_table(event_reports).splitlines()[-1], flush=True)
+        save_flight(flight, options.out / f'event_{name}.png')
+    text = '\n\n'.join(table(found) for table, found in (
         (flight_table, reports), (event_table, event_reports)) if found)
     (options.out / 'fly.md').write_text(f'# Flown in physics\n\n{text}\n', encoding='utf-8')
     print(f'\n{text}\n\nwritten to {options.out}')
@@ -88,15 +85,6 @@ def _fly_all(options):
     if rough:
         print(f'fly: setpoints jumped: {", ".join(rough)}', file=sys.stderr)
     return not rough
-
-
-@contextmanager
-def _timed(reports, table):
-    """Print the row of the report that a with block appends, and the time that it took."""
-    began = time.monotonic()
-    yield
-    row = table(reports[-1:]).splitlines()[-1]
-    print(f'{row} {time.monotonic() - began:.0f} s', flush=True)
 
 
 if __name__ == '__main__':

@@ -1,106 +1,216 @@
-"""A flight of quadrotors after the setpoints that the replay node streams over DDS."""
+"""
+Flights of quadrotors after the setpoints that the replay node streams over DDS.
 
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+A plan is flown with the replay node alone. In a flight with an event, such as a late release, a
+pause, a push aside or a new plan, a planner and a replay node fly together, and the quadrotors are
+their vehicles: both nodes hear the vehicles' odometry. The clock then stands while the planner
+solves, and is never faster than _PACE times real time, because the planner looks every 0.1 s of
+real time whether a replan is due.
+"""
+
+from dataclasses import dataclass, replace
 import math
-import pathlib
+from pathlib import Path
 import tempfile
+import time
 
 import numpy as np
 
-from .link import BEGIN_NS, FlightError, Link, node, RATE, STEP_NS
+from .link import BEGIN_NS, Link, node, RATE, STEP_NS
+from .missions import Event
 from .quadrotor import Gusts, Quadrotor, STEP
+from ..client import ClientError
 from ...output.autopilots import Setpoint
 from ...plan.playback import Playback
+from ...ros.messages import nanoseconds
+
+WIND, GUSTS = (5.0, 0.0), 5 / 3
+"""The steady wind, (x, y) in m/s, and the standard deviation of its gusts in m/s."""
 
 _SETTLING = 10.0  # s of hovering in the wind before the flight
 _SAME_PLACE = 1e-3  # m
+_PACE = 4.0
+_START_DELAY = 5.0  # s, in which the planner makes the first plan and the replay takes it up
+_AFTER = 8.0  # s after the landing
+_DEVIATION = 8.0  # m
+_SQUALL = (12.0, 0.0, 0.0)  # m/s, beside the setpoint
 
 
 @dataclass(frozen=True)
-class SimulatedFlight:
+class Flight:
     """
-    What was flown.
+    What was flown, from the first setpoint on.
 
-    :param plan: the Plan.
-    :param times: from point 0 of the plan, (K,) in s.
+    :param event: the Event of `missions.py`.
+    :param scenario: the mission.
+    :param times: from point 0 of the first plan by the clock, (K,) in s.
+    :param plan_times: to what time of its plan the replay had come then, by the plan's stamps.
+    :param plans: the identity of that plan, (K,).
     :param places: where the UAVs were, (U, K, 3) in m.
-    :param setpoints: where they should have been by the setpoint that they had, (U, K, 3) in m.
+    :param setpoints: where they should have been, (U, K, 3) in m.
+    :param velocities: of the setpoints, (U, K, 2) in m/s.
+    :param planned: the path of the first plan, (U, points, 2) in m.
+    :param status: the values of the planner's status at the end, by key.
+    :param warnings: how many times the planner's status was WARN after the landing, by text.
     """
 
-    plan: object
+    event: Event
+    scenario: object
     times: np.ndarray
+    plan_times: np.ndarray
+    plans: np.ndarray
     places: np.ndarray
     setpoints: np.ndarray
+    velocities: np.ndarray
+    planned: np.ndarray
+    status: dict
+    warnings: dict
 
     @property
-    def planned(self):
-        """Return where the planned curve is at the times, (U, K, 3) in m."""
-        level = Playback(self.plan).curve.at(self.times).positions
-        heights = self.plan.scenario.altitudes[:, None, None]
-        return np.concatenate(
-            [level, np.broadcast_to(heights, (*level.shape[:2], 1))], axis=-1)
+    def marks(self):
+        """Return what happened when: times in s, as for the Event, and texts."""
+        found = [(time, f'~/{service.partition("/")[2]}') for time, service in self.event.calls]
+        if self.event.push is not None:
+            found += zip(self.event.push, ('pushed', 'let go'))
+        return [mark for mark in found if mark[0] >= self.times[0]]
+
+    @property
+    def turns(self):
+        """Return when the replay went over to another plan, in s."""
+        return self.times[1:][self.plans[1:] != self.plans[:-1]]
 
 
-def fly_plan(plan, steady=(5.0, 0.0), deviation=5 / 3, seed=0):
+def fly_plan(name, plan, seed=0):
     """
-    Return the SimulatedFlight of a plan, from start to goal.
+    Return the Flight of a plan, from start to goal.
 
+    :param name: of the flight.
     :param plan: a Plan whose UAVs start at rest.
-    :param steady: the steady wind, (x, y) in m/s.
-    :param deviation: the standard deviation of the gusts in m/s, a third of their peaks.
     :param seed: of the gusts.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        file = pathlib.Path(folder) / 'plan.json'
-        plan.save(file, evaluate=False)
-        with node('replay', plan_file=file, autostart='true', rate=RATE), \
-                Link([uav.name for uav in plan.scenario.uavs]) as link:
-            return _fly(plan, link, _vehicles(plan, steady, deviation, seed))
-
-
-def hovering(place, yaw=0.0, steady=(5.0, 0.0), deviation=5 / 3, seed=0):
-    """Return a Quadrotor that has hovered at a place for a while; see fly_plan."""
-    vehicle = Quadrotor(place, yaw, Gusts(steady, deviation, place[2], STEP, seed))
-    vehicle.follow(resting(place, yaw), _SETTLING)
-    return vehicle
-
-
-def resting(place, yaw=0.0):
-    """Return the Setpoint of a UAV that rests at a place."""
-    return Setpoint('map', 0, place, yaw, (0.0,) * 3, (0.0,) * 3)
-
-
-def _vehicles(plan, steady, deviation, seed):
-    """Return the quadrotors, which hover at their starts."""
-    first = Playback(plan)
-    moment = first.at(first.begin)
-    return [hovering((*moment.positions[index].tolist(), uav.altitude),
-                     float(moment.headings[index]), steady, deviation, (seed, index))
-            for index, uav in enumerate(plan.scenario.uavs)]
-
-
-def _fly(plan, link, vehicles):
     playback = Playback(plan)
-    steps = math.ceil((playback.duration - playback.begin) * RATE)
-    now = BEGIN_NS
-    setpoints = link.setpoints(now)
-    times, places, wanted = [], [], []
-    with ThreadPoolExecutor(1) as pool:
-        for number in range(steps + 1):
-            times.append(playback.begin + number / RATE)
-            places.append([vehicle.place for vehicle in vehicles])
-            wanted.append([setpoint.position for setpoint in setpoints])
-            # The replay computes the next setpoints while the vehicles follow these.
-            now += STEP_NS
-            coming = pool.submit(link.setpoints, now)
-            for vehicle, setpoint in zip(vehicles, setpoints, strict=True):
-                vehicle.follow(setpoint, 1 / RATE)
-            setpoints = coming.result()
-    flight = SimulatedFlight(plan, np.array(times), np.moveaxis(np.array(places), 0, 1),
-                             np.moveaxis(np.array(wanted), 0, 1))
-    off = np.linalg.norm(flight.setpoints - flight.planned, axis=-1).max()
+    first = playback.at(playback.begin)
+    course = _Course(Event(name, ()), plan.scenario, first.headings.tolist(), seed)
+    course.origin = BEGIN_NS - round(playback.begin * 1e9)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / 'plan.json'
+        replace(plan, start_ns=course.origin).save(file, evaluate=False)
+        with node('replay', plan_file=file, autostart='true', rate=RATE), \
+                Link(plan.scenario, 1) as link:
+            link.wait(lambda: link.setpoints and link.has_come_to(BEGIN_NS), 'the first setpoints',
+                      lambda: link.publish_clock(BEGIN_NS))
+            course.note(link)
+            for _ in range(math.ceil((playback.duration - playback.begin) * RATE)):
+                course.step(link)
+    flight = course.flight(link, playback.curve.at(plan.times).positions)
+    curve = playback.curve.at(flight.times).positions
+    off = np.linalg.norm(flight.setpoints[..., :2] - curve, axis=-1).max()
     if not off <= _SAME_PLACE:
-        raise FlightError(f'setpoints were up to {off:.3g} m beside the plan; is there another '
+        raise ClientError(f'setpoints were up to {off:.3g} m beside the plan; is there another '
                           'node that publishes them?')
     return flight
+
+
+def fly_event(event, scenario, seed=0):
+    """
+    Return the Flight of a mission with an event, from start to goal.
+
+    :param event: an Event of `missions.py`.
+    :param scenario: the mission.
+    :param seed: of the gusts.
+    """
+    course = _Course(event, scenario, [0.0] * len(scenario.uavs), seed)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / 'mission.yaml'
+        scenario.save(file)
+        with node('planner', mission_file=file, start_delay=_START_DELAY,
+                  replan_deviation=_DEVIATION), \
+                node('replay', mission_file=file, vehicle_odometry='true', rate=RATE), \
+                Link(scenario, 2) as link:
+            odometry = [f'{name}/odom' for name in link.names]
+            link.wait(lambda: link.knows_poses(*odometry), 'the poses in the planner',
+                      lambda: course.hover(link))
+            link.call('planner/plan')
+            link.wait(lambda: link.plan_time and all(link.paths.values()),
+                      'the plan in the replay node', lambda: course.hover(link))
+            points = [paths[0] for paths in link.paths.values()]
+            course.origin = nanoseconds(points[0].header.stamp)
+            while link.status['track.state'] != 'ended':
+                if course.time > 3 * scenario.duration:
+                    raise ClientError(f'no landing until {course.time:g} s: {link.status}')
+                course.step(link, _PACE)
+            link.warnings.clear()
+            for _ in range(round(_AFTER * RATE)):
+                course.step(link, _PACE)
+    return course.flight(link, np.array(
+        [[(at.pose.position.x, at.pose.position.y) for at in path.poses] for path in points]))
+
+
+class _Course:
+    """
+    The course of one flight, step by step of the clock.
+
+    :ivar origin: point 0 of the first plan, in ns of the clock.
+    """
+
+    def __init__(self, event, scenario, yaws, seed):
+        self._event, self._scenario = event, scenario
+        self._setpoints = [Setpoint('map', 0, (*uav.start, uav.altitude), yaw, (0.0,) * 3,
+                                    (0.0,) * 3) for uav, yaw in zip(scenario.uavs, yaws)]
+        self._vehicles = []
+        for index, rest in enumerate(self._setpoints):
+            gusts = Gusts(WIND, GUSTS, rest.position[2], STEP, (seed, index))
+            self._vehicles.append(Quadrotor(rest.position, rest.yaw, gusts))
+            self._vehicles[-1].follow(rest, _SETTLING)
+        self._now, self._calls, self._rows = BEGIN_NS, list(event.calls), []
+        self.origin = 0
+
+    @property
+    def time(self):
+        """Return the time since point 0 of the first plan in s."""
+        return (self._now - self.origin) * 1e-9
+
+    def hover(self, link):
+        """Go on by a step before the replay has a plan; the vehicles stand in it."""
+        self._now += STEP_NS
+        link.publish_clock(self._now)
+        link.report(self._now, self._vehicles)
+
+    def step(self, link, pace=math.inf):
+        """Go on by a step with the vehicles and the nodes, at most so many times real time."""
+        began = time.monotonic()
+        while self._calls and self._calls[0][0] <= self.time:
+            link.call(self._calls.pop(0)[1])
+        begin, end = self._event.push or (math.inf, math.inf)
+        for index, (vehicle, setpoint) in enumerate(
+                zip(self._vehicles, self._setpoints, strict=True)):
+            if index == 0 and self._rows and begin <= self.time < end:
+                vehicle.carry(np.add(setpoint.velocity, _SQUALL), 1 / RATE)
+            else:
+                vehicle.follow(setpoint, 1 / RATE)
+        self._now += STEP_NS
+        link.wait(lambda: link.has_come_to(self._now), f'the setpoints at {self.time:g} s',
+                  lambda: link.publish_clock(self._now))
+        link.report(self._now, self._vehicles)
+        link.wait(lambda: not link.is_solving, 'the end of a solve')
+        self.note(link)
+        time.sleep(max(0.0, began + 1 / RATE / pace - time.monotonic()))
+
+    def note(self, link):
+        """Take up the setpoints, if there are any, and note where everybody is."""
+        if link.setpoints:
+            self._setpoints = [link.setpoints[name] for name in link.names]
+            plan_time = nanoseconds(link.plan_time.time_ref) - self.origin
+            self._rows.append((
+                self.time, plan_time * 1e-9, link.plan_time.source,
+                [vehicle.place for vehicle in self._vehicles],
+                [setpoint.position for setpoint in self._setpoints],
+                [setpoint.velocity[:2] for setpoint in self._setpoints]))
+
+    def flight(self, link, planned):
+        """Return the Flight."""
+        times, plan_times, plans, places, setpoints, velocities = map(np.array, zip(*self._rows))
+        return Flight(
+            self._event, self._scenario, times, plan_times, plans,
+            *(np.moveaxis(values, 0, 1) for values in (places, setpoints, velocities)),
+            planned, link.status, dict(link.warnings))

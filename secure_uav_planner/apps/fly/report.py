@@ -1,8 +1,8 @@
 """What a flight was worth: errors, rates and distances, from where the UAVs really were."""
 
-from dataclasses import dataclass
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,55 +10,48 @@ from .link import RATE
 from ...mission.polygons import depth
 from ...model import channel
 from ...output.table import markdown_table
-from ...plan.playback import Playback
 from ...plan.player import POSITION_JUMP, VELOCITY_JUMP
 
 
-@dataclass(frozen=True)
-class Report:
+class Report(NamedTuple):
     """
-    One line of the table.
+    One line of the table of flights of plans.
 
-    :param mission: its name.
-    :param error_rms: distance from the planned curve, in 3-D, of all UAVs and times, in m.
-    :param error_max: the largest, in m.
-    :param arrival: the largest distance from a goal at the time of arrival, in m.
-    :param planned_rate: the mean guaranteed rate along the planned curve, in bit/s/Hz.
-    :param flown_rate: the same along the flown path, with its heights, in bit/s/Hz.
-    :param planned_apart: the smallest distance between two UAVs on the curve, in m.
-    :param flown_apart: as flown, in m.
-    :param planned_clear: the smallest distance on the map from a zone at a UAV's height, or from
-        outside the geofence, on the curve in m; negative inside, infinite without any.
-    :param flown_clear: as flown, in m.
+    Errors are distances in space from the setpoints, which are the planned curve. Rates are means
+    of the guaranteed rate in bit/s/Hz, along the curve and along the flown path with its heights.
+    Clear is the smallest distance on the map from a zone at a UAV's height, or from outside the
+    geofence: negative inside, infinite without any.
     """
 
     mission: str
-    error_rms: float
+    error_rms: float  # m
     error_max: float
-    arrival: float
+    arrival: float  # The largest distance from a goal at the time of arrival, in m.
     planned_rate: float
     flown_rate: float
-    planned_apart: float
+    planned_apart: float  # The smallest distance between two UAVs in m.
     flown_apart: float
-    planned_clear: float
+    planned_clear: float  # m
     flown_clear: float
 
 
-def report_of(mission, flight):
-    """Return the Report of a SimulatedFlight."""
-    plan = flight.plan
-    playback = Playback(plan)
-    planned = flight.planned
-    errors = np.linalg.norm(flight.places - planned, axis=-1)
-    arrival = np.array([[*uav.goal, uav.altitude] for uav in plan.scenario.uavs])
-    last = np.argmin(np.abs(flight.times - playback.duration))
+def report_of(plan, flight):
+    """Return the Report of the Flight of a plan."""
+    scenario, planned, flown = plan.scenario, flight.setpoints, flight.places
+    goals = np.array([[*uav.goal, uav.altitude] for uav in scenario.uavs])
+    last = np.argmin(np.abs(flight.times - plan.curve.end))
     return Report(
-        mission, float(np.sqrt((errors**2).mean())), float(errors.max()),
-        float(np.linalg.norm(flight.places[:, last] - arrival, axis=-1).max()),
-        mean_rate(plan, flight.times, planned), mean_rate(plan, flight.times, flight.places),
-        smallest_distance(planned), smallest_distance(flight.places),
-        smallest_clearance(plan.scenario, planned),
-        smallest_clearance(plan.scenario, flight.places))
+        flight.event.name, *_errors(flight),
+        float(np.linalg.norm(flown[:, last] - goals, axis=-1).max()),
+        mean_rate(plan, flight.times, planned), mean_rate(plan, flight.times, flown),
+        smallest_distance(planned), smallest_distance(flown),
+        smallest_clearance(scenario, planned), smallest_clearance(scenario, flown))
+
+
+def _errors(flight):
+    """Return the root mean square and the largest distance from the setpoints in m."""
+    errors = np.linalg.norm(flight.places - flight.setpoints, axis=-1)
+    return float(np.sqrt((errors**2).mean())), float(errors.max())
 
 
 def mean_rate(plan, times, places):
@@ -102,33 +95,19 @@ def flight_table(reports):
          for one in reports))
 
 
-@dataclass(frozen=True)
-class EventReport:
-    """
-    One line of the table of events.
-
-    :param event: its name.
-    :param jump: by how much a setpoint at most moved beyond speed times step, in m.
-    :param kick: by how much its acceleration was at most beyond the limit, in m/s^2.
-    :param error_rms: distance from the setpoints, in 3-D, of all UAVs and times, in m.
-    :param error_max: the largest, in m.
-    :param replans: how many the planner made.
-    :param refusals: how many plans and replans it refused.
-    :param achieved_rate: by the planner's status at the end, in bit/s/Hz.
-    :param planned_rate: likewise.
-    :param warnings: how many times the planner's status was not OK after the landing.
-    """
+class EventReport(NamedTuple):
+    """One line of the table of events; errors are as in Report, rates by the planner's status."""
 
     event: str
-    jump: float
-    kick: float
+    jump: float  # By how much a setpoint at most moved beyond speed times step, in m.
+    kick: float  # By how much its acceleration was at most beyond the limit, in m/s^2.
     error_rms: float
     error_max: float
-    replans: int
-    refusals: int
+    replans: int  # How many the planner made.
+    refusals: int  # How many plans and replans it refused.
     achieved_rate: float
     planned_rate: float
-    warnings: int
+    warnings: int  # How many times the planner's status was not OK after the landing.
 
     @property
     def is_smooth(self):
@@ -137,19 +116,18 @@ class EventReport:
 
 
 def event_report(flight):
-    """Return the EventReport of an EventFlight."""
+    """Return the EventReport of the Flight with an event."""
     scenario, steps = flight.scenario, np.diff(flight.times)
     moves = np.linalg.norm(np.diff(flight.setpoints, axis=1), axis=-1)
     changes = np.linalg.norm(np.diff(flight.velocities, axis=1), axis=-1)
-    errors = np.linalg.norm(flight.places - flight.setpoints, axis=-1)
     status = flight.status
     return EventReport(
         flight.event.name,
         float((moves - scenario.max_speeds[:, None] * steps).max(initial=0.0)),
         float((changes / steps - scenario.max_accelerations[:, None]).max(initial=0.0)),
-        float(np.sqrt((errors**2).mean())), float(errors.max()),
-        int(status['replans']), int(status['refusals']), float(status['track.rate']),
-        float(status['track.planned_rate']), sum(flight.warnings.values()))
+        *_errors(flight), int(status['replans']), int(status['refusals']),
+        float(status['track.rate']), float(status['track.planned_rate']),
+        sum(flight.warnings.values()))
 
 
 def event_table(reports):
