@@ -5,7 +5,7 @@ import math
 from matplotlib.figure import Figure
 import numpy as np
 
-from .drawing import EAVESDROPPER, RATE
+from .drawing import EAVESDROPPER, RATE, style_axes
 
 _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200
@@ -35,9 +35,7 @@ def draw_assessment(assessment):
     draw_outages(outages, assessment)
     draw_missions(missions, assessment)
     for axes in (fan, outages, missions):
-        axes.grid(color='0.9', linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines[['top', 'right']].set_visible(False)
+        style_axes(axes)
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
     return figure
 

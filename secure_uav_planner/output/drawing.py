@@ -1,4 +1,4 @@
-"""What all views have in common: colours, labels, and the shapes of zones and geofence."""
+"""What all views have in common: colours, labels, style, and the shapes of zones and geofence."""
 
 import math
 
@@ -25,6 +25,13 @@ def uav_color(index):
     rounds, color = divmod(index - 1, len(_UAVS) - 1)
     parts = (int(_UAVS[1 + color][at:at + 2], 16) for at in (1, 3, 5))
     return '#' + ''.join(f'{round(part * 0.6**rounds):02X}' for part in parts)
+
+
+def style_axes(axes):
+    """Draw a faint grid behind everything, and no frame at the top and at the right."""
+    axes.grid(color='0.9', linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[['top', 'right']].set_visible(False)
 
 
 def receiver_label(eavesdropper):

@@ -16,7 +16,8 @@ import numpy as np
 
 from .drawing import (
     altitudes_of, corners_of_map, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE,
-    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
+    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes,
+    uav_color)
 
 _WIDTH = 9.0
 _MAP_WIDTH = 5.95
@@ -274,9 +275,7 @@ def draw_rates(axes, plan, baselines=()):
 def _finish(axes, plan, label):
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
-    axes.grid(color='0.9', linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[['top', 'right']].set_visible(False)
+    style_axes(axes)
     _legend(axes)
 
 
@@ -331,9 +330,7 @@ def _set_up_map(axes, scenario, extent):
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect='equal', anchor='W')
     corners = extent[:, ::-1] if turned else extent
     axes.set(xlim=corners[:, 0], ylim=corners[:, 1])
-    axes.grid(color='0.92', linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[['top', 'right']].set_visible(False)
+    style_axes(axes)
     if not turned:
         return np.asarray
     # Exactly one axis is inverted. Otherwise the map would be a mirror image.

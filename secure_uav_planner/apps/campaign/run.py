@@ -1,19 +1,19 @@
 """A campaign from its file to its results; a campaign that was stopped goes on."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from . import workers
 from .evaluation import ERROR, WORKER_LOST
 from .journal import Journal
-from .tasks import HasTasks, plan_file, Task
+from .tasks import plan_file, Task
 from ...errors import OptionError
 
 JOURNAL = 'results.jsonl'
 
 
-def run_campaign(campaign: HasTasks, folder: Path, jobs: int | None = -1,
+def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int | None = -1,
                  scheduler: str | None = None, backend: str | None = None, title: str = 'sweep'
                  ) -> list[dict[str, Any]]:
     """
@@ -23,6 +23,7 @@ def run_campaign(campaign: HasTasks, folder: Path, jobs: int | None = -1,
     gone, are planned again. Every finished mission is written to the journal in the folder at
     once; there, the last row of a mission counts.
 
+    :param tasks: returns the tasks, the same ones every time.
     :param folder: where the journal and the kept plans are, or will be.
     :param jobs: processes on this computer; -1 for as many as there are cores, None for joblib's
         setting.
@@ -40,12 +41,12 @@ def run_campaign(campaign: HasTasks, folder: Path, jobs: int | None = -1,
         kept = {row['key']: row for row in journal.rows()}
         # Two places of a grid may be the same mission, which is then planned once.
         rows = {task['key']: _finished(kept.get(task['key']), task, folder)
-                for task in campaign.tasks()}
+                for task in tasks()}
         missing = sum(row is None for row in rows.values())
         with tqdm(total=len(rows), initial=len(rows) - missing, unit='mission',
                   desc=title, disable=None) as bar:
-            tasks = _missing(campaign.tasks(), rows)
-            for row in _new(tasks, missing, jobs, scheduler, backend):
+            left = _missing(tasks(), rows)
+            for row in _new(left, missing, jobs, scheduler, backend):
                 _keep_plan(row, folder)
                 journal.add(row)
                 rows[row['key']] = row

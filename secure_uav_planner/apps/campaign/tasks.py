@@ -1,20 +1,13 @@
 """A task of a campaign: one mission, how it is planned, and the key of its row."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 Task: TypeAlias = dict[str, Any]
 """A mission and how it is planned, as plain values, with 'key', 'sample' and 'fields'."""
-
-
-class HasTasks(Protocol):
-    """What can be run: a Campaign of a file, or missions from elsewhere."""
-
-    def tasks(self) -> Iterator[Task]:
-        """Yield the tasks, the same ones every time."""
 
 
 def task_of(mission: Mapping[str, Any], method: str, objective: str, settings: Mapping[str, Any],

@@ -23,7 +23,7 @@ def sweep(options: argparse.Namespace) -> int:
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:
         with naming_what_is_missing():
-            rows = run_campaign(campaign, out, options.jobs, options.scheduler)
+            rows = run_campaign(campaign.tasks, out, options.jobs, options.scheduler)
     except KeyboardInterrupt:
         file = out / JOURNAL
         count = len(file.read_bytes().splitlines()) if file.exists() else 0

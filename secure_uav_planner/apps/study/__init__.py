@@ -1,9 +1,8 @@
 """The study of the paper's scenario: a campaign, its figures and what the paper claims."""
 
-from .experiments import code_version, Point, points, PROPOSED
-from .plans import plans_of, run
+from .experiments import plans_of, Point, points, PROPOSED, run
 
-__all__ = ['PROPOSED', 'Point', 'code_version', 'main', 'plans_of', 'points', 'run']
+__all__ = ['PROPOSED', 'Point', 'main', 'plans_of', 'points', 'run']
 
 
 def main(argv=None):

@@ -11,9 +11,8 @@ import signal
 import sys
 
 from .claims import write_claims
-from .experiments import points
+from .experiments import plans_of, points, run
 from .figures import write_figures
-from .plans import plans_of, run
 from ..campaign.results import save_tables
 from ..campaign.tasks import plan_file
 from ...errors import OptionError, PlanningError

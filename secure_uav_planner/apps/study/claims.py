@@ -1,8 +1,11 @@
 """The claims of the paper's Section IV, checked against the data of the study."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+
+from ..campaign.specification import BASELINES
+from ...output.table import markdown_table
 
 SIMILAR = 0.10
 """Rates that differ by at most this share count as similar, and the gap between them as slight."""
@@ -12,15 +15,8 @@ CLOSE = 50.0
 between the ground node and the eavesdropper."""
 
 
-@dataclass(frozen=True)
-class Claim:
-    """
-    A claim of the paper and the result of its check.
-
-    :param text: the claim.
-    :param holds: whether the data confirm it.
-    :param numbers: the evidence, as a sentence.
-    """
+class Claim(NamedTuple):
+    """A claim of the paper, whether the data confirm it, and the evidence as a sentence."""
 
     text: str
     holds: bool
@@ -33,13 +29,13 @@ def check_claims(plans):
 
     :param plans: the result of study.plans_of.
     """
-    curves = _curves(plans)
-    baselines = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
-    constant, optimised = (curves['duration', scheme] for scheme in baselines)
-    proposed = next(curve for (experiment, scheme), curve in curves.items()
-                    if experiment == 'duration' and scheme not in baselines)
-    perfect = next(curve for (experiment, _), curve in curves.items()
-                   if experiment == 'duration, radius 0')
+    curves = {}  # The Plans by T, in its order, by (radius 0 or not, scheme).
+    for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x):
+        if point.experiment in ('duration', 'duration, radius 0'):
+            key = point.experiment == 'duration', point.scheme
+            curves.setdefault(key, {})[point.x] = plan
+    constant, optimised = (curves.pop((True, scheme)) for scheme in BASELINES)
+    (_, proposed), (_, perfect) = sorted(curves.items(), reverse=True)
     schemes = {'fly-hover-fly, constant power': constant,
                'fly-hover-fly, optimised power': optimised,
                'proposed, radius 10 m': proposed, 'proposed, radius 0': perfect}
@@ -58,34 +54,25 @@ def check_claims(plans):
 
 def write_claims(plans, path):
     """Write the Claims as a Markdown table; return the path."""
-    lines = ['# The claims of the paper in the data', '',
-             f'Similar and slight: within {SIMILAR:.0%}. Close: within {CLOSE:g} m. Rates are '
-             'means over slots in bit/s/Hz, guaranteed unless they say otherwise.', '',
-             '| claim | holds | numbers |', '| --- | --- | --- |']
-    lines += [f'| {claim.text} | {"yes" if claim.holds else "**no**"} | {claim.numbers} |'
-              for claim in check_claims(plans)]
-    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    table = markdown_table(('claim', 'holds', 'numbers'), (
+        (claim.text, 'yes' if claim.holds else '**no**', claim.numbers)
+        for claim in check_claims(plans)))
+    path.write_text(
+        '# The claims of the paper in the data\n\n'
+        f'Similar and slight: within {SIMILAR:.0%}. Close: within {CLOSE:g} m. Rates are means '
+        f'over slots in bit/s/Hz, guaranteed unless they say otherwise.\n\n{table}\n',
+        encoding='utf-8')
     return path
 
 
-def _curves(plans):
-    """Return the Plans by (experiment, scheme) and by x on the horizontal axis, sorted by x."""
-    curves = {}
-    for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x):
-        curves.setdefault((point.experiment, point.scheme), {})[point.x] = plan
-    return curves
-
-
 def _grows(schemes):
-    falls = {name: min(np.diff([min_of(plan) for plan in curve.values()]).min()
-                       for min_of in (lambda plan: plan.guaranteed_rate,
-                                      lambda plan: plan.worst_case_rate))
+    rises = {name: np.diff([(plan.guaranteed_rate, plan.worst_case_rate)
+                            for plan in curve.values()], axis=0).min()
              for name, curve in schemes.items()}
     return Claim(
-        'The rates of all four schemes increase with T', all(
-            fall > 0 for fall in falls.values()),
+        'The rates of all four schemes increase with T', min(rises.values()) > 0,
         'smallest rise from one T to the next, guaranteed and worst case: ' + '; '.join(
-            f'{name} {fall:+.4f}' for name, fall in falls.items()))
+            f'{name} {rise:+.4f}' for name, rise in rises.items()))
 
 
 def _similar_when_short(proposed, optimised, duration):

@@ -1,23 +1,22 @@
-"""The points of the study: the scenarios that are planned for each figure."""
+"""The points of the study: what is planned for each figure, and as a campaign."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 import hashlib
-import inspect
 import math
 import pathlib
 
+from ..campaign.run import run_campaign
 from ..campaign.specification import BASELINES
-from ..campaign.tasks import task_of
-from ... import Channel, METHODS, Scenario, solve, Uav
+from ..campaign.tasks import plan_file, task_of
+from ... import Channel, METHODS, Plan, Scenario, Uav
 from ...mission.propagation import ENVIRONMENTS
 
-PROPOSED = inspect.signature(solve).parameters['method'].default
+PROPOSED = METHODS[0]
 """The method that represents the paper's proposed design."""
 
 _DURATIONS = (102, 104, 106, 108, 110, 115, 120, 130, 140, 150, 160, 170, 180, 190, 200)
 _RADII = (0, 5, 10, 15, 20, 30, 40, 50, 60)
-_ENVIRONMENTS = (None, *ENVIRONMENTS)
 _SNRS = (60, 65, 70, 75, 80, 85, 90, 95, 100)
 _NOT_PLANNING = ('apps', 'assessment', 'output', 'ros')
 _SOURCES = ('.py', '.cpp', '.hpp')
@@ -49,7 +48,7 @@ class Point:
         scenario = self.scenario
         return task_of(scenario.to_dict(), self.scheme, self.objective, {
             'time_limit': None, 'bound_time_limit': math.inf if self.bounded else None,
-            'plans': True, 'code': code_version(self.bounded)}, {
+            'plans': True, 'code': code_version()}, {
                 'duration': scenario.duration,
                 'error_radius': scenario.eavesdroppers[0].error_radius,
                 'reference_snr_db': scenario.reference_snr_db,
@@ -77,7 +76,7 @@ def points(quick=False):
         add('snr', snr, replace(paper, reference_snr_db=float(snr)))
     for jammers in (0, 1, 2) if quick else (0, 1, 2, 3):
         add('jammers', jammers, _with_jammers(paper, jammers))
-    for place, los in enumerate(_ENVIRONMENTS):
+    for place, los in enumerate((None, *ENVIRONMENTS)):
         if not quick or los in (None, 'urban'):
             add('environment', place, replace(paper, channel=Channel(los=los)), (PROPOSED,))
     for duration in (102,) if quick else (102, 200):
@@ -95,22 +94,56 @@ def _with_jammers(scenario, count):
 
 
 @cache
-def code_version(bounded=False):
-    """
-    Return a digest of the package's code, so that plans of other code are not reused.
-
-    :param bounded: whether the code of the bound counts.
-    """
+def code_version():
+    """Return a digest of the package's code, so that plans of other code are not reused."""
     digest = hashlib.sha256()
-    for path in sources(bounded):
+    for path in sources():
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def sources(bounded=False):
-    """Return the files whose code makes a plan, or also its bound."""
+def sources():
+    """Return the files whose code makes a plan or its bound."""
     package = pathlib.Path(__file__).parents[2]
-    # The nodes, the views and the programs do not change a plan.
-    others = {*_NOT_PLANNING, *(() if bounded else ('bound',))}
     return sorted(path for path in package.rglob('*') if path.suffix in _SOURCES
-                  and path.relative_to(package).parts[0] not in others)
+                  and path.relative_to(package).parts[0] not in _NOT_PLANNING)
+
+
+def run(wanted, folder, jobs=-1, backend=None, scheduler=None):
+    """
+    Return the rows of all Points; only those are planned that have none, or no readable plan.
+
+    Convergence is timed, so its points are planned last and one at a time, in this process.
+
+    :param wanted: the Points.
+    :param folder: where rows and plans are kept, a pathlib.Path.
+    :param jobs, backend, scheduler: as for run_campaign.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for point in wanted:
+        file = plan_file(folder, point.task['key'])
+        if file.exists() and _loaded(file) is None:
+            file.unlink()
+    timed = {point.task['key'] for point in wanted if point.experiment == 'convergence'}
+    tasks = [point.task for point in wanted]
+    together, alone = ([task for task in tasks if (task['key'] in timed) == so]
+                       for so in (False, True))
+    return [*run_campaign(lambda: together, folder, jobs, scheduler, backend, 'study'),
+            *run_campaign(lambda: alone, folder, 1, title='study, convergence')]
+
+
+def plans_of(wanted, folder):
+    """
+    Return the Plans of Points by Point, without those that are not planned.
+
+    :param folder: as for run.
+    """
+    found = {point: _loaded(plan_file(folder, point.task['key'])) for point in wanted}
+    return {point: plan for point, plan in found.items() if plan is not None}
+
+
+def _loaded(path):
+    try:
+        return Plan.load(path)
+    except (OSError, ValueError):
+        return None

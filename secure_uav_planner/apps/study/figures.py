@@ -1,20 +1,22 @@
 """The figures of the study, as pictures and as tables."""
 
-import csv
-
 from matplotlib.figure import Figure
 import numpy as np
+import pandas
 
-from .environments import draw_environments, found_in_environments, HEADER
-from ...output.drawing import uav_color
+from .experiments import PROPOSED
+from ..campaign.specification import BASELINES
+from ...assessment import assess
+from ...output.drawing import style_axes, uav_color
 from ...output.picture import draw_map, extent_of, name_of
+from ...plan.plan import Plan
 
 _SIZE = (9.0, 6.0)
 _DOTS_PER_INCH = 200
-_COLORS = {'fly_hover_fly_constant': '#777777', 'fly_hover_fly_optimised': '#E69F00'}
-_MARKERS = {'fly_hover_fly_constant': 's', 'fly_hover_fly_optimised': '^'}
-_RADIUS_ZERO = ('#56B4E9', 'D')
-_WORST_CASE = '#009E73'
+_CONSTANT, _OPTIMISED = BASELINES
+_STYLES = {_CONSTANT: ('#777777', 's'), _OPTIMISED: ('#E69F00', '^'),
+           PROPOSED: (uav_color(0), 'o'), 'radius 0': ('#56B4E9', 'D'),
+           'worst case': ('#009E73', 'v')}
 _AXES = {
     'duration': 'mission duration T (s)',
     'radius': "radius of the eavesdropper's disc (m)",
@@ -22,6 +24,9 @@ _AXES = {
     'jammers': 'number of jammers',
 }
 _SHOWN = (102.0, 104.0, 200.0)
+_DRAWS = 2000
+_MADE_FOR = {'planned for free space': ('#E69F00', -0.14),
+             'planned for the model': ('#0072B2', 0.14)}
 
 
 def write_figures(plans, folder):
@@ -32,102 +37,101 @@ def write_figures(plans, folder):
     :param folder: where to write, a pathlib.Path.
     """
     written = []
+
+    def write(name, figure, frame):
+        written.extend(folder / f'{name}{suffix}' for suffix in ('.png', '.csv'))
+        figure.savefig(written[-2], dpi=_DOTS_PER_INCH)
+        frame.to_csv(written[-1], index=False, float_format='%.6g')
+
+    plans = dict(sorted(plans.items(), key=lambda entry: entry[0].x))
+    rates = pandas.DataFrame([{
+        'experiment': point.experiment, 'x': point.x, 'scheme': point.scheme,
+        'error_radius_m': plan.scenario.eavesdroppers[0].error_radius,
+        'objective': plan.objective, 'guaranteed_rate': plan.guaranteed_rate,
+        'worst_case_rate': plan.worst_case_rate,
+        'upper_bound': plan.bound.rate if plan.bound else np.nan, 'status': plan.status,
+        'solve_time_s': plan.solve_time} for point, plan in plans.items()])
+    rates[['experiment', 'kind']] = rates.experiment.str.partition(', ')[[0, 2]]
     for experiment, label in _AXES.items():
-        chosen = {point: plan for point, plan in plans.items()
-                  if point.experiment.split(',')[0] == experiment}
-        name = f'rate_against_{experiment}'
-        rows = [(point.x, name_of(point.scheme), plan.scenario.eavesdroppers[0].error_radius,
-                 plan.objective, plan.guaranteed_rate, plan.worst_case_rate,
-                 plan.bound.rate if plan.bound else '', plan.status, plan.solve_time)
-                for point, plan in sorted(chosen.items(), key=lambda entry: (
-                    entry[0].experiment, entry[0].scheme, entry[0].x))]
-        written += [_save(_curves(chosen, label), folder / f'{name}.png'),
-                    _table(folder / f'{name}.csv', (
-                        experiment, 'scheme', 'error_radius_m', 'objective', 'guaranteed_rate',
-                        'worst_case_rate', 'upper_bound', 'status', 'solve_time_s'), rows)]
-    shown = {point.x: plan for point, plan in sorted(
-        plans.items(), key=lambda entry: entry[0].x)
-        if point.experiment == 'duration' and point.scheme not in _COLORS and point.x in _SHOWN}
-    written += [_save(_trajectories(shown), folder / 'trajectories.png'),
-                _table(folder / 'trajectories.csv', (
-                    'duration_s', 'uav', 'point', 'time_s', 'x_m', 'y_m', 'power_w'), [
-                        row for duration, plan in shown.items()
-                        for row in _trajectory_rows(duration, plan)])]
+        chosen = rates[rates.experiment == experiment]
+        table = chosen.assign(scheme=chosen.scheme.map(name_of)).sort_values(
+            ['kind', 'scheme', 'x']).rename(columns={'x': experiment})
+        write(f'rate_against_{experiment}', _curves(chosen, label),
+              table.drop(columns=['experiment', 'kind']))
+    shown = {point.x: plan for point, plan in plans.items() if point.experiment == 'duration'
+             and point.scheme == PROPOSED and point.x in _SHOWN}
+    write('trajectories', _trajectories(shown), pandas.concat(
+        {duration: plan.to_dataframe() for duration, plan in shown.items()},
+        names=['duration']).reset_index('duration'))
     found = found_in_environments(plans)
-    written += [_save(draw_environments(found), folder / 'environments.png'),
-                _table(folder / 'environments.csv', HEADER, [one.row for one in found])]
+    write('environments', _environments(found), found)
     runs = {point: plan for point, plan in plans.items() if point.experiment == 'convergence'}
-    written += [_save(_convergence(runs), folder / 'convergence.png'),
-                _table(folder / 'convergence.csv', (
-                    'duration_s', 'method', 'iteration', 'step', 'elapsed_s', 'solver_time_s',
-                    'guaranteed_rate'), [
-                        (point.x, point.scheme, entry.number, entry.step, entry.elapsed,
-                         entry.solver_time, entry.guaranteed_rate)
-                        for point, plan in runs.items() for entry in plan.history])]
+    write('convergence', _convergence(runs), pandas.concat(
+        {(point.x, point.scheme): pandas.DataFrame(map(vars, plan.history))
+         for point, plan in runs.items()}, names=['duration', 'method']).reset_index([0, 1]))
     return written
 
 
-def _curves(plans, label):
+def found_in_environments(plans):
+    """
+    Return what plans for free space and for the model are worth in each environment.
+
+    Both see the same places and lines of sight.
+
+    :param plans: the result of study.plans_of.
+    :return: a DataFrame with a row for each environment and scheme: `planned_rate`, the guaranteed
+        rate that the plan was made with; `guaranteed_rate`, that by the model of the environment,
+        which counts with mean gains; `found_...`, mean and quantiles of the mission's secrecy
+        rate, by assess; the mean `outage` of its slots; what is `delivered` in the mean.
+    """
+    chosen = [plan for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x)
+              if point.experiment == 'environment']
+    rows = []
+    for plan in chosen:
+        there = Plan(plan.scenario, chosen[0].positions, chosen[0].powers)
+        for scheme, made, flown in zip(_MADE_FOR, (chosen[0], plan), (there, plan)):
+            answer = assess(flown, _DRAWS)
+            rows.append({
+                'environment': (plan.scenario.channel.los or 'free space').replace('_', ' '),
+                'scheme': scheme, 'planned_rate': made.guaranteed_rate,
+                'guaranteed_rate': answer.promised_rate, 'found_mean': answer.mean,
+                'found_5': answer.quantile(0.05), 'found_50': answer.quantile(0.5),
+                'found_95': answer.quantile(0.95), 'outage': answer.outages.mean(),
+                'delivered': answer.delivered.mean(),
+                'promised_delivery': answer.promised_delivery})
+    return pandas.DataFrame(rows)
+
+
+def _curves(rates, label):
+    """Return the Figure of an experiment's rates, with the best scheme on top."""
     figure = Figure(figsize=_SIZE, layout='constrained')
     axes = figure.subplots()
-    lines = {}
-    for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x):
-        lines.setdefault((point.experiment, point.scheme), []).append(
-            (point.x, plan.guaranteed_rate, plan.worst_case_rate,
-             plan.bound.rate if plan.bound else np.nan))
-    # The best scheme is on top, both in the figure and in the legend.
-    discs = any(',' in experiment for experiment, _ in lines)
-    for (experiment, scheme), values in sorted(lines.items(), key=lambda entry: -entry[1][-1][1]):
-        x, guaranteed, worst, bound = zip(*values)
-        if experiment.endswith('worst case'):
-            axes.plot(x, worst, color=_WORST_CASE, marker='v', markersize=6, linestyle='--',
-                      markerfacecolor='white', linewidth=1.1,
+    curves = sorted(rates.groupby(['kind', 'scheme'], sort=False),
+                    key=lambda curve: -curve[1].guaranteed_rate.iloc[-1])
+    for (kind, scheme), curve in curves:
+        color, marker = _STYLES[kind or scheme]
+        name = name_of(scheme) if scheme in BASELINES else (
+            f'proposed, {scheme} for the guaranteed rate')
+        if rates.kind.any():
+            name += f', disc of {curve.error_radius_m.iloc[0]:g} m'
+        full = {'color': color, 'marker': marker, 'markersize': 6}
+        dashed = {**full, 'linestyle': '--', 'markerfacecolor': 'white', 'linewidth': 1.1}
+        if kind == 'worst case':
+            axes.plot(curve.x, curve.worst_case_rate, **dashed,
                       label=f'{scheme} for the worst-case rate, disc of 10 m: worst case')
-            axes.plot(x, bound, color='black', marker='_', markersize=8, linestyle=':',
-                      linewidth=1.1, label='upper bound of any plan, disc of 10 m: worst case')
-            continue
-        perfect = experiment.endswith('radius 0')
-        color, marker = _RADIUS_ZERO if perfect else (
-            _COLORS.get(scheme, uav_color(0)), _MARKERS.get(scheme, 'o'))
-        name = _name(scheme)
-        if discs:
-            name += ', disc of 0 m' if perfect else ', disc of 10 m'
-        axes.plot(x, guaranteed, color=color, marker=marker, markersize=6,
-                  label=f'{name}: {"both rates" if perfect else "guaranteed"}')
-        # For a radius of zero, the guaranteed and the worst-case rates are equal.
-        if not perfect:
-            axes.plot(x, worst, color=color, marker=marker, markersize=6, linestyle='--',
-                      markerfacecolor='white', linewidth=1.1, label=f'{name}: worst case')
-    if all(value == int(value) and value < 10 for line in lines.values() for value, *_ in line):
-        axes.set_xticks(sorted({value for line in lines.values() for value, *_ in line}))
-    _finish(axes, label, 'mean secrecy rate (bit/s/Hz)')
-    # Above the axes, where no curve can be.
-    axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8, frameon=False)
-    return figure
-
-
-def _name(scheme):
-    """Return the name of a scheme, and for which rate it plans."""
-    return name_of(scheme) if scheme in _COLORS else (
-        f'proposed, {scheme} for the guaranteed rate')
-
-
-def _convergence(runs):
-    figure = Figure(figsize=(_SIZE[0], 4.2), layout='constrained')
-    durations = sorted({point.x for point in runs})
-    grid = figure.subplots(1, len(durations), squeeze=False)[0]
-    for axes, duration in zip(grid, durations):
-        for index, (point, plan) in enumerate(
-                entry for entry in runs.items() if entry[0].x == duration):
-            axes.step([entry.elapsed for entry in plan.history],
-                      [entry.guaranteed_rate for entry in plan.history], where='post',
-                      color=uav_color(index), marker='o^s'[index % 3], markersize=4,
-                      label=f'{point.scheme}: {plan.guaranteed_rate:.4f} bit/s/Hz guaranteed in '
-                            f'{plan.solve_time:.2f} s')
-        axes.set_xscale('log')
-        axes.set_title(f'T = {duration:g} s', fontsize=10)
-        _finish(axes, 'time (s)', 'guaranteed rate (bit/s/Hz)')
-        axes.legend(loc='lower right', fontsize=8)
+            axes.plot(curve.x, curve.upper_bound, color='black', marker='_', markersize=8,
+                      linestyle=':', linewidth=1.1,
+                      label='upper bound of any plan, disc of 10 m: worst case')
+        elif kind == 'radius 0':  # Both rates are equal.
+            axes.plot(curve.x, curve.guaranteed_rate, **full, label=f'{name}: both rates')
+        else:
+            axes.plot(curve.x, curve.guaranteed_rate, **full, label=f'{name}: guaranteed')
+            axes.plot(curve.x, curve.worst_case_rate, **dashed, label=f'{name}: worst case')
+    axes.locator_params(axis='x', integer=True)
+    axes.set(xlabel=label, ylabel='mean secrecy rate (bit/s/Hz)')
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    style_axes(axes)
+    _legend_above(axes)
     return figure
 
 
@@ -146,31 +150,49 @@ def _trajectories(plans):
     return figure
 
 
-def _trajectory_rows(duration, plan):
-    for uav, path, powers in zip(plan.scenario.uavs, plan.positions, plan.powers):
-        for point, (time, (x, y)) in enumerate(zip(plan.times, path)):
-            power = powers[point - 1] if 1 <= point <= len(powers) else 0.0
-            yield duration, uav.name, point, time, x, y, power
+def _environments(found):
+    """Return a Figure of the rates planned, guaranteed and found."""
+    figure = Figure(figsize=(_SIZE[0], 4.6), layout='constrained')
+    axes = figure.subplots()
+    names = found.environment.unique()
+    for scheme, (color, aside) in _MADE_FOR.items():
+        mine, x = found[found.scheme == scheme], np.arange(len(names)) + aside
+        axes.bar(x, mine.found_mean, width=0.26, color=color, alpha=0.35,
+                 label=f'{scheme}: found, mean')
+        axes.errorbar(x, mine.found_mean, color=color, linestyle='none', capsize=4,
+                      yerr=(mine.found_mean - mine.found_5, mine.found_95 - mine.found_mean),
+                      label=f'{scheme}: found, 5% to 95%')
+        for column, marker, text in (('guaranteed_rate', 's', 'by the model there'),
+                                     ('planned_rate', 'x', 'planned')):
+            axes.plot(x, mine[column], marker, color=color, markersize=7,
+                      markerfacecolor='white', label=f'{scheme}: {text}')
+    axes.set_xticks(range(len(names)), names)
+    axes.set_ylabel('mean secrecy rate (bit/s/Hz)')
+    style_axes(axes)
+    _legend_above(axes)
+    return figure
 
 
-def _finish(axes, xlabel, ylabel):
-    axes.set(xlabel=xlabel, ylabel=ylabel)
-    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    axes.grid(color='0.9', linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[['top', 'right']].set_visible(False)
+def _convergence(runs):
+    figure = Figure(figsize=(_SIZE[0], 4.2), layout='constrained')
+    durations = sorted({point.x for point in runs})
+    grid = figure.subplots(1, len(durations), squeeze=False)[0]
+    for axes, duration in zip(grid, durations):
+        for index, (point, plan) in enumerate(
+                entry for entry in runs.items() if entry[0].x == duration):
+            axes.step([entry.elapsed for entry in plan.history],
+                      [entry.guaranteed_rate for entry in plan.history], where='post',
+                      color=uav_color(index), marker='o^s'[index % 3], markersize=4,
+                      label=f'{point.scheme}: {plan.guaranteed_rate:.4f} bit/s/Hz guaranteed in '
+                            f'{plan.solve_time:.2f} s')
+        axes.set_xscale('log')
+        axes.set_title(f'T = {duration:g} s', fontsize=10)
+        axes.set(xlabel='time (s)', ylabel='guaranteed rate (bit/s/Hz)')
+        style_axes(axes)
+        axes.legend(loc='lower right', fontsize=8)
+    return figure
 
 
-def _save(figure, path):
-    figure.savefig(path, dpi=_DOTS_PER_INCH)
-    return path
-
-
-def _table(path, header, rows):
-    with path.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows([
-            f'{value:.6g}' if isinstance(value, float) else value for value in row]
-            for row in rows)
-    return path
+def _legend_above(axes):
+    """Put the legend above the axes, where nothing is drawn."""
+    axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8, frameon=False)
