@@ -1,6 +1,6 @@
 """The rows of a campaign as tables and as a figure."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import csv
 import json
 from pathlib import Path
@@ -72,17 +72,24 @@ def draw_figure(rows: Rows) -> Any:
     and value of a second field that has few. Lines are medians, bands hold eight of ten missions.
     """
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     good = [row for row in rows if row['outcome'] == 'ok']
     name, second = _swept_fields(good)
     shown = [one for one in OBJECTIVES if any(row['objective'] == one for row in good)]
     figure = Figure(figsize=(6.5 * max(1, len(shown)), 4.8), layout='constrained')
     grid = figure.subplots(1, max(1, len(shown)), sharey=name is not None, squeeze=False)[0]
+    frame = DataFrame([{
+        **{f'{rate}_rate': row[f'{rate}_rate'] for rate in OBJECTIVES}, 'scheme': _scheme(row),
+        'x': row['fields'].get(name), 'of': '' if second is None else _value(row, second)}
+        for row in good])
     for axes, rate in zip(grid, shown):
-        if name is None:
-            _draw_counts(axes, good, f'{rate}_rate')
-        else:
-            _draw_lines(axes, good, name, second, f'{rate}_rate')
         label = f'{_words(rate)} rate (bit/s/Hz)'
+        if name is None:
+            axes.yaxis.get_major_locator().set_params(integer=True)
+            for scheme, mine in frame.groupby('scheme', sort=False):
+                axes.hist(mine[f'{rate}_rate'], bins=30, alpha=0.6, label=scheme)
+        else:
+            _draw_lines(axes, frame, f'{rate}_rate')
         axes.set_xlabel(label if name is None else f'{name} ({_unit(name)})'.removesuffix(' ()'))
         axes.set_ylabel('missions' if name is None else label)
         axes.grid(alpha=0.3)
@@ -97,47 +104,26 @@ def draw_figure(rows: Rows) -> Any:
     return figure
 
 
-def _draw_counts(axes: Any, rows: Rows, rate: str) -> None:
-    """Draw how often each value of a rate comes, for each method and objective."""
-    axes.yaxis.get_major_locator().set_params(integer=True)
-    for scheme, mine in _grouped(rows, _scheme):
-        axes.hist([row[rate] for row in mine], bins=30, alpha=0.6, label=scheme)
-
-
-def _draw_lines(axes: Any, rows: Rows, name: str, second: str | None, rate: str) -> None:
-    """Draw a rate over a field: a colour for each value of the second, a dash for each scheme."""
-    import numpy as np
-    schemes = [scheme for scheme, _ in _grouped(rows, _scheme)]
-    values = [] if second is None else [value for value, _ in _grouped(
-        rows, lambda row: row['fields'][second])]
-    for scheme, of_scheme in _grouped(rows, _scheme):
-        for value, mine in [(None, of_scheme)] if second is None else _grouped(
-                of_scheme, lambda row: row['fields'][second]):
-            places = [place for place, _ in _grouped(mine, lambda row: row['fields'][name])]
-            low, middle, high = np.array([
-                np.quantile([row[rate] for row in there], (0.1, 0.5, 0.9))
-                for _, there in _grouped(mine, lambda row: row['fields'][name])]).T
-            number = schemes.index(scheme) if second is None else values.index(value)
-            dash = '-' if second is None else _DASHES[schemes.index(scheme) % len(_DASHES)]
-            label = scheme if second is None else (
-                f'{second} {json.dumps(value)} {_unit(second)}'.rstrip() + f', {scheme}')
-            [line] = axes.plot(places, middle, dash, color=f'C{number % 10}', marker='o',
-                               markersize=3, label=label)
-            axes.fill_between(places, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
-
-
-def _grouped(rows: Rows, key: Callable[[dict[str, Any]], Any]
-             ) -> list[tuple[Any, list[dict[str, Any]]]]:
-    """Return the rows by a key of theirs: numbers in order, and anything else as JSON."""
-    found: dict[str, tuple[Any, list[dict[str, Any]]]] = {}
-    for row in rows:
-        found.setdefault(json.dumps(key(row)), (key(row), []))[1].append(row)
-    return sorted(found.values(), key=lambda one: (
-        (0, one[0], '') if isinstance(one[0], (int, float)) else (1, 0, json.dumps(one[0]))))
+def _draw_lines(axes: Any, frame: Any, rate: str) -> None:
+    """Draw a rate over x: a colour for each value of the second field, a dash for each scheme."""
+    schemes, values = frame.scheme.unique().tolist(), frame.of.unique().tolist()
+    for (scheme, value), mine in frame.groupby(['scheme', 'of'], sort=False):
+        band = mine.groupby('x')[rate].quantile([0.1, 0.5, 0.9]).unstack()
+        number = values.index(value) if value else schemes.index(scheme)
+        dash = _DASHES[schemes.index(scheme) % len(_DASHES)] if value else '-'
+        [line] = axes.plot(band.index, band[0.5], dash, color=f'C{number % 10}', marker='o',
+                           markersize=3, label=f'{value}, {scheme}' if value else scheme)
+        axes.fill_between(band.index, band[0.1], band[0.9], color=line.get_color(), alpha=0.2,
+                          linewidth=0)
 
 
 def _scheme(row: dict[str, Any]) -> str:
     return f'{row["method"]}, objective {_words(row["objective"])} rate'
+
+
+def _value(row: dict[str, Any], field: str) -> str:
+    """Return a field and its value, with the unit."""
+    return f'{field} {json.dumps(row["fields"][field])} {_unit(field)}'.rstrip()
 
 
 def _unit(field: str) -> str:

@@ -1,6 +1,7 @@
 """What a campaign file asks for, and the tasks that it stands for."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 import copy
 from dataclasses import asdict, dataclass
 import difflib
@@ -15,7 +16,7 @@ import numpy as np
 
 from .tasks import Task, task_of
 from ...assessment.monte_carlo import arguments
-from ...errors import OptionError, shown, words_of_files
+from ...errors import OptionError, ScenarioError, shown, words_of_files
 from ...mission import METHODS, OBJECTIVES
 from ...mission.formats.documents import Document, Problem, read, refusal
 from ...mission.propagation import Channel
@@ -35,8 +36,9 @@ _LEFT_OUT = {'channel': asdict(Channel()), 'colluding': False}
 """What Scenario.to_dict leaves out, and so do the missions of a campaign that does not vary it."""
 
 _DEFAULTS: dict[str, Any] = {
-    'vary': {}, 'samples': 1, 'seed': 0, 'methods': [METHODS[0]], 'objectives': None,
-    'time_limit': None, 'bound_time_limit': None, 'plans': False, 'assess': None}
+    'mission': None, 'vary': {}, 'samples': 1, 'seed': 0, 'methods': [METHODS[0]],
+    'objectives': None, 'time_limit': None, 'bound_time_limit': None, 'plans': False,
+    'assess': None}
 
 
 @dataclass(frozen=True)
@@ -97,18 +99,160 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     :raises MissionFileError: with all that is wrong, each with its line.
     """
     document = read(path)
-    reader = _Reader(document, Path(path).parent)
-    with words_of_files():
-        campaign = reader.campaign()
-    problems = [*document.problems, *reader.problems]
+    problems = [*document.problems]
+
+    @contextmanager
+    def noting(*place: Any) -> Iterator[None]:
+        try:
+            yield
+        except OptionError as error:
+            problems.append(Problem(document.line((*place, *error.place)), str(error)))
+
+    campaign = None
+    with words_of_files(), noting():
+        campaign = _campaign(document.data, Path(path).parent, noting)
     if campaign is None or problems:
         raise refusal(path, problems)
     return campaign
 
 
-def _plain(scenario: Scenario) -> Any:
-    """Return a mission as JSON has it: with lists, whose members can be replaced."""
-    return json.loads(json.dumps(scenario.to_dict()))
+def _campaign(data: Any, folder: Path, noting: Callable[..., AbstractContextManager[None]]
+              ) -> Campaign | None:
+    """
+    Return the Campaign that the data of a file in a folder mean, or None.
+
+    :param noting: returns a context that notes an OptionError in a place of the data.
+    """
+    if not isinstance(data, dict):
+        raise OptionError('it must be a mapping with a mission and the fields to vary')
+    if 'uavs' in data:
+        raise OptionError('it is a mission; a campaign names one by its field mission')
+    for name in [name for name in data if name not in _DEFAULTS]:
+        with noting(name):
+            near = difflib.get_close_matches(str(name), _DEFAULTS, 1)
+            hint = f'did you mean {near[0]}?' if near else f'it has {", ".join(_DEFAULTS)}'
+            raise OptionError(f'a campaign has no field {shown(name)}; {hint}')
+    values, are_right = {**_DEFAULTS, **data}, True
+    for name, is_right, allowed in _checks(values):
+        are_right &= is_right
+        with noting(name):
+            if not is_right:
+                raise OptionError(f'{name} is {shown(values[name])}; it must be {allowed}')
+    mission, grid, laws = None, {}, {}
+    with noting('mission'):
+        mission = _mission(values['mission'], folder)
+    for name, value in values['vary'].items() if isinstance(values['vary'], dict) else ():
+        with noting('vary', name):
+            found = _varied(mission, name, value)
+            if isinstance(found, tuple):
+                laws[name] = found
+            else:
+                grid[name] = found
+    if values['assess'] is not None:
+        with noting('assess'):
+            try:
+                arguments(values['assess'])
+            except OptionError as error:
+                raise OptionError(f'assess: {error}', error.place) from None
+    if mission is None or not are_right:
+        return None
+    # Without plans and assess, rows are those of a campaign that has no such fields.
+    settings = {name: values[name] for name in (
+        'time_limit', 'bound_time_limit',
+        *(one for one in ('plans', 'assess') if values[one] not in (None, False)))}
+    campaign = Campaign(mission, grid, laws, values['samples'], values['seed'],
+                        _schemes(values['methods'], values['objectives']), settings)
+    if not 1 <= campaign.size <= MOST_TASKS:
+        raise OptionError(f'it has {shown(campaign.size)} missions; it must have 1 to '
+                          f'{MOST_TASKS}')
+    return campaign
+
+
+def _checks(values: dict[str, Any]) -> Iterator[tuple[str, bool, str]]:
+    """Yield fields, whether their values are right, and what they must be."""
+    yield 'vary', isinstance(values['vary'], dict), 'a mapping of fields'
+    for name, least in (('samples', 1), ('seed', 0)):
+        value = values[name]
+        yield (name, isinstance(value, int) and not isinstance(value, bool) and value >= least,
+               f'a whole number, at least {least}')
+    for name in ('time_limit', 'bound_time_limit'):
+        value = values[name]
+        yield (name, value is None or isinstance(value, (int, float)) and not isinstance(
+            value, bool) and value > 0, 'above 0 s, or null')
+    yield 'plans', isinstance(values['plans'], bool), 'true or false'
+    for name, known in (('methods', (*METHODS, *BASELINES)), ('objectives', OBJECTIVES)):
+        given = values[name]
+        yield (name, name == 'objectives' and given is None or isinstance(given, list)
+               and bool(given) and all(one in known for one in given),
+               f'a list of {", ".join(known)}')
+
+
+def _mission(given: Any, folder: Path) -> dict[str, Any]:
+    """Return the base mission, which is in the campaign itself or in a file beside it."""
+    try:
+        if isinstance(given, str):
+            scenario = Scenario.load(folder / given)
+        elif isinstance(given, dict):
+            scenario = Scenario.from_dict(given)
+        else:
+            raise OptionError(f'mission is {shown(given)}; it must be the name of a mission file, '
+                              'or the fields of a mission')
+    except OSError as error:
+        raise OptionError(f'the mission {folder / given} cannot be read: '
+                          f'{error.strerror or error}') from None
+    except ScenarioError as error:
+        raise OptionError(f'the mission cannot be used: {error}') from None
+    # As JSON has it: with lists, whose members can be replaced.
+    plain: dict[str, Any] = json.loads(json.dumps(scenario.to_dict()))
+    return plain
+
+
+def _varied(mission: dict[str, Any] | None, name: str, value: Any) -> Any:
+    """Return the values of a field, or a tuple of the law and the two numbers of it."""
+    if mission is not None:
+        try:
+            if (field := name.partition('.')[0]) in _LEFT_OUT:
+                mission.setdefault(field, copy.deepcopy(_LEFT_OUT[field]))
+            _targets(mission, name)
+        except LookupError:
+            raise OptionError(
+                f'the mission has no field {shown(name)}; name it as duration, uavs.0.max_speed '
+                'or eavesdroppers.*.error_radius') from None
+    allowed = ('it must be a list of values, {from, to, count}, {uniform: [low, high]} or '
+               '{normal: [mean, deviation]}')
+    if isinstance(value, list) and value:
+        if _is_json(value):
+            return value
+        allowed = 'its numbers must be finite, and null stands for no limit'
+    elif isinstance(value, dict) and set(value) == {'from', 'to', 'count'}:
+        allowed = f'from and to must be numbers, count a whole number from 1 to {MOST_TASKS}'
+        with suppress(TypeError, ValueError), np.errstate(all='ignore'):
+            if 1 <= value['count'] <= MOST_TASKS:
+                found = np.linspace(value['from'], value['to'], value['count']).tolist()
+                if _is_json(found):
+                    return found
+    elif isinstance(value, dict) and len(value) == 1 and set(value) <= set(LAWS):
+        [(law, numbers)] = value.items()
+        allowed = (f'{law} must have two numbers, or two places; they must be finite, and '
+                   f'{LAWS[law]}')
+        with suppress(TypeError, ValueError, OverflowError):
+            first, second = numbers
+            if np.isfinite(getattr(np.random.default_rng(0), law)(first, second)).all():
+                return law, first, second
+    raise OptionError(f'{name} is {shown(value)}; {allowed}')
+
+
+def _schemes(methods: list[str], objectives: list[str] | None) -> list[tuple[str, str]]:
+    """Return the pairs of a method and an objective that exist."""
+    if objectives is None:
+        return [(method, OBJECTIVES[0] if method in BASELINES else checked_objective(method))
+                for method in methods]
+    pairs = [(method, objective) for method in methods for objective in objectives
+             if method == METHODS[0] or objective == OBJECTIVES[0]]
+    if not pairs:
+        raise OptionError(
+            f'only the method {METHODS[0]} has the objective {OBJECTIVES[1]}', ('methods',))
+    return pairs
 
 
 def _targets(mission: Any, name: str) -> list[tuple[Any, Any]]:
@@ -141,163 +285,3 @@ def _is_json(values: list[Any]) -> bool:
     except ValueError:
         return False
     return True
-
-
-class _Reader:
-    """Makes a Campaign of a document, and notes what is wrong."""
-
-    def __init__(self, document: Document, folder: Path) -> None:
-        self.problems: list[Problem] = []
-        self._document, self._folder = document, folder
-
-    def campaign(self) -> Campaign | None:
-        """Return the campaign, or None if something is wrong."""
-        data = self._document.data
-        if not isinstance(data, dict):
-            self._add((), 'it must be a mapping with a mission and the fields to vary')
-            return None
-        if 'uavs' in data:
-            self._add((), 'it is a mission; a campaign names one by its field mission')
-            return None
-        known = ('mission', *_DEFAULTS)
-        for name in data:
-            if name not in known:
-                near = difflib.get_close_matches(name, known, 1)
-                hint = f'did you mean {near[0]}?' if near else f'it has {", ".join(known)}'
-                self._add((name,), f'a campaign has no field {shown(name)}; {hint}')
-        mission = self._mission(data.get('mission'))
-        values = {**_DEFAULTS, **data}
-        grid, laws = self._varied(values['vary'], mission)
-        self._check_numbers(values)
-        self._check_assess(values['assess'])
-        schemes = self._schemes(values)
-        if self.problems or mission is None:
-            return None
-        settings = {name: values[name] for name in ('time_limit', 'bound_time_limit')}
-        if values['plans']:  # Without, rows are those of a campaign that has no such field.
-            settings['plans'] = True
-        if values['assess'] is not None:
-            settings['assess'] = values['assess']
-        campaign = Campaign(
-            mission, grid, laws, values['samples'], values['seed'], schemes, settings)
-        if not 1 <= campaign.size <= MOST_TASKS:
-            self._add((), f'it has {shown(campaign.size)} missions; it must have 1 to '
-                      f'{MOST_TASKS}')
-        return campaign
-
-    def _add(self, place: tuple[Any, ...], text: str) -> None:
-        self.problems.append(Problem(self._document.line(place), text))
-
-    def _mission(self, given: Any) -> dict[str, Any] | None:
-        """Return the base mission, which is in the campaign itself or in a file beside it."""
-        if isinstance(given, str):
-            try:
-                return _plain(Scenario.load(self._folder / given))
-            except OSError as error:
-                self._add(('mission',), f'the mission {self._folder / given} cannot be read: '
-                          f'{error.strerror or error}')
-            except ValueError as error:
-                self._add(('mission',), f'the mission cannot be used: {error}')
-        elif isinstance(given, dict):
-            try:
-                return _plain(Scenario.from_dict(given))
-            except ValueError as error:
-                self._add(('mission',), f'the mission cannot be used: {error}')
-        else:
-            self._add(('mission',), f'mission is {shown(given)}; it must be the name of a mission '
-                      'file, or the fields of a mission')
-        return None
-
-    def _varied(self, vary: Any, mission: Any) -> tuple[dict[str, list[Any]], dict[str, Any]]:
-        grid: dict[str, list[Any]] = {}
-        laws: dict[str, Any] = {}
-        if not isinstance(vary, dict):
-            self._add(('vary',), f'vary is {shown(vary)}; it must be a mapping of fields')
-            return grid, laws
-        for name, value in vary.items():
-            place = ('vary', name)
-            if mission is not None:
-                try:
-                    if (field := name.partition('.')[0]) in _LEFT_OUT:
-                        mission.setdefault(field, copy.deepcopy(_LEFT_OUT[field]))
-                    _targets(mission, name)
-                except LookupError:
-                    self._add(place, f'the mission has no field {shown(name)}; name it as '
-                              'duration, uavs.0.max_speed or eavesdroppers.*.error_radius')
-                    continue
-            if isinstance(value, list) and value:
-                grid[name] = value
-                if not _is_json(value):
-                    self._add(place, f'{name} is {shown(value)}; its numbers must be finite, and '
-                              'null stands for no limit')
-            elif isinstance(value, dict) and set(value) == {'from', 'to', 'count'}:
-                try:
-                    if value['count'] > MOST_TASKS:
-                        raise ValueError
-                    with np.errstate(all='ignore'):
-                        grid[name] = np.linspace(
-                            value['from'], value['to'], value['count']).tolist()
-                except (TypeError, ValueError):
-                    grid[name] = []
-                if not grid[name] or not _is_json(grid[name]):
-                    self._add(place, f'{name} is {shown(value)}; from and to must be numbers, '
-                              f'count a whole number from 1 to {MOST_TASKS}')
-            elif isinstance(value, dict) and len(value) == 1 and set(value) <= set(LAWS):
-                [(law, numbers)] = value.items()
-                try:
-                    first, second = numbers
-                    drawn = getattr(np.random.default_rng(0), law)(first, second)
-                    if not np.isfinite(drawn).all():
-                        raise ValueError
-                    laws[name] = law, first, second
-                except (TypeError, ValueError, OverflowError):
-                    self._add(place, f'{name} is {shown(value)}; {law} must have two numbers, or '
-                              f'two places; they must be finite, and {LAWS[law]}')
-            else:
-                self._add(place, f'{name} is {shown(value)}; it must be a list of values, {{from, '
-                          'to, count}, {uniform: [low, high]} or {normal: [mean, deviation]}')
-        return grid, laws
-
-    def _check_numbers(self, values: dict[str, Any]) -> None:
-        for name, least in (('samples', 1), ('seed', 0)):
-            value = values[name]
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                self._add((name,), f'{name} is {shown(value)}; it must be a whole number, at '
-                          f'least {least}')
-        for name in ('time_limit', 'bound_time_limit'):
-            value = values[name]
-            if value is not None and (isinstance(value, bool) or not isinstance(
-                    value, (int, float)) or not value > 0):
-                self._add((name,), f'{name} is {shown(value)}; it must be above 0 s, or null')
-        if not isinstance(values['plans'], bool):
-            self._add(('plans',), f'plans is {shown(values["plans"])}; it must be true or false')
-
-    def _check_assess(self, given: Any) -> None:
-        if given is not None:
-            try:
-                arguments(given)
-            except OptionError as error:
-                self._add(('assess', *error.place), f'assess: {error}')
-
-    def _schemes(self, values: dict[str, Any]) -> list[tuple[str, str]]:
-        """Return the pairs of a method and an objective that exist."""
-        own = values['objectives'] is None
-        for name, allowed in (('methods', (*METHODS, *BASELINES)), ('objectives', OBJECTIVES)):
-            given = values[name]
-            if name == 'objectives' and own:
-                continue
-            if not isinstance(given, list) or not given or not all(
-                    one in allowed for one in given):
-                self._add((name,), f'{name} is {shown(given)}; it must be a list of '
-                          f'{", ".join(allowed)}')
-                return []
-        if own:
-            return [(method, OBJECTIVES[0] if method in BASELINES else checked_objective(method))
-                    for method in values['methods']]
-        pairs = [(method, objective) for method in values['methods']
-                 for objective in values['objectives']
-                 if method == METHODS[0] or objective == OBJECTIVES[0]]
-        if not pairs:
-            self._add(('methods',), f'only the method {METHODS[0]} has the objective '
-                      f'{OBJECTIVES[1]}')
-        return pairs
