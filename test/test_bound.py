@@ -10,8 +10,9 @@ from bound_attack import random_plans
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
-from secure_uav_planner.apps.bench.missions import random_city_mission, random_mission
+from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.bound import upper_bound
 from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
 from secure_uav_planner.errors import PlanFileError, PlanningError

@@ -9,9 +9,9 @@ import threading
 import clarabel
 import numpy as np
 import pytest
+from random_cities import random_city_mission
 from ros_client import wait_for
 from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
-from secure_uav_planner.apps.bench.missions import random_city_mission
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.model.limits import is_clear
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions, projection

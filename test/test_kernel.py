@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 import numpy as np
 import oracle
 import pytest
+from random_cities import random_city_mission
 from secure_uav_planner import Scenario
-from secure_uav_planner.apps.bench.missions import random_city_mission, random_mission
+from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.model import kernel
 from secure_uav_planner.model.grid import Grid

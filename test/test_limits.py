@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 import numpy as np
 import oracle
 import pytest
+from random_cities import random_city_mission
 from secure_uav_planner import PlanningError
-from secure_uav_planner.apps.bench.missions import random_city_mission
 from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.model.limits import LIMITS, limits_of
