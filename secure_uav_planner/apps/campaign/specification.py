@@ -18,7 +18,7 @@ from .tasks import Task, task_of
 from ...assessment.monte_carlo import arguments
 from ...errors import OptionError, ScenarioError, shown, words_of_files
 from ...mission import METHODS, OBJECTIVES
-from ...mission.formats.documents import Document, Problem, read, refusal
+from ...mission.formats.documents import Problem, read, refusal
 from ...mission.propagation import Channel
 from ...mission.scenario import Scenario
 from ...optimize.solve import checked_objective
