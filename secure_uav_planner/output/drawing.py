@@ -83,6 +83,18 @@ def _ring(outer, inner):
                            ring.exterior.coords[:1]])
 
 
+def extent_of(scenario, plans=()):
+    """Return the lower left and the upper right corner of the map of some plans, (2, 2) in m."""
+    radii = scenario.error_radii[:, None]
+    points = np.concatenate([
+        [scenario.ground_node], scenario.starts, scenario.goals,
+        scenario.eavesdropper_positions - radii, scenario.eavesdropper_positions + radii,
+        *(plan.positions.reshape(-1, 2) for plan in plans)])
+    low, high = np.array(corners_of_map(scenario, [points.min(axis=0), points.max(axis=0)]))
+    margin = 0.07 * max(*(high - low), 10.0)
+    return np.array([low - margin, high + margin])
+
+
 def corners_of_map(scenario, corners):
     """
     Return the corners of a map, extended to zones and fence as far as that keeps the plan large.
@@ -90,12 +102,9 @@ def corners_of_map(scenario, corners):
     :param corners: the lower left and the upper right one of the plan, (2, 2) in m.
     :return: likewise.
     """
-    (left, low), (right, high) = corners
-    most = max(right - left, high - low)
-    rings = [zone.vertices for zone in scenario.no_fly_zones]
-    if scenario.geofence is not None:
-        rings.append(scenario.geofence)
-    across = [x for ring in rings for x, _ in ring]
-    along = [y for ring in rings for _, y in ring]
-    return [[max(min([left, *across]), left - most), max(min([low, *along]), low - most)],
-            [min(max([right, *across]), right + most), min(max([high, *along]), high + most)]]
+    low, high = np.array(corners)
+    most = (high - low).max()
+    fences = [] if scenario.geofence is None else [scenario.geofence]
+    points = np.concatenate([corners, *(zone.vertices for zone in scenario.no_fly_zones), *fences])
+    return [np.maximum(points.min(axis=0), low - most).tolist(),
+            np.minimum(points.max(axis=0), high + most).tolist()]

@@ -8,7 +8,7 @@ from plotly.subplots import make_subplots
 
 from . import mobile_layout as narrow
 from .drawing import (
-    altitudes_of, corners_of_map, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
+    altitudes_of, EAVESDROPPER, extent_of, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
     middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
 from ..mission.files import atomic_file
 from ..model import channel
@@ -54,11 +54,12 @@ def draw_page(plan):
     for trace, row, column in view.moving_traces(0):
         figure.add_trace(trace, row, column)
     moving = list(range(first, len(figure.data)))
-    points = view.points_of_frames()
+    last = plan.scenario.slots + 1
+    points = sorted({*np.linspace(0, last, min(last + 1, _MOST_FRAMES)).round().astype(int)})
     figure.frames = [
         go.Frame(name=str(point), traces=moving, data=[
             trace for trace, _, _ in view.moving_traces(point)]) for point in points]
-    _label_axes(figure, view.map_ranges(), view.peak)
+    _label_axes(figure, extent_of(plan.scenario, [plan]).T.tolist(), view.peak)
     _add_controls(figure, view, points)
     return figure
 
@@ -72,32 +73,14 @@ class _View:
         self.peak = max(uav.peak_power for uav in scenario.uavs)
         step = scenario.slot_duration
         # Power n holds from point n to point n + 1, so nothing is delivered before point 1.
-        self.delivered = np.concatenate([[0.0, 0.0], np.cumsum(plan.guaranteed_rates) * step])
-        self.worst_delivered = np.concatenate(
-            [[0.0, 0.0], np.cumsum(plan.worst_case_rates) * step])
+        self.delivered, self.worst_delivered = (
+            step * np.cumsum(np.pad(rates, (2, 0)))
+            for rates in (plan.guaranteed_rates, plan.worst_case_rates))
         self.powers = np.pad(plan.powers, ((0, 0), (1, 1)))
         self.guaranteed = np.pad(plan.guaranteed_rates, 1)
         self.worst = np.pad(plan.worst_case_rates, 1)
         places = channel.worst_case_places(scenario, plan.positions, plan.powers)
         self.places = np.pad(places, ((1, 1), (0, 0)), mode='edge')
-
-    def points_of_frames(self):
-        """Return the indices of the points that have a frame."""
-        last = self.plan.scenario.slots + 1
-        return sorted({round(point) for point in np.linspace(
-            0, last, min(last + 1, _MOST_FRAMES))})
-
-    def map_ranges(self):
-        """Return the ranges of x and y in m, with room for the markers of the UAVs."""
-        scenario = self.plan.scenario
-        points = np.concatenate([
-            self.plan.positions.reshape(-1, 2), [scenario.ground_node],
-            *(np.array(eve.position) + [[-eve.error_radius], [eve.error_radius]]
-              for eve in scenario.eavesdroppers)])
-        low, high = np.array(corners_of_map(
-            scenario, [points.min(axis=0), points.max(axis=0)]))
-        margin = 0.06 * max(*(high - low), 10.0)
-        return np.stack([low - margin, high + margin], axis=1).tolist()
 
     def still_traces(self):
         """Return the traces that do not move, each with its row and column."""

@@ -11,12 +11,12 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 import numpy as np
 
 from .drawing import (
-    altitudes_of, corners_of_map, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE,
-    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes,
+    altitudes_of, EAVESDROPPER, energy_label, extent_of, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes,
     uav_color)
 
 _WIDTH = 9.0
@@ -27,8 +27,7 @@ _LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # Likewise.
 _DOTS_PER_INCH = 200
 _FAINT = 1e-3
 _COMPASS = 0.32  # Length of its arrows in inches.
-_TIME_MARKS = 12
-_TIME_STEPS = [digit * 10.0 ** power for power in range(-6, 9) for digit in (1, 2, 5)]
+_TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
 _STYLES = ('--', ':', '-.')
 _GREY = '0.45'
 _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
@@ -76,27 +75,32 @@ def draw_plan(plan, baselines=()):
     if plan.bound is not None:
         title = '\n'.join([title, *wrap(plan.claim, _TITLE_WIDTH)])
     total = tall + 4.7 + 0.2 * title.count('\n')
-    figure = _Picture(figsize=(_WIDTH, total))
-    # Axes are placed in inches, because constrained layout cuts off legends beside axes of equal
-    # aspect.
-    map_axes, power_axes, rate_axes = (
-        figure.add_axes((_LEFT / _WIDTH, bottom / total, _MAP_WIDTH / _WIDTH, height / total))
-        for bottom, height in ((4.35, tall), (2.35, 1.4), (0.5, 1.7)))
+    map_axes, power_axes, rate_axes = _axes(total, (4.35, tall), (2.35, 1.4), (0.5, 1.7))
     draw_map(map_axes, plan, baselines)
     draw_powers(power_axes, plan)
     draw_rates(rate_axes, plan, baselines)
     power_axes.tick_params(labelbottom=False)
     map_axes.set_title(title, fontsize=11, loc='left')
-    return figure
+    return map_axes.figure
+
+
+def _axes(total, *places):
+    """
+    Return axes of a new figure of a total height, each from a bottom up by a height.
+
+    They are placed in inches, because constrained layout cuts off legends beside axes of equal
+    aspect.
+    """
+    figure = _Picture(figsize=(_WIDTH, total))
+    return [figure.add_axes((_LEFT / _WIDTH, bottom / total, _MAP_WIDTH / _WIDTH, height / total))
+            for bottom, height in places]
 
 
 def draw_scenario(scenario):
     """Return a matplotlib Figure with the map of a Scenario."""
     extent = extent_of(scenario)
     tall = _map_height(extent)
-    figure = _Picture(figsize=(_WIDTH, tall + 0.8))
-    axes = figure.add_axes((_LEFT / _WIDTH, 0.6 / (tall + 0.8), _MAP_WIDTH / _WIDTH,
-                            tall / (tall + 0.8)))
+    [axes] = _axes(tall + 0.8, (0.6, tall))
     place_of = _set_up_map(axes, scenario, extent)
     draw_ground(axes, scenario, place_of)
     for index, uav in enumerate(scenario.uavs):
@@ -109,7 +113,7 @@ def draw_scenario(scenario):
         [], [], color=uav_color(index), linestyle=(0, (2, 4)))
         for index, uav in enumerate(scenario.uavs)}
     _explain_map(axes, scenario, lines)
-    return figure
+    return axes.figure
 
 
 def name_of(method):
@@ -310,19 +314,6 @@ def _width(level):
     return 1.5 + 5.5 * level
 
 
-def extent_of(scenario, plans=()):
-    """Return the lower left and the upper right corner of the map, (2, 2) in m."""
-    points = [np.array(scenario.ground_node)[None], scenario.starts, scenario.goals, *(
-        path for plan in plans for path in plan.positions), *(
-        np.array(eve.position) + eve.error_radius * np.array([[-1.0], [1.0]])
-        for eve in scenario.eavesdroppers)]
-    points = np.concatenate(points)
-    low, high = points.min(axis=0), points.max(axis=0)
-    low, high = np.array(corners_of_map(scenario, [low, high]))
-    margin = 0.07 * max(*(high - low), 10.0)
-    return np.array([low - margin, high + margin])
-
-
 def _set_up_map(axes, scenario, extent):
     """Set the limits of a map; return the function from positions in m to map coordinates."""
     turned = _is_turned(extent)
@@ -347,8 +338,8 @@ def _mark_times(axes, times, points, color, side, labelled):
 
     :param labelled: places that have a label, near which there is no other; it grows.
     """
-    step = next(step for step in _TIME_STEPS if times[-1] / step <= _TIME_MARKS)
-    marks = np.arange(step, times[-1] - step / 3, step)
+    marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
+    marks = marks[marks < times[-1] - marks[0] / 3]
     places = np.stack([np.interp(marks, times, points[:, axis]) for axis in (0, 1)], axis=-1)
     axes.plot(*places.T, 'o', color='white', markeredgecolor=color, markersize=3.5,
               linestyle='none', zorder=7)

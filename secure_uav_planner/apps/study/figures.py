@@ -7,8 +7,8 @@ import pandas
 from .experiments import PROPOSED
 from ..campaign.specification import BASELINES
 from ...assessment import assess
-from ...output.drawing import style_axes, uav_color
-from ...output.picture import draw_map, extent_of, name_of
+from ...output.drawing import extent_of, style_axes, uav_color
+from ...output.picture import draw_map, name_of
 from ...plan.plan import Plan
 
 _SIZE = (9.0, 6.0)
