@@ -62,19 +62,19 @@ def _missing(plan: Any) -> str:
 def assessment_table(assessment: Any) -> str:
     """Return a text table of what an Assessment found beside what its plan promised."""
     found = assessment.summary
-    lines = [f'{"of " + str(assessment.draws) + " draws":<{_NAME}}{"promised":>{_RATE}}'
-             f'{"mean":>{_RATE}}{"5%":>{_RATE}}{"50%":>{_RATE}}']
     low, middle = np.quantile(assessment.delivered, (0.05, 0.5))
-    for name, numbers in (
-            ('secrecy rate, bit/s/Hz', (found['promised'], found['mean'], found['quantile_5'],
-                                        found['quantile_50'])),
-            ('delivered, bit/Hz', (found['promised_delivery'], found['delivered'], low, middle))):
-        lines.append(f'{name:<{_NAME}}' + ''.join(f'{number:>{_RATE}.4f}' for number in numbers))
-    lines += ['', f'{"of all slots":<{_NAME}}{"promised":>{_RATE}}{"mean":>{_RATE}}'
-              f'{"largest":>{_RATE}}',
-              f'{"outage":<{_NAME}}' + ''.join(f'{share:>{_RATE}.4%}' for share in (
-                  found['promised_outage'], assessment.outages.mean(), found['outage']))]
-    return '\n'.join(lines)
+    return '\n'.join(
+        (f'{name:<{_NAME}}' + ''.join(f'{cell:>{_RATE}{form}}' for cell in cells)).rstrip()
+        for name, form, *cells in (
+            (f'of {assessment.draws} draws', '', 'promised', 'mean', '5%', '50%'),
+            ('secrecy rate, bit/s/Hz', '.4f', found['promised'], found['mean'],
+             found['quantile_5'], found['quantile_50']),
+            ('delivered, bit/Hz', '.4f', found['promised_delivery'], found['delivered'], low,
+             middle),
+            ('', ''),
+            ('of all slots', '', 'promised', 'mean', 'largest'),
+            ('outage', '.4%', found['promised_outage'], assessment.outages.mean(),
+             found['outage'])))
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:

@@ -1,14 +1,17 @@
 """A campaign from its file to its results; a campaign that was stopped goes on."""
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+import fcntl
+import json
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from . import workers
 from .evaluation import ERROR, WORKER_LOST
-from .journal import Journal
 from .tasks import plan_file, Task
+from .workers import on_cluster, on_cores
 from ...errors import OptionError
+from ...mission.files import naming
 
 JOURNAL = 'results.jsonl'
 
@@ -37,21 +40,47 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int | 
     from tqdm import tqdm
     if jobs is not None and jobs < 1 and jobs != -1:
         raise OptionError(f'jobs is {jobs}; it must be at least 1, or -1 for all cores')
-    with Journal(folder / JOURNAL) as journal:
-        kept = {row['key']: row for row in journal.rows()}
+    with _journal(folder / JOURNAL) as file:
+        kept = {row['key']: row for row in map(json.loads, file)}
         # Two places of a grid may be the same mission, which is then planned once.
-        rows = {task['key']: _finished(kept.get(task['key']), task, folder)
-                for task in tasks()}
+        rows = {task['key']: _finished(kept.get(task['key']), task, folder) for task in tasks()}
         missing = sum(row is None for row in rows.values())
         with tqdm(total=len(rows), initial=len(rows) - missing, unit='mission',
                   desc=title, disable=None) as bar:
             left = _missing(tasks(), rows)
-            for row in _new(left, missing, jobs, scheduler, backend):
-                _keep_plan(row, folder)
-                journal.add(row)
+            for row in () if not missing else on_cores(left, jobs, backend) if (
+                    scheduler is None) else on_cluster(left, scheduler):
+                plan = row.pop('plan', None)
+                if plan is not None:
+                    plan_file(folder, row['key']).parent.mkdir(exist_ok=True)
+                    plan.save(plan_file(folder, row['key']))
+                with naming(folder / JOURNAL):
+                    file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
+                    file.flush()
                 rows[row['key']] = row
                 bar.update()
     return [row for row in rows.values() if row is not None]
+
+
+@contextmanager
+def _journal(path: Path) -> Iterator[BinaryIO]:
+    """
+    Open a file with one row a line as JSON, that only one process at a time adds to.
+
+    A line that a stopped process left unfinished is removed.
+
+    :raises OSError: when it cannot be written.
+    :raises OptionError: when another process has it open.
+    """
+    with open(path, 'ab+') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise OptionError(f'{path} is being written by another sweep') from None
+        file.seek(0)
+        file.truncate(sum(len(line) for line in file if line.endswith(b'\n')))
+        file.seek(0)
+        yield file
 
 
 def failed(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -68,15 +97,6 @@ def _finished(row: dict[str, Any] | None, task: Task, folder: Path) -> dict[str,
     return None if lacks_plan else row
 
 
-def _keep_plan(row: dict[str, Any], folder: Path) -> None:
-    """Move the plan of a row, if it has one, to its file."""
-    plan = row.pop('plan', None)
-    if plan is not None:
-        file = plan_file(folder, row['key'])
-        file.parent.mkdir(exist_ok=True)
-        plan.save(file)
-
-
 def _missing(tasks: Iterable[Task], rows: dict[str, Any]) -> Iterator[Task]:
     """Yield the tasks without a row, each once."""
     seen = set()
@@ -84,11 +104,3 @@ def _missing(tasks: Iterable[Task], rows: dict[str, Any]) -> Iterator[Task]:
         if rows[task['key']] is None and task['key'] not in seen:
             seen.add(task['key'])
             yield task
-
-
-def _new(tasks: Iterator[Task], count: int, jobs: int | None, scheduler: str | None,
-         backend: str | None) -> Iterator[dict[str, Any]]:
-    if not count:
-        return iter(())
-    return workers.on_cores(tasks, jobs, backend) if scheduler is None else workers.on_cluster(
-        tasks, scheduler)

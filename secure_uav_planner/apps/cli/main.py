@@ -175,14 +175,9 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     commands = parser.add_subparsers(title='commands', metavar='command', required=True)
-    _add_plan(commands)
-    _add_check(commands)
-    _add_new(commands)
-    _add_show(commands)
-    _add_assess(commands)
-    _add_sweep(commands)
-    _add_link_budget(commands)
-    _add_node(commands)
+    for add in (_add_plan, _add_check, _add_new, _add_show, _add_assess, _add_sweep,
+                _add_link_budget, _add_node):
+        add(commands)
     return parser
 
 

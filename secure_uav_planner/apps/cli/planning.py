@@ -31,6 +31,7 @@ from ...plan.bound import Bound, Progress
 from ...plan.plan import Iteration, Plan
 
 _SUFFIXES = ('.png', '.svg', '.pdf', '.html')  # The last one is no picture.
+_ERASE = '\033[K'  # Of the rest of a terminal's line.
 _PERIOD = 0.1  # In s, of the line that says how far the work has come.
 
 
@@ -42,9 +43,7 @@ class ProgressLine:
     """
 
     def __init__(self) -> None:
-        self._shown = sys.stderr.isatty()
         self._last = -_PERIOD
-        self._length = 0
 
     def __enter__(self) -> 'ProgressLine':
         return self
@@ -55,14 +54,9 @@ class ProgressLine:
     def say(self, text: str, force: bool = False) -> None:
         """Show a text in place of the last one, at most ten times a second."""
         now = time.monotonic()
-        if not self._shown or not force and now - self._last < _PERIOD:
-            return
-        self._last = now
-        sys.stderr.write(f'\r{text}{" " * (self._length - len(text))}')
-        if not text:
-            sys.stderr.write('\r')
-        sys.stderr.flush()
-        self._length = len(text)
+        if sys.stderr.isatty() and (force or now - self._last >= _PERIOD):
+            self._last = now
+            print(f'\r{_ERASE}{text}', end='', file=sys.stderr, flush=True)
 
 
 def make_plan(options: argparse.Namespace) -> int:
