@@ -11,11 +11,8 @@ def random_mission(seed, slots=None, jammers=None):
 
     Positions are within a square of 1.2 km, altitudes from 50 to 200 m, speeds from 8 to 20 m/s,
     average powers from 0.3 to 3 W with peaks of 1 to 6 times as much, and reference SNRs from 70
-    to 90 dB. The duration is 2% to 150% longer than the straight flight needs.
-
-    :param seed: the seed of the mission.
-    :param slots: N, by default 100 to 300.
-    :param jammers: how many, by default 1 to 3.
+    to 90 dB. The duration is 2% to 150% longer than the straight flight needs, and there
+    are 100 to 300 slots by default.
     """
     rng = np.random.default_rng([20, seed])
     drawn = int(rng.integers(1, 4))

@@ -10,6 +10,7 @@ from ...optimize.feasible import without_losing_slots
 
 UNIT = 100.0  # m
 TOLERANCE = 1e-6  # Of FATROP.
+TIME_LIMIT = 120.0  # Of IPOPT in s.
 
 
 @dataclass(frozen=True)
@@ -17,30 +18,25 @@ class Answer:
     """
     The result of another solver.
 
-    :param rate: the guaranteed rate in bit/s/Hz, after the answer was made feasible and the
-        transmitter was switched off in slots with a negative rate.
-    :param build_time: the time to build expressions, derivatives and the solver object, in s.
-    :param solve_time: the time of the solver's call alone, in s.
-    :param is_converged: whether the solver says that it succeeded.
+    The rate is the guaranteed one in bit/s/Hz, after the answer was made feasible and the
+    transmitter was switched off in slots with a negative rate.
     """
 
     rate: float
-    build_time: float
-    solve_time: float
-    is_converged: bool
+    build_time: float  # Of expressions, derivatives and the solver object, in s.
+    solve_time: float  # Of the solver's call alone, in s.
+    is_converged: bool  # As the solver says.
 
 
-def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
+def solve_by_ipopt(scenario, positions, powers):
     """
-    Solve (P2) with IPOPT's default options and exact derivatives, and return an Answer.
+    Return the Answer of IPOPT with its default options and exact derivatives.
 
     With several eavesdroppers the largest leakage rate of a slot is an epigraph variable; with one
     it is an expression.
 
     :param positions: of the start, (U, N+2, 2) in m.
     :param powers: of the start, (U, N) in W.
-    :param time_limit: for IPOPT in s.
-    :raises ImportError: if CasADi is missing; the text says what to install.
     """
     ca = imported_casadi()
     started = time.perf_counter()
@@ -64,7 +60,7 @@ def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
         'x': ca.vertcat(*map(ca.vec, variables)), 'f': ca.sum1(largest - ground) / slots,
         'g': ca.vertcat(*left)}, {
             'print_time': False, 'ipopt.print_level': 0, 'ipopt.sb': 'yes',
-            'ipopt.max_wall_time': time_limit})
+            'ipopt.max_wall_time': TIME_LIMIT})
     guess = np.concatenate([values.ravel() for values in guess])
     low, high = np.full(guess.shape, -np.inf), np.full(guess.shape, np.inf)
     of_powers = slice(2 * powers.size, 3 * powers.size)
@@ -78,15 +74,11 @@ def solve_by_ipopt(scenario, positions, powers, time_limit=120.0):
 
 def solve_by_fatrop(scenario, positions, powers):
     """
-    Solve (P2) with FATROP, which finds the stages by itself, and return an Answer.
+    Return the Answer of FATROP with exact derivatives, which finds the stages by itself.
 
     The slots are the stages. Their states are positions and the powers used before; their controls
     are the powers, the moves to the next slot and, with several eavesdroppers, the largest leakage
-    rate. The tolerance is TOLERANCE, and derivatives are exact.
-
-    :param positions: of the start, (U, N+2, 2) in m.
-    :param powers: of the start, (U, N) in W.
-    :raises ImportError: if CasADi is missing; the text says what to install.
+    rate. The arguments are those of solve_by_ipopt.
     """
     ca = imported_casadi()
     started = time.perf_counter()
@@ -99,40 +91,30 @@ def solve_by_fatrop(scenario, positions, powers):
     moves = early[size:, :]
     ground, leaks = rate_expressions(scenario, x.T, y.T, power.T)
     largest = stages[4 * uavs, :].T if eves > 1 else leaks[0]
-    longest = (scenario.max_step / UNIT)**2
-    constraints, equal, upper = [], [], []
-
-    def add(expression, bound, is_equal=False):
-        constraints.append(expression)
-        equal.append(np.full(expression.shape, is_equal))
-        upper.append(np.broadcast_to(bound, expression.shape[::-1]).T)
-
-    def add_end(slot, end):
-        at_x, at_y = _ends(scenario, end)
-        add((x[:, slot] - at_x)**2 + (y[:, slot] - at_y)**2, longest)
-
-    excess = ca.horzcat(*[leak - largest for leak in leaks]).T if eves > 1 else None
-    # The next state less what this one and the controls make of it, as FATROP asks for.
-    inner = ca.vertcat(x[:, 1:] - x[:, :-1] - moves[:uavs, :],
-                       y[:, 1:] - y[:, :-1] - moves[uavs:, :],
-                       used[:, 1:] - used[:, :-1] - power[:, :-1] / slots)
-    squares = moves[:uavs, :]**2 + moves[uavs:, :]**2
-    for slot in range(slots):
-        if slot < slots - 1:
-            add(inner[:, slot], 0.0, True)
-            add(squares[:, slot], longest)
-        if slot == 0:
-            add(used[:, 0], 0.0, True)
-            add_end(slot, 'start')
-        if slot == slots - 1:
-            add_end(slot, 'goal')
-            add(used[:, -1] + power[:, -1] / slots, scenario.average_powers)
-        if eves > 1:
-            add(excess[:, slot], 0.0)
-    equality = np.concatenate([one.ravel() for one in equal])
+    excess = [leak.T - largest.T for leak in leaks] if eves > 1 else []
+    # The next state less what this one and the controls make of it, which FATROP asks for first.
+    each = ca.vertcat(x[:, 1:] - x[:, :-1] - moves[:uavs, :],
+                      y[:, 1:] - y[:, :-1] - moves[uavs:, :],
+                      used[:, 1:] - used[:, :-1] - power[:, :-1] / slots,
+                      moves[:uavs, :]**2 + moves[uavs:, :]**2, *(one[:, :-1] for one in excess))
+    away, left = ((x[:, slot] - at_x)**2 + (y[:, slot] - at_y)**2 for slot, (at_x, at_y) in (
+        (0, _ends(scenario, 'start')), (slots - 1, _ends(scenario, 'goal'))))
+    # The first slot has its own beside these, and the last one has no next state.
+    constraints = ca.vertcat(
+        each[:4 * uavs, 0], used[:, 0], away, each[4 * uavs:, 0], ca.vec(each[:, 1:]),
+        left, used[:, -1] + power[:, -1] / slots, *(one[:, -1] for one in excess))
+    longest, none = (scenario.max_step / UNIT)**2, np.zeros(uavs)
+    most = np.concatenate([np.zeros(3 * uavs), longest, np.zeros(len(excess))])
+    upper = np.concatenate([
+        most[:4 * uavs], none, longest, np.tile(most, slots - 1)[4 * uavs:],
+        longest, scenario.average_powers, np.zeros(len(excess))])
+    is_equal = np.arange(len(most)) < 3 * uavs
+    equality = np.concatenate([
+        is_equal[:4 * uavs], np.ones(uavs, bool), np.zeros(uavs, bool),
+        np.tile(is_equal, slots - 1)[4 * uavs:], np.zeros(2 * uavs + len(excess), bool)])
     solver = ca.nlpsol('solver', 'fatrop', {
         'x': ca.vertcat(ca.vec(early), last), 'f': ca.sum1(largest - ground) / slots,
-        'g': ca.vertcat(*constraints)}, {
+        'g': constraints}, {
             'print_time': False, 'structure_detection': 'auto', 'equality': equality.tolist(),
             'fatrop': {'print_level': 0, 'tolerance': TOLERANCE, 'max_iter': 1000}})
 
@@ -147,8 +129,7 @@ def solve_by_fatrop(scenario, positions, powers):
     present = guess.size - 2 * uavs  # The last slot has no moves.
     built = time.perf_counter()
     found = solver(x0=guess.ravel()[:present], lbx=low.ravel()[:present],
-                   ubx=high.ravel()[:present], lbg=np.where(equality, 0.0, -np.inf),
-                   ubg=np.concatenate([one.ravel() for one in upper]))
+                   ubx=high.ravel()[:present], lbg=np.where(equality, 0.0, -np.inf), ubg=upper)
     solved = time.perf_counter()
     values = np.append(np.array(found['x']).ravel(), np.zeros(2 * uavs)).reshape(slots, -1).T
     values = values[:4 * uavs].reshape(4, uavs, slots)[[0, 1, 3]]
@@ -156,11 +137,7 @@ def solve_by_fatrop(scenario, positions, powers):
 
 
 def imported_casadi():
-    """
-    Return the module casadi.
-
-    :raises ImportError: if it is missing; the text says what to install.
-    """
+    """Return the module casadi, or raise an ImportError that says what to install."""
     try:
         import casadi
     except ImportError as error:
@@ -213,12 +190,7 @@ def _largest_leaks(scenario, positions, powers):
 
 
 def _judged(scenario, values, times, solver):
-    """
-    Return the Answer that a solver's iterate is.
-
-    :param values: x and y in UNITs and powers in W, (3, U, N).
-    :param times: readings of the clock before the problem was built, before and after the call.
-    """
+    """Return the Answer that an iterate is: x and y in UNITs and powers in W, (3, U, N)."""
     inner = UNIT * np.stack(values[:2], axis=-1)
     path, powers = repaired(scenario, np.concatenate(
         [scenario.starts[:, None], inner, scenario.goals[:, None]], axis=1), values[2])

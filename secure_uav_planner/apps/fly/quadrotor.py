@@ -38,14 +38,12 @@ class Gusts:
 
     The gusts are those at a place that the wind carries past: white noise through the forming
     filter of the Dryden model, first order, with its length scale at the altitude. They are the
-    same for every run with one seed.
+    same for every run with one seed. (rotorpy's own need PyTorch.)
 
     :param steady: the steady wind, (x, y) in m/s; not zero.
     :param deviation: the standard deviation of each horizontal component of the gusts, in m/s;
         that of the vertical one is half of it.
-    :param altitude: in m above ground.
     :param step: time between two calls of step, in s.
-    :param seed: of the noise.
     """
 
     def __init__(self, steady, deviation, altitude, step, seed):
