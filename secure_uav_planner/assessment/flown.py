@@ -1,7 +1,7 @@
 """Where UAVs really were: flights as CSV files or bags."""
 
-from collections.abc import Iterator
 import csv
+import math
 import os
 from pathlib import Path
 from typing import TypeAlias
@@ -81,35 +81,29 @@ def _of_bag(path: str | os.PathLike[str], plan: Plan) -> dict[str, list[_Sample]
 def _of_csv(path: str | os.PathLike[str], names: list[str]) -> dict[str, list[_Sample]]:
     """Return the samples of each UAV in a CSV file."""
     tracks: dict[str, list[_Sample]] = {}
-    for line, name, sample in _lines(path):
-        if name not in names:
-            raise OptionError(f'{path}:{line}: uav is {shown(name)}; it must be one of '
-                              f'{", ".join(names)}')
-        track = tracks.setdefault(name, [])
-        if track and sample[0] <= track[-1][0]:
-            raise OptionError(f'{path}:{line}: time is {sample[0]:g} s; it must be after the last '
-                              f'of {name}, which is {track[-1][0]:g} s')
-        track.append(sample)
-    return tracks
-
-
-def _lines(path: str | os.PathLike[str]) -> Iterator[tuple[int, str, _Sample]]:
-    """Yield the number of each line, the UAV, and time, x and y."""
+    low, high = RANGES['coordinate']
     reader = csv.DictReader(read_text(path, _MOST_BYTES).splitlines())
     try:
         if missing := [name for name in COLUMNS if name not in (reader.fieldnames or ())]:
             raise OptionError(f'{path}:1: it lacks the columns {", ".join(missing)}')
         for row in reader:
-            values = []
-            for name in COLUMNS[1:]:
-                low, high = RANGES['coordinate']
+            line, name, sample = f'{path}:{reader.line_num}', row['uav'], []
+            for field in COLUMNS[1:]:
                 try:
-                    values.append(float(row[name]))
+                    sample.append(float(row[field]))
                 except (TypeError, ValueError):
-                    values.append(np.nan)
-                if not low <= values[-1] <= high:
-                    raise OptionError(f'{path}:{reader.line_num}: {name} is {shown(row[name])}; '
-                                      f'it must be a number from {low:g} to {high:g}')
-            yield reader.line_num, row['uav'], (values[0], values[1], values[2])
+                    sample.append(math.nan)
+                if not low <= sample[-1] <= high:
+                    raise OptionError(f'{line}: {field} is {shown(row[field])}; it must be a '
+                                      f'number from {low:g} to {high:g}')
+            if name not in names:
+                raise OptionError(
+                    f'{line}: uav is {shown(name)}; it must be one of {", ".join(names)}')
+            track = tracks.setdefault(name, [])
+            if track and sample[0] <= track[-1][0]:
+                raise OptionError(f'{line}: time is {sample[0]:g} s; it must be after the last of '
+                                  f'{name}, which is {track[-1][0]:g} s')
+            track.append((sample[0], sample[1], sample[2]))
     except csv.Error as error:
         raise OptionError(f'{path}:{reader.line_num}: {error}') from None
+    return tracks

@@ -9,8 +9,11 @@ from importlib.util import find_spec
 from pathlib import Path
 import sys
 
-from .missions import city_missions, event_mission, EVENTS, paper_missions, random_missions
+from ament_index_python import get_package_share_path
+
+from .missions import event_mission, EVENTS, paper_missions, random_missions
 from ...errors import PlanningError
+from ...mission.scenario import Scenario
 from ...optimize import solve
 from ...plan.plan import Plan
 from ...ros.graph import isolated
@@ -56,7 +59,8 @@ def _plans(options):
     for path in options.plans or ():
         yield path.stem, Plan.load(path)
     if options.plans is None:
-        for name, scenario in (*paper_missions(), *city_missions(),
+        city = get_package_share_path('secure_uav_planner') / 'config' / 'city.yaml'
+        for name, scenario in (*paper_missions(), ('city', Scenario.load(city)),
                                *random_missions(options.random)):
             yield name, solve(scenario)
 

@@ -20,6 +20,7 @@ from .link import BEGIN_NS, Link, node, RATE, STEP_NS
 from .missions import Event
 from .quadrotor import Gusts, Quadrotor, STEP
 from ..client import ClientError
+from ...mission.scenario import Scenario
 from ...output.autopilots import Setpoint
 from ...plan.playback import Playback
 from ...ros.messages import nanoseconds
@@ -38,33 +39,19 @@ _SQUALL = (12.0, 0.0, 0.0)  # m/s, beside the setpoint
 
 @dataclass(frozen=True)
 class Flight:
-    """
-    What was flown, from the first setpoint on.
-
-    :param event: the Event of `missions.py`.
-    :param scenario: the mission.
-    :param times: from point 0 of the first plan by the clock, (K,) in s.
-    :param plan_times: to what time of its plan the replay had come then, by the plan's stamps.
-    :param plans: the identity of that plan, (K,).
-    :param places: where the UAVs were, (U, K, 3) in m.
-    :param setpoints: where they should have been, (U, K, 3) in m.
-    :param velocities: of the setpoints, (U, K, 2) in m/s.
-    :param planned: the path of the first plan, (U, points, 2) in m.
-    :param status: the values of the planner's status at the end, by key.
-    :param warnings: how many times the planner's status was WARN after the landing, by text.
-    """
+    """What was flown, from the first setpoint on; times are in s by the clock."""
 
     event: Event
-    scenario: object
-    times: np.ndarray
-    plan_times: np.ndarray
-    plans: np.ndarray
-    places: np.ndarray
-    setpoints: np.ndarray
-    velocities: np.ndarray
-    planned: np.ndarray
-    status: dict
-    warnings: dict
+    scenario: Scenario
+    times: np.ndarray  # From point 0 of the first plan, (K,).
+    plan_times: np.ndarray  # To what time of its plan the replay had come, by the plan's stamps.
+    plans: np.ndarray  # The identity of that plan, (K,).
+    places: np.ndarray  # Where the UAVs were, (U, K, 3) in m.
+    setpoints: np.ndarray  # Where they should have been, (U, K, 3) in m.
+    velocities: np.ndarray  # Of the setpoints, (U, K, 2) in m/s.
+    planned: np.ndarray  # The path of the first plan, (U, points, 2) in m.
+    status: dict  # The values of the planner's status at the end, by key.
+    warnings: dict  # How many times the planner's status was WARN after the landing, by text.
 
     @property
     def marks(self):
@@ -81,13 +68,7 @@ class Flight:
 
 
 def fly_plan(name, plan, seed=0):
-    """
-    Return the Flight of a plan, from start to goal.
-
-    :param name: of the flight.
-    :param plan: a Plan whose UAVs start at rest.
-    :param seed: of the gusts.
-    """
+    """Return the Flight of a Plan whose UAVs start at rest, from start to goal."""
     playback = Playback(plan)
     first = playback.at(playback.begin)
     course = _Course(Event(name, ()), plan.scenario, first.headings.tolist(), seed)
@@ -112,13 +93,7 @@ def fly_plan(name, plan, seed=0):
 
 
 def fly_event(event, scenario, seed=0):
-    """
-    Return the Flight of a mission with an event, from start to goal.
-
-    :param event: an Event of `missions.py`.
-    :param scenario: the mission.
-    :param seed: of the gusts.
-    """
+    """Return the Flight of a Scenario with an Event, from start to goal."""
     course = _Course(event, scenario, [0.0] * len(scenario.uavs), seed)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'mission.yaml'

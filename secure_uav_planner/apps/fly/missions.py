@@ -1,9 +1,7 @@
 """The missions that are flown, and what happens on the way."""
 
 from dataclasses import dataclass, replace
-from itertools import count, islice
-
-from ament_index_python import get_package_share_path
+from itertools import count
 
 from ..bench.missions import random_mission
 from ...errors import InfeasibleMissionError
@@ -54,26 +52,18 @@ def paper_missions():
                    limited(Scenario.paper(duration), most))
 
 
-def city_missions():
-    """Yield the name and the Scenario of `config/city.yaml`."""
-    yield 'city', Scenario.load(
-        get_package_share_path('secure_uav_planner') / 'config' / 'city.yaml')
-
-
 def random_missions(number):
     """Yield names and Scenarios of random missions, those of the first seeds that can be flown."""
-    yield from islice(filter(None, map(_random, count())), number)
-
-
-def _random(seed):
-    """Return the name and the Scenario of a random mission, or None if it cannot be flown."""
-    try:
-        scenario = limited(random_mission(seed), _RANDOM_LIMIT)
-    except InfeasibleMissionError:
-        return None
-    speeds = max(uav.max_speed for uav in scenario.uavs)
-    return (f'random {seed}, {len(scenario.uavs)} UAVs, up to {speeds:.0f} m/s, '
-            f'{_RANDOM_LIMIT:g} m/s^2', scenario)
+    seeds = count()
+    while number > 0:
+        seed = next(seeds)
+        try:
+            scenario = limited(random_mission(seed), _RANDOM_LIMIT)
+        except InfeasibleMissionError:
+            continue
+        number -= 1
+        yield (f'random {seed}, {len(scenario.uavs)} UAVs, up to {max(scenario.max_speeds):.0f} '
+               f'm/s, {_RANDOM_LIMIT:g} m/s^2', scenario)
 
 
 def event_mission():
