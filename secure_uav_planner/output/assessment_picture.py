@@ -15,11 +15,7 @@ _FEW = 1e-9  # bit/s/Hz, as good as one value.
 
 
 def save_assessment(assessment, path):
-    """
-    Write the picture of an Assessment to a file; the suffix, such as .png, gives the format.
-
-    :raises OSError: if the file cannot be written.
-    """
+    """Draw an Assessment into a file; the suffix, such as .png, gives the format."""
     draw_assessment(assessment).savefig(path, dpi=_DOTS_PER_INCH)
 
 

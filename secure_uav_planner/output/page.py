@@ -24,12 +24,7 @@ _STAY = {'mode': 'immediate', 'transition': {'duration': 0},
 
 
 def save_page(plan, path):
-    """
-    Write the web page of a plan to a self-contained HTML file.
-
-    :param plan: a Plan.
-    :raises OSError: if the file cannot be written; an existing file is then unchanged.
-    """
+    """Write the web page of a Plan to a self-contained HTML file, as atomic_file does."""
     # With a relative height, plotly resizes the figure with the window.
     figure = draw_page(plan)
     drawn = figure.to_html(

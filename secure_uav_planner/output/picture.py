@@ -5,7 +5,7 @@ from textwrap import wrap
 import warnings
 
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
@@ -57,13 +57,7 @@ class _Picture(Figure):
 
 
 def save_picture(plan, path, baselines=()):
-    """
-    Write the picture of a plan to a file; the suffix, such as .png, gives the format.
-
-    :param plan: a Plan.
-    :param baselines: Plans for the same mission, which are drawn in grey.
-    :raises OSError: if the file cannot be written.
-    """
+    """Draw a Plan into a file, beside Plans for the same mission; the suffix gives the format."""
     draw_plan(plan, baselines).savefig(path, dpi=_DOTS_PER_INCH)
 
 
@@ -143,6 +137,7 @@ def draw_map(axes, plan, baselines=(), legend=True, extent=None):
     draw_ground(axes, scenario, place_of)
     peak = max(uav.peak_power for uav in scenario.uavs)
     heights = [axes.transData.transform(place_of(path))[:, 1].mean() for path in plan.positions]
+    middle = np.median(heights)
     labelled = [place_of(middle_of(zone)) for zone in scenario.no_fly_zones]
     for index, (path, powers) in enumerate(zip(plan.positions, plan.powers)):
         points = place_of(path)
@@ -153,9 +148,8 @@ def draw_map(axes, plan, baselines=(), legend=True, extent=None):
             linewidths=_width(level), capstyle='round', zorder=3), autolim=False)
         axes.plot(*points.T, color=uav_color(index), linewidth=0.8, zorder=4)
         _draw_ends(axes, index, points)
-        upper = heights[index] >= np.median(heights) if index == 0 else (
-            heights[index] > np.median(heights))
-        _mark_times(axes, plan.times, points, uav_color(index), 1 if upper else -1, labelled)
+        is_upper = heights[index] > middle or index == 0 and heights[index] == middle
+        _mark_times(axes, plan.times, points, uav_color(index), 1 if is_upper else -1, labelled)
     _add_compass(axes, place_of, plan.positions)
     if legend:
         levels = np.linspace(0, 1, 9)
@@ -182,11 +176,7 @@ def _plain(text):
 
 
 def draw_ground(axes, scenario, place_of=np.asarray):
-    """
-    Draw what does not fly: zones and fence, discs, and the ground node.
-
-    :param place_of: from positions in m to places on the axes.
-    """
+    """Draw what does not fly, at the places on the axes that place_of gives for positions."""
     _draw_airspace(axes, scenario, place_of)
     for eve, name in zip(scenario.eavesdroppers, scenario.eavesdropper_names):
         place = place_of(eve.position)
@@ -255,7 +245,7 @@ def draw_powers(axes, plan):
     axes.set_ylim(0, 1.5 * peak)
     ticks = [0.0, *(10.0 ** np.arange(*np.floor(np.log10([10 * _FAINT * peak, 10 * peak]))))]
     axes.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
-    axes.set_yticks([], minor=True)
+    axes.minorticks_off()
     _finish(axes, plan, 'power (W)')
 
 
@@ -294,7 +284,7 @@ def _sign(color, size):
 
 def _ramp(index):
     """Return a colour map from a light tint (0 W) to a dark shade (peak) of a UAV's colour."""
-    color = np.array([int(uav_color(index)[at:at + 2], 16) / 255 for at in (1, 3, 5)])
+    color = np.array(to_rgb(uav_color(index)))
     return LinearSegmentedColormap.from_list(f'uav{index}', [0.2 * color + 0.8, 0.75 * color])
 
 
