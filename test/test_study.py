@@ -13,7 +13,7 @@ import time
 import joblib
 from matplotlib.image import imread
 import pytest
-from secure_uav_planner import METHODS, Plan
+from secure_uav_planner import Plan
 from secure_uav_planner.apps import study
 from secure_uav_planner.apps.campaign.run import JOURNAL
 from secure_uav_planner.apps.campaign.tasks import plan_file
@@ -93,10 +93,6 @@ def test_a_larger_disc_never_helps_and_more_power_over_the_noise_does(plans):
         assert rates == sorted(rates, reverse=sign < 0)
 
 
-def test_every_method_has_its_convergence(plans):
-    assert {point.scheme for point in plans if point.experiment == 'convergence'} == set(METHODS)
-
-
 def test_the_full_study_has_at_least_twelve_durations_for_each_of_five_curves():
     found = [point for point in study.points() if point.experiment.startswith('duration')]
     curves = {}
@@ -112,7 +108,7 @@ def test_figures_and_tables_are_written(plans, tmp_path):
     names = {path.name for path in written}
     assert {f'{name}.{suffix}' for suffix in ('png', 'csv') for name in (
         'trajectories', 'rate_against_duration', 'rate_against_radius', 'rate_against_snr',
-        'rate_against_jammers', 'convergence', 'environments')} == names
+        'rate_against_jammers', 'environments')} == names
     for path in written:
         if path.suffix == '.png':
             assert imread(path).std() > 0.05

@@ -79,8 +79,6 @@ def points(quick=False):
     for place, los in enumerate((None, *ENVIRONMENTS)):
         if not quick or los in (None, 'urban'):
             add('environment', place, replace(paper, channel=Channel(los=los)), (PROPOSED,))
-    for duration in (102,) if quick else (102, 200):
-        add('convergence', duration, Scenario.paper(duration), tuple(METHODS))
     return found
 
 
@@ -113,8 +111,6 @@ def run(wanted, folder, jobs=-1, backend=None, scheduler=None):
     """
     Return the rows of all Points; only those are planned that have none, or no readable plan.
 
-    Convergence is timed, so its points are planned last and one at a time, in this process.
-
     :param wanted: the Points.
     :param folder: where rows and plans are kept, a pathlib.Path.
     :param jobs, backend, scheduler: as for run_campaign.
@@ -124,12 +120,8 @@ def run(wanted, folder, jobs=-1, backend=None, scheduler=None):
         file = plan_file(folder, point.task['key'])
         if file.exists() and _loaded(file) is None:
             file.unlink()
-    timed = {point.task['key'] for point in wanted if point.experiment == 'convergence'}
-    tasks = [point.task for point in wanted]
-    together, alone = ([task for task in tasks if (task['key'] in timed) == so]
-                       for so in (False, True))
-    return [*run_campaign(lambda: together, folder, jobs, scheduler, backend, 'study'),
-            *run_campaign(lambda: alone, folder, 1, title='study, convergence')]
+    return run_campaign(lambda: [point.task for point in wanted], folder, jobs, scheduler, backend,
+                        'study')
 
 
 def plans_of(wanted, folder):

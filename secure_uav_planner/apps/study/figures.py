@@ -65,10 +65,6 @@ def write_figures(plans, folder):
         names=['duration']).reset_index('duration'))
     found = found_in_environments(plans)
     write('environments', _environments(found), found)
-    runs = {point: plan for point, plan in plans.items() if point.experiment == 'convergence'}
-    write('convergence', _convergence(runs), pandas.concat(
-        {(point.x, point.scheme): pandas.DataFrame(map(vars, plan.history))
-         for point, plan in runs.items()}, names=['duration', 'method']).reset_index([0, 1]))
     return written
 
 
@@ -170,26 +166,6 @@ def _environments(found):
     axes.set_ylabel('mean secrecy rate (bit/s/Hz)')
     style_axes(axes)
     _legend_above(axes)
-    return figure
-
-
-def _convergence(runs):
-    figure = Figure(figsize=(_SIZE[0], 4.2), layout='constrained')
-    durations = sorted({point.x for point in runs})
-    grid = figure.subplots(1, len(durations), squeeze=False)[0]
-    for axes, duration in zip(grid, durations):
-        for index, (point, plan) in enumerate(
-                entry for entry in runs.items() if entry[0].x == duration):
-            axes.step([entry.elapsed for entry in plan.history],
-                      [entry.guaranteed_rate for entry in plan.history], where='post',
-                      color=uav_color(index), marker='o^s'[index % 3], markersize=4,
-                      label=f'{point.scheme}: {plan.guaranteed_rate:.4f} bit/s/Hz guaranteed in '
-                            f'{plan.solve_time:.2f} s')
-        axes.set_xscale('log')
-        axes.set_title(f'T = {duration:g} s', fontsize=10)
-        axes.set(xlabel='time (s)', ylabel='guaranteed rate (bit/s/Hz)')
-        style_axes(axes)
-        axes.legend(loc='lower right', fontsize=8)
     return figure
 
 
