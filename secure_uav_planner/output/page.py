@@ -81,30 +81,27 @@ class _View:
         """Return the traces that do not move, each with its row and column."""
         plan, times = self.plan, self.plan.times.tolist()
         traces = [(trace, 1, 1) for trace in _airspace_traces(plan.scenario)]
+        angle = np.linspace(0, 2 * np.pi, 73)
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         for index, eve in enumerate(plan.scenario.eavesdroppers):
-            angle = np.linspace(0, 2 * np.pi, 73)
-            traces.append((go.Scatter(
-                x=(eve.position[0] + eve.error_radius * np.cos(angle)).tolist(),
-                y=(eve.position[1] + eve.error_radius * np.sin(angle)).tolist(),
-                fill='toself', mode='lines', line={'color': EAVESDROPPER, 'width': 1},
-                legendgroup='disc', showlegend=index == 0, name="eavesdropper's disc",
-                hoverinfo='skip'), 1, 1))
+            traces.append((_scatter(
+                eve.position + eve.error_radius * circle, fill='toself', mode='lines',
+                line={'color': EAVESDROPPER, 'width': 1}, legendgroup='disc',
+                showlegend=index == 0, name="eavesdropper's disc", hoverinfo='skip'), 1, 1))
             if receiver_label(eve):
-                traces.append((go.Scatter(
-                    x=[eve.position[0]], y=[eve.position[1]], text=[receiver_label(eve)],
-                    mode='text', textfont={'color': EAVESDROPPER}, legendgroup='disc',
-                    showlegend=False, hoverinfo='skip'), 1, 1))
-        x, y = plan.scenario.ground_node
-        traces.append((go.Scatter(
-            x=[x], y=[y], mode='markers', name='ground node',
+                traces.append((_scatter(
+                    [eve.position], text=[receiver_label(eve)], mode='text',
+                    textfont={'color': EAVESDROPPER}, legendgroup='disc', showlegend=False,
+                    hoverinfo='skip'), 1, 1))
+        traces.append((_scatter(
+            [plan.scenario.ground_node], mode='markers', name='ground node',
             marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE}), 1, 1))
         for index, (uav, path) in enumerate(zip(plan.scenario.uavs, plan.positions)):
             line = {'color': uav_color(index), 'width': 2, 'dash': _DASHES[index % 4]}
             shared = {'mode': 'lines', 'line': line, 'legendgroup': uav.name}
-            traces.append((go.Scatter(
-                x=path[:, 0].tolist(), y=path[:, 1].tolist(), text=[
-                    f'{time:g} s, {watts:.3g} W'
-                    for time, watts in zip(times, self.powers[index])],
+            traces.append((_scatter(
+                path, text=[f'{time:g} s, {watts:.3g} W'
+                            for time, watts in zip(times, self.powers[index])],
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **shared), 1, 1))
             # Zero has no logarithm: slots without power are gaps.
             watts = [power if power > 0 else None for power in self.powers[index].tolist()]
@@ -128,11 +125,10 @@ class _View:
         plan, time = self.plan, float(self.plan.times[point])
         traces = []
         for index, uav in enumerate(plan.scenario.uavs):
-            x, y = plan.positions[index, point].tolist()
             watts = float(self.powers[index, point])
-            traces.append((go.Scatter(
-                x=[x], y=[y], mode='markers', name=uav.name, legendgroup=uav.name,
-                showlegend=False, text=[f'{watts:.3g} W'], marker={
+            traces.append((_scatter(
+                plan.positions[index, point][None], mode='markers', name=uav.name,
+                legendgroup=uav.name, showlegend=False, text=[f'{watts:.3g} W'], marker={
                     'color': uav_color(index), 'symbol': _SYMBOLS[index % len(_SYMBOLS)],
                     # In good plans the jamming power is a hundredth of the transmit power. UAVs at
                     # the same position are drawn one inside the other.
@@ -141,9 +137,8 @@ class _View:
                     'line': {'color': 'white', 'width': 1.5}}), 1, 1))
             traces.append((self._dot(time, watts if watts > 0 else None, uav_color(index),
                                      uav.name), 1, 2))
-        x, y = self.places[point].tolist()
-        traces.append((go.Scatter(
-            x=[x], y=[y], mode='markers', name='worst-case eavesdropper', marker={
+        traces.append((_scatter(
+            self.places[point][None], mode='markers', name='worst-case eavesdropper', marker={
                 'symbol': 'x', 'size': 10, 'color': EAVESDROPPER,
                 'line': {'color': 'white', 'width': 1}}), 1, 1))
         for value, name, row in ((self.guaranteed, 'guaranteed', 2),
@@ -169,32 +164,35 @@ class _View:
                           marker={'color': color, 'size': 9})
 
 
+def _scatter(places, **options):
+    """Return the trace of places, (K, 2)."""
+    x, y = np.transpose(places).tolist()
+    return go.Scatter(x=x, y=y, **options)
+
+
 def _airspace_traces(scenario):
     """Return zones and fence with their margin, filled where a UAV flies at a zone's altitudes."""
-    traces = [go.Scatter(
-        x=rim[:, 0].tolist(), y=rim[:, 1].tolist(), mode='lines', fill='toself',
-        line={'width': 0}, fillcolor=MARGIN, hoverinfo='skip', legendgroup='margin',
-        showlegend=index == 0, name=f'margin of {scenario.tracking_margin:g} m')
+    traces = [_scatter(
+        rim, mode='lines', fill='toself', line={'width': 0}, fillcolor=MARGIN, hoverinfo='skip',
+        legendgroup='margin', showlegend=index == 0,
+        name=f'margin of {scenario.tracking_margin:g} m')
         for index, rim in enumerate(rims(scenario))]
     for index, (zone, name) in enumerate(zip(scenario.no_fly_zones, scenario.zone_names)):
-        x, y = zip(*zone.vertices, zone.vertices[0])
         near = is_in_the_way(zone, scenario)
-        text = ', '.join(filter(None, (name, altitudes_of(zone))))
-        traces.append(go.Scatter(
-            x=x, y=y, mode='lines', fill='toself' if near else 'none', hoveron='fills',
+        traces.append(_scatter(
+            [*zone.vertices, zone.vertices[0]], mode='lines', fill='toself' if near else 'none',
             line={'color': NO_FLY_ZONE, 'width': 1.5, 'dash': 'solid' if near else 'dot'},
-            legendgroup='zone', showlegend=index == 0, name='no-fly zone', text=text,
-            hoverinfo='text'))
+            legendgroup='zone', showlegend=index == 0, name='no-fly zone', hoveron='fills',
+            text=', '.join(filter(None, (name, altitudes_of(zone)))), hoverinfo='text'))
     if scenario.no_fly_zones:
-        places = np.array([middle_of(zone) for zone in scenario.no_fly_zones])
-        traces.append(go.Scatter(
-            x=places[:, 0], y=places[:, 1], mode='text', text=list(scenario.zone_names),
-            textfont={'size': 10, 'color': GEOFENCE}, showlegend=False, hoverinfo='skip'))
+        traces.append(_scatter(
+            [middle_of(zone) for zone in scenario.no_fly_zones], mode='text',
+            text=list(scenario.zone_names), textfont={'size': 10, 'color': GEOFENCE},
+            showlegend=False, hoverinfo='skip'))
     if scenario.geofence is not None:
-        x, y = zip(*scenario.geofence, scenario.geofence[0])
-        traces.append(go.Scatter(
-            x=x, y=y, mode='lines', name='geofence', hoverinfo='name',
-            line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'}))
+        traces.append(_scatter(
+            [*scenario.geofence, scenario.geofence[0]], mode='lines', name='geofence',
+            hoverinfo='name', line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'}))
     return traces
 
 

@@ -120,14 +120,14 @@ def _with_origin(argv: Sequence[str]) -> list[str]:
     """
     Return arguments in which the numbers after --origin are one, whatever follows them.
 
-    :raises OptionError: when fewer than two numbers follow it.
+    :raises OptionError: unless two or three numbers follow it.
     """
     found = list(argv)
     if '--origin' in found:
         first = found.index('--origin')
         numbers = [*takewhile(_is_number, found[first + 1:])]
-        if len(numbers) < 2:
-            given = ' '.join(found[first + 1:first + 3])
+        if not 2 <= len(numbers) <= 3:
+            given = ' '.join(found[first + 1:first + 3] if len(numbers) < 2 else numbers)
             raise OptionError(f'--origin is {given}; it must be LAT LON [ALT], in numbers')
         found[first:first + 1 + len(numbers)] = [f'--origin={" ".join(numbers)}']
     return found

@@ -62,7 +62,7 @@ class ProgressLine:
 def make_plan(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = loaded(options.mission)
-    origin = _origin(options.origin)
+    origin = options.origin and Origin(*options.origin)
     if options.mcap:
         check_view('save_mcap')
     out = writable(Path(options.out))
@@ -122,14 +122,6 @@ def _interruptible() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _origin(values: list[float] | None) -> Origin | None:
-    if values is None:
-        return None
-    if not 2 <= len(values) <= 3:
-        raise OptionError(f'--origin has {len(values)} numbers; it must be LAT LON [ALT]')
-    return Origin(*values)
 
 
 def _planned(scenario: Scenario, options: argparse.Namespace, stop: list[int],
