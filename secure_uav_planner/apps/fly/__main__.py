@@ -69,20 +69,19 @@ def _fly_all(options):
     """Fly, print and write; return whether no setpoint jumped."""
     from .flight import fly_event, fly_plan
     from .picture import save_flight
-    from .report import event_report, event_table, flight_table, report_of
+    from .report import event_report, flight_report, table
     reports, event_reports = [], []
     for number, (name, plan) in enumerate(_plans(options)):
         flight = fly_plan(name, plan, seed=number)
-        reports.append(report_of(plan, flight))
-        print(flight_table(reports).splitlines()[-1], flush=True)
+        reports.append(flight_report(plan, flight))
+        print(table(reports).splitlines()[-1], flush=True)
         save_flight(flight, options.out / f'flight_{number + 1}.png')
     for name in options.events:
         flight = fly_event(EVENTS[name], event_mission())
         event_reports.append(event_report(flight))
-        print(event_table(event_reports).splitlines()[-1], flush=True)
+        print(table(event_reports).splitlines()[-1], flush=True)
         save_flight(flight, options.out / f'event_{name}.png')
-    text = '\n\n'.join(table(found) for table, found in (
-        (flight_table, reports), (event_table, event_reports)) if found)
+    text = '\n\n'.join(table(found) for found in (reports, event_reports) if found)
     (options.out / 'fly.md').write_text(f'# Flown in physics\n\n{text}\n', encoding='utf-8')
     print(f'\n{text}\n\nwritten to {options.out}')
     rough = [one.event for one in event_reports if not one.is_smooth]

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -12,46 +12,69 @@ from ...model import channel
 from ...output.table import markdown_table
 from ...plan.player import POSITION_JUMP, VELOCITY_JUMP
 
+_ERRORS = '{error_rms:.2f}, {error_max:.2f}'
+_FLIGHTS = {
+    'mission': '{mission}', 'error RMS, max (m)': _ERRORS, 'goal missed by (m)': '{arrival:.2f}',
+    'rate planned, flown (bit/s/Hz)': '{planned_rate:.4f}, {flown_rate:.4f}', 'lost': '{lost:.2%}',
+    'UAVs apart, planned, flown (m)': '{planned_apart:.1f}, {flown_apart:.1f}',
+    'clear of zones, planned, flown (m)': '{planned_clear:.1f}, {flown_clear:.1f}'}
+_EVENTS = {
+    'event': '{event}', 'jump of a setpoint beyond speed times step (m)': '{jump:.3f}',
+    'acceleration beyond the limit (m/s^2)': '{kick:.3f}', 'error RMS, max (m)': _ERRORS,
+    'replans made, refused': '{replans}, {refusals}',
+    'rate planned, achieved (bit/s/Hz)': '{planned_rate:.4f}, {achieved_rate:.4f}',
+    'WARN after landing': '{warnings}'}
 
-class Report(NamedTuple):
+
+def flight_report(plan, flight):
     """
-    One line of the table of flights of plans.
+    Return the numbers of _FLIGHTS for the Flight of a plan.
 
     Errors are distances in space from the setpoints, which are the planned curve. Rates are means
-    of the guaranteed rate in bit/s/Hz, along the curve and along the flown path with its heights.
-    Clear is the smallest distance on the map from a zone at a UAV's height, or from outside the
-    geofence: negative inside, infinite without any.
+    of the guaranteed rate along the curve and along the flown path with its heights.
     """
-
-    mission: str
-    error_rms: float  # m
-    error_max: float
-    arrival: float  # The largest distance from a goal at the time of arrival, in m.
-    planned_rate: float
-    flown_rate: float
-    planned_apart: float  # The smallest distance between two UAVs in m.
-    flown_apart: float
-    planned_clear: float  # m
-    flown_clear: float
-
-
-def report_of(plan, flight):
-    """Return the Report of the Flight of a plan."""
     scenario, planned, flown = plan.scenario, flight.setpoints, flight.places
     goals = np.array([[*uav.goal, uav.altitude] for uav in scenario.uavs])
     last = np.argmin(np.abs(flight.times - plan.curve.end))
-    return Report(
-        flight.event.name, *_errors(flight),
-        float(np.linalg.norm(flown[:, last] - goals, axis=-1).max()),
-        mean_rate(plan, flight.times, planned), mean_rate(plan, flight.times, flown),
-        smallest_distance(planned), smallest_distance(flown),
-        smallest_clearance(scenario, planned), smallest_clearance(scenario, flown))
+    planned_rate, flown_rate = (mean_rate(plan, flight.times, places)
+                                for places in (planned, flown))
+    return SimpleNamespace(
+        mission=flight.event.name, **_errors(flight),
+        arrival=np.linalg.norm(flown[:, last] - goals, axis=-1).max(),
+        planned_rate=planned_rate, flown_rate=flown_rate, lost=1 - flown_rate / planned_rate,
+        planned_apart=smallest_distance(planned), flown_apart=smallest_distance(flown),
+        planned_clear=smallest_clearance(scenario, planned),
+        flown_clear=smallest_clearance(scenario, flown))
+
+
+def event_report(flight):
+    """Return the numbers of _EVENTS for a Flight, and whether it is_smooth: no setpoint jumped."""
+    scenario, steps, status = flight.scenario, np.diff(flight.times), flight.status
+    moves = np.linalg.norm(np.diff(flight.setpoints, axis=1), axis=-1)
+    changes = np.linalg.norm(np.diff(flight.velocities, axis=1), axis=-1)
+    jump = (moves - scenario.max_speeds[:, None] * steps).max(initial=0.0)
+    kick = (changes / steps - scenario.max_accelerations[:, None]).max(initial=0.0)
+    return SimpleNamespace(
+        event=flight.event.name, jump=jump, kick=kick, **_errors(flight),
+        replans=int(status['replans']), refusals=int(status['refusals']),
+        achieved_rate=float(status['track.rate']),
+        planned_rate=float(status['track.planned_rate']),
+        warnings=sum(flight.warnings.values()),
+        is_smooth=jump <= POSITION_JUMP and kick <= VELOCITY_JUMP * RATE)
 
 
 def _errors(flight):
     """Return the root mean square and the largest distance from the setpoints in m."""
     errors = np.linalg.norm(flight.places - flight.setpoints, axis=-1)
-    return float(np.sqrt((errors**2).mean())), float(errors.max())
+    return {'error_rms': np.sqrt((errors**2).mean()), 'error_max': errors.max()}
+
+
+def table(reports):
+    """Return reports of one kind as a Markdown table, with a dash where nothing is near."""
+    columns = _EVENTS if hasattr(reports[0], 'event') else _FLIGHTS
+    return markdown_table(columns, (
+        [cell.format(**vars(one)).replace('inf, inf', '-') for cell in columns.values()]
+        for one in reports))
 
 
 def mean_rate(plan, times, places):
@@ -81,65 +104,3 @@ def smallest_clearance(scenario, places):
     if scenario.geofence is not None:
         found.append(depth(scenario.geofence, points).min())
     return float(min(found))
-
-
-def flight_table(reports):
-    """Return the Reports as a Markdown table."""
-    return markdown_table(
-        ('mission', 'error RMS, max (m)', 'goal missed by (m)', 'rate planned, flown (bit/s/Hz)',
-         'lost', 'UAVs apart, planned, flown (m)', 'clear of zones, planned, flown (m)'),
-        ((one.mission, f'{one.error_rms:.2f}, {one.error_max:.2f}', f'{one.arrival:.2f}',
-          f'{one.planned_rate:.4f}, {one.flown_rate:.4f}',
-          f'{100 * (1 - one.flown_rate / one.planned_rate):.2f}%',
-          _pair(one.planned_apart, one.flown_apart), _pair(one.planned_clear, one.flown_clear))
-         for one in reports))
-
-
-class EventReport(NamedTuple):
-    """One line of the table of events; errors are as in Report, rates by the planner's status."""
-
-    event: str
-    jump: float  # By how much a setpoint at most moved beyond speed times step, in m.
-    kick: float  # By how much its acceleration was at most beyond the limit, in m/s^2.
-    error_rms: float
-    error_max: float
-    replans: int  # How many the planner made.
-    refusals: int  # How many plans and replans it refused.
-    achieved_rate: float
-    planned_rate: float
-    warnings: int  # How many times the planner's status was not OK after the landing.
-
-    @property
-    def is_smooth(self):
-        """Return whether no setpoint jumped, but for rounding."""
-        return self.jump <= POSITION_JUMP and self.kick <= VELOCITY_JUMP * RATE
-
-
-def event_report(flight):
-    """Return the EventReport of the Flight with an event."""
-    scenario, steps = flight.scenario, np.diff(flight.times)
-    moves = np.linalg.norm(np.diff(flight.setpoints, axis=1), axis=-1)
-    changes = np.linalg.norm(np.diff(flight.velocities, axis=1), axis=-1)
-    status = flight.status
-    return EventReport(
-        flight.event.name,
-        float((moves - scenario.max_speeds[:, None] * steps).max(initial=0.0)),
-        float((changes / steps - scenario.max_accelerations[:, None]).max(initial=0.0)),
-        *_errors(flight), int(status['replans']), int(status['refusals']),
-        float(status['track.rate']), float(status['track.planned_rate']),
-        sum(flight.warnings.values()))
-
-
-def event_table(reports):
-    """Return the EventReports as a Markdown table."""
-    return markdown_table(
-        ('event', 'jump of a setpoint beyond speed times step (m)',
-         'acceleration beyond the limit (m/s^2)', 'error RMS, max (m)', 'replans made, refused',
-         'rate planned, achieved (bit/s/Hz)', 'WARN after landing'),
-        ((one.event, f'{one.jump:.3f}', f'{one.kick:.3f}',
-          f'{one.error_rms:.2f}, {one.error_max:.2f}', f'{one.replans}, {one.refusals}',
-          f'{one.planned_rate:.4f}, {one.achieved_rate:.4f}', one.warnings) for one in reports))
-
-
-def _pair(planned, flown):
-    return f'{planned:.1f}, {flown:.1f}' if math.isfinite(planned) else '-'
