@@ -65,10 +65,8 @@ def sights(scenario: Scenario, positions: Array, distance: float, draws: int, se
     Yield a uniform number for each link in each slot, (U, 1 + E, D), held along a UAV's way.
 
     A link has a line of sight where its number is below the probability. The first receiver is
-    the ground node.
-
-    :param positions: of the UAVs in the slots, (U, N, 2) in m.
-    :param distance: after which the numbers of a UAV are drawn anew in m; 0 for in every slot.
+    the ground node. Numbers of a UAV, whose positions are (U, N, 2) in m, are drawn anew after a
+    distance in m; 0 for in every slot.
     """
     rng = stream(seed, _SIGHT)
     shape = len(positions), 1 + len(scenario.eavesdroppers), draws

@@ -96,12 +96,7 @@ def extent_of(scenario, plans=()):
 
 
 def corners_of_map(scenario, corners):
-    """
-    Return the corners of a map, extended to zones and fence as far as that keeps the plan large.
-
-    :param corners: the lower left and the upper right one of the plan, (2, 2) in m.
-    :return: likewise.
-    """
+    """Return corners (2, 2) in m, extended to zones and fence as far as the plan stays large."""
     low, high = np.array(corners)
     most = (high - low).max()
     fences = [] if scenario.geofence is None else [scenario.geofence]

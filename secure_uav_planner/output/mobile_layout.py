@@ -41,12 +41,7 @@ def style():
 
 
 def script(figure, claim):
-    """
-    Return a script that arranges the figure anew whenever the window becomes narrow or wide.
-
-    :param figure: the plotly Figure of view.page, for a wide window.
-    :param claim: what is proven of the plan, or nothing.
-    """
+    """Return a script that arranges the page's figure anew for a narrow or a wide window."""
     narrow, height = _narrow(figure, claim)
     wide = {name: figure.layout[name] for name in narrow}
     layouts = PlotlyJSONEncoder().encode({'narrow': narrow, 'wide': wide})

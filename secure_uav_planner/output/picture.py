@@ -121,11 +121,8 @@ def draw_map(axes, plan, baselines=(), legend=True, extent=None):
 
     North is up, except in a mission that is much longer from south to north than from west to
     east: it is rotated by 90 degrees, so that the flight goes from left to right, and has arrows
-    to the east and to the north.
+    to the east and to the north. Baselines are in grey; a legend beside the map explains all.
 
-    :param axes: matplotlib Axes.
-    :param baselines: Plans for the same mission, whose paths are drawn in grey.
-    :param legend: whether to explain the symbols beside the map.
     :param extent: of the map, by default that of these plans; see extent_of.
     """
     scenario = plan.scenario
@@ -216,8 +213,7 @@ def power_level(powers, peak):
     """
     Return powers on the scale of the picture, 0 for 0 W and 1 for the peak power.
 
-    In good plans the jamming power is a hundredth of the transmit power. The scale is therefore
-    logarithmic, except for the lowest powers.
+    It is logarithmic, because in good plans the jamming power is a hundredth of that transmitted.
     """
     return np.arcsinh(np.maximum(powers, 0.0) / (_FAINT * peak)) / np.arcsinh(1 / _FAINT)
 
@@ -326,7 +322,7 @@ def _mark_times(axes, times, points, color, side, labelled):
     """
     Mark round times along a path; where the UAV hovers, one label gives the interval.
 
-    :param labelled: places that have a label, near which there is no other; it grows.
+    Near a place that is labelled there is no other label; the list grows.
     """
     marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
     marks = marks[marks < times[-1] - marks[0] / 3]

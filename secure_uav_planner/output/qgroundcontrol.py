@@ -24,19 +24,14 @@ _PX4, _QUADROTOR = 12, 2
 
 def save_mission(plan: Plan, uav: int, origin: Origin, path: str | os.PathLike[str]) -> None:
     """
-    Write the flight of one UAV as a `.plan` file of QGroundControl.
+    Write the flight of a UAV, by index, as a `.plan` file of QGroundControl.
 
     A mission has no times: each leg has the speed that takes it to its end in time, and where the
     UAV hovers it is held. So the flight follows the plan within TOLERANCE if the autopilot
     reaches each speed at once; it is less exact than streamed setpoints. Powers are not part of
     it. It takes off and lands where no other UAV starts or ends within CLOSE_DISTANCE and margins;
     otherwise it begins, or ends, in the air. Zones at the UAV's altitude and the geofence become
-    the mission's fence.
-
-    :param uav: index of the UAV.
-    :param origin: where (0, 0) of the scenario is; the UAV takes off at the height of the ground
-        node.
-    :raises OSError: when the file cannot be written; an old one is left as it was.
+    the mission's fence. The origin is where (0, 0) of the scenario is, at the ground node's height.
     """
     with atomic_file(path) as file:
         json.dump(mission(plan, uav, origin), file, indent=2, allow_nan=False)

@@ -13,12 +13,8 @@ def table(plans: Sequence[Any], bound: Any = None) -> str:
     """
     Return a text table with a line for each Plan and one for a Bound, if there is one.
 
-    Where UAVs have a propulsion, lines with what their flights take follow.
-
     Where plans have bounds, a column has the largest share of the best rate that they may miss.
-
-    :param plans: Plans.
-    :param bound: a Bound of their scenario.
+    Where UAVs have a propulsion, lines with what their flights take follow.
     """
     known = any(plan.bound is not None for plan in plans)
     lines = [f'{"scheme":<{_NAME}}{"guaranteed rate":>{_RATE}}{"worst-case rate":>{_RATE}}'

@@ -22,8 +22,8 @@ def row_of(task: Task) -> dict[str, Any]:
     """
     Return the row of a task; a failure is a row with its reason.
 
-    :return: COLUMNS and 'fields', the varied fields by name, all plain values; 'more', further
-        results by name, where the mission has any; and 'plan', the Plan, if the task has 'plans'.
+    It has COLUMNS and 'fields', the varied fields by name, all plain values; 'more', further
+    results by name, where the mission has any; and 'plan', the Plan, if the task has 'plans'.
     """
     started = time.monotonic()
     row = empty_row(task)

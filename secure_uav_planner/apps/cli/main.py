@@ -33,6 +33,8 @@ EXIT_STATUSES = {
 }
 """The meaning of each exit status."""
 
+_BAD_INPUTS = MissingPackageError, OptionError, PlanFileError, ScenarioError
+
 _ABOUT = """\
 Plan how UAVs fly and radiate so that a transmission stays secret. ROS is not needed.
 
@@ -52,12 +54,7 @@ _MISSION = 'mission file: YAML, or JSON if its name ends with .json'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run the command.
-
-    :param argv: the arguments, by default those of the process.
-    :return: the exit status: 0 done, 1 failed on the way, 2 bad input, 130 stopped by a signal.
-    """
+    """Run the command with arguments, by default those of the process; return EXIT_STATUSES."""
     argv = sys.argv[1:] if argv is None else list(argv)
     for name in ('stdout', 'stderr'):
         if getattr(sys, name) is None:  # The caller has closed it.
@@ -79,15 +76,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         for line, text in error.problems:
             _tell(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
         return BAD_INPUT
-    except (MissingPackageError, OptionError, PlanFileError, ScenarioError) as error:
-        _tell(str(error))
-        return BAD_INPUT
     except BrokenPipeError:
         _drop_output()  # Whoever read has gone.
         return FAILED
-    except StoppedError as error:
-        _tell(str(error))
-        return STOPPED
     except OSError as error:
         what = error.filename or ('standard output' if _is_output_lost() else None)
         _tell(str(error) if what is None or error.strerror is None else
@@ -95,7 +86,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILED
     except (PlanningError, MemoryError) as error:
         _tell(str(error) or type(error).__name__)
-        return FAILED
+        return STOPPED if isinstance(error, StoppedError) else BAD_INPUT if isinstance(
+            error, _BAD_INPUTS) else FAILED
     except KeyboardInterrupt:
         _tell('stopped')
         return STOPPED
@@ -117,11 +109,7 @@ def _drop_output() -> None:
 
 
 def _with_origin(argv: Sequence[str]) -> list[str]:
-    """
-    Return arguments in which the numbers after --origin are one, whatever follows them.
-
-    :raises OptionError: unless two or three numbers follow it.
-    """
+    """Return arguments in which the two or three numbers after --origin are one."""
     found = list(argv)
     if '--origin' in found:
         first = found.index('--origin')

@@ -23,12 +23,7 @@ _Content = TypeVar('_Content')
 
 def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
            kind: type[PlanningError] = ScenarioError) -> _Content:
-    """
-    Return what a file holds.
-
-    :param load: what reads it.
-    :param kind: of the error for a file that cannot be read.
-    """
+    """Return what a function loads from a file; if it cannot be read, raise this kind of error."""
     try:
         return load(path)
     except OSError as error:
@@ -36,13 +31,7 @@ def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
 
 
 def picture_file(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
-    """
-    Return the file of --out, or one beside the plan, after its folder has been tried.
-
-    :param default: the suffix of the file beside the plan.
-    :param suffixes: that are allowed.
-    :raises OptionError: for another suffix, or a file that cannot be written.
-    """
+    """Return the file of --out, or beside the plan with the default suffix, after a trial."""
     file = Path(options.out) if options.out else Path(options.plan).with_suffix(default)
     if file.suffix.lower() not in suffixes:
         raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
@@ -58,11 +47,7 @@ def picture_file(options: argparse.Namespace, default: str, suffixes: Sequence[s
 
 
 def writable(folder: Path) -> Path:
-    """
-    Return a folder after it has been made and tried; the work before would be in vain.
-
-    :raises OptionError: when it cannot be written to.
-    """
+    """Return a folder after it has been made and tried, before work that would be in vain."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -110,11 +95,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _that_can_be_flown(path: str) -> Scenario:
-    """
-    Return the mission of a file after flights were found that keep its limits.
-
-    :raises MissionFileError: with all that is wrong in the file, and why there are no flights.
-    """
+    """Return the mission of a file that can be flown, or raise all that is wrong with it."""
     known = None
     try:
         scenario = loaded(path)
@@ -132,11 +113,7 @@ def _that_can_be_flown(path: str) -> Scenario:
 
 @contextmanager
 def lines_of(path: str, known: Iterable[tuple[int | None, str]] = ()) -> Iterator[None]:
-    """
-    Give errors of a mission the lines of its file.
-
-    :param known: what else is wrong with it.
-    """
+    """Give errors of a mission the lines of its file, beside what else is known to be wrong."""
     try:
         yield
     except InfeasibleMissionError as error:
