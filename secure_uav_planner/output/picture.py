@@ -369,13 +369,13 @@ def _add_compass(axes, place_of, paths):
 
 def _explain_map(axes, scenario, ways, baselines=False):
     """Explain the symbols beside the map, after the artists that stand for the UAVs."""
-    entries = dict(ways)
-    entries['start'] = Line2D([], [], marker='o', color='white', markeredgecolor='0.2')
-    entries['goal'] = Line2D([], [], marker='s', color='white', markeredgecolor='0.2')
-    entries['ground node'] = Line2D([], [], marker='^', **_sign(GROUND_NODE, 10))
     blurred = any(eve.error_radius for eve in scenario.eavesdroppers)
-    entries['eavesdropper' + ', disc' * blurred] = Line2D(
-        [], [], marker='X', **_sign(EAVESDROPPER, 8))
+    entries = {
+        **ways, **{name: Line2D([], [], marker=sign, color='white', markeredgecolor='0.2')
+                   for name, sign in (('start', 'o'), ('goal', 's'))},
+        'ground node': Line2D([], [], marker='^', **_sign(GROUND_NODE, 10)),
+        'eavesdropper' + ', disc' * blurred: Line2D(
+            [], [], marker='X', **_sign(EAVESDROPPER, 8))}
     if scenario.no_fly_zones:
         entries['no-fly zone'] = Patch(**_ZONE)
     if scenario.geofence is not None:
