@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 import re
@@ -27,36 +26,52 @@ from ...output.geodesy import Origin
 from ...output.qgroundcontrol import save_mission
 from ...output.spreadsheet import save_csv
 from ...output.table import assessment_table, table
-from ...plan.bound import Bound, Progress
-from ...plan.plan import Iteration, Plan
+from ...plan.bound import Bound
+from ...plan.plan import Plan
 
 _SUFFIXES = ('.png', '.svg', '.pdf', '.html')  # The last one is no picture.
 _ERASE = '\033[K'  # Of the rest of a terminal's line.
 _PERIOD = 0.1  # In s, of the line that says how far the work has come.
 
 
-class ProgressLine:
+class _Work:
     """
-    A line that is written over and over; nothing where the output is no terminal.
+    Work that says how far it has come, and that Ctrl-C stops; the second one ends it all.
 
-    It is a context: at its end the line is gone.
+    It is a context. What it says is a line that is written over and over, and gone at the end;
+    nothing where the output is no terminal. If it fails, it tells what is written.
+
+    :ivar is_stopped: whether Ctrl-C was pressed.
+    :ivar written: the files that are written.
     """
 
     def __init__(self) -> None:
+        self.is_stopped, self.written = False, list[Path]()
         self._last = -_PERIOD
 
-    def __enter__(self) -> 'ProgressLine':
+    def __enter__(self) -> '_Work':
+        self._before = {number: signal.signal(number, self._on_signal)
+                        for number in (signal.SIGINT, signal.SIGTERM)}
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: object, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
         self.say('', force=True)
+        if error is not None and self.written:
+            print(f'written: {", ".join(map(str, self.written))}', file=sys.stderr)
 
-    def say(self, text: str, force: bool = False) -> None:
-        """Show a text in place of the last one, at most ten times a second."""
+    def _on_signal(self, number: int, frame: Any) -> None:
+        self.is_stopped = True
+        signal.signal(number, signal.default_int_handler)
+
+    def say(self, text: str, force: bool = False) -> bool:
+        """Show a text in place of the last one, ten times a second; return whether to stop."""
         now = time.monotonic()
         if sys.stderr.isatty() and (force or now - self._last >= _PERIOD):
             self._last = now
             print(f'\r{_ERASE}{text}', end='', file=sys.stderr, flush=True)
+        return self.is_stopped
 
 
 def make_plan(options: argparse.Namespace) -> int:
@@ -66,23 +81,27 @@ def make_plan(options: argparse.Namespace) -> int:
     if options.mcap:
         check_view('save_mcap')
     out = writable(Path(options.out))
-    with lines_of(options.mission), _interruptible() as stop, ProgressLine() as line:
-        plan = _planned(scenario, options, stop, line)
+    with lines_of(options.mission), _Work() as work:
+        work.say('planning ...', force=True)
+        plan = solve(
+            scenario, options.method, lambda iteration: work.say(
+                f'planning: iteration {iteration.number} ({iteration.step}), {iteration.rate:.4f} '
+                f'bit/s/Hz, {iteration.elapsed:.1f} s'),
+            options.time_limit, objective=options.objective)
         # Written before anything is printed, which may have no reader, and the plan first:
         # whatever fails from here on, it is there.
-        with _listed() as written:
-            plan.save(out / 'plan.json')
-            written.append(out / 'plan.json')
-            bound = _bound(plan, options, stop, line)
-            proven = plan.with_bound(bound)
-            if bound:
-                proven.save(out / 'plan.json')
-            baselines = [] if options.no_baselines else _baselines(scenario, options, stop, line)
-            line.say('drawing ...', force=True)
-            written.extend(_write(proven, baselines, out, origin))
-            if options.mcap:
-                proven.save_mcap(out / 'plan.mcap')
-                written.append(out / 'plan.mcap')
+        plan.save(out / 'plan.json')
+        work.written.append(out / 'plan.json')
+        bound = _bound(plan, options, work)
+        proven = plan.with_bound(bound)
+        if bound:
+            proven.save(out / 'plan.json')
+        baselines = [] if options.no_baselines else _baselines(scenario, options, work)
+        work.say('drawing ...', force=True)
+        work.written.extend(_write(proven, baselines, out, origin))
+        if options.mcap:
+            proven.save_mcap(out / 'plan.mcap')
+            work.written.append(out / 'plan.mcap')
     print(table([*baselines, plan], bound))
     print(f'\n{plan.message}' + (
         f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
@@ -90,77 +109,30 @@ def make_plan(options: argparse.Namespace) -> int:
         print('no bound: it is proven for free space without fading only')
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
-    print(f'written: {", ".join(map(str, written))}')
-    return STOPPED if stop else DONE
+    print(f'written: {", ".join(map(str, work.written))}')
+    return STOPPED if work.is_stopped else DONE
 
 
-@contextmanager
-def _listed() -> Iterator[list[Path]]:
-    """Give a list for the files that are written, and tell those where the rest fails."""
-    written: list[Path] = []
-    try:
-        yield written
-    except BaseException:
-        if written:
-            print(f'written: {", ".join(map(str, written))}', file=sys.stderr)
-        raise
-
-
-@contextmanager
-def _interruptible() -> Iterator[list[int]]:
-    """Give a list that is no longer empty once Ctrl-C was pressed; the second one ends it all."""
-    pressed: list[int] = []
-
-    def on_signal(number: int, frame: Any) -> None:
-        pressed.append(number)
-        signal.signal(number, signal.default_int_handler)
-
-    before = {number: signal.signal(number, on_signal)
-              for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield pressed
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _planned(scenario: Scenario, options: argparse.Namespace, stop: list[int],
-             line: ProgressLine) -> Plan:
-    def on_iteration(iteration: Iteration) -> bool:
-        line.say(f'planning: iteration {iteration.number} ({iteration.step}), {iteration.rate:.4f}'
-                 f' bit/s/Hz, {iteration.elapsed:.1f} s')
-        return bool(stop)
-
-    line.say('planning ...', force=True)
-    return solve(scenario, options.method, on_iteration, options.time_limit,
-                 objective=options.objective)
-
-
-def _bound(plan: Plan, options: argparse.Namespace, stop: list[int],
-           line: ProgressLine) -> Bound | None:
-    if stop or options.bound_time_limit is None or not plan.scenario.channel.is_free_space:
+def _bound(plan: Plan, options: argparse.Namespace, work: _Work) -> Bound | None:
+    if work.is_stopped or options.bound_time_limit is None or (
+            not plan.scenario.channel.is_free_space):
         return None
-
-    def on_progress(progress: Progress) -> bool:
-        line.say(f'bound: no plan has more than {progress.rate:.4f} bit/s/Hz, '
-                 f'{progress.elapsed:.1f} s')
-        return bool(stop)
-
-    line.say('bound ...', force=True)
-    return upper_bound(plan.scenario, objective=plan.objective, plan=plan,
-                       time_limit=options.bound_time_limit, on_progress=on_progress)
+    work.say('bound ...', force=True)
+    return upper_bound(
+        plan.scenario, objective=plan.objective, plan=plan, time_limit=options.bound_time_limit,
+        on_progress=lambda progress: work.say(
+            f'bound: no plan has more than {progress.rate:.4f} bit/s/Hz, {progress.elapsed:.1f} s'))
 
 
-def _baselines(scenario: Scenario, options: argparse.Namespace, stop: list[int],
-               line: ProgressLine) -> list[Plan]:
+def _baselines(scenario: Scenario, options: argparse.Namespace, work: _Work) -> list[Plan]:
     """Return fly-hover-fly with both powers, as far as the limits allow."""
     found: list[Plan] = []
     for power in ('constant', 'optimised'):
-        if stop:
+        if work.say(f'fly-hover-fly with {power} power ...', force=True):
             break
-        line.say(f'fly-hover-fly with {power} power ...', force=True)
         try:
-            found.append(fly_hover_fly(scenario, power, lambda _: bool(stop), options.time_limit))
+            found.append(fly_hover_fly(
+                scenario, power, lambda _: work.is_stopped, options.time_limit))
         except PlanningError as error:
             print(f'no fly-hover-fly with {power} power: {error}', file=sys.stderr)
     return found
