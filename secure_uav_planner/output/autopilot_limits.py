@@ -19,25 +19,15 @@ def lean(speed: float, acceleration: float) -> float:
 
 @dataclass(frozen=True)
 class Parameter:
-    """
-    A parameter of an autopilot that limits how it follows setpoints.
+    """A parameter of an autopilot that limits how it follows setpoints."""
 
-    :param name: as in the autopilot's documentation.
-    :param limits: what it limits: 'speed', 'acceleration' or 'lean'.
-    :param unit: of its values.
-    :param factor: 1 m/s, 1 m/s^2 or 1 degree in that unit.
-    :param default: its value by default.
-    :param most: the largest value that the documentation allows.
-    :param share: what it must be at least, over what the plan uses.
-    """
-
-    name: str
-    limits: str
-    unit: str
-    factor: float
+    name: str  # As in the autopilot's documentation.
+    limits: str  # 'speed', 'acceleration' or 'lean'.
+    unit: str  # Of its values.
+    factor: float  # 1 m/s, 1 m/s^2 or 1 degree in that unit.
     default: float
-    most: float
-    share: float = 1.0
+    most: float  # The largest value that the documentation allows.
+    share: float = 1.0  # What it must be at least, over what the plan uses.
 
     def least(self, speed: float, acceleration: float) -> float:
         """Return the smallest value that carries a plan with limits in m/s and m/s^2."""

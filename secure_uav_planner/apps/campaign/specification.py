@@ -43,26 +43,15 @@ _DEFAULTS: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Campaign:
-    """
-    A base mission, the fields that change, and how each mission is planned.
+    """A base mission, the fields that change, and how each mission is planned."""
 
-    :param mission: the base, as plain values.
-    :param grid: for each field that has several values, these.
-    :param laws: for each field that is drawn at random, its law and the two numbers of it.
-    :param samples: how often the random fields are drawn.
-    :param seed: of the draws; sample k has the same draws at every place of the grid.
-    :param schemes: pairs of a method and an objective.
-    :param settings: 'time_limit' and 'bound_time_limit' in s, None for no limit and for no bound;
-        'plans' if the plans are to be kept; 'assess' if they are to be assessed, and how.
-    """
-
-    mission: dict[str, Any]
-    grid: dict[str, list[Any]]
-    laws: dict[str, tuple[str, Any, Any]]
-    samples: int
-    seed: int
-    schemes: list[tuple[str, str]]
-    settings: dict[str, Any]
+    mission: dict[str, Any]  # The base, as plain values.
+    grid: dict[str, list[Any]]  # The values of each field that has several.
+    laws: dict[str, tuple[str, Any, Any]]  # For each random field, its law and two numbers.
+    samples: int  # How often the random fields are drawn.
+    seed: int  # Of the draws; sample k has the same draws at every place of the grid.
+    schemes: list[tuple[str, str]]  # Pairs of a method and an objective.
+    settings: dict[str, Any]  # As for task_of.
 
     @property
     def size(self) -> int:

@@ -17,8 +17,9 @@ def task_of(mission: Mapping[str, Any], method: str, objective: str, settings: M
 
     :param mission: what Scenario.to_dict returns.
     :param method: one of METHODS or BASELINES.
-    :param settings: 'time_limit' and 'bound_time_limit' in s, 'plans' if the plan is to be kept,
-        and whatever else makes the result another one.
+    :param settings: 'time_limit' and 'bound_time_limit' in s, None for no limit and for no bound;
+        'plans' if the plan is to be kept; 'assess' if it is to be assessed, and how; and whatever
+        else makes the result another one.
     :param fields: what tells this mission from the others, for its row.
     """
     task = {'mission': mission, 'method': method, 'objective': objective, **settings}

@@ -15,17 +15,11 @@ AT_ONCE = ((-1.0, 'replay/start'),)
 
 @dataclass(frozen=True)
 class Event:
-    """
-    What happens on a flight.
+    """What happens on a flight; times are in s from point 0 of the first plan."""
 
-    :param name: in the table.
-    :param calls: times in s from point 0 of the first plan, and services that are called then.
-    :param push: from when to when a squall takes the first UAV aside, likewise, or None.
-    """
-
-    name: str
-    calls: tuple[tuple[float, str], ...] = AT_ONCE
-    push: tuple[float, float] | None = None
+    name: str  # In the table.
+    calls: tuple[tuple[float, str], ...] = AT_ONCE  # Times, and services that are called then.
+    push: tuple[float, float] | None = None  # From when to when a squall takes UAV 0 aside.
 
 
 EVENTS = {

@@ -24,23 +24,14 @@ _SOURCES = ('.py', '.cpp', '.hpp')
 
 @dataclass(frozen=True)
 class Point:
-    """
-    One point of the study, for which one plan is made.
+    """One point of the study, for which one plan is made."""
 
-    :param experiment: the figure to which it belongs.
-    :param x: its coordinate on the figure's horizontal axis.
-    :param scheme: a method of solve, or one of BASELINES.
-    :param scenario: the Scenario to plan.
-    :param objective: what a method of solve maximises; the paper's is 'guaranteed'.
-    :param bounded: whether the plan gets its upper bound.
-    """
-
-    experiment: str
-    x: float
-    scheme: str
+    experiment: str  # The figure to which it belongs.
+    x: float  # Its coordinate on the figure's horizontal axis.
+    scheme: str  # A method of solve, or one of BASELINES.
     scenario: Scenario
-    objective: str = 'guaranteed'
-    bounded: bool = False
+    objective: str = 'guaranteed'  # The paper's.
+    bounded: bool = False  # Whether the plan gets its upper bound.
 
     @cached_property
     def task(self):
@@ -108,13 +99,7 @@ def sources():
 
 
 def run(wanted, folder, jobs=-1, backend=None, scheduler=None):
-    """
-    Return the rows of all Points; only those are planned that have none, or no readable plan.
-
-    :param wanted: the Points.
-    :param folder: where rows and plans are kept, a pathlib.Path.
-    :param jobs, backend, scheduler: as for run_campaign.
-    """
+    """Return the rows of all Points after those without one, or a readable plan, are planned."""
     folder.mkdir(parents=True, exist_ok=True)
     for point in wanted:
         file = plan_file(folder, point.task['key'])
@@ -125,11 +110,7 @@ def run(wanted, folder, jobs=-1, backend=None, scheduler=None):
 
 
 def plans_of(wanted, folder):
-    """
-    Return the Plans of Points by Point, without those that are not planned.
-
-    :param folder: as for run.
-    """
+    """Return the Plans of Points that are in a folder, by Point."""
     found = {point: _loaded(plan_file(folder, point.task['key'])) for point in wanted}
     return {point: plan for point, plan in found.items() if plan is not None}
 
