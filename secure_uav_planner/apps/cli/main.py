@@ -8,6 +8,7 @@ import math
 import os
 import signal
 import sys
+from typing import Any
 
 from ... import __version__
 from ...errors import (
@@ -156,170 +157,6 @@ def _run_node(name: str, arguments: list[str]) -> int:
     return DONE
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command."""
-    parser = argparse.ArgumentParser(
-        prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
-    commands = parser.add_subparsers(title='commands', metavar='command', required=True)
-    for add in (_add_plan, _add_check, _add_new, _add_show, _add_assess, _add_sweep,
-                _add_link_budget, _add_node):
-        add(commands)
-    return parser
-
-
-def _add(commands, name: str, run: str, about: str, more: str = '') -> argparse.ArgumentParser:
-    """Return the parser of a new command, which a function `module.name` runs."""
-    parser = commands.add_parser(
-        name, help=about, description=f'{about[0].upper()}{about[1:]}.{more}', epilog=_STATUS,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.set_defaults(run=run)
-    return parser
-
-
-def _add_plan(commands) -> None:
-    parser = _add(commands, 'plan', 'planning.make_plan',
-                  'plan a mission and write what it needs', """
-
-It prints the plan's rates beside those of the baselines and a proven bound of what any plan can
-reach, and writes plan.json, plan.csv, plan.png and plan.html. Ctrl-C ends the search and keeps
-the best plan so far.""")
-    parser.add_argument('mission', help=_MISSION)
-    parser.add_argument('-o', '--out', default='out', metavar='FOLDER',
-                        help='folder for the results, made if needed (default: %(default)s)')
-    parser.add_argument('--method', choices=METHODS, default=METHODS[0],
-                        help='optimisation method (default: %(default)s)')
-    parser.add_argument('--objective', choices=OBJECTIVES,
-                        help='rate to maximise: the lower bound by formula, or the true worst '
-                        'case over the discs, only with the method joint, of which it is the '
-                        'default')
-    parser.add_argument('--time-limit', type=_seconds, metavar='S',
-                        help='end the search for a plan after so many seconds and keep the best '
-                        'plan so far (default: none)')
-    parser.add_argument('--bound-time-limit', type=_seconds_or_none, default=10.0, metavar='S',
-                        help='the same for the bound; 0 for no bound (default: %(default)g)')
-    parser.add_argument('--no-baselines', action='store_true',
-                        help='leave out fly-hover-fly, with which the plan is compared')
-    parser.add_argument('--origin', type=_numbers, metavar='LAT LON ALT',
-                        help='place of the origin in degrees (WGS 84), height above sea level '
-                        'in m, which may be left out: write plan_<uav>.plan for QGroundControl '
-                        'as well')
-    parser.add_argument('--mcap', action='store_true',
-                        help='write plan.mcap as well, the recording of a flight for Foxglove and '
-                        '`ros2 bag`; needs ROS')
-
-
-def _add_check(commands) -> None:
-    parser = _add(commands, 'check', 'missions.check',
-                  'say all that is wrong with a mission, line by line')
-    parser.add_argument('mission', help=_MISSION)
-    parser.add_argument('--autopilot', choices=tuple(AUTOPILOTS),
-                        help='compare the speed and acceleration of its UAVs with what this '
-                        'autopilot carries by default, and name the parameters to change')
-
-
-def _add_new(commands) -> None:
-    parser = _add(commands, 'new', 'missions.new',
-                  'write an example of a mission with every field explained')
-    parser.add_argument('mission', help='file to write')
-    parser.add_argument('--force', action='store_true', help='replace a file that is there')
-
-
-def _add_show(commands) -> None:
-    parser = _add(commands, 'show', 'planning.show', 'draw a saved plan and print its rates')
-    parser.add_argument('plan', help='a plan file, such as out/plan.json')
-    parser.add_argument('-o', '--out', metavar='FILE',
-                        help='picture (.png, .svg, .pdf) or web page (.html) to write (default: '
-                        'a .png beside the plan, in place of the one that plan drew there)')
-
-
-def _add_assess(commands) -> None:
-    parser = _add(commands, 'assess', 'planning.assess_plan',
-                  'say what a saved plan is worth when the world differs', """
-
-It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It
-prints the secrecy rate of the mission, the outage of its slots and what is delivered in secret
-beside what the plan promises, and draws them. Without options, the world differs only in what the
-plan allows for.""")
-    parser.add_argument('plan', help='a plan file, such as out/plan.json')
-    parser.add_argument('-o', '--out', metavar='FILE', help='picture (.png, .svg, .pdf) to write '
-                        '(default: a .assess.png beside the plan)')
-    parser.add_argument('--draws', type=int, default=1000, metavar='D',
-                        help='how many worlds (default: %(default)s)')
-    parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='of the draws (default: %(default)s)')
-    parser.add_argument('--place', choices=PLACES, help='where each eavesdropper is: anywhere in '
-                        'its disc (the default), normal around its centre, in the ring of the '
-                        'width --beyond around the disc, or at --positions')
-    parser.add_argument('--beyond', type=float, metavar='M', help='width of that ring')
-    parser.add_argument('--covariance', nargs=3, type=float, metavar=('XX', 'XY', 'YY'),
-                        help='of the normal place in m^2 (default: the disc has a probability of '
-                        '95%%)')
-    parser.add_argument('--positions', nargs='+', type=float, metavar='X Y',
-                        help='fixed places (default: the centres)')
-    parser.add_argument('--receiver-db', type=float, metavar='DB',
-                        help="by how much the eavesdroppers' receivers are better than stated")
-    parser.add_argument('--tracking-std', type=float, metavar='M',
-                        help='standard deviation of the UAVs in x and in y around their plan')
-    parser.add_argument('--tracking-time', type=float, metavar='S',
-                        help='correlation time of these errors (default: 2)')
-    parser.add_argument('--flown', metavar='FILE', help='where the UAVs really were: CSV with the '
-                        'columns uav, time, x, y, or a bag (.mcap) with <uav>/odom')
-    parser.add_argument('--exponent', type=float, metavar='A',
-                        help="another path loss exponent than the plan's")
-    parser.add_argument('--los', choices=('none', *ENVIRONMENTS),
-                        help='another environment, for the probability of lines of sight')
-    parser.add_argument('--rician-k-db', type=float, metavar='DB', help='another Rician factor')
-    parser.add_argument('--los-distance', type=float, metavar='M', help='way of a UAV after which '
-                        'its lines of sight are drawn anew (default: 50)')
-    parser.add_argument('--mean-gain', action='store_true',
-                        help='draw no lines of sight, but take the mean gain')
-
-
-def _add_sweep(commands) -> None:
-    parser = _add(commands, 'sweep', 'campaigns.sweep', 'plan all missions of a campaign', """
-
-A campaign is a mission, fields to vary over lists, ranges or random laws, and methods and
-objectives to compare. Every finished mission is written at once; a campaign that was stopped
-goes on with the same command. A mission that fails is a row with its reason; if that lies outside
-of it, such as too little memory, the same command plans it again.""")
-    parser.add_argument('mission', metavar='campaign', help='campaign file: YAML or JSON')
-    parser.add_argument('-o', '--out', default='out/sweep', metavar='FOLDER',
-                        help='folder for the results (default: %(default)s)')
-    parser.add_argument('--jobs', type=int, default=-1, metavar='N',
-                        help='processes on this computer (default: as many as there are cores)')
-    parser.add_argument('--scheduler', metavar='ADDRESS',
-                        help='a Dask scheduler, such as tcp://host:8786, whose workers are used '
-                        'instead; they need this package')
-
-
-def _add_link_budget(commands) -> None:
-    parser = _add(commands, 'link-budget', 'missions.link_budget',
-                  'compute reference_snr_db from data sheets', """
-
-The SNR at 1 m and 1 W in free space: G_t + G_r + 20 log10(c / (4 pi f)) - 10 log10(k T_0 B) - F,
-all in dB, with T_0 = 290 K. The receiver_advantage_db of an eavesdropper is by how much G_r - F
-of its receiver is larger than that of the ground node's.""")
-    parser.add_argument('--carrier-hz', type=float, required=True, metavar='HZ',
-                        help='f, frequency of the carrier')
-    parser.add_argument('--bandwidth-hz', type=float, required=True, metavar='HZ',
-                        help='B, bandwidth of the receiver')
-    for name, text in (('noise-figure-db', 'F, noise figure of the receiver with its cable'),
-                       ('transmit-gain-dbi', "G_t, gain of the UAV's antenna downwards"),
-                       ('receive-gain-dbi', "G_r, gain of the ground node's antenna upwards")):
-        parser.add_argument(f'--{name}', type=float, default=0.0, help=f'{text} (default: 0)',
-                            metavar=name.rpartition('-')[2].upper())
-
-
-def _add_node(commands) -> None:
-    parser = commands.add_parser(
-        'node', help='run a node, where there is no `ros2 run`', usage=f'{NAME} node '
-        f'{{{",".join(NODES)}}} [--ros-args ...]', description='Run a node of this package. What '
-        'follows its name is for ROS, as with `ros2 run secure_uav_planner <node>`.')
-    parser.add_argument('node', choices=NODES)
-
-
 def _seconds(text: str, least: str = '') -> float:
     seconds = _number(text)
     if not seconds > 0:
@@ -345,3 +182,134 @@ def _is_number(text: str) -> bool:
         return bool(float(text) or True)
     except ValueError:
         return False
+
+
+def _number_of(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
+    return {'type': float, 'metavar': metavar, 'help': text, **more}
+
+
+_OUT, _PLAN = '-o --out', {'help': 'a plan file, such as out/plan.json'}
+
+_COMMANDS: dict[str, tuple[str, str, str, dict[str, dict[str, Any]]]] = {
+    'plan': ('planning.make_plan', 'plan a mission and write what it needs', """
+
+It prints the plan's rates beside those of the baselines and a proven bound of what any plan can
+reach, and writes plan.json, plan.csv, plan.png and plan.html. Ctrl-C ends the search and keeps
+the best plan so far.""", {
+        'mission': {'help': _MISSION},
+        _OUT: {'default': 'out', 'metavar': 'FOLDER',
+               'help': 'folder for the results, made if needed (default: %(default)s)'},
+        '--method': {'choices': METHODS, 'default': METHODS[0],
+                     'help': 'optimisation method (default: %(default)s)'},
+        '--objective': {'choices': OBJECTIVES, 'help': 'rate to maximise: the lower bound by '
+                        'formula, or the true worst case over the discs, only with the method '
+                        'joint, of which it is the default'},
+        '--time-limit': {'type': _seconds, 'metavar': 'S', 'help': 'end the search for a plan '
+                         'after so many seconds and keep the best plan so far (default: none)'},
+        '--bound-time-limit': {
+            'type': _seconds_or_none, 'default': 10.0, 'metavar': 'S',
+            'help': 'the same for the bound; 0 for no bound (default: %(default)g)'},
+        '--no-baselines': {'action': 'store_true', 'help': 'leave out fly-hover-fly, with which '
+                           'the plan is compared'},
+        '--origin': {'type': _numbers, 'metavar': 'LAT LON ALT', 'help': 'place of the origin in '
+                     'degrees (WGS 84), height above sea level in m, which may be left out: write '
+                     'plan_<uav>.plan for QGroundControl as well'},
+        '--mcap': {'action': 'store_true', 'help': 'write plan.mcap as well, the recording of a '
+                   'flight for Foxglove and `ros2 bag`; needs ROS'}}),
+    'check': ('missions.check', 'say all that is wrong with a mission, line by line', '', {
+        'mission': {'help': _MISSION},
+        '--autopilot': {'choices': tuple(AUTOPILOTS), 'help': 'compare the speed and acceleration '
+                        'of its UAVs with what this autopilot carries by default, and name the '
+                        'parameters to change'}}),
+    'new': ('missions.new', 'write an example of a mission with every field explained', '', {
+        'mission': {'help': 'file to write'},
+        '--force': {'action': 'store_true', 'help': 'replace a file that is there'}}),
+    'show': ('planning.show', 'draw a saved plan and print its rates', '', {
+        'plan': _PLAN,
+        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) or web page (.html) to write '
+               '(default: a .png beside the plan, in place of the one that plan drew there)'}}),
+    'assess': ('planning.assess_plan', 'say what a saved plan is worth when the world differs', """
+
+It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It
+prints the secrecy rate of the mission, the outage of its slots and what is delivered in secret
+beside what the plan promises, and draws them. Without options, the world differs only in what the
+plan allows for.""", {
+        'plan': _PLAN,
+        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) to write (default: a '
+               '.assess.png beside the plan)'},
+        '--draws': {'type': int, 'default': 1000, 'metavar': 'D',
+                    'help': 'how many worlds (default: %(default)s)'},
+        '--seed': {'type': int, 'default': 0, 'metavar': 'S',
+                   'help': 'of the draws (default: %(default)s)'},
+        '--place': {'choices': PLACES, 'help': 'where each eavesdropper is: anywhere in its disc '
+                    '(the default), normal around its centre, in the ring of the width --beyond '
+                    'around the disc, or at --positions'},
+        '--beyond': _number_of('M', 'width of that ring'),
+        '--covariance': _number_of(('XX', 'XY', 'YY'), 'of the normal place in m^2 (default: the '
+                                   'disc has a probability of 95%%)', nargs=3),
+        '--positions': _number_of('X Y', 'fixed places (default: the centres)', nargs='+'),
+        '--receiver-db': _number_of(
+            'DB', "by how much the eavesdroppers' receivers are better than stated"),
+        '--tracking-std': _number_of(
+            'M', 'standard deviation of the UAVs in x and in y around their plan'),
+        '--tracking-time': _number_of('S', 'correlation time of these errors (default: 2)'),
+        '--flown': {'metavar': 'FILE', 'help': 'where the UAVs really were: CSV with the columns '
+                    'uav, time, x, y, or a bag (.mcap) with <uav>/odom'},
+        '--exponent': _number_of('A', "another path loss exponent than the plan's"),
+        '--los': {'choices': ('none', *ENVIRONMENTS),
+                  'help': 'another environment, for the probability of lines of sight'},
+        '--rician-k-db': _number_of('DB', 'another Rician factor'),
+        '--los-distance': _number_of('M', 'way of a UAV after which its lines of sight are drawn '
+                                     'anew (default: 50)'),
+        '--mean-gain': {'action': 'store_true',
+                        'help': 'draw no lines of sight, but take the mean gain'}}),
+    'sweep': ('campaigns.sweep', 'plan all missions of a campaign', """
+
+A campaign is a mission, fields to vary over lists, ranges or random laws, and methods and
+objectives to compare. Every finished mission is written at once; a campaign that was stopped
+goes on with the same command. A mission that fails is a row with its reason; if that lies outside
+of it, such as too little memory, the same command plans it again.""", {
+        'mission': {'metavar': 'campaign', 'help': 'campaign file: YAML or JSON'},
+        _OUT: {'default': 'out/sweep', 'metavar': 'FOLDER',
+               'help': 'folder for the results (default: %(default)s)'},
+        '--jobs': {'type': int, 'default': -1, 'metavar': 'N',
+                   'help': 'processes on this computer (default: as many as there are cores)'},
+        '--scheduler': {'metavar': 'ADDRESS', 'help': 'a Dask scheduler, such as tcp://host:8786, '
+                        'whose workers are used instead; they need this package'}}),
+    'link-budget': ('missions.link_budget', 'compute reference_snr_db from data sheets', """
+
+The SNR at 1 m and 1 W in free space: G_t + G_r + 20 log10(c / (4 pi f)) - 10 log10(k T_0 B) - F,
+all in dB, with T_0 = 290 K. The receiver_advantage_db of an eavesdropper is by how much G_r - F
+of its receiver is larger than that of the ground node's.""", {
+        '--carrier-hz': _number_of('HZ', 'f, frequency of the carrier', required=True),
+        '--bandwidth-hz': _number_of('HZ', 'B, bandwidth of the receiver', required=True),
+        '--noise-figure-db': _number_of(
+            'DB', 'F, noise figure of the receiver with its cable (default: 0)', default=0.0),
+        '--transmit-gain-dbi': _number_of(
+            'DBI', "G_t, gain of the UAV's antenna downwards (default: 0)", default=0.0),
+        '--receive-gain-dbi': _number_of(
+            'DBI', "G_r, gain of the ground node's antenna upwards (default: 0)", default=0.0)}),
+}
+"""Of each command: the function `module.name` that runs it, what it does, more, its arguments."""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command."""
+    parser = argparse.ArgumentParser(
+        prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
+    commands = parser.add_subparsers(title='commands', metavar='command', required=True)
+    for name, (run, about, more, arguments) in _COMMANDS.items():
+        command = commands.add_parser(
+            name, help=about, description=f'{about[0].upper()}{about[1:]}.{more}', epilog=_STATUS,
+            formatter_class=argparse.RawDescriptionHelpFormatter)
+        command.set_defaults(run=run)
+        for names, options in arguments.items():
+            command.add_argument(*names.split(), **options)
+    node = commands.add_parser(
+        'node', help='run a node, where there is no `ros2 run`', usage=f'{NAME} node '
+        f'{{{",".join(NODES)}}} [--ros-args ...]', description='Run a node of this package. What '
+        'follows its name is for ROS, as with `ros2 run secure_uav_planner <node>`.')
+    node.add_argument('node', choices=NODES)
+    return parser
