@@ -90,21 +90,19 @@ def methods() -> str:
           len(plan.history) - 1, f'{plan.solve_time:.2g} s') for duration, plan in plans))
 
 
-def _all_of(path: str) -> Callable[[], str]:
-    """Return what reads a file that another program has left."""
-    return lambda: Path(path).read_text(encoding='utf-8').strip()
-
-
-def _table_of(path: str, number: int = 0) -> Callable[[], str]:
-    """Return what reads a table of a Markdown file that another program has left."""
-    return lambda: re.findall(
-        r'(?:^\|.*\n?)+', Path(path).read_text(encoding='utf-8'), re.MULTILINE)[number].strip()
+def _left_in(path: str, table: int | None = None) -> Callable[[], str]:
+    """Return what reads a Markdown file that another program has left, or one of its tables."""
+    def read() -> str:
+        text = Path(path).read_text(encoding='utf-8').strip()
+        return text if table is None else re.findall(
+            r'(?:^\|.*\n?)+', text, re.MULTILINE)[table].strip()
+    return read
 
 
 TABLES: dict[str, Callable[[], str]] = {
     'rates': rates, 'objectives': objectives, 'methods': methods,
-    'claims': _table_of('out/study/claims.md'), 'flown': _table_of('out/fly/fly.md'),
-    'events': _table_of('out/fly/fly.md', 1), 'speed': _all_of('out/bench/speed.md')}
+    'claims': _left_in('out/study/claims.md', 0), 'flown': _left_in('out/fly/fly.md', 0),
+    'events': _left_in('out/fly/fly.md', 1), 'speed': _left_in('out/bench/speed.md')}
 """What computes each table, by its name."""
 
 if __name__ == '__main__':

@@ -135,18 +135,16 @@ def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Any:
 
 def mavros(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
     """Return mavros_msgs/PositionTarget; MAVROS takes east-north-up in FRAME_LOCAL_NED."""
-    mask = 0
-    for value, bits in ((setpoint.velocity, _IGNORE_VELOCITY),
-                        (setpoint.acceleration, _IGNORE_ACCELERATION),
-                        (setpoint.yaw_rate, _IGNORE_YAW_RATE)):
-        mask |= bits if value is None else 0
+    mask = sum(bits for value, bits in (
+        (setpoint.velocity, _IGNORE_VELOCITY), (setpoint.acceleration, _IGNORE_ACCELERATION),
+        (setpoint.yaw_rate, _IGNORE_YAW_RATE)) if value is None)
     return {'PositionTarget': {
         'header': _header(setpoint),
         'coordinate_frame': _FRAME_LOCAL_NED,
         'type_mask': mask,
         'position': _xyz(setpoint.position),
-        'velocity': _xyz(setpoint.velocity or (0.0, 0.0, 0.0)),
-        'acceleration_or_force': _xyz(setpoint.acceleration or (0.0, 0.0, 0.0)),
+        'velocity': _xyz(setpoint.velocity or _STILL),
+        'acceleration_or_force': _xyz(setpoint.acceleration or _STILL),
         'yaw': setpoint.yaw,
         'yaw_rate': setpoint.yaw_rate or 0.0,
     }}

@@ -81,8 +81,8 @@ def measure_warm(name, scenario, repeats):
         replace(eve, position=(eve.position[0] + 5 * np.cos(angle),
                                eve.position[1] + 5 * np.sin(angle)))
         for eve in scenario.eavesdroppers))
-    cold, warm = ([solve(moved, initial=initial, objective='guaranteed') for _ in range(repeats)]
-                  for initial in (None, before))
+    cold, warm = zip(*([solve(moved, initial=initial, objective='guaranteed')
+                        for initial in (None, before)] for _ in range(repeats)))
     times = [statistics.median(plan.solve_time for plan in plans) for plans in (cold, warm)]
     return {
         'name': name, 'slots': scenario.slots, 'cold_rate': cold[0].guaranteed_rate,
