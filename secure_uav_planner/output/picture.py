@@ -16,8 +16,8 @@ from matplotlib.transforms import ScaledTranslation
 import numpy as np
 
 from .drawing import (
-    altitudes_of, EAVESDROPPER, energy_label, extent_of, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes,
-    uav_color)
+    altitudes_of, EAVESDROPPER, energy_label, extent_of, GEOFENCE, GROUND_NODE, is_in_the_way,
+    MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes, uav_color)
 
 _WIDTH = 9.0
 _MAP_WIDTH = 5.95

@@ -31,7 +31,7 @@ def save_mission(plan: Plan, uav: int, origin: Origin, path: str | os.PathLike[s
     reaches each speed at once; it is less exact than streamed setpoints. Powers are not part of
     it. It takes off and lands where no other UAV starts or ends within CLOSE_DISTANCE and margins;
     otherwise it begins, or ends, in the air. Zones at the UAV's altitude and the geofence become
-    the mission's fence. The origin is where (0, 0) of the scenario is, at the ground node's height.
+    the mission's fence. The origin is that of the scenario, at the height of the ground node.
     """
     with atomic_file(path) as file:
         json.dump(mission(plan, uav, origin), file, indent=2, allow_nan=False)

@@ -30,8 +30,8 @@ def table(plans: Sequence[Any], bound: Any = None) -> str:
     if energies:
         width = max(_TIME, *(len(name) + 2 for _, name, *_ in energies))
         text += '\n\n' + _aligned(
-            [('scheme', 'UAV', 'energy', 'hovering', 'flying'), ('', '', 'J', 'J', 'J'), *energies],
-            (width, _RATE, _RATE, _RATE))
+            (('scheme', 'UAV', 'energy', 'hovering', 'flying'), ('', '', 'J', 'J', 'J'),
+             *energies), (width, _RATE, _RATE, _RATE))
     return text
 
 

@@ -226,8 +226,9 @@ the best plan so far.""", {
         '--force': {'action': 'store_true', 'help': 'replace a file that is there'}}),
     'show': ('planning.show', 'draw a saved plan and print its rates', '', {
         'plan': _PLAN,
-        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) or web page (.html) to write '
-               '(default: a .png beside the plan, in place of the one that plan drew there)'}}),
+        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) or web page (.html) to '
+               'write (default: a .png beside the plan, in place of the one that plan drew '
+               'there)'}}),
     'assess': ('planning.assess_plan', 'say what a saved plan is worth when the world differs', """
 
 It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It

@@ -121,7 +121,8 @@ def _bound(plan: Plan, options: argparse.Namespace, work: _Work) -> Bound | None
     return upper_bound(
         plan.scenario, objective=plan.objective, plan=plan, time_limit=options.bound_time_limit,
         on_progress=lambda progress: work.say(
-            f'bound: no plan has more than {progress.rate:.4f} bit/s/Hz, {progress.elapsed:.1f} s'))
+            f'bound: no plan has more than {progress.rate:.4f} bit/s/Hz, '
+            f'{progress.elapsed:.1f} s'))
 
 
 def _baselines(scenario: Scenario, options: argparse.Namespace, work: _Work) -> list[Plan]:
