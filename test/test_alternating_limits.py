@@ -22,18 +22,11 @@ class Corridor(limits.SpeedLimit):
         """Return a plain bound in metres, and one that follows the local point."""
         if variables.paths is None:
             return [variables.powers[0] <= 0.5]
-        self._local = [cp.Parameter(2) for _ in variables.paths]
         middle = self.scenario.slots // 2
-        return [constraint for local, path in zip(self._local, variables.paths)
+        return [constraint for local, path in zip(variables.local, variables.paths)
                 for constraint in (path[:, 0] >= self.WEST * variables.scale,
-                                   cp.norm(path[middle] - local * variables.scale)
+                                   cp.norm(path[middle] - local[middle] * variables.scale)
                                    <= self.REACH * variables.scale)]
-
-    def set_local_point(self, positions, powers):
-        """Keep where the UAVs are in the middle of the flight."""
-        if hasattr(self, '_local'):
-            for parameter, path in zip(self._local, positions):
-                parameter.value = path[self.scenario.slots // 2]
 
 
 def test_a_new_limit_binds_both_problems_and_follows_the_local_point(monkeypatch):

@@ -70,37 +70,26 @@ class Limit(ABC):
         """
         Return CVXPY constraints on those of the variables that the limit is about.
 
-        A limit that is not convex returns a convex restriction with CVXPY parameters, which it
-        keeps and sets in set_local_point.
+        A limit that is not convex returns a convex restriction that holds at the local point.
         """
         return []
-
-    def set_local_point(self, positions: Array, powers: Array) -> None:
-        """
-        Set the parameters of the convex form for a local point; convex limits have none.
-
-        It is called before every solve. The restriction must hold at the local point itself.
-
-        :param positions: (U, N+2, 2) in m.
-        :param powers: (U, N) in W.
-        """
 
 
 @dataclass(frozen=True)
 class ConvexVariables:
     """
-    What is variable in a convex problem of the alternating method.
-
-    A problem has either paths or powers, as the other block is given.
+    What is variable in a convex problem of the alternating method: either paths or powers.
 
     :param paths: affine CVXPY expressions of every UAV's positions, (N+2, 2) in the problem's
         unit of length, or None where positions are given.
-    :param scale: the CVXPY parameter 1 / unit of these positions, in 1/m; a length in metres
-        times scale is one in units. It changes between solves. None where positions are given.
+    :param scale: 1 / unit of these positions, in 1/m; a length in metres times scale is one in
+        units.
+    :param local: the positions at the local point, (U, N+2, 2) in m, with paths.
     :param powers: an affine CVXPY expression of the powers in units of the average power,
         (U, N), or None where they are given.
     """
 
     paths: list[Any] | None = None
-    scale: Any = None
+    scale: float = 1.0
+    local: Array | None = None
     powers: Any = None

@@ -3,7 +3,6 @@
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from importlib import import_module
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -55,7 +54,6 @@ class LineLimit(Limit):
         if self.second is not None:
             varies = np.maximum(varies, weights[:, self.second])
         self.ignored: NDArray[np.bool_] = varies == 0
-        self._parameters: list[Any] = []
 
     @abstractmethod
     def _subjects(self) -> tuple[Tracks, NDArray[np.intp], NDArray[np.intp] | None]:
@@ -137,47 +135,32 @@ class LineLimit(Limit):
         return bool((slacks > 0).all())
 
     def convex_form(self, variables: ConvexVariables) -> list[Any]:
-        """Return the half-planes of lines that set_local_point chooses."""
-        if variables.paths is None:
+        """Return the half-planes of lines that are chosen at the local point."""
+        if variables.paths is None or variables.local is None:
             return []
-        # Only here, where a CVXPY problem is being built anyway.
-        cp: Any = import_module('cvxpy')
-        count = self.grid.slots + 2
-        # Of every subject, both coordinates of the normal and the offset.
-        self._parameters = [tuple(cp.Parameter(count) for _ in range(3)) for _ in self.first]
+        import cvxpy as cp
+        path = self.grid.path_of(variables.local)
+        lines = self.lines(path)
+        least = self.slacks(path, lines).min(axis=-1, where=~self.ignored, initial=1.0)
+        offsets = (lines.offsets + np.minimum(_INSIDE, np.maximum(least, 0) / 2)) * (
+            self.grid.length * variables.scale)
         constraints = []
-        for subject, (*normal, offset) in enumerate(self._parameters):
-            for place in range(self.tracks.weights.shape[2]):
-                counted = np.flatnonzero(~self.ignored[:, subject, place])
-                if not len(counted):
-                    continue
-                found = self._expression(variables, self.first[subject], place)
-                if self.second is not None:
-                    found -= self._expression(variables, self.second[subject], place)
-                along = cp.multiply(normal[0], found[:, 0]) + cp.multiply(normal[1], found[:, 1])
-                constraints.append(along[counted] >= (offset * variables.scale)[counted])
+        for subject, place in np.ndindex(self.ignored.shape[1:]):
+            counted = np.flatnonzero(~self.ignored[:, subject, place])
+            if not len(counted):
+                continue
+            found = self._expression(variables, int(self.first[subject]), place)
+            if self.second is not None:
+                found -= self._expression(variables, int(self.second[subject]), place)
+            along = cp.sum(cp.multiply(lines.normals[:, subject], found), axis=1)
+            constraints.append(along[counted] >= offsets[counted, subject])
         return constraints
 
     def _expression(self, variables: ConvexVariables, track: int, place: int) -> Any:
         """Return a control point of every piece of a track as CVXPY has it, (N+2, 2)."""
         matrix, constant = self.tracks.matrix(track, place)
-        length = self.grid.length
-        origin = self.grid.origin
         path = (variables.paths or [])[self.tracks.uav[track]]
         # Differences of two UAVs do not see the origin, other places do.
-        shift = constant * length + (0.0 if self.second is not None else -origin)
+        shift = constant * self.grid.length + (0.0 if self.second is not None
+                                               else -self.grid.origin)
         return matrix @ path + shift * variables.scale
-
-    def set_local_point(self, positions: Array, powers: Array) -> None:
-        """Choose the lines for a flight; see Limit."""
-        if not self._parameters:
-            return
-        path = self.grid.path_of(positions)
-        lines = self.lines(path)
-        least = self.slacks(path, lines).min(axis=-1, where=~self.ignored, initial=1.0)
-        length = self.grid.length
-        for subject, (*normal, offset) in enumerate(self._parameters):
-            for axis, parameter in enumerate(normal):
-                parameter.value = lines.normals[:, subject, axis]
-            offset.value = (lines.offsets[:, subject] + np.minimum(
-                _INSIDE, np.maximum(least[:, subject], 0) / 2)) * length

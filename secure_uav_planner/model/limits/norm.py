@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from functools import lru_cache
-from importlib import import_module
 from typing import Any, ClassVar
 
 import numpy as np
@@ -116,8 +115,7 @@ class NormLimit(Limit):
         """Return a cone for every UAV's differences."""
         if variables.paths is None:
             return []
-        # Only here, where a CVXPY problem is being built anyway.
-        cp: Any = import_module('cvxpy')
+        import cvxpy as cp
         constraints = []
         for uav, (path, most) in enumerate(zip(
                 variables.paths, self.longest.tolist(), strict=True)):

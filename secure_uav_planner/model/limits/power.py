@@ -1,6 +1,5 @@
 """The limits of power, equation (7): a peak in every slot, and an average over all."""
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -61,6 +60,5 @@ class AveragePower(Limit):
         """Return a bound of every UAV's sum."""
         if variables.powers is None:
             return []
-        # Only here, where a CVXPY problem is being built anyway.
-        cp: Any = import_module('cvxpy')
+        import cvxpy as cp
         return [cp.sum(variables.powers, axis=1) <= self.scenario.slots]

@@ -27,7 +27,7 @@ class SolverResult(NamedTuple):
 
 def solve_problem(problem: Any, time_left: float = math.inf) -> SolverResult:
     """
-    Solve a CVXPY problem with the present values of its parameters, by a solver of its own.
+    Solve a CVXPY problem by a solver of its own.
 
     Whatever the solver raises is an answer and not an exception, as the callers keep their best
     iterate. A problem that breaks CVXPY's rules still raises: that is an error in the program.
@@ -36,12 +36,8 @@ def solve_problem(problem: Any, time_left: float = math.inf) -> SolverResult:
     :param time_left: the limit for compiling and solving in s.
     """
     started = time.monotonic()
-    # The problems follow DPP, but the map from parameters to matrices that CVXPY would keep has
-    # as many rows as a matrix has entries: 3 GB and seconds for 200 slots, where inserting the
-    # values before compiling takes megabytes and 20 ms.
     # Without solver_opts, CVXPY 1.9 fails when it unpacks the results.
-    data, chain, inverse_data = problem.get_problem_data(
-        cp.CLARABEL, ignore_dpp=True, solver_opts={})
+    data, chain, inverse_data = problem.get_problem_data(cp.CLARABEL, solver_opts={})
     compile_time = time.monotonic() - started
     options = {}
     if time_left < math.inf:
