@@ -33,6 +33,9 @@ class PlanningError(Exception):
 
     code: ClassVar[str] = 'failed'
 
+    def __init_subclass__(cls, code: str | None = None) -> None:
+        cls.code = code or cls.code
+
     def __init__(self, text: object = '', place: Place = ()) -> None:
         super().__init__(text)
         self.place = place
@@ -53,18 +56,16 @@ def within(*place: str | int) -> Iterator[None]:
         raise
 
 
-class ScenarioError(PlanningError, ValueError):
+class ScenarioError(PlanningError, ValueError, code='invalid_scenario'):
     """
     A field of a scenario has a wrong value; the text says which and what is allowed.
 
     :ivar others: what else does not fit together in the same scenario.
     """
-
-    code = 'invalid_scenario'
     others: tuple['ScenarioError', ...] = ()
 
 
-class InfeasibleMissionError(ScenarioError):
+class InfeasibleMissionError(ScenarioError, code='infeasible'):
     """
     No flight keeps the limits; the text names the least duration of the straight line.
 
@@ -72,10 +73,8 @@ class InfeasibleMissionError(ScenarioError):
     flights were found, if any were.
     """
 
-    code = 'infeasible'
 
-
-class MissionFileError(ScenarioError):
+class MissionFileError(ScenarioError, code='invalid_mission_file'):
     """
     A file does not hold a mission; the text has the file, the line and what is wrong first.
 
@@ -84,102 +83,70 @@ class MissionFileError(ScenarioError):
         wrong, where what it cannot fly could not be flown otherwise; or None.
     """
 
-    code = 'invalid_mission_file'
-
     def __init__(self, text: str, problems: tuple[tuple[int | None, str], ...] = ()) -> None:
         super().__init__(text)
         self.problems = problems
         self.rest: Any = None
 
 
-class OptionError(PlanningError, ValueError):
+class OptionError(PlanningError, ValueError, code='invalid_option'):
     """An argument of a function, such as a method or a time limit, has a wrong value."""
 
-    code = 'invalid_option'
 
-
-class PlanError(PlanningError, ValueError):
+class PlanError(PlanningError, ValueError, code='invalid_plan'):
     """A plan breaks a limit of its scenario; the text has the UAV, slot, value and limit."""
 
-    code = 'invalid_plan'
 
-
-class PlanFileError(PlanningError, ValueError):
+class PlanFileError(PlanningError, ValueError, code='invalid_file'):
     """A file does not hold a plan that this version can read."""
 
-    code = 'invalid_file'
 
-
-class ParameterError(PlanningError, ValueError):
+class ParameterError(PlanningError, ValueError, code='invalid_parameter'):
     """A parameter of a node has a wrong value."""
 
-    code = 'invalid_parameter'
 
-
-class PoseError(PlanningError, ValueError):
+class PoseError(PlanningError, ValueError, code='invalid_pose'):
     """A pose cannot be used; the text names the field, its value and what is allowed."""
 
-    code = 'invalid_pose'
 
-
-class PoseMissingError(PoseError):
+class PoseMissingError(PoseError, code='pose_missing'):
     """No pose has come on a topic that planning needs."""
 
-    code = 'pose_missing'
 
-
-class PoseStaleError(PoseError):
+class PoseStaleError(PoseError, code='pose_stale'):
     """The last pose of a topic is older than planning allows."""
 
-    code = 'pose_stale'
 
-
-class WrongFrameError(PoseError):
+class WrongFrameError(PoseError, code='wrong_frame'):
     """A pose is in another frame than the planner's."""
 
-    code = 'wrong_frame'
 
-
-class BusyError(PlanningError, RuntimeError):
+class BusyError(PlanningError, RuntimeError, code='busy'):
     """Another request is being answered."""
 
-    code = 'busy'
 
-
-class StoppedError(PlanningError, RuntimeError):
+class StoppedError(PlanningError, RuntimeError, code='cancelled'):
     """A solve was cancelled, or the planner is stopping."""
 
-    code = 'cancelled'
 
-
-class TimeLimitError(PlanningError, RuntimeError):
+class TimeLimitError(PlanningError, RuntimeError, code='time_limit'):
     """The time limit was over before flights that keep the limits were found."""
 
-    code = 'time_limit'
 
-
-class LateError(PlanningError, RuntimeError):
+class LateError(PlanningError, RuntimeError, code='late'):
     """A new plan came after the moment at which it was to take effect."""
 
-    code = 'late'
 
-
-class SupersededError(PlanningError, RuntimeError):
+class SupersededError(PlanningError, RuntimeError, code='superseded'):
     """A new plan continues one that another plan has replaced in the meantime."""
 
-    code = 'superseded'
 
-
-class NumericalError(PlanningError, RuntimeError):
+class NumericalError(PlanningError, RuntimeError, code='numerical_trouble'):
     """No step could be computed in floating-point numbers; methods keep their best iterate."""
 
-    code = 'numerical_trouble'
 
-
-class MissingPackageError(PlanningError, RuntimeError):
+class MissingPackageError(PlanningError, RuntimeError, code='missing_package'):
     """An optional package, such as Matplotlib for pictures, is not installed."""
-
-    code = 'missing_package'
 
 
 _of_file: ContextVar[bool] = ContextVar('_of_file', default=False)

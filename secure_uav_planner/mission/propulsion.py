@@ -56,6 +56,5 @@ class Propulsion:
         # sqrt(1 + x^2) - x, without the loss of digits for a large x.
         induced = 1 / np.sqrt(np.hypot(1.0, ratio) + ratio)
         drag = 0.5 * self.fuselage_drag_ratio * self.air_density * self.solidity * self.disc_area
-        power: Array = (self.blade_power * (1 + 3 * squared / self.tip_speed**2)
-                        + self.induced_power * induced + drag * squared**1.5)
-        return power
+        return (self.blade_power * (1 + 3 * squared / self.tip_speed**2)
+                + self.induced_power * induced + drag * squared**1.5)

@@ -383,8 +383,7 @@ class Scenario:
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
-        figure: Figure = view('plot_scenario', self)
-        return figure
+        return view('plot_scenario', self)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> 'Scenario':
@@ -398,9 +397,8 @@ class Scenario:
             is wrong.
         """
         from . import formats
-        scenario: Scenario = formats.read_mission(
+        return formats.read_mission(
             checked_path(path), formats.Schema(*_neutral()))
-        return scenario
 
 
 def _part(kind: type[Any], data: object, *place: str | int) -> Any:

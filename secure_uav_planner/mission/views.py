@@ -53,8 +53,7 @@ def check_view(name: str) -> None:
 
 def _maker(name: str) -> Callable[..., Any]:
     module, _, function = _homes[name].partition(':')
-    maker: Callable[..., Any] = getattr(import_module(module), function)
-    return maker
+    return getattr(import_module(module), function)
 
 
 @contextmanager

@@ -91,9 +91,8 @@ class Grid:
         places = np.concatenate([scenario.starts, scenario.goals, self.origin[None],
                                  scenario.eavesdropper_positions])
         extent = np.linalg.norm([*np.ptp(places, axis=0), scenario.altitudes.max()])
-        found: Array = np.minimum(
+        return np.minimum(
             scenario.max_speeds * self.slot_duration, _SHORT * extent)
-        return found
 
     def variables(self, positions: Array, powers: Array) -> Array:
         """Return x (..., N, U, 3) of positions (..., U, N, 2) in m and powers (..., U, N) in W."""
@@ -123,8 +122,7 @@ class Grid:
 
     def path_of(self, positions: Array) -> Array:
         """Return positions (U, N+2, 2) in m in units, point by point, (N+2, U, 2)."""
-        found: Array = (np.swapaxes(positions, 0, 1) - self.origin) / self.length
-        return found
+        return (np.swapaxes(positions, 0, 1) - self.origin) / self.length
 
     def positions_of(self, path: Array) -> Array:
         """Return the positions (U, N+2, 2) in m of a path (N+2, U, 2) in units."""
@@ -219,8 +217,7 @@ def resampled(values: Array, count: int, inner: bool = False) -> Array:
     before, share = _interpolation(len(values), count, inner)
     share = share.reshape(-1, *[1] * (values.ndim - 1))
     here = values[before]
-    found: Array = here + share * (values[np.minimum(before + 1, len(values) - 1)] - here)
-    return found
+    return here + share * (values[np.minimum(before + 1, len(values) - 1)] - here)
 
 
 @lru_cache(maxsize=64)

@@ -317,8 +317,7 @@ class Plan:
                               ('baselines',))
         for one in baselines:
             checked_kind('baselines', one, Plan)
-        figure: Figure = view('plot_plan', self, baselines)
-        return figure
+        return view('plot_plan', self, baselines)
 
     def to_dataframe(self) -> 'DataFrame':
         """
@@ -328,8 +327,7 @@ class Plan:
             s, x, y and z in m, velocity_x and velocity_y in m/s, and power in W.
         :raises MissingPackageError: when pandas is not installed.
         """
-        table: DataFrame = view('plan_to_dataframe', self)
-        return table
+        return view('plan_to_dataframe', self)
 
     def save_mcap(self, path: str | os.PathLike[str]) -> None:
         """

@@ -1,7 +1,7 @@
 """All that is wrong with the values of a mission at once, not only the first."""
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, fields, MISSING, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, MISSING
 from typing import Any
 
 from .documents import Document, in_order, Problem
@@ -48,8 +48,7 @@ def diagnosed(document: Document, schema: Schema) -> tuple[Any, list[Problem]]:
     """
     work = _Diagnosis(document, schema)
     scenario = work.scenario()
-    found = [*document.problems, *work.problems]
-    return scenario, in_order(found)
+    return scenario, in_order([*document.problems, *work.problems])
 
 
 class _Diagnosis:
@@ -67,25 +66,25 @@ class _Diagnosis:
             self._add((), 'the file is empty; it must have the fields of a mission')
             return None
         known = self._known_fields(neutral, data, (), '')
-        composed = {**self._schema.members, **self._schema.parts}
-        values = {name: value for name, value in known.items() if name not in composed
-                  and self._is_right(neutral, name, value, (name,))}
+        members, parts = self._schema.members, self._schema.parts
+        plain = {name: value for name, value in known.items()
+                 if name not in members and name not in parts}
+        _, wrong = self._built(neutral, plain, ())
+        values = {name: value for name, value in plain.items() if name not in wrong}
         numbers: dict[str | int, list[int]] = {}
-        for name in [name for name in known if name in self._schema.members]:
+        for name in [name for name in known if name in members]:
             found = list(self._members(name, known[name]))
             if found or known[name] == []:
                 numbers[name] = [number for number, _ in found]
                 values[name] = tuple(member for _, member in found)
-        for name in known.keys() & self._schema.parts.keys():
-            part = self._object(self._schema.parts[name], known[name], (name,))
+        for name in known.keys() & parts.keys():
+            part = self._object(parts[name], known[name], (name,))
             if part is not None:
                 values[name] = part
         try:
-            scenario = _completed(neutral, values, known.keys() - values.keys())
-            # Without the flights' time, or a UAV, others may be refused that could be flown.
-            is_whole = {'duration', 'slots', 'uavs'} <= values.keys() and (
-                len(values['uavs']) == len(known['uavs']))
-            return scenario if is_whole else None
+            missing = (known.keys() | _needed(type(neutral))) - values.keys()
+            scenario = type(neutral)(
+                **values, **{name: getattr(neutral, name) for name in missing})
         except ScenarioError as error:
             for one in (error, *error.others):
                 field, *inner = one.place
@@ -94,6 +93,10 @@ class _Diagnosis:
                 if field in values:  # Otherwise a neutral value is to blame.
                     self._add((field, *inner), str(one))
             return None
+        # Without the flights' time, or a UAV, others may be refused that could be flown.
+        is_whole = {'duration', 'slots', 'uavs'} <= values.keys() and (
+            len(values['uavs']) == len(known['uavs']))
+        return scenario if is_whole else None
 
     def _add(self, place: Place, text: str) -> None:
         self.problems.append(Problem(self._document.line(place), text))
@@ -126,53 +129,38 @@ class _Diagnosis:
         """Return an object, or None if what is wrong with it could hide other things."""
         before = len(self.problems)
         known = self._known_fields(neutral, data, place, f'{path_of(place)}: ')
-        if 'name' in known:
-            if self._is_right(neutral, 'name', known['name'], (*place, 'name')):
-                neutral = replace(neutral, name=known['name'])
-            else:
-                del known['name']
-        wrong = {
-            name for name, value in known.items() if name != 'name'
-            and not self._is_right(neutral, name, value, (*place, name))}
-        while True:
-            try:
-                member = _completed(neutral, known, wrong)
-                break
-            except ScenarioError as error:
-                if error.place[0] in wrong:  # What stands in for it does not fit to the others.
-                    return None
-                self._add((*place, *error.place), str(error))
-                wrong.add(str(error.place[0]))
+        found, wrong = self._built(neutral, known, place)
         # Of a UAV that has its places, altitude and speed, the rest can be neutral.
         is_judged = place[0] == 'uavs' and _needed(type(neutral)) <= known.keys() - wrong
-        return member if is_judged or len(self.problems) == before else None
+        return found if is_judged or len(self.problems) == before else None
 
-    def _is_right(self, neutral: Any, field: str, value: Any, place: Place) -> bool:
-        """Return whether a field may have a value whatever the others are; note why not."""
-        is_right = True
+    def _built(self, neutral: Any, known: Mapping[str, Any], place: Place) -> tuple[Any, set[str]]:
+        """
+        Return an object of the class of another, which stands in for what is wrong or missing.
+
+        It is None where these do not fit to the rest. What is wrong is noted.
+
+        :return: the object, and the names of the fields that are wrong.
+        """
+        wrong: set[str] = set()
+        missing = _needed(type(neutral)) - known.keys()
+        values = {**known, **{name: getattr(neutral, name) for name in missing}}
         while True:
             try:
-                replace(neutral, **{field: value})
+                return type(neutral)(**values), wrong
             except ScenarioError as error:
-                # Otherwise the value does not fit to the neutral ones, which says nothing.
-                if error.place[:1] == (field,):
-                    is_right = False
-                    inner = error.place[1:]
-                    unit = _unit(error.place, value, str(error))
-                    self._add((*place, *inner), f'{error}{unit}')
-                    if isinstance(value, dict) and inner and inner[0] in value:
-                        # The block may have more that is wrong.
-                        value = {name: one for name, one in value.items() if name != inner[0]}
-                        continue
-            return is_right
-
-
-def _completed(neutral: Any, values: Mapping[str, Any], wrong: Collection[str]) -> Any:
-    """Return an object of the class of another, which stands in for what is wrong or missing."""
-    kind = type(neutral)
-    neutrals = {name: getattr(neutral, name) for name in {*_needed(kind), *wrong}}
-    right = {name: value for name, value in values.items() if name not in wrong}
-    return kind(**{**neutrals, **right})
+                field, inner = str(error.place[0]), error.place[1:]
+                if field in wrong or field in missing:
+                    return None, wrong
+                value = values.get(field)
+                self._add((*place, *error.place), f'{error}{_unit(error.place, value, str(error))}')
+                if isinstance(value, dict) and inner and inner[0] in value:
+                    # The block may have more that is wrong.
+                    value = {name: one for name, one in value.items() if name != inner[0]}
+                else:
+                    wrong.add(field)
+                    value = getattr(neutral, field)
+                values[field] = value
 
 
 def _needed(kind: type[Any]) -> set[str]:

@@ -91,14 +91,12 @@ class PathLoss(FreeSpace):
 
     def gain(self, squared: Array) -> Array:
         """Return the gain over the noise power at squared horizontal distances."""
-        found: Array = self._in_sight(squared) * self._mean(self._probability(squared))
-        return found
+        return self._in_sight(squared) * self._mean(self._probability(squared))
 
     def drawn_gain(self, squared: Array, numbers: Array) -> Array:
         """Return the gain with or without a line of sight, as numbers have drawn it."""
-        found: Array = self._in_sight(squared) * np.where(
+        return self._in_sight(squared) * np.where(
             numbers < self._probability(squared), 1.0, self.losses)
-        return found
 
     def slope(self, squared: Array) -> Array:
         """Return the derivative of the gain by the squared distance; without end at 0."""
@@ -107,10 +105,9 @@ class PathLoss(FreeSpace):
         with np.errstate(divide='ignore'):
             turn = -0.5 * np.degrees(np.sqrt(heights / squared)) / (squared + heights) * b
         steeper = np.where(np.less(self.losses, 1.0), turn * likely * (1 - likely), 0.0)
-        found: Array = self._in_sight(squared) * (
+        return self._in_sight(squared) * (
             -0.5 * self.exponent / (squared + heights) * self._mean(likely)
             + (1 - self.losses) * steeper)
-        return found
 
     def taken(self, receivers: NDArray[np.intp]) -> 'PathLoss':
         """Return the link to some of its receivers, as that of FreeSpace."""
@@ -124,9 +121,8 @@ class PathLoss(FreeSpace):
         return core.PathLoss(*self._arrays(receivers, uavs), losses, self.exponent, *self.los)
 
     def _in_sight(self, squared: Array) -> Array:
-        found: Array = self.reference_snr * (
+        return self.reference_snr * (
             squared + self.squared_altitudes)**(-0.5 * self.exponent)
-        return found
 
     def _mean(self, likely: Array) -> Array:
         return self.losses + (1 - self.losses) * likely
@@ -134,8 +130,7 @@ class PathLoss(FreeSpace):
     def _probability(self, squared: Array) -> Array:
         a, b = self.los
         elevation = np.degrees(np.arctan2(np.sqrt(self.squared_altitudes), np.sqrt(squared)))
-        found: Array = 1 / (1 + a * np.exp(-b * (elevation - a)))
-        return found
+        return 1 / (1 + a * np.exp(-b * (elevation - a)))
 
 
 Receiver = Literal['ground_node', 'eavesdropper']

@@ -72,8 +72,7 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     if scenario.colluding:
         leak = np.log1p(leak) / np.log(2.0)
     gains = ground.gain(ground_squared_distances(scenario, positions))
-    rates: Array = rate_of(gains * powers) - leak
-    return rates
+    return rate_of(gains * powers) - leak
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -124,15 +123,13 @@ def rate_of(received: Array) -> Array:
     :param received: powers over the noise power, the transmitter's S first, then those of the
         jammers, whose sum is J; (U, ...).
     """
-    rate: Array = np.log1p(sinr_of(received)) / np.log(2.0)
-    return rate
+    return np.log1p(sinr_of(received)) / np.log(2.0)
 
 
 def sinr_of(received: Array) -> Array:
     """Return S / (1 + J) of powers as in rate_of, (...)."""
     interference: Array = received[1:].sum(axis=0)
-    ratio: Array = received[0] / (1.0 + interference)
-    return ratio
+    return received[0] / (1.0 + interference)
 
 
 def put_together(leaks: Array) -> Array:
@@ -141,8 +138,7 @@ def put_together(leaks: Array) -> Array:
 
     :param leaks: to each, (N, E) in bit/s/Hz.
     """
-    found: Array = np.log1p(np.expm1(leaks * np.log(2.0)).sum(axis=1)) / np.log(2.0)
-    return found
+    return np.log1p(np.expm1(leaks * np.log(2.0)).sum(axis=1)) / np.log(2.0)
 
 
 def _guaranteed_squared_distances_to(eve: Eavesdropper, positions: Array) -> Array:
@@ -154,5 +150,4 @@ def _guaranteed_squared_distances_to(eve: Eavesdropper, positions: Array) -> Arr
 
 
 def _squared_norm(offset: Array) -> Array:
-    squared: Array = offset[..., 0]**2 + offset[..., 1]**2
-    return squared
+    return offset[..., 0]**2 + offset[..., 1]**2

@@ -39,9 +39,8 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     positions, powers = checked_flight(scenario, positions, powers)
     powers = np.maximum(powers, 0.0)
     leak, _ = _worst_leaks(scenario, positions[:, 1:-1], powers)
-    worst: Array = np.maximum(ground_rates(scenario, positions, powers) - leak,
+    return np.maximum(ground_rates(scenario, positions, powers) - leak,
                               guaranteed_rates(scenario, positions, powers))
-    return worst
 
 
 def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Array:
@@ -137,8 +136,7 @@ def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
 
 def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
     """Return where the UAVs are, seen from the centres of the discs, (U, N, E, 2) in m."""
-    offsets: Array = uav_positions[:, :, None] - scenario.eavesdropper_positions
-    return offsets
+    return uav_positions[:, :, None] - scenario.eavesdropper_positions
 
 
 def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:

@@ -119,8 +119,7 @@ class LineLimit(Limit):
         """Return c of points (N+2, U, 2) in units, (N+2, G, K)."""
         places = self.places(path)
         along = np.einsum('ngkx,ngx->ngk', places, lines.normals)
-        slacks: Array = along - lines.offsets[..., None]
-        return slacks
+        return along - lines.offsets[..., None]
 
     def is_clear(self, positions: Array) -> bool:
         """

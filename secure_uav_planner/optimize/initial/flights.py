@@ -116,8 +116,7 @@ def _least_effort(uav: Uav, length: float, scenario: Scenario) -> Array:
     limited = uav.max_acceleration is not None
     vehicle = Vehicle((length, 0.0), uav.max_speed, uav.vehicle.max_acceleration,
                       *((0.0, 0.0) if limited else None,) * 2)
-    flown: Array = vehicle.least_effort(scenario.slots, scenario.slot_duration)[1][:, 0]
-    return flown
+    return vehicle.least_effort(scenario.slots, scenario.slot_duration)[1][:, 0]
 
 
 def _turned_back(graph: VisibilityGraph, out: Array, goal: Array,
@@ -137,8 +136,7 @@ def _turned_back(graph: VisibilityGraph, out: Array, goal: Array,
 
 
 def _lengths(way: Array) -> Array:
-    found: Array = np.linalg.norm(np.diff(way, axis=0), axis=1)
-    return found
+    return np.linalg.norm(np.diff(way, axis=0), axis=1)
 
 
 def _length(way: Array) -> float:

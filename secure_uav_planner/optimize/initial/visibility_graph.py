@@ -217,5 +217,4 @@ def _shortest(places: Array, edges: tuple[Any, Any]) -> Array | None:
     way = [end]
     while way[-1] != begin:
         way.append(before[way[-1]])
-    found: Array = places[way[::-1]]
-    return found
+    return places[way[::-1]]

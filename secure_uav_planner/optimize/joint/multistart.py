@@ -122,5 +122,4 @@ def _best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:
     order = np.argsort(-rates)
     best = rates[order[0]]
     new = np.append(True, -np.diff(rates[order]) > DISTINCT * best)
-    found: NDArray[np.intp] = order[new & (rates[order] >= (1 - gap) * best)][:most]
-    return found
+    return order[new & (rates[order] >= (1 - gap) * best)][:most]

@@ -58,8 +58,7 @@ def hovering_places(scenario: Scenario, count: int) -> Array:
     distances[0] = 0.0
     x, y = eavesdroppers[0] - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
-    found: Array = targets + distances * rng.normal(size=targets.shape) @ axes
-    return found
+    return targets + distances * rng.normal(size=targets.shape) @ axes
 
 
 def several_starts(grid: Grid, check: Check = lambda: None
