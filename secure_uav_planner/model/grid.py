@@ -17,8 +17,9 @@ class Grid:
     """
     A scenario's flight divided into slots, and its variables in units of its own.
 
-    Variables are x = (power, x, y) of every UAV in every slot, an array (..., N, U, 3): powers in
-    units of the UAV's average power, positions in units of `length` around the ground node.
+    Variables are (power, x, y) of every UAV in every slot, x (..., N, U, 3): powers in units of
+    the UAV's average power, positions in units of `length` around the ground node. A path has
+    positions in these units with start and goal, point by point, (N+2, U, 2).
 
     :param scenario: whose flight it is; the flight's length stays the scenario's.
     :param slots: into how many slots it is divided here.
@@ -30,15 +31,9 @@ class Grid:
     fixed: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, scenario: Scenario, slots: int | None = None) -> 'Grid':
-        """
-        Return a grid of a scenario with some number of slots, by default its own.
-
-        The positions of a UAV are fixed where the duration leaves it a single flight, so that
-        nothing is strictly inside the limits.
-        """
-        fixed = scenario.efforts > 1 - _NO_SLACK
-        return cls(scenario, scenario.slots if slots is None else slots, fixed)
+    def of(cls, scenario: Scenario) -> 'Grid':
+        """Return the grid of a scenario's own slots; a UAV with a single flight is fixed."""
+        return cls(scenario, scenario.slots, scenario.efforts > 1 - _NO_SLACK)
 
     def with_fixed_positions(self) -> 'Grid':
         """Return the same grid with the positions of all UAVs fixed."""
@@ -81,18 +76,12 @@ class Grid:
 
     @cached_property
     def steps(self) -> Array:
-        """
-        Distances that are short for each UAV, (U,) in m.
-
-        These are what it flies in a slot, or of slots that are long a share of the mission's
-        extent.
-        """
+        """Distances that are short: flown in a slot, but a share of the extent, (U,) in m."""
         scenario = self.scenario
         places = np.concatenate([scenario.starts, scenario.goals, self.origin[None],
                                  scenario.eavesdropper_positions])
         extent = np.linalg.norm([*np.ptp(places, axis=0), scenario.altitudes.max()])
-        return np.minimum(
-            scenario.max_speeds * self.slot_duration, _SHORT * extent)
+        return np.minimum(scenario.max_speeds * self.slot_duration, _SHORT * extent)
 
     def variables(self, positions: Array, powers: Array) -> Array:
         """Return x (..., N, U, 3) of positions (..., U, N, 2) in m and powers (..., U, N) in W."""
@@ -100,32 +89,24 @@ class Grid:
                                  (positions - self.origin) / self.length], axis=-1)
         return np.swapaxes(scaled, -3, -2)
 
-    def positions(self, x: Array) -> Array:
-        """Return the positions of x with start and goal, (..., U, N+2, 2) in m."""
-        inner = np.swapaxes(x[..., 1:], -2, -3) * self.length + self.origin
-        ends = np.broadcast_to(
-            np.stack([self.scenario.starts, self.scenario.goals], axis=1),
-            (*inner.shape[:-2], 2, 2))
-        return np.concatenate([ends[..., :1, :], inner, ends[..., 1:, :]], axis=-2)
-
     def powers(self, x: Array) -> Array:
         """Return the powers of x in W, (..., U, N)."""
         return np.swapaxes(x[..., 0], -1, -2) * self.power[:, None]
 
+    def positions(self, x: Array) -> Array:
+        """Return the positions of x (N, U, 3) with start and goal, (U, N+2, 2) in m."""
+        return self.positions_of(self.path(x))
+
     def path(self, x: Array) -> Array:
-        """Return positions with start and goal in units, point by point, (..., N+2, U, 2)."""
-        path = np.empty((*x.shape[:-3], x.shape[-3] + 2, x.shape[-2], 2))
-        path[..., 1:-1, :, :] = x[..., 1:]
-        path[..., 0, :, :] = self.starts
-        path[..., -1, :, :] = self.goals
-        return path
+        """Return the path of x (N, U, 3)."""
+        return np.concatenate([self.starts[None], x[..., 1:], self.goals[None]])
 
     def path_of(self, positions: Array) -> Array:
-        """Return positions (U, N+2, 2) in m in units, point by point, (N+2, U, 2)."""
+        """Return the path of positions (U, N+2, 2) in m."""
         return (np.swapaxes(positions, 0, 1) - self.origin) / self.length
 
     def positions_of(self, path: Array) -> Array:
-        """Return the positions (U, N+2, 2) in m of a path (N+2, U, 2) in units."""
+        """Return the positions of a path, (U, N+2, 2) in m."""
         found: Array = np.swapaxes(path, 0, 1) * self.length + self.origin
         found[:, 0], found[:, -1] = self.scenario.starts, self.scenario.goals
         return found
@@ -140,11 +121,7 @@ class Grid:
         return moves
 
     def refined(self, x: Array, slots: int) -> Array:
-        """
-        Return variables (N, U, 3) of this grid on one of another number of slots.
-
-        The mean of the powers is kept by scaling.
-        """
+        """Return x (N, U, 3) of this grid on one of other slots; mean powers are kept."""
         path = self.refined_path(self.path(x), slots)
         power = resampled(x[..., 0], slots, inner=True)
         power *= np.minimum(1, x[..., 0].mean(axis=0) / power.mean(axis=0))
@@ -152,7 +129,7 @@ class Grid:
 
     def refined_path(self, path: Array, slots: int) -> Array:
         """
-        Return a path (N+2, U, 2) of this grid on one of another number of slots.
+        Return a path of this grid on one of another number of slots.
 
         Interpolation keeps the largest speed, along the curve of UAVs with a limit of
         acceleration all but that, too.
@@ -167,16 +144,12 @@ class Grid:
 
 def resampled_curve(path: Array, end_moves: Array, count: int) -> Array:
     """
-    Return the control points of nearly the same quadratic B-spline with other slots.
+    Return the control points (count, U, 2) of nearly the same B-spline (M, U, 2) in other slots.
 
     The curve begins and ends half a slot of its own beyond the path. With other slots it is
     warped in time by that much, while its ends keep their velocities.
 
-    :param path: control points, (M, U, 2).
-    :param end_moves: from the point before the first to it, and from the last to the one
-        behind, (2, U, 2).
-    :param count: of points.
-    :return: (count, U, 2), with the same first and last point.
+    :param end_moves: from the point before the first, and to the one behind the last, (2, U, 2).
     """
     last = len(path) - 1
     points = np.concatenate([path[:1] - end_moves[:1], path, path[-1:] + end_moves[1:]])
@@ -207,9 +180,8 @@ def resampled_curve(path: Array, end_moves: Array, count: int) -> Array:
 
 def resampled(values: Array, count: int, inner: bool = False) -> Array:
     """
-    Return values over equal shares of a flight at another number of points, (count, ...).
+    Return values (M, ...) over equal shares of a flight at another number of points.
 
-    :param values: (M, ...).
     :param inner: whether the values are those of slots, which lie between start and goal.
     """
     if count == len(values):

@@ -1,16 +1,13 @@
 """
 The limits of speed, equation (1), and of acceleration.
 
-For the latter, the points are the control points of a uniform quadratic B-spline.
-
-The flown curve has the acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2, which is constant in each
-slot. Before the start and after the goal the points go on with the velocities given there.
+For the latter, the points are the control points of a uniform quadratic B-spline, which has the
+acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2 in each slot.
 """
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .norm import NormLimit
 from ..grid import Grid
@@ -25,9 +22,6 @@ class SpeedLimit(NormLimit):
 
     def _longest(self) -> Array:
         return self.scenario.max_speeds * self.grid.slot_duration
-
-    def _free_ends(self) -> NDArray[np.bool_]:
-        return np.zeros((self.grid.slots + 1, len(self.scenario.uavs)), bool)
 
     def _excess(self, uav: int, place: int, value: float) -> str:
         return (f'{self.scenario.uavs[uav].name} moves {value:.9g} m after point {place}; '
@@ -54,6 +48,8 @@ class AccelerationLimit(NormLimit):
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
+        self.absent[0] |= [uav.start_velocity is None for uav in scenario.uavs]
+        self.absent[-1] |= [uav.goal_velocity is None for uav in scenario.uavs]
         duration = self.grid.slot_duration
         # The moves before the start and after the goal, (U, 2, 2) in m.
         self._outer_moves = duration * np.array([
@@ -71,12 +67,6 @@ class AccelerationLimit(NormLimit):
 
     def _longest(self) -> Array:
         return self.scenario.max_accelerations * self.grid.slot_duration**2
-
-    def _free_ends(self) -> NDArray[np.bool_]:
-        free = np.zeros((self.grid.slots + 2, len(self.scenario.uavs)), bool)
-        free[0] = [uav.start_velocity is None for uav in self.scenario.uavs]
-        free[-1] = [uav.goal_velocity is None for uav in self.scenario.uavs]
-        return free
 
     def _excess(self, uav: int, place: int, value: float) -> str:
         square = self.grid.slot_duration**2

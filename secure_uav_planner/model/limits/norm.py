@@ -33,8 +33,8 @@ class NormLimit(Limit):
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
         self.longest = self._longest()
-        self.absent: NDArray[np.bool_] = ~np.isfinite(self.longest) | self._free_ends()
-        self._has_absent = bool(self.absent.any())
+        self.absent: NDArray[np.bool_] = np.tile(
+            ~np.isfinite(self.longest), (self.grid.slots + 1 + self.lead, 1))
 
     @property
     def compiled(self) -> Any:
@@ -53,10 +53,6 @@ class NormLimit(Limit):
     @abstractmethod
     def _longest(self) -> Array:
         """Return r, (U,) in m, infinite for UAVs without this limit."""
-
-    @abstractmethod
-    def _free_ends(self) -> NDArray[np.bool_]:
-        """Return which differences do not count, (M, U)."""
 
     @abstractmethod
     def _excess(self, uav: int, place: int, value: float) -> str:
@@ -78,9 +74,8 @@ class NormLimit(Limit):
         """
         Return the positions blended with the reference flight as far as the limit asks for.
 
-        No flight has a smaller largest difference in relation to its limits than the reference;
-        when a mission leaves no slack it is the only one. An exceedance of 1e-8 costs a share of
-        about 1e-8 of the way towards it.
+        No flight has a smaller largest difference in relation to its limits than the reference.
+        An exceedance of 1e-8 costs a share of about 1e-8 of the way towards it.
 
         :param margin: share of the limit that is left, where the reference leaves as much.
         """
@@ -107,8 +102,7 @@ class NormLimit(Limit):
         found = self.differences(positions)
         # Several times as fast as a norm over an axis of two.
         lengths: Array = np.sqrt(found[..., 0]**2 + found[..., 1]**2)
-        if self._has_absent:
-            lengths[self.absent.T] = 0.0
+        lengths[self.absent.T] = 0.0
         return lengths
 
     def convex_form(self, variables: ConvexVariables) -> list[Any]:
@@ -131,17 +125,13 @@ class NormLimit(Limit):
 
 
 def reference_flight(grid: Grid) -> Array:
-    """
-    Return the flights of least effort on a grid, (U, N+2, 2) in m, read-only.
-
-    Without a limit of acceleration they are straight, at constant speed.
-    """
+    """Return the flights of least effort on a grid, (U, N+2, 2) in m, read-only."""
     return _reference_flight(grid.scenario, grid.slots)
 
 
 @lru_cache(maxsize=64)
 def _reference_flight(scenario: Scenario, slots: int) -> Array:
-    step = Grid.of(scenario, slots).slot_duration
+    step = Grid.of(scenario).divided(slots).slot_duration
     flights = np.stack([
         uav.start + uav.vehicle.least_effort(slots, step)[1] for uav in scenario.uavs])
     flights[:, -1] = scenario.goals

@@ -1,13 +1,12 @@
 """The separation of UAVs: any two of them at any time."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .lines import LineLimit, Lines
-from .tracks import Tracks
+from .lines import LineLimit, Lines, Subjects
+from .tracks import pieces_of, Tracks
 from ..airspace import airspace_of
 from ...mission.scenario import Array, Scenario
 
@@ -20,26 +19,20 @@ class SeparationLimit(LineLimit):
     touches it where it is nearest to the piece of the difference.
     """
 
-    kind = 'SeparationLimit'
-
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
         """Return whether any two UAVs can come too close."""
         return bool(airspace_of(scenario).separations.any())
 
-    def _subjects(self) -> tuple[Tracks, NDArray[np.intp], NDArray[np.intp] | None]:
-        tracks = Tracks(self.grid, together=True)
+    def _subjects(self) -> Subjects:
+        tracks = Tracks(self.grid, pieces_of(self.grid, together=True))
         distances = airspace_of(self.scenario).separations
         first, second = np.nonzero(np.triu(distances))
-        self.radii: Array = distances[first, second]
         halves = len(tracks.uav) // len(distances)
-        self.radii = np.repeat(self.radii, halves) / self.grid.length
         parts = np.arange(halves)
         return (tracks, (first[:, None] * halves + parts).ravel(),
-                (second[:, None] * halves + parts).ravel())
-
-    def _obstacles(self) -> dict[str, Any]:
-        return {'radii': self.radii}
+                (second[:, None] * halves + parts).ravel(),
+                {'radii': np.repeat(distances[first, second], halves) / self.grid.length})
 
     def turned_lines(self, path: Array, lines: Lines, other_way: bool,
                      check: Callable[[], None]) -> Lines:

@@ -39,8 +39,8 @@ class Tracks:
     each UAV has two of them, before and after each point.
 
     :param grid: of the flight.
-    :param together: whether pieces of different UAVs with the same number must be flown at the
-        same time; otherwise each UAV has its own kind of piece.
+    :param kinds: the weights of the pieces of each UAV around a point, as `pieces_of` returns them.
+    :param ends: those around the first point and the last, where they are others.
     :ivar uav: whose each track is, (T,).
     :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, T, K, 3); zero for points
         that do not vary.
@@ -48,32 +48,26 @@ class Tracks:
     :ivar constant: what each control point has besides, (N+2, T, K, 2) in units.
     """
 
-    def __init__(self, grid: Grid, together: bool) -> None:
-        self._set(grid, _kinds(grid, together))
-
-    @classmethod
-    def of_points(cls, grid: Grid) -> 'Tracks':
-        """Return tracks of the points alone, and of the curve's ends instead of start and goal."""
-        tracks = cls.__new__(cls)
-        tracks._set(grid, [[_POINT]] * len(grid.scenario.uavs), _ENDS)
-        return tracks
-
-    def _set(self, grid: Grid, kinds: list[list[_Piece]],
-             ends: tuple[_Piece, _Piece] | None = None) -> None:
+    def __init__(self, grid: Grid, kinds: list[list[_Piece]],
+                 ends: tuple[_Piece, _Piece] | None = None) -> None:
         self.grid = grid
-        smooth = np.isfinite(grid.scenario.max_accelerations)
         self.uav: NDArray[np.intp] = np.repeat(np.arange(len(kinds)), len(kinds[0]))
         weights = np.array([one for kind in kinds for one in kind])
         self.weights: Array = np.repeat(weights[None], grid.slots + 2, axis=0)
         if ends is not None:
             self.weights[0], self.weights[-1] = ends
         self.constant = np.zeros((*self.weights.shape[:-1], 2))
-        self._close_ends(smooth)
+        self._close_ends(np.isfinite(grid.scenario.max_accelerations))
         self.all_weights = self.weights.copy()
         # Of points that do not vary, only the places count.
         self.weights[0, ..., 1] = self.weights[-1, ..., 1] = 0.0
         self.weights[1, ..., 0] = self.weights[-2, ..., 2] = 0.0
         self.weights[:, grid.fixed[self.uav]] = 0.0
+
+    @classmethod
+    def of_points(cls, grid: Grid) -> 'Tracks':
+        """Return tracks of the points alone, and of the curve's ends instead of start and goal."""
+        return cls(grid, [[_POINT]] * len(grid.scenario.uavs), _ENDS)
 
     def _close_ends(self, smooth: NDArray[np.bool_]) -> None:
         """Express the points before the first and after the last by others."""
@@ -97,11 +91,7 @@ class Tracks:
                         sign * np.array(velocity) * duration / self.grid.length)
 
     def at(self, path: Array) -> Array:
-        """
-        Return the control points of a flight, (N+2, T, K, 2).
-
-        :param path: points with start and goal in units, (N+2, U, 2).
-        """
+        """Return the control points of a path, (N+2, T, K, 2)."""
         path, weights = path[:, self.uav, None], self.all_weights[..., None]
         found: Array = weights[..., 1, :] * path
         found[1:] += weights[1:, ..., 0, :] * path[:-1]
@@ -109,11 +99,7 @@ class Tracks:
         return found + self.constant
 
     def matrix(self, track: int, place: int) -> tuple[Any, Array]:
-        """
-        Return a control point of every piece of a track as a linear map of its points.
-
-        :return: a sparse matrix, (N+2, N+2), and a constant in units, (N+2, 2).
-        """
+        """Return a control point of all pieces as a matrix (N+2, N+2) and a constant (N+2, 2)."""
         count = self.grid.slots + 2
         weights = self.all_weights[:, track, place]
         found = scipy.sparse.csr_array(scipy.sparse.diags(
@@ -122,8 +108,13 @@ class Tracks:
         return found, self.constant[:, track, place]
 
 
-def _kinds(grid: Grid, together: bool) -> list[list[_Piece]]:
-    """Return the weights of the pieces of each UAV around a point."""
+def pieces_of(grid: Grid, together: bool) -> list[list[_Piece]]:
+    """
+    Return the weights of the pieces of each UAV around a point.
+
+    :param together: whether pieces of different UAVs with the same number must be flown at the
+        same time; otherwise each UAV has its own kind of piece.
+    """
     smooth = np.isfinite(grid.scenario.max_accelerations)
     if smooth.all() or not smooth.any():
         return [[_SMOOTH if one else _STRAIGHT] for one in smooth]

@@ -1,12 +1,9 @@
 """What no UAV may enter: zones, and the pockets of a geofence, as convex pieces."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from .lines import LineLimit
-from .tracks import Tracks
+from .lines import LineLimit, Subjects
+from .tracks import pieces_of, Tracks
 from ..airspace import airspace_of
 from ...mission.scenario import Array, Scenario
 
@@ -19,31 +16,25 @@ class ZoneLimit(LineLimit):
     No UAV enters a convex piece of what is forbidden at its altitude.
 
     Of many pieces, those have lines that are nearest; a step goes no farther than to the next.
-
-    :ivar polygons: the pieces for every UAV that has some, (A, Z, V, 2) in units.
     """
-
-    kind = 'ZoneLimit'
 
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
         """Return whether anything is forbidden."""
         return any(airspace_of(scenario).pieces)
 
-    def _subjects(self) -> tuple[Tracks, NDArray[np.intp], NDArray[np.intp] | None]:
+    def _subjects(self) -> Subjects:
         pieces = airspace_of(self.scenario).pieces
         uavs = [uav for uav, found in enumerate(pieces) if found]
         most = max(len(pieces[uav]) for uav in uavs)
         corners = max(len(piece.vertices) for uav in uavs for piece in pieces[uav])
         # Of every UAV in uavs, repeated where it has fewer: (A, Z, V, 2), in units.
-        self.polygons: Array = np.array([
+        polygons = np.array([
             [_padded(pieces[uav][index % len(pieces[uav])].vertices, corners)
              for index in range(most)] for uav in uavs])
-        self.polygons = (self.polygons - self.grid.origin) / self.grid.length
-        return Tracks(self.grid, together=False), np.repeat(uavs, min(most, MOST_LINES)), None
-
-    def _obstacles(self) -> dict[str, Any]:
-        return {'polygons': self.polygons}
+        return (Tracks(self.grid, pieces_of(self.grid, together=False)),
+                np.repeat(uavs, min(most, MOST_LINES)), None,
+                {'polygons': (polygons - self.grid.origin) / self.grid.length})
 
 
 def _padded(vertices: Array, count: int) -> Array:
