@@ -33,7 +33,7 @@ COARSE_MU = 1e-3
 
 def interior(scenario, slots):
     """Return a grid and strictly feasible variables on it, (N, U, 3)."""
-    grid = Grid.of(scenario).divided(slots)
+    grid = Grid.of(scenario).divided(slots or scenario.slots)
     return grid, strictly_feasible(
         grid, fly_hover_fly_positions(scenario), constant_powers(scenario, 0.9, 0.5), share=0.2)
 
@@ -98,7 +98,7 @@ def test_with_lines_the_barrier_function_and_its_gradient_are_those_of_the_formu
 @given(scenarios(max_uavs=6, max_eavesdroppers=4), st.integers(1, 10), st.integers(0, 100))
 def test_the_barrier_function_is_that_of_the_formulas_for_missions_of_every_kind(
         scenario, slots, seed):
-    grid = Grid.of(scenario).divided(slots)
+    grid = Grid.of(scenario).divided(slots or scenario.slots)
     x, mu = next(several_starts(grid))
     for one in range(0, len(x), 5):
         if smallest_slack(grid, x[one]) > 0:  # on another grid, acceleration may be too hard

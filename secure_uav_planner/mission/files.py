@@ -1,7 +1,7 @@
 """Files that exist whole or not at all."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import stat
@@ -46,11 +46,7 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
 
 @contextmanager
 def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[None]:
-    """
-    Let errors of a file name it; those of writing, as on a full disk, do not.
-
-    :param part: a file whose errors name it as well.
-    """
+    """Let errors of writing a file, or its part, name it, as those of a full disk do not."""
     try:
         yield
     except OSError as error:
@@ -85,13 +81,9 @@ def checked_path(path: Any) -> str | os.PathLike[str]:
 
 def _sync_folder(folder: Path) -> None:
     """Make the new name last through a loss of power, where the file system can."""
-    try:
+    with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(descriptor)
-    except OSError:
-        pass
-    finally:
-        os.close(descriptor)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

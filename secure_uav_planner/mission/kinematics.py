@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 import scipy
 
 _ACCURACY = 1e-9
-_DOUBLINGS, _HALVINGS = 60, 50
 
 
 @dataclass(frozen=True)
@@ -49,10 +48,7 @@ class Vehicle:
         """
         Return the least effort of a flight, and one that has it, (N+2, 2) in m from the start.
 
-        An effort above 1 says that no flight keeps the limits.
-
-        :param slots: N.
-        :param step: the length of a slot in s.
+        An effort above 1 says that no flight of N slots, each a step in s, keeps the limits.
         """
         if self._is_simple:
             return self._straight(slots, step)
@@ -64,16 +60,10 @@ class Vehicle:
         if math.isinf(self.max_acceleration):
             return distance / ((slots + 1) * self.max_speed)
         high = max(distance / ((slots + 1) * self.max_speed), 1e-9)
-        for _ in range(_DOUBLINGS):
-            if self.least_effort(slots, high)[0] <= 1:
-                break
+        while self.least_effort(slots, high)[0] > 1:
             high *= 2
-        else:
-            return math.inf
         low = high / 2
-        for _ in range(_HALVINGS):
-            if high - low <= 1e-7 * high:
-                break
+        while high - low > 1e-7 * high:
             middle = (low + high) / 2
             if self.least_effort(slots, middle)[0] <= 1:
                 high = middle
@@ -102,62 +92,49 @@ class Vehicle:
         It minimises the effort r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step.
         """
         clarabel: Any = import_module('clarabel')  # Here, for few flights need it.
-        moves = slots + 1
-        identity = scipy.sparse.identity(2 * moves, format='csr')
-        change = identity - scipy.sparse.eye(2 * moves, k=-2, format='csr')
-        first, last = (np.zeros(2) if velocity is None else np.array(velocity) / self.max_speed
-                       for velocity in (self.start_velocity, self.goal_velocity))
-        begin = 2 if self.start_velocity is None else 0
-        blocks = [identity, change[begin:]]
-        constants = [np.zeros(2 * moves), np.append(-first, np.zeros(2 * moves - 2))[begin:]]
-        if self.goal_velocity is not None:
-            blocks.append(-identity[-2:])
-            constants.append(last)
-        vectors, constant = scipy.sparse.vstack(blocks).tocoo(), np.concatenate(constants)
-        cones = len(constant) // 2
-        gain = self.max_acceleration * step / self.max_speed
-        limits = np.where(np.arange(cones) < moves, 1.0, gain)
-
-        # Rows: the displacement, then for every cone its limit times r and its vector.
+        moves, top = slots + 1, self.max_speed
+        given, first = self._with_ends(np.zeros((moves, 2)))
+        change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(given) - 1, len(given)))
+        vectors = scipy.sparse.vstack([
+            scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(given), moves, k=-first)])
+        constants = np.concatenate([np.zeros((moves, 2)), np.diff(given / top, axis=0)])
+        cones = len(constants)
+        limits = np.where(np.arange(cones) < moves, 1.0, self.max_acceleration * step / top)
         unit = max(1.0, math.hypot(*self.displacement))
-        columns = 1 + np.arange(2 * moves)
-        rows = [(columns - 1) % 2, 2 + 3 * np.arange(cones), 3 + vectors.row + vectors.row // 2]
-        matrix = scipy.sparse.csc_matrix(
-            (np.concatenate([np.full(2 * moves, step * self.max_speed / unit), -limits,
-                             -vectors.data]),
-             (np.concatenate(rows), np.concatenate(
-                 [columns, np.zeros(cones, int), 1 + vectors.col]))),
-            shape=(2 + 3 * cones, 1 + 2 * moves))
-        right = np.zeros(2 + 3 * cones)
-        right[:2] = np.array(self.displacement) / unit
-        right[2:].reshape(-1, 3)[:, 1:] = constant.reshape(-1, 2)
-        cost = np.zeros(1 + 2 * moves)
-        cost[0] = 1.0
+        both = scipy.sparse.identity(2)
+        rows = scipy.sparse.bmat([
+            [None, scipy.sparse.kron(np.full((1, moves), step * top / unit), both)],
+            [-limits[:, None], None], [None, -scipy.sparse.kron(vectors, both)]], format='csr')
+        right = np.concatenate([
+            np.array(self.displacement) / unit, np.zeros(cones), constants.ravel()])
+        # The displacement, then for every cone its limit times r and its vector.
+        number = 2 + np.arange(cones)
+        order = np.append([0, 1], np.stack(
+            [number, cones + 2 * number - 2, cones + 2 * number - 1], axis=1))
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
+        size = 1 + 2 * moves
         solution = clarabel.DefaultSolver(
-            scipy.sparse.csc_matrix((len(cost), len(cost))), cost, matrix, right,
-            [clarabel.ZeroConeT(2), *[clarabel.SecondOrderConeT(3)] * cones], settings).solve()
-        velocities = np.array(solution.x)[1:].reshape(-1, 2) * self.max_speed
-        return self._effort_of(velocities, slots, step)
-
-    def _effort_of(self, velocities: NDArray[np.float64], slots: int,
-                   step: float) -> tuple[float, NDArray[np.float64]]:
-        """Return the effort of a flight with nearly the right displacement, and its points."""
+            scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows[order].tocsc(),
+            right[order], [clarabel.ZeroConeT(2), *[clarabel.SecondOrderConeT(3)] * cones],
+            settings).solve()
+        velocities = np.array(solution.x)[1:].reshape(-1, 2) * top
+        # The displacement is nearly right: what is missing is spread over all moves.
         missing = np.array(self.displacement) - velocities.sum(axis=0) * step
-        velocities = velocities + missing / (len(velocities) * step)
-        ends = [velocities]
-        if self.start_velocity is not None:
-            ends.insert(0, np.array([self.start_velocity]))
-        if self.goal_velocity is not None:
-            ends.append(np.array([self.goal_velocity]))
-        changes = np.linalg.norm(np.diff(np.concatenate(ends), axis=0), axis=1)
-        effort = max(np.linalg.norm(velocities, axis=1).max() / self.max_speed,
+        velocities = velocities + missing / (moves * step)
+        changes = np.linalg.norm(np.diff(self._with_ends(velocities)[0], axis=0), axis=1)
+        effort = max(np.linalg.norm(velocities, axis=1).max() / top,
                      changes.max(initial=0.0) / (self.max_acceleration * step))
         points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
         points[-1] = self.displacement
         return float(effort), points
+
+    def _with_ends(self, velocities: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+        """Return velocities with those at the ends that are given, and the index of the first."""
+        before, after = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
+                         for velocity in (self.start_velocity, self.goal_velocity))
+        return np.concatenate([before, velocities, after]), len(before)
 
 
 def shortened(x: float, y: float, most: float) -> tuple[float, float]:

@@ -39,6 +39,15 @@ __all__ = ['Array', 'Channel', 'Eavesdropper', 'MAX_COUPLINGS', 'MAX_MEMBERS', '
            'checked_fields', 'read_only']
 
 
+def _of_each(members: str, field: str, text: str) -> cached_property[Array]:
+    """Return a property of Scenario: one field of all its UAVs, or of all its eavesdroppers."""
+    def values(scenario: Any) -> Array:
+        return read_only([getattr(one, field) for one in getattr(scenario, members)])
+
+    values.__doc__ = text
+    return cached_property(values)
+
+
 @dataclass(frozen=True)
 class Scenario:
     """
@@ -220,50 +229,23 @@ class Scenario:
         return read_only([10.0 ** (eve.receiver_advantage_db / 10.0)
                           for eve in self.eavesdroppers])
 
-    @cached_property
-    def starts(self) -> Array:
-        """Where the UAVs start, (U, 2) in m, read-only as all arrays here."""
-        return read_only([uav.start for uav in self.uavs])
-
-    @cached_property
-    def goals(self) -> Array:
-        """Where the UAVs end, (U, 2) in m."""
-        return read_only([uav.goal for uav in self.uavs])
-
-    @cached_property
-    def altitudes(self) -> Array:
-        """Flying heights H, (U,) in m."""
-        return read_only([uav.altitude for uav in self.uavs])
-
-    @cached_property
-    def max_speeds(self) -> Array:
-        """Largest speeds V, (U,) in m/s."""
-        return read_only([uav.max_speed for uav in self.uavs])
+    starts = _of_each('uavs', 'start', 'Where the UAVs start, (U, 2) in m, read-only as all here.')
+    goals = _of_each('uavs', 'goal', 'Where the UAVs end, (U, 2) in m.')
+    altitudes = _of_each('uavs', 'altitude', 'Flying heights H, (U,) in m.')
+    max_speeds = _of_each('uavs', 'max_speed', 'Largest speeds V, (U,) in m/s.')
+    average_powers = _of_each(
+        'uavs', 'average_power', 'Limits P_ave of the mean powers, (U,) in W.')
+    peak_powers = _of_each(
+        'uavs', 'peak_power', 'Limits P_peak of the powers of every slot, (U,) in W.')
+    eavesdropper_positions = _of_each(
+        'eavesdroppers', 'position', 'Centres of the discs, (E, 2) in m.')
+    error_radii = _of_each(
+        'eavesdroppers', 'error_radius', 'Radii epsilon of the discs, (E,) in m.')
 
     @cached_property
     def max_step(self) -> Array:
         """Largest displacement from one point to the next, V * t_s, (U,) in m."""
         return read_only(self.max_speeds * self.slot_duration)
-
-    @cached_property
-    def average_powers(self) -> Array:
-        """Limits P_ave of the mean powers, (U,) in W."""
-        return read_only([uav.average_power for uav in self.uavs])
-
-    @cached_property
-    def peak_powers(self) -> Array:
-        """Limits P_peak of the powers of every slot, (U,) in W."""
-        return read_only([uav.peak_power for uav in self.uavs])
-
-    @cached_property
-    def eavesdropper_positions(self) -> Array:
-        """Centres of the discs, (E, 2) in m."""
-        return read_only([eve.position for eve in self.eavesdroppers])
-
-    @cached_property
-    def error_radii(self) -> Array:
-        """Radii epsilon of the discs, (E,) in m."""
-        return read_only([eve.error_radius for eve in self.eavesdroppers])
 
     @cached_property
     def eavesdropper_names(self) -> tuple[str, ...]:
@@ -397,8 +379,7 @@ class Scenario:
             is wrong.
         """
         from . import formats
-        return formats.read_mission(
-            checked_path(path), formats.Schema(*_neutral()))
+        return formats.read_mission(checked_path(path), formats.Schema(*_neutral()))
 
 
 def _part(kind: type[Any], data: object, *place: str | int) -> Any:

@@ -68,11 +68,7 @@ def read_only(values: ArrayLike) -> Array:
 
 
 def checked_fields(kind: type[Any], data: object) -> dict[str, Any]:
-    """
-    Return data, a mapping, as the arguments of a dataclass.
-
-    :raises ScenarioError: naming an unknown field and the nearest known one, or a missing field.
-    """
+    """Return a mapping as the arguments of a dataclass; raise ScenarioError where it is not."""
     if not isinstance(data, Mapping):
         raise ScenarioError(
             f'{noun_of(kind)} is {shown(data)}; it must be a mapping of fields')
@@ -113,12 +109,10 @@ def checked_members(field: str, values: object, kind: type[Any],
 def set_checked(item: object, owner: str, check: Callable[[str, str, Any], Any], *names: str,
                 optional: bool = False) -> None:
     """
-    Replace fields of a frozen dataclass by what a check returns of them.
+    Replace fields of a frozen dataclass by what a check, such as checked_number, returns of them.
 
     :param owner: what messages put before the name of a field.
-    :param check: called with the owner, the field and its value, such as checked_number.
-    :param names: of the fields.
-    :param optional: whether they may be None.
+    :param optional: whether the fields may be None.
     """
     for name in names:
         value = getattr(item, name)
@@ -134,14 +128,19 @@ def checked_name(what: str, name: object) -> str:
     return name
 
 
+def _number(value: Any) -> float:
+    """Return a number as a float, NaN for anything else, such as its text."""
+    try:
+        return math.nan if isinstance(value, (bool, str)) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
 def checked_number(owner: str, field: str, value: Any) -> float:
     """Return value as a float, or raise ScenarioError with field, value and what is allowed."""
     low, high = RANGES[field]
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if isinstance(value, (bool, str)) or not low <= number <= high:
+    number = _number(value)
+    if not low <= number <= high:
         raise ScenarioError(
             f'{owner}{field} is {shown(value)}; it must be a number from {low:g} to {high:g}',
             (field,))
@@ -154,13 +153,12 @@ def checked_point(owner: str, field: str, value: Any, index: int | None = None,
     Return value as a tuple of two floats, or raise ScenarioError with field and value.
 
     :param index: where the value is in the field, if that is a list of points.
-    :param allowed: what messages say that it must be.
-    :param unit: likewise.
+    :param allowed: what messages say that it must be, as unit is.
     """
     low, high = RANGES['coordinate']
     try:
-        x, y = (math.nan if isinstance(one, (bool, str)) else float(one) for one in value)
-    except (TypeError, ValueError, OverflowError):
+        x, y = map(_number, value)
+    except (TypeError, ValueError):
         x = y = math.nan
     if not (low <= x <= high and low <= y <= high):
         name, place = (field, ()) if index is None else (f'{field}[{index}]', (index,))
@@ -197,11 +195,8 @@ def checked_kind(name: str, value: object, kind: type[_Kind]) -> _Kind:
 def checked_real(name: str, value: Any, low: float = -sys.float_info.max,
                  high: float = sys.float_info.max) -> float:
     """Return an argument that is a finite number, or raise OptionError naming it."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if isinstance(value, (bool, str)) or not low <= number <= high:
+    number = _number(value)
+    if not low <= number <= high:
         allowed = f'number from {low:g} to {high:g}' if high < sys.float_info.max else (
             'finite number')
         raise OptionError(f'{name} is {shown(value)}; it must be a {allowed}', (name,))
@@ -237,11 +232,8 @@ def checked_callback(name: str, value: Any) -> Any:
 
 def checked_time_limit(time_limit: Any) -> float | None:
     """Return a time limit in s, or None without one; raise OptionError unless it is above 0."""
-    try:
-        number = math.inf if time_limit is None else float(time_limit)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if isinstance(time_limit, (bool, str)) or not number > 0:
+    number = math.inf if time_limit is None else _number(time_limit)
+    if not number > 0:
         raise OptionError(f'time_limit is {shown(time_limit)}; it must be above 0 s, or None',
                           ('time_limit',))
     return number if number < math.inf else None

@@ -1,9 +1,8 @@
 """
 Views of missions and plans as their methods: pictures, tables, recordings.
 
-Rooms further down make the views, with packages that are optional. The package says where each
-one is made, by `offer`; it is imported when it is asked for, so that this room, and that of
-plans, import neither those rooms nor their packages.
+Rooms further down make the views, with packages that are optional. The package says where, by
+`offer`, and they are imported when they are asked for.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,33 +19,18 @@ _homes: dict[str, str] = {}
 
 
 def offer(package: str, **homes: str) -> None:
-    """
-    Say which function makes each view.
-
-    :param package: to which the names of modules are relative.
-    :param homes: by the name of the view, the module and the function, such as
-        `.output.picture:draw_plan`.
-    """
+    """Say which function of a package makes each view, such as `.output.picture:draw_plan`."""
     _homes.update({name: f'{package}{home}' for name, home in homes.items()})
 
 
 def view(name: str, *arguments: Any, **options: Any) -> Any:
-    """
-    Return what makes a view of these arguments.
-
-    :param name: that was offered.
-    :raises MissingPackageError: when it needs a package that is not installed.
-    """
+    """Return a view of these arguments, or raise MissingPackageError naming what it needs."""
     with naming_what_is_missing():
         return _maker(name)(*arguments, **options)
 
 
 def check_view(name: str) -> None:
-    """
-    Import what makes a view, before the work that it will show.
-
-    :raises MissingPackageError: when it needs a package that is not installed.
-    """
+    """Import what makes a view, before the work that it will show; raise as view does."""
     with naming_what_is_missing():
         _maker(name)
 

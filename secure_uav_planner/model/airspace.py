@@ -16,25 +16,14 @@ GEOFENCE = 'the geofence'
 
 
 class Piece(NamedTuple):
-    """
-    A convex polygon that a UAV may not enter.
-
-    :ivar vertices: (K, 2) in m, counter-clockwise.
-    :ivar name: of the zone it belongs to, as in Scenario.zone_names, or GEOFENCE.
-    """
+    """A convex polygon that no UAV may enter, (K, 2) in m, with its zone's name or GEOFENCE."""
 
     vertices: Array
     name: str
 
 
 class Airspace:
-    """
-    What is forbidden to the UAVs of a scenario, each at its altitude, tracking_margin included.
-
-    All arrays are read-only.
-
-    :param scenario: a Scenario. `airspace_of` keeps the Airspace of the last ones.
-    """
+    """What is forbidden to UAVs, each at its altitude, tracking_margin included; read-only."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
@@ -42,11 +31,10 @@ class Airspace:
     @cached_property
     def pieces(self) -> tuple[tuple[Piece, ...], ...]:
         """
-        Convex pieces of all that each UAV may not enter, for each UAV a tuple.
+        Convex pieces of all that each UAV may not enter.
 
-        These are the parts of the zones at its altitude, and the pockets of a geofence that is
-        not convex: what its convex hull has and the fence has not. Zones that are farther away
-        than anything leads are not among them.
+        These are the parts of the zones at its altitude that are not far, and the pockets of a
+        geofence that is not convex: what its convex hull has and the fence has not.
         """
         scenario = self._scenario
         outside = [] if scenario.keep_in is None else [
@@ -79,11 +67,7 @@ class Airspace:
 
     @cached_property
     def hull(self) -> tuple[Array, Array]:
-        """
-        Convex hull of the geofence as n.x <= b, without a fence no half-planes.
-
-        :return: unit normals n that point outwards, (K, 2), and b, (K,) in m.
-        """
+        """Convex hull of the geofence as n.x <= b: unit normals n (K, 2) outwards, b (K,) in m."""
         if self._scenario.keep_in is None:
             return read_only(np.zeros((0, 2))), read_only(np.zeros(0))
         return half_planes(self._scenario.keep_in)

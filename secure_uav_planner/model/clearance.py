@@ -149,12 +149,6 @@ class Clearance:
     def _pieces(self) -> Pieces:
         return Pieces.of(self._curve)
 
-    def _of(self, uav: int) -> Pieces:
-        """Return the pieces of one UAV."""
-        pieces = self._pieces
-        return Pieces(pieces.times, pieces.half, pieces.positions[uav], pieces.velocities[uav],
-                      pieces.accelerations[uav])
-
     def _in_flight(self, pairs: _Indices) -> NDArray[np.bool_]:
         """
         Return which half slots of pairs do not belong to the mission, (pairs, K).
@@ -173,7 +167,7 @@ class Clearance:
 
     def _check_places(self, number: int, uav: Uav) -> None:
         """Check the zones and the fence of one UAV."""
-        scenario, pieces = self._scenario, self._of(number)
+        scenario, pieces = self._scenario, self._pieces.of_uav(number)
         zones = scenario.keep_out(uav.altitude)
         shapes = [shapely.Polygon(vertices) for vertices, _ in zones]
         texts = [f'inside {name}' for _, name in zones]
@@ -191,7 +185,7 @@ class Clearance:
         index, times = next(iter(entered.items()))
         # Between two entries or ends of the flight it is inside, or outside.
         ends = np.array([self._curve.begin, *times, self._curve.end])
-        times = np.concatenate([times, ends, (ends[1:] + ends[:-1]) / 2])
+        times = np.concatenate([ends, (ends[1:] + ends[:-1]) / 2])
         points = shapely.points(self._curve.at(times).positions[number])
         depths = np.where(shapely.intersects(forbidden[index], points), shapely.distance(
             shapes[index].exterior, points), POSITION_TOLERANCE)
@@ -201,7 +195,7 @@ class Clearance:
 
     def _to_zones(self, number: int, uav: Uav) -> Approach | None:
         """Return the smallest distance of one UAV to a zone at its altitude."""
-        zones, pieces = self._scenario.zones_at(uav.altitude), self._of(number)
+        zones, pieces = self._scenario.zones_at(uav.altitude), self._pieces.of_uav(number)
         if not zones:
             return None
         edges, owners = _edges_of([shapely.Polygon(zone.vertices) for zone, _ in zones])

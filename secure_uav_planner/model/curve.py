@@ -69,7 +69,7 @@ class Curve:
     :param positions: points of the flight, (U, N+2, 2) in m, for any N.
     :ivar begin: when the first UAV leaves its start, in s from point 0.
     :ivar end: when the last UAV reaches its goal, likewise.
-    :ivar piece: of such length in s, from begin on, are pieces in which no acceleration changes.
+    :ivar piece: length in s of the pieces, from begin on, in which no acceleration changes.
     """
 
     def __init__(self, scenario: Scenario, positions: Array) -> None:
@@ -94,16 +94,12 @@ class Curve:
         self._slow = _HOVERING * scenario.max_speeds[:, None]
 
     def at(self, times: ArrayLike) -> Motion:
-        """
-        Return the motion at times in s from point 0; before its begin and after its end it rests.
-
-        :param times: (K,).
-        """
+        """Return the motion at times (K,) in s from point 0; it rests before begin, after end."""
         nodes = np.asarray(times, float) / self._step
         straight, smooth = self._straight_at(nodes), self._smooth_at(nodes)
-        chosen = [np.where(self._smooth[:, None, None], one, other)
-                  for one, other in zip(smooth, straight, strict=True)]
-        position, velocity, acceleration = chosen
+        position, velocity, acceleration = (
+            np.where(self._smooth[:, None, None], one, other)
+            for one, other in zip(smooth, straight, strict=True))
         velocity, acceleration = velocity / self._step, acceleration / self._step**2
         # A share of a slot late, as times are rounded: the heading of a move holds in all of it.
         node = np.clip(np.floor(nodes + 1e-9), 0, self._last).astype(int)
@@ -154,8 +150,8 @@ def flown(points: Array, step: float, velocities: Array | None = None,
 
     :param points: of one UAV, (N+2, 2) in m.
     :param step: the length of a slot in s.
-    :param velocities: of the motion at the times of the points, (N+2, 2) in m/s; None, as for the
-        accelerations, if the UAV flies straight from point to point.
+    :param velocities: at the times of the points, (N+2, 2) in m/s; None, as for the accelerations,
+        if the UAV flies straight from point to point.
     :param accelerations: likewise, (N+2, 2) in m/s^2.
     """
     moves = np.diff(points, axis=0) / step

@@ -17,13 +17,9 @@ class Pieces(NamedTuple):
     """
     Pieces of equal length in which every UAV moves with constant acceleration.
 
-    What is relative to the middle of its piece is from -half to half, in s.
-
     :ivar times: of the middles, (K,) in s from point 0.
     :ivar half: half the length of a piece, in s.
-    :ivar positions: in the middles, (..., K, 2) in m.
-    :ivar velocities: likewise, in m/s.
-    :ivar accelerations: likewise, in m/s^2.
+    :ivar positions: in the middles, (..., K, 2) in m, as the velocities and the accelerations.
     """
 
     times: Array
@@ -40,6 +36,11 @@ class Pieces(NamedTuple):
         motion = curve.at(times)
         return cls(times, curve.piece / 2, motion.positions, motion.velocities,
                    motion.accelerations)
+
+    def of_uav(self, uav: int) -> 'Pieces':
+        """Return the pieces of one UAV."""
+        return self._replace(positions=self.positions[uav], velocities=self.velocities[uav],
+                             accelerations=self.accelerations[uav])
 
     def chosen(self, index: Array) -> 'Pieces':
         """Return the pieces of one motion with these indices."""
@@ -64,10 +65,7 @@ def least_distance(position: Array, velocity: Array, acceleration: Array,
     Return the least of |position + velocity t + acceleration t^2 / 2| for |t| <= half, and t.
 
     The square is a quartic of t. It is convex on both sides of where its second derivative is
-    negative, and in each the derivative is halved down to its zero.
-
-    :param position: (K, 2), as the others.
-    :return: (K,) and (K,).
+    negative, and in each the derivative is halved down to its zero. Arrays are (K, 2), and (K,).
     """
     cubic = 0.5 * (acceleration**2).sum(axis=-1)
     square = 1.5 * (velocity * acceleration).sum(axis=-1)
@@ -90,12 +88,9 @@ def least_distance(position: Array, velocity: Array, acceleration: Array,
 
 def crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
     """
-    Return when pieces cross edges, each one its own.
+    Return when pieces with arrays (K, 2) cross edges (K, 2, 2) in m, each one its own.
 
-    :param pieces: with arrays (K, 2).
-    :param edges: from one corner to the next, (K, 2, 2) in m.
-    :return: times from the middles, (K, 2) in s, at most two for each, and which of them are
-        crossings, (K, 2).
+    :return: two times from the middles, (K, 2) in s, and which are crossings, (K, 2).
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
@@ -112,14 +107,10 @@ def crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
     """
-    Return the least distance of pieces to edges, each to its own, and when.
+    Return the least distances (K,) of pieces to edges as in crossings, and when, from the middles.
 
-    It is reached where the distance to the line of the edge or to one of its corners is least,
+    They are reached where the distance to the line of the edge or to one of its corners is least,
     where the edge is crossed, or at an end of the piece.
-
-    :param pieces: with arrays (K, 2).
-    :param edges: from one corner to the next, (K, 2, 2) in m.
-    :return: in m, and from the middles of the pieces in s, (K,) each.
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)

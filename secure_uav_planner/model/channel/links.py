@@ -33,11 +33,7 @@ class FreeSpace:
     squared_altitudes: Array
 
     def for_receivers(self, advantages: Array | float) -> 'FreeSpace':
-        """
-        Return the link to receivers that are better than others.
-
-        :param advantages: by what factor the SNR is larger there, as for reference_snr.
-        """
+        """Return the link to receivers whose SNR is larger by factors, as reference_snr."""
         return replace(self, reference_snr=self.reference_snr * advantages)
 
     def gain(self, squared: Array) -> Array:
@@ -49,16 +45,11 @@ class FreeSpace:
         return -self.gain(squared) / (squared + self.squared_altitudes)
 
     def drawn_gain(self, squared: Array, numbers: Array) -> Array:
-        """
-        Return the gain with or without a line of sight, as numbers have drawn it.
-
-        :param numbers: from 0 to 1; a link has a line of sight where its number is below the
-            probability. As the squared distances.
-        """
+        """Return the gain, with a line of sight where a number in [0, 1) is below its chance."""
         return self.gain(squared)
 
     def taken(self, receivers: NDArray[np.intp]) -> 'FreeSpace':
-        """Return the link to some of its receivers, given as an index array, of arrays (K, U)."""
+        """Return the link of arrays (K, U) to some of its receivers."""
         return replace(self, reference_snr=np.asarray(self.reference_snr)[receivers])
 
     def compiled(self, receivers: int, uavs: int) -> Any:
@@ -94,7 +85,7 @@ class PathLoss(FreeSpace):
         return self._in_sight(squared) * self._mean(self._probability(squared))
 
     def drawn_gain(self, squared: Array, numbers: Array) -> Array:
-        """Return the gain with or without a line of sight, as numbers have drawn it."""
+        """Return the gain, with a line of sight where a number in [0, 1) is below its chance."""
         return self._in_sight(squared) * np.where(
             numbers < self._probability(squared), 1.0, self.losses)
 
@@ -110,7 +101,7 @@ class PathLoss(FreeSpace):
             + (1 - self.losses) * steeper)
 
     def taken(self, receivers: NDArray[np.intp]) -> 'PathLoss':
-        """Return the link to some of its receivers, as that of FreeSpace."""
+        """Return the link of arrays (K, U) to some of its receivers."""
         snr = np.asarray(self.reference_snr)
         losses = np.broadcast_to(self.losses, snr.shape)
         return replace(self, reference_snr=snr[receivers], losses=losses[receivers])
@@ -134,7 +125,6 @@ class PathLoss(FreeSpace):
 
 
 Receiver = Literal['ground_node', 'eavesdropper']
-_RECEIVERS: tuple[Receiver, ...] = ('ground_node', 'eavesdropper')
 
 
 def link_of(scenario: Scenario, receiver: Receiver, axes: int = 1) -> FreeSpace:
@@ -146,11 +136,9 @@ def link_of(scenario: Scenario, receiver: Receiver, axes: int = 1) -> FreeSpace:
 
     :param axes: how many axes the squared distances have behind that of the UAVs.
     """
-    row = _RECEIVERS.index(receiver)
     shape = -1, *[1] * axes
-    return _link(scenario, scenario.reference_snr, scenario.altitudes.reshape(shape)**2,
-                 *(None if values is None else values[row].reshape(shape)
-                   for values in _of_kinds(scenario)))
+    return _link(scenario, int(receiver == 'eavesdropper'), shape, scenario.reference_snr,
+                 scenario.altitudes.reshape(shape))
 
 
 def links_of(scenario: Scenario, length: float, power: Array) -> FreeSpace:
@@ -160,53 +148,42 @@ def links_of(scenario: Scenario, length: float, power: Array) -> FreeSpace:
     :param length: the unit of length in m.
     :param power: the units of the UAVs' powers in W, (U,).
     """
-    rows = [0] + [1] * len(scenario.eavesdroppers)
-    link = _link(scenario, scenario.reference_snr * power / length**scenario.channel.exponent,
-                 (scenario.altitudes / length)**2,
-                 *(None if values is None else values[rows] for values in _of_kinds(scenario)))
+    eves = len(scenario.eavesdroppers)
+    link = _link(scenario, [0] + [1] * eves, (1 + eves, -1),
+                 scenario.reference_snr * power / length**scenario.channel.exponent,
+                 scenario.altitudes / length)
     return link.for_receivers(np.append(1.0, scenario.receiver_advantages)[:, None])
 
 
-def _link(scenario: Scenario, snr: Array | float, squared_altitudes: Array,
-          fading: Array | None, losses: Array | None) -> FreeSpace:
-    """Return a link with factors of fading and losses, or None for those that are 1."""
-    channel = scenario.channel
-    if fading is not None:
-        snr = snr * fading
-    if channel.is_inverse_square:
-        return FreeSpace(snr, squared_altitudes)
-    a, b, _ = channel.los_numbers or (1.0, 1.0, 0.0)
-    return PathLoss(snr, squared_altitudes, 1.0 if losses is None else losses, channel.exponent,
-                    (a, b))
+def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
+          snr: Array | float, altitudes: Array) -> FreeSpace:
+    """
+    Return a link to the ground node (0) or to eavesdroppers (1).
 
-
-def _of_kinds(scenario: Scenario) -> tuple[Array | None, Array | None]:
-    """Return the fading and the losses of each kind of link, (2, U), or None where all are 1."""
+    :param kinds: of the receivers.
+    :param shape: of arrays with an entry for each receiver and UAV.
+    """
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
     # To the ground node a jammer interferes, to an eavesdropper the transmitter leaks.
-    harms = np.stack([~transmits, transmits])
-    fading = losses = None
+    harms = np.stack([~transmits, transmits])[kinds].reshape(shape)
     if channel.outage is not None:
         low, high = fading_quantiles(channel, uavs * (1 + len(scenario.eavesdroppers)))
-        fading = np.where(harms, high, low)
-    if channel.los_numbers is not None:
-        loss = 10.0**(-channel.los_numbers[2] / 10.0)
-        losses = np.where(harms & channel.cautious, 1.0, loss)
-    return fading, losses
+        snr = snr * np.where(harms, high, low)
+    if channel.is_inverse_square:
+        return FreeSpace(snr, altitudes**2)
+    a, b, loss = channel.los_numbers or (1.0, 1.0, 0.0)
+    losses = np.where(harms & channel.cautious, 1.0, 10.0**(-loss / 10.0))
+    return PathLoss(snr, altitudes**2, losses, channel.exponent, (a, b))
 
 
 @lru_cache(maxsize=256)
 def fading_quantiles(channel: Channel, links: int) -> tuple[float, float]:
     """
-    Return between what the power gain of Rician fading is, each side but for a small probability.
+    Return between what the power gain of Rician fading is, each side but for outage / links.
 
     With the factor K, 2 (K + 1) |h|^2 is noncentral chi-square with 2 degrees of freedom and the
-    noncentrality 2 K. The probability is that of the outage divided by the number of links, so
-    that all links are on the right side at once but for the outage (union bound).
-
-    :param channel: one with an outage.
-    :param links: how many fade.
+    noncentrality 2 K. All links are on the right side at once but for the outage (union bound).
     """
     from scipy.stats import ncx2  # Here, because it takes half a second to import.
     assert channel.rician_k_db is not None and channel.outage is not None
@@ -221,7 +198,6 @@ def guaranteed_squared_distance(squared: Array, edge: Array) -> Array:
     """
     Return ([d + edge]^+)^2 of equation (9) for squared distances d^2.
 
-    :param edge: -epsilon for the transmitter, whose best case over the disc counts, and epsilon
-        for jammers, whose worst case does.
+    The edge is -epsilon for the transmitter, whose best case counts, and epsilon for jammers.
     """
     return np.maximum(np.sqrt(squared) + edge, 0.0)**2

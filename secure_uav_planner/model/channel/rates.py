@@ -128,16 +128,11 @@ def rate_of(received: Array) -> Array:
 
 def sinr_of(received: Array) -> Array:
     """Return S / (1 + J) of powers as in rate_of, (...)."""
-    interference: Array = received[1:].sum(axis=0)
-    return received[0] / (1.0 + interference)
+    return received[0] / (1.0 + received[1:].sum(axis=0))
 
 
 def put_together(leaks: Array) -> Array:
-    """
-    Return what colluding eavesdroppers leak, log2(1 + sum of their SINRs), (N,).
-
-    :param leaks: to each, (N, E) in bit/s/Hz.
-    """
+    """Return log2(1 + sum of the SINRs), (N,), of the leaks (N, E) to colluding ones."""
     return np.log1p(np.expm1(leaks * np.log(2.0)).sum(axis=1)) / np.log(2.0)
 
 
