@@ -72,6 +72,20 @@ def _rate(grid, x, place, radius, advantage, to_ground, softening):
     return np.log(1 + received[..., 0] / (1 + received[..., 1:].sum(axis=-1)))
 
 
+def model(barrier):
+    """
+    Return what the next step of a Barrier is computed from.
+
+    :return: the barrier function, (S,), its gradient, (S, N, U, 3), and the Hessian of the
+        objective slot by slot, of which the lower triangles count, (S, N, 3 U, 3 U).
+    """
+    size = 3 * barrier.x.shape[2]
+    found = (np.empty(len(barrier.x)), np.empty_like(barrier.x),
+             np.empty((*barrier.x.shape[:2], size, size)))
+    barrier._core.model(*found)
+    return found
+
+
 def slacks(limit, path, lines=None):
     """
     Return c of a limit of flights.

@@ -73,7 +73,7 @@ def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
 def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
     grid = Grid.of(scenario)
     x = inner_variables(grid, np.random.default_rng(seed))
-    _, [found], _ = Barrier(grid, x[None], mu).model()
+    _, [found], _ = oracle.model(Barrier(grid, x[None], mu))
     exact = oracle.gradient(
         lambda at: oracle.barrier(grid, at, mu, oracle.SOFTENING), x)
     np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-7 * (1 + np.abs(exact).max()))
@@ -84,7 +84,7 @@ def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
 def test_hessians_are_those_of_the_objective(scenario, seed, mu):
     grid, step = Grid.of(scenario), 1e-6
     x = inner_variables(grid, np.random.default_rng(seed))
-    _, _, [found] = Barrier(grid, x[None], mu).model()
+    _, _, [found] = oracle.model(Barrier(grid, x[None], mu))
     exact = oracle.hessians(
         lambda at: oracle.objective(grid, at, mu, oracle.SOFTENING), x, step)
     scale = 1 + np.abs(exact).max(axis=(-2, -1), keepdims=True)
@@ -108,5 +108,5 @@ def test_the_gradient_at_the_very_kink_is_finite():
     grid = Grid.of(scenario)
     above = np.broadcast_to(scenario.eavesdroppers[0].position, (2, 3, 2))
     x = grid.variables(above, 0.5 * np.ones((2, 3)))
-    _, gradient, hessian = Barrier(grid, x[None], 1e-2).model()
+    _, gradient, hessian = oracle.model(Barrier(grid, x[None], 1e-2))
     assert np.isfinite(gradient).all() and np.isfinite(hessian).all()

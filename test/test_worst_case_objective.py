@@ -147,7 +147,7 @@ def test_the_largest_leak_bends_as_the_places_that_follow_the_uavs_say(radius):
     fixed._largest[:] = False
     ground = oracle.hessians(lambda at: oracle.rates(grid, at)[0], x)
     bend, of_fixed = (
-        symmetric(Barrier(grid, x[None], 1e-7, places=some).model()[2][0]) + ground
+        symmetric(oracle.model(Barrier(grid, x[None], 1e-7, places=some))[2][0]) + ground
         for some in (places, fixed))
     seen, still = [], []
     for move in rng.normal(0, 1, (20, 2, 3)):

@@ -15,12 +15,7 @@ from ..plan.plan import Objective, Plan
 
 def without_losing_slots(scenario: Scenario, positions: Array, powers: Array,
                          objective: Objective = 'guaranteed') -> tuple[Array, Array]:
-    """
-    Return the powers with the transmitter silent where its rate is negative.
-
-    :param objective: which rate counts.
-    :return: powers, (U, N) in W, and the rates that they have, (N,) in bit/s/Hz.
-    """
+    """Return powers (U, N) in W, silent where the rate is negative, and the rates (N,)."""
     rates = (guaranteed_rates if objective == 'guaranteed' else worst_case_rates)(
         scenario, positions, powers)
     powers = powers.copy()

@@ -9,14 +9,9 @@ from ..model.channel import guaranteed_rates
 from ..model.limits import is_clear, repaired, repaired_powers
 from ..plan.plan import Iteration, Objective, Plan, Status
 
-_NEGLIGIBLE_RATE = 1e-7
-"""A slot with a lower rate, in bit/s/Hz, is not worth any power."""
-
-_IDLE_SHARE = 1e-3
-"""A slot with a smaller share of the mean rate carries nothing."""
-
-_JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)
-"""Shares of the present jamming power that try_less_jamming tries."""
+_NEGLIGIBLE_RATE = 1e-7  # A slot with a lower rate, in bit/s/Hz, is not worth any power.
+_IDLE_SHARE = 1e-3  # A slot with a smaller share of the mean rate carries nothing.
+_JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)  # Of the present power, that try_less_jamming tries.
 
 
 class Search:
@@ -27,11 +22,9 @@ class Search:
     converged. Only feasible iterates that raise the true objective are kept, so the objective
     is monotone and there is a plan at any time.
 
-    :param scenario: what to plan.
     :param positions: feasible start, (U, N+2, 2) in m.
     :param powers: feasible start, (U, N) in W.
-    :param termination: the deadline and the callback, to which every Iteration is reported; by
-        default there is neither.
+    :param termination: the deadline and the callback, to which every Iteration is reported.
     :param warm: whether the start is an earlier plan rather than a guess.
     :param objective: which rate is to be raised.
     :param parent: a search of which this one is a part, and which reports in its place.
@@ -52,7 +45,8 @@ class Search:
         self.powers, self._rates = without_losing_slots(
             scenario, positions, powers, objective)
         self.rate = float(self._rates.mean())
-        self.report('start')
+        if parent is None:
+            self.report('start')
 
     @property
     def time_left(self) -> float:
@@ -128,24 +122,20 @@ class Search:
         self.try_improve(powers=quiet * (self.powers.mean(axis=1) / spent)[:, None])
 
     def with_objective(self, objective: Objective) -> 'Search':
-        """
-        Return a search for another objective, from the present iterate.
-
-        It is a part of this one, which reports its steps.
-        """
+        """Return a search for another objective from the present iterate, a part of this one."""
         return Search(self.scenario, self.positions, self.powers, self.termination, self.warm,
                       objective, parent=self)
 
     def report(self, step: str) -> None:
         """Add the present iterate to the history and call the callback."""
+        if self._parent is not None:
+            self._parent.solver_time = self.solver_time
+            self._parent.report(step)
+            return
         iteration = Iteration(len(self.history), step, self.rate, self.termination.elapsed,
                               self.solver_time)
         self.history.append(iteration)
-        if self._parent is None:
-            self.termination.tell(iteration)
-        elif iteration.number:  # 0 is the present iterate of the parent.
-            self._parent.solver_time = self.solver_time
-            self._parent.report(step)
+        self.termination.tell(iteration)
 
     @property
     def useful_powers(self) -> Array:
@@ -154,7 +144,7 @@ class Search:
 
     def plan(self, method: str, status: Status) -> Plan:
         """Return the best iterate as a Plan, in which slots that carry nothing are silent."""
-        if self._parent is None and self.stop_reason() is None:
+        if self.stop_reason() is None:
             self.settle_idle_slots()
         last = self.history[-1]
         if self.rate > last.rate and self.stop_reason() is None:  # Found after the last report.
@@ -169,9 +159,7 @@ def powers_without_jamming(scenario: Scenario, positions: Array,
     """
     Return powers that transmit only in the slots that win without any jamming, (U, N) in W.
 
-    The power of the other slots is given to these. None where no slot wins.
-
-    :param share: of the transmitter's average power that is used.
+    These have a share of the transmitter's average power. None where no slot wins.
     """
     powers = np.zeros((len(scenario.uavs), scenario.slots))
     powers[0] = share * scenario.average_powers[0]

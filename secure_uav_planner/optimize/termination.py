@@ -21,8 +21,8 @@ class Termination:
 
     :param on_iteration: called with Iterations; returning True cancels.
     :param time_limit: in s from now, or None.
-    :param asks_again: whether the callback is asked again between iterations, with the last one,
-        some times a second: where flights have to be searched, iterations can be far apart.
+    :param asks_again: whether the callback is asked again between iterations, some times a second:
+        where flights have to be searched, iterations can be far apart.
     """
 
     def __init__(self, on_iteration: OnIteration | None = None,

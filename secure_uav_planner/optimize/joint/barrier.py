@@ -18,13 +18,11 @@ from ...model.limits import limits_of
 
 class Barrier:
     """
-    Newton's method on the barrier function of (P2) in positions and powers together.
+    Newton's method on the barrier function of `kernel/newton.hpp`, from strictly feasible starts.
 
-    `kernel/newton.hpp` says what the function is. Iterates are strictly feasible. S starts are
-    advanced side by side, on all cores.
+    S starts are advanced side by side, on all cores.
 
-    :param grid: of the variables.
-    :param x: strictly feasible starts, (S, N, U, 3).
+    :param x: the starts on a grid, (S, N, U, 3).
     :param mu: the barrier parameter to begin with, for all starts or for each, (S,).
     :param check: called between parts of a step that may take long; what it raises ends the
         step and leaves the starts as they are.
@@ -55,7 +53,8 @@ class Barrier:
 
     def exchange(self, places: WorstPlaces, worse: bool) -> None:
         """Go on with places that have been exchanged; `worse` ones need further steps."""
-        self._core.exchange(_places(places), _plain(places.receivers.positions))
+        self._core.exchange(
+            _places(places), np.ascontiguousarray(places.receivers.positions, float))
         if worse:
             self.finished[:] = False
 
@@ -69,8 +68,7 @@ class Barrier:
         """
         Take up to `steps` steps from every start, as many as are short together; return how many.
 
-        After each its mu is lowered towards `final` where it may be. Nobody looks at the starts
-        between steps, and `finished` ones go on as well.
+        After each its mu is lowered towards `final` where it may be; `finished` ones go on.
 
         :raises NumericalError: when no step could be computed from any start.
         """
@@ -82,40 +80,24 @@ class Barrier:
             raise NumericalError('no Newton step could be computed')
         return int(taken)
 
-    def model(self) -> tuple[Array, Array, Array]:
-        """
-        Return what the next step is computed from.
-
-        :return: the barrier function, (S,), its gradient, (S, N, U, 3), and the Hessian of the
-            objective slot by slot, of which the lower triangles count, (S, N, 3 U, 3 U).
-        """
-        size = 3 * self.x.shape[2]
-        found = (np.empty(len(self.x)), np.empty_like(self.x),
-                 np.empty((*self.x.shape[:2], size, size)))
-        self._core.model(*found)
-        return found
-
 
 def _problem(grid: Grid, receivers: Receivers, places: WorstPlaces | None) -> dict[str, Any]:
     """Return what the kernel asks for, by the names of problem.hpp."""
     limits = [limit.compiled for limit in limits_of(grid.scenario, grid)]
     return {
-        'slots': grid.slots, 'uavs': len(grid.fixed), 'starts': _plain(grid.starts),
-        'goals': _plain(grid.goals), 'fixed': _plain(grid.fixed),
-        'peaks': _plain(grid.scenario.peak_powers / grid.power),
+        'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
         'limits': [limit for limit in limits if limit is not None],
-        'positions': _plain(receivers.positions), 'edge': _plain(receivers.edge),
         'channel': receivers.link.compiled(*receivers.edge.shape),
-        'colluding': grid.scenario.colluding,
-        'places': None if places is None else _places(places)}
+        'places': None if places is None else _places(places),
+        **_plain(starts=grid.starts, goals=grid.goals, fixed=grid.fixed,
+                 peaks=grid.scenario.peak_powers / grid.power,
+                 positions=receivers.positions, edge=receivers.edge)}
 
 
 def _places(places: WorstPlaces) -> dict[str, Array]:
-    """Return the places in discs as the kernel asks for them."""
-    return {'followed': _plain(places.followed), 'offsets': _plain(places.offsets),
-            'radii': _plain(places.radii)}
+    return _plain(followed=places.followed, offsets=places.offsets, radii=places.radii)
 
 
-def _plain(values: NDArray[Any]) -> Array:
-    """Return an array as the kernel takes it."""
-    return np.ascontiguousarray(values, float)
+def _plain(**arrays: NDArray[Any]) -> dict[str, Array]:
+    """Return arrays as the kernel takes them."""
+    return {name: np.ascontiguousarray(values, float) for name, values in arrays.items()}
