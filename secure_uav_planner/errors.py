@@ -62,6 +62,7 @@ class ScenarioError(PlanningError, ValueError, code='invalid_scenario'):
 
     :ivar others: what else does not fit together in the same scenario.
     """
+
     others: tuple['ScenarioError', ...] = ()
 
 

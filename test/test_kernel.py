@@ -160,7 +160,7 @@ def test_only_steps_that_are_short_are_taken_at_once():
     for slots in (50, 5000):
         grid = Grid.of(Scenario.paper(slots=slots))
         x = strictly_feasible(grid, fly_hover_fly_positions(grid.scenario),
-                              constant_powers(grid.scenario))
+                              constant_powers(grid.scenario), share=0.05)
         taken.append(Barrier(grid, x[None], 0.02).advance(60, 1e-3))
     assert 1 <= taken[1] < taken[0] == 60
 

@@ -114,6 +114,12 @@ class Uav:
         return self.max_acceleration * slot_duration**2 / 8
 
     @property
+    def limits_text(self) -> str:
+        """Largest speed and acceleration in words."""
+        return f'{self.max_speed:g} m/s' + (
+            '' if self.max_acceleration is None else f' and {self.max_acceleration:g} m/s^2')
+
+    @property
     def vehicle(self) -> Vehicle:
         """Flight limits, and where the flight begins and ends."""
         displacement = (self.goal[0] - self.start[0], self.goal[1] - self.start[1])

@@ -172,12 +172,10 @@ class Scenario:
         for uav, effort in zip(self.uavs, self.efforts, strict=True):
             if effort > 1 + _EFFORT_TOLERANCE:
                 shortest = uav.vehicle.shortest_step(self.slots) * self.slots
-                limits = f'{uav.max_speed:g} m/s'
-                if uav.max_acceleration is not None:
-                    limits += f' and {uav.max_acceleration:g} m/s^2'
                 yield InfeasibleMissionError(
                     f'duration is {self.duration:g} s; {uav.name} needs at least '
-                    f'{math.ceil(shortest * 1000) / 1000:g} s from start to goal at {limits}',
+                    f'{math.ceil(shortest * 1000) / 1000:g} s from start to goal at '
+                    f'{uav.limits_text}',
                     ('duration',))
 
     def __getstate__(self) -> dict[str, Any]:

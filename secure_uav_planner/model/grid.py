@@ -192,6 +192,11 @@ def resampled(values: Array, count: int, inner: bool = False) -> Array:
     return here + share * (values[np.minimum(before + 1, len(values) - 1)] - here)
 
 
+def resampled_flights(positions: Array, slots: int) -> Array:
+    """Return positions (U, M+2, 2) over equal shares of a flight in other slots, (U, N+2, 2)."""
+    return np.swapaxes(resampled(np.swapaxes(positions, 0, 1), slots + 2), 0, 1)
+
+
 @lru_cache(maxsize=64)
 def _interpolation(number: int, count: int, inner: bool) -> tuple[NDArray[np.intp], Array]:
     """Return the preceding sample and the interpolation weight of each new point, (count,)."""

@@ -8,7 +8,7 @@ from .initial import Check, flights_near, fly_hover_fly_positions
 from ..errors import OptionError
 from ..mission.scenario import Array, Point, Scenario
 from ..model.channel import guaranteed_rates, worst_case_rates
-from ..model.grid import resampled
+from ..model.grid import resampled, resampled_flights
 from ..model.limits import is_clear, repaired
 from ..plan.plan import Objective, Plan
 
@@ -58,8 +58,7 @@ def adapted(scenario: Scenario, plan: Plan,
     if len(plan.scenario.uavs) != len(scenario.uavs):
         raise OptionError(f'initial is a plan for {len(plan.scenario.uavs)} UAVs; '
                           f'it must be one for {len(scenario.uavs)}')
-    positions = np.swapaxes(
-        resampled(np.swapaxes(plan.positions, 0, 1), scenario.slots + 2), 0, 1)
+    positions = resampled_flights(plan.positions, scenario.slots)
     share = np.linspace(0, 1, scenario.slots + 2)
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]

@@ -153,7 +153,8 @@ class _Diagnosis:
                 if field in wrong or field in missing:
                     return None, wrong
                 value = values.get(field)
-                self._add((*place, *error.place), f'{error}{_unit(error.place, value, str(error))}')
+                unit = _unit(error.place, value, str(error))
+                self._add((*place, *error.place), f'{error}{unit}')
                 if isinstance(value, dict) and inner and inner[0] in value:
                     # The block may have more that is wrong.
                     value = {name: one for name, one in value.items() if name != inner[0]}

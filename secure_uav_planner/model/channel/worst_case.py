@@ -40,7 +40,7 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     powers = np.maximum(powers, 0.0)
     leak, _ = _worst_leaks(scenario, positions[:, 1:-1], powers)
     return np.maximum(ground_rates(scenario, positions, powers) - leak,
-                              guaranteed_rates(scenario, positions, powers))
+                      guaranteed_rates(scenario, positions, powers))
 
 
 def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Array:

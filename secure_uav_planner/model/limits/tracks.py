@@ -39,7 +39,7 @@ class Tracks:
     each UAV has two of them, before and after each point.
 
     :param grid: of the flight.
-    :param kinds: the weights of the pieces of each UAV around a point, as `pieces_of` returns them.
+    :param kinds: the weights of the pieces of each UAV around a point, as of pieces_of.
     :param ends: those around the first point and the last, where they are others.
     :ivar uav: whose each track is, (T,).
     :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, T, K, 3); zero for points
@@ -99,7 +99,7 @@ class Tracks:
         return found + self.constant
 
     def matrix(self, track: int, place: int) -> tuple[Any, Array]:
-        """Return a control point of all pieces as a matrix (N+2, N+2) and a constant (N+2, 2)."""
+        """Return the matrix, (N+2, N+2), and the constant, (N+2, 2), of a control point."""
         count = self.grid.slots + 2
         weights = self.all_weights[:, track, place]
         found = scipy.sparse.csr_array(scipy.sparse.diags(

@@ -24,7 +24,6 @@ def flights_to(scenario: Scenario, hover: Array,
 
     :param hover: hovering places, (U, 2) in m.
     :param ways: which ways each UAV takes to its place and back; by default the shortest.
-    :param check: called for each UAV; what it raises is passed on.
     :return: positions, (U, N+2, 2) in m.
     """
     positions = np.empty((len(scenario.uavs), scenario.slots + 2, 2))
@@ -50,8 +49,7 @@ def route(scenario: Scenario, uav: int, place: Array, out: int = 0,
     It may still cut corners and need more acceleration than there is, which the projection mends.
     A UAV without the time to reach its place turns back on the way.
 
-    :param out: which of the ways there, the shortest first.
-    :param back: which of the ways from there to the goal.
+    :param out: which of the ways there, the shortest first, as back is from there to the goal.
     :return: (N+2, 2) in m, or None where there is no such way, or nothing is in its way.
     """
     one, step = scenario.uavs[uav], float(scenario.max_step[uav])
@@ -93,11 +91,7 @@ def direct(scenario: Scenario, uav: int, way: int = 0) -> Array | None:
 
 
 def direct_flights(scenario: Scenario, check: Check) -> Iterator[Array]:
-    """
-    Give flights (U, N+2, 2) in m straight from start to goal, or on the ways around.
-
-    :param check: called for each UAV; what it raises is passed on.
-    """
+    """Give flights (U, N+2, 2) in m straight from start to goal, or on the ways around."""
     ways = []
     for uav in range(len(scenario.uavs)):
         check()

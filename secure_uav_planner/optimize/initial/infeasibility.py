@@ -24,8 +24,8 @@ def refuse(scenario: Scenario, check: Check) -> NoReturn:
     """
     Say why no flights were found for a scenario.
 
-    :param check: as for fly_hover_fly_positions. When it raises TimeLimitError after flights of
-        the duration were searched in vain, no duration is named.
+    Where check raises TimeLimitError in the search for a duration, none is named.
+
     :raises InfeasibleMissionError: naming the UAVs, what is in their way or must be kept, and the
         shortest duration with which flights were found; `others` are those of further UAVs.
     """
@@ -69,8 +69,6 @@ def _of_one(scenario: Scenario, number: int, check: Check) -> Iterator[Infeasibl
         around = f' around {names}' if names else ''
         if scenario.geofence is not None and GEOFENCE not in names:
             around += f' inside {GEOFENCE}'
-        limits = f'{uav.max_speed:g} m/s' + (
-            '' if uav.max_acceleration is None else f' and {uav.max_acceleration:g} m/s^2')
         try:
             shortest = _shortest(alone, check)
         except TimeLimitError:
@@ -80,12 +78,13 @@ def _of_one(scenario: Scenario, number: int, check: Check) -> Iterator[Infeasibl
             if shortest is not None:
                 yield InfeasibleMissionError(
                     f'duration is {scenario.duration:g} s; {uav.name} needs at least '
-                    f'{_text(shortest)} s from start to goal{around} at {limits}',
+                    f'{_text(shortest)} s from start to goal{around} at '
+                    f'{uav.limits_text}',
                     ('duration',))
                 return
         yield InfeasibleMissionError(
             f'no flight was found that takes {uav.name} from start to goal{around} '
-            f'at {limits}, {searched}', ('uavs', number))
+            f'at {uav.limits_text}, {searched}', ('uavs', number))
 
 
 def _in_the_way(scenario: Scenario) -> str:
@@ -96,10 +95,11 @@ def _in_the_way(scenario: Scenario) -> str:
     return ' or '.join(dict.fromkeys(piece.name for piece in met or pieces))
 
 
-def _is_flown(scenario: Scenario, check: Check) -> bool:
-    """Return whether flights from start to goal are found."""
-    return any(flights_near(scenario, flights, check, _SHARE) is not None
-               for flights in direct_flights(scenario, check))
+def _is_flown(scenario: Scenario, check: Check, duration: float | None = None) -> bool:
+    """Return whether flights from start to goal are found in a duration, by default its own."""
+    asked = scenario if duration is None else replace(scenario, duration=duration)
+    return any(flights_near(asked, flights, check, _SHARE) is not None
+               for flights in direct_flights(asked, check))
 
 
 def _shortest(scenario: Scenario, check: Check) -> float | None:
@@ -108,24 +108,20 @@ def _shortest(scenario: Scenario, check: Check) -> float | None:
     longest = min(low * 2**_DOUBLINGS, RANGES['duration'][1])
     at_rest = all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
     # From rest to rest, a longer flight is always easier.
-    if at_rest and not _is_flown_in(scenario, longest, check):
+    if at_rest and not _is_flown(scenario, check, longest):
         return None
     high = min(2 * low, longest)
-    while not _is_flown_in(scenario, high, check):
+    while not _is_flown(scenario, check, high):
         if high >= longest:
             return None
         low, high = high, min(2 * high, longest)
     for _ in range(_HALVINGS):
         middle = math.sqrt(low * high)
-        if _is_flown_in(scenario, middle, check):
+        if _is_flown(scenario, check, middle):
             high = middle
         else:
             low = middle
     return high
-
-
-def _is_flown_in(scenario: Scenario, duration: float, check: Check) -> bool:
-    return _is_flown(replace(scenario, duration=duration), check)
 
 
 def _text(duration: float) -> str:

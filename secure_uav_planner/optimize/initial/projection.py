@@ -18,7 +18,7 @@ import scipy
 from .signals import deferred_signals
 from .visibility_graph import Check
 from ...mission.scenario import Array, Scenario
-from ...model.grid import Grid, resampled
+from ...model.grid import Grid, resampled_flights
 from ...model.limits import is_clear, limits_of
 from ...model.limits.lines import LineLimit, Lines
 from ...model.limits.norm import NormLimit, reference_flight
@@ -39,10 +39,9 @@ _SMOOTH_ENDS = 20  # Points over which smoothing begins.
 def flights_near(scenario: Scenario, positions: Array, check: Check,
                  share: float = 1e-3) -> Array | None:
     """
-    Return flights near others that are inside all limits of a scenario, or None without any.
+    Return flights near others (U, N+2, 2) in m that keep all limits, or None without any.
 
-    :param positions: (U, N+2, 2) in m.
-    :param check: called now and then; what it raises is passed on.
+    :param check: called now and then; what it raises is passed on, as everywhere here.
     :param share: of the slack that is left where it can be.
     """
     grid = Grid.of(scenario)
@@ -56,40 +55,31 @@ def flights_near(scenario: Scenario, positions: Array, check: Check,
 def projected(grid: Grid, positions: Array, share: float, check: Check,
               other_way: bool = False) -> Array | None:
     """
-    Return flights near others that are strictly inside all limits of flights.
+    Return flights (U, N+2, 2) in m strictly inside all limits of flights, or None without any.
 
-    :param positions: (U, M+2, 2) in m, for any number M of slots.
+    :param positions: that they are near to, (U, M+2, 2) in m, for any number M of slots.
     :param share: of the slack of the flight of least effort that is left, at most.
-    :param check: called now and then; what it raises is passed on.
     :param other_way: whether UAVs that meet pass each other on another side than the nearest.
-    :return: (U, N+2, 2) in m, or None where none are found.
     """
     slots = min(_COARSE_SLOTS, _MOST_POINTS // len(positions))
     while slots < grid.slots:
         coarse = grid.divided(slots)
         found = _Projection(coarse, max(share, _COARSE_SHARE), check).of(
-            _resampled(positions, slots), other_way)
+            resampled_flights(positions, slots), other_way)
         if found is not None:
             found = settled(grid, _refined(coarse, found, grid), share, check)
             if found is not None:
                 return found
         slots *= _REFINEMENT
-    return _Projection(grid, share, check).of(_resampled(positions, grid.slots), other_way)
+    return _Projection(grid, share, check).of(
+        resampled_flights(positions, grid.slots), other_way)
 
 
 def settled(grid: Grid, positions: Array, share: float, check: Check) -> Array | None:
-    """
-    Return flights where they are well inside all limits, and else those that projected returns.
-
-    :param positions: (U, N+2, 2) in m.
-    """
+    """Return flights (U, N+2, 2) in m if well inside all limits, or what projected returns."""
     projection = _Projection(grid, share, check)
     inside = projection.inside(positions, _CLEARANCE / 2)
     return positions if inside.all() else projection.of(positions, inside=inside)
-
-
-def _resampled(positions: Array, slots: int) -> Array:
-    return np.swapaxes(resampled(np.swapaxes(positions, 0, 1), slots + 2), 0, 1)
 
 
 def _refined(coarse: Grid, positions: Array, grid: Grid) -> Array:
@@ -113,9 +103,6 @@ class _Projection:
 
     Speeds and accelerations stay below a share of their limits, and pieces of curves on their
     side of lines, which separate them from what they must clear.
-
-    :param grid: of the flights.
-    :param share: as for projected, as is check.
     """
 
     def __init__(self, grid: Grid, share: float, check: Check) -> None:
@@ -135,7 +122,9 @@ class _Projection:
         :param inside: UAVs that stay where they are as long as the others leave them room, (U,).
         """
         base = target = self._path(positions)
-        lines = None if inside is not None else self._turned_lines(base, other_way)
+        lines = None if inside is not None else [
+            limit.turned_lines(base, lines, other_way, self._check)
+            for limit, lines in zip(self._lines, self._chosen_lines(base), strict=True)]
         inside = np.full(len(positions), False) if inside is None else inside
         for _ in range(_ROUNDS):
             lines = self._chosen_lines(base) if lines is None else lines
@@ -150,14 +139,6 @@ class _Projection:
             if inside.all():
                 return found
         return None
-
-    def _turned_lines(self, base: Array, other_way: bool) -> list[Lines]:
-        """Return the lines of every limit for a path that need not be clear."""
-        found = []
-        for limit, lines in zip(self._lines, self._chosen_lines(base), strict=True):
-            self._check()
-            found.append(limit.turned_lines(base, lines, other_way, self._check))
-        return found
 
     def _chosen_lines(self, base: Array) -> list[Lines]:
         """Return the lines of every limit for a path."""
@@ -203,12 +184,10 @@ class _Projection:
     def _moved(self, group: NDArray[np.intp], base: Array, target: Array,
                lines: list[Lines]) -> Array | None:
         """
-        Return the path beyond lines that is nearest to a target, (N+2, U, 2).
+        Return the path beyond lines that is nearest to a target, of which only a group is moved.
 
         Variables are displacements from the base in steps, the excess of speed and acceleration,
         and what lacks to lines.
-
-        :param group: the UAVs that may be moved.
         """
         clarabel: Any = import_module('clarabel')  # Here, for few missions need it.
         step, size = self._step, 2 * self._grid.slots * len(group)
@@ -217,7 +196,8 @@ class _Projection:
         columns[1:-1, group] = 2 * np.arange(size // 2).reshape(-1, len(group))
         rows = _Rows(size + 2)
         excess, lack = size, size + 1
-        rows.add_bounds(np.array([excess, lack]))
+        # Neither is negative.
+        rows.add([(np.arange(2), np.array([excess, lack]), np.ones(2))], np.zeros(2))
         cones = [clarabel.NonnegativeConeT(
             2 + self._add_lines(rows, columns, group, base, lines, lack))]
         cones += [clarabel.SecondOrderConeT(3)] * self._add_norms(
@@ -337,20 +317,10 @@ class _Rows:
         self._constants: list[Array] = []
 
     def add(self, entries: list[Any], constants: Array) -> None:
-        """
-        Add rows.
-
-        :param entries: (row, column, value) as arrays; rows count from the first of these.
-        :param constants: b of each row.
-        """
+        """Add rows by (row, column, value) as arrays, rows from the first of these, and b."""
         self._parts += [(row + self._count, column, value) for row, column, value in entries]
         self._constants.append(constants)
         self._count += len(constants)
-
-    def add_bounds(self, columns: Array) -> None:
-        """Add rows by which variables are not negative."""
-        self.add([(np.arange(len(columns)), columns, np.ones(len(columns)))],
-                 np.zeros(len(columns)))
 
     def built(self) -> tuple[Any, Array]:
         """Return -A and b, as Clarabel wants them."""

@@ -8,13 +8,13 @@ from .flights import direct_flights, flights_to
 from .infeasibility import refuse
 from .projection import flights_near
 from .visibility_graph import Check, free_places
-from ...mission.scenario import Array, read_only, Scenario
+from ...mission.scenario import Array, Scenario
 from ...model.limits import is_open
 
 
 def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> Array:
     """
-    Return straight flights at full speed to a hovering place and on to the goal, as late.
+    Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
     The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn. A
     UAV without the time to reach its hovering place flies towards it and turns back at the last
@@ -23,7 +23,6 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
 
     :param check: called now and then in a search around what is in the way; what it raises is
         passed on.
-    :return: positions, (U, N+2, 2) in m.
     :raises InfeasibleMissionError: when no flights are found that keep the limits.
     """
     eves = scenario.eavesdropper_positions
@@ -33,7 +32,7 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
         return flights_to(scenario, hover)
     known = _known_flights(scenario)
     if not known:
-        known.append(read_only(_flights_around(scenario, hover, check)))
+        known.append(_flights_around(scenario, hover, check))
     return known[0].copy()
 
 
@@ -57,13 +56,7 @@ def _flights_around(scenario: Scenario, hover: Array, check: Check) -> Array:
 
 def constant_powers(scenario: Scenario, transmitting: float = 1.0, jamming: float = 1.0,
                     slots: int | None = None) -> Array:
-    """
-    Return the same powers in every slot, (U, N) in W.
-
-    :param transmitting: share of its average power that the transmitter has.
-    :param jamming: share of theirs that the jammers have.
-    :param slots: N, by default the scenario's.
-    """
+    """Return shares of the average powers in every slot, N by default the scenario's, (U, N)."""
     shares = np.full(len(scenario.uavs), jamming)
     shares[0] = transmitting
     return np.repeat((shares * scenario.average_powers)[:, None],

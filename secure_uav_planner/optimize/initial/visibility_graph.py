@@ -28,13 +28,7 @@ Check: TypeAlias = Callable[[], None]
 
 
 class VisibilityGraph:
-    """
-    The visibility graph of what a UAV may not enter, enlarged by a distance.
-
-    :param scenario: a Scenario.
-    :param uav: number of the UAV.
-    :param distance: how far ways keep from what is in their way, where they can, in m.
-    """
+    """The visibility graph of what a UAV may not enter, enlarged by a distance in m."""
 
     def __init__(self, scenario: Scenario, uav: int, distance: float) -> None:
         pieces = airspace_of(scenario).pieces[uav]
@@ -71,11 +65,9 @@ class VisibilityGraph:
 
     def ways(self, begin: Array, end: Array, most: int) -> list[Array]:
         """
-        Return ways between two places, the shortest first, each (K, 2) in m.
+        Return at most so many ways between two places, the shortest first, each (K, 2) in m.
 
         The others pass what the shortest one touches on the other side.
-
-        :param most: the largest number of ways.
         """
         places, edges = self._with(np.stack([begin, end]))
         shortest = _shortest(places, edges)
@@ -130,11 +122,7 @@ class VisibilityGraph:
 
 
 def free_places(scenario: Scenario, places: Array, check: Check) -> Array:
-    """
-    Return the nearest places to some (..., U, 2) in m where each UAV may be.
-
-    :param check: called for each UAV; what it raises is passed on.
-    """
+    """Return the nearest places to some (..., U, 2) in m where each UAV may be."""
     normals, offsets = airspace_of(scenario).hull
     found = places.copy()
     for uav, step in enumerate(Grid.of(scenario).steps.tolist()):
@@ -153,8 +141,6 @@ def ways_through(scenario: Scenario, uav: int, places: Sequence[Array],
     """
     Return the ways of a UAV from each place to the next, which keep a distance where they can.
 
-    :param places: each (2,) in m.
-    :param most: the largest number of ways between two places.
     :return: the visibility graph, or None where nothing can be in its way, and for each pair of
         places the ways, as VisibilityGraph.ways returns them.
     """

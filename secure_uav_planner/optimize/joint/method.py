@@ -12,7 +12,7 @@ import numpy as np
 from .exchange import improve_by_exchange
 from .multistart import improve_from_several_starts, improve_present
 from .powers import improve_powers
-from .stepper import Stepper, Stop, WARM_MU
+from .stepper import Stepper, Stop
 from ..search import Search
 from ...errors import NumericalError
 from ...plan.plan import Status
@@ -38,7 +38,7 @@ def improve(search: Search) -> Status:
                 return reason
         return _until_stopped(improve_by_exchange, stepper)
     if search.warm:
-        return _until_stopped(lambda stepper: improve_present(stepper, WARM_MU), stepper)
+        return _until_stopped(improve_present, stepper)
     return _until_stopped(improve_from_several_starts, stepper)
 
 

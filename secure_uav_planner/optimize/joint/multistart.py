@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .starts import several_starts, strictly_feasible
-from .stepper import COARSE_MU, FINAL_MU, Stepper, WARM_SHARE
+from .stepper import COARSE_MU, FINAL_MU, Stepper, WARM_MU, WARM_SHARE
 from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.grid import Grid
@@ -29,8 +29,6 @@ POLISHED = 12  # The most starts that are polished,
 POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
 POLISH_MUS = (0.05, 0.01)  # from each of these barrier parameters, in shares of its rate.
 FINISHED = 2  # The most starts that are finished on the full grid.
-LOW_RATE = 0.02  # bit/s/Hz, below which the other starts begin closer to the boundary,
-LOW_MU = 1e-5  # with a share of the rate again, but at least this.
 
 _FAILURES = NumericalError, np.linalg.LinAlgError  # Of a part, without which the others go on.
 _Starts: TypeAlias = tuple[Array, Array]
@@ -42,36 +40,29 @@ def improve_from_several_starts(stepper: Stepper) -> Status:
 
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
-    search = stepper.search
     grid, first, others = _coarse_starts(stepper)
     x, rates = _stepped(stepper, grid, *first, STEPS)
-    agreed = (rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED and search.rate >= LOW_RATE
+    agreed = (rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
     if not agreed:
         with suppress(*_FAILURES):
-            more, mus = next(others)
-            if search.rate < LOW_RATE:
-                mus = np.clip(POLISH_MUS[-1] * rates.max(), LOW_MU, mus)
-            further, their_rates = _stepped(stepper, grid, more, mus, STEPS)
+            further, their_rates = _stepped(stepper, grid, *next(others), STEPS)
             x, rates = np.concatenate([x, further]), np.append(rates, their_rates)
         near = _best(rates, GAP, POLISHED)
         x, rates = _polished(stepper, grid, x[near], rates[near])
     near = _best(rates, GAP, 1 if agreed else FINISHED)
     fine = stepper.on_full_grid(grid, x[near], COARSE_MU)
     status = stepper.finish(fine)
-    if not agreed:
-        _polish_plan(stepper)
+    if not agreed and stepper.search.rate > 0:
+        with suppress(*_FAILURES):
+            for share in POLISH_MUS:
+                improve_present(stepper, share * np.log(2) * stepper.search.rate)
     return 'converged' if fine.finished.any() else status
 
 
-def improve_present(stepper: Stepper, mu: float) -> Status:
-    """
-    Improve the present plan.
-
-    :param mu: the barrier parameter to begin with.
-    """
+def improve_present(stepper: Stepper, mu: float = WARM_MU) -> Status:
+    """Improve the present plan, with a barrier parameter to begin with; return the status."""
     search, grid = stepper.search, stepper.grid
-    x = strictly_feasible(grid, search.positions, search.powers,
-                          share=WARM_SHARE, check=stepper.check)
+    x = strictly_feasible(grid, search.positions, search.powers, WARM_SHARE, stepper.check)
     return stepper.finish(stepper.barrier(grid, x[None], mu))
 
 
@@ -107,14 +98,6 @@ def _polished(stepper: Stepper, grid: Grid, x: Array, rates: Array) -> tuple[Arr
             x = np.where((their_rates > rates)[:, None, None, None], found, x)
             rates = np.maximum(their_rates, rates)
     return x, rates
-
-
-def _polish_plan(stepper: Stepper) -> None:
-    """Improve the best plan from further inside."""
-    with suppress(*_FAILURES):
-        for share in POLISH_MUS:
-            if stepper.search.rate > 0:
-                improve_present(stepper, share * np.log(2) * stepper.search.rate)
 
 
 def _best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:

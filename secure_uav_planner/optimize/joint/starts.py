@@ -11,7 +11,7 @@ from ..initial import (
 from ..search import powers_without_jamming
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
-from ...model.grid import Grid, resampled
+from ...model.grid import Grid, resampled, resampled_flights
 from ...model.limits import is_open, repaired
 from ...model.limits.norm import reference_flight
 
@@ -39,13 +39,11 @@ _Ways: TypeAlias = tuple[tuple[int, int], ...] | None
 
 def hovering_places(scenario: Scenario, count: int) -> Array:
     """
-    Return hovering places of fly-hover-fly flights, (S, U, 2) in m.
+    Return S hovering places of fly-hover-fly flights, (S, U, 2) in m.
 
     First the paper's, the transmitter above the ground node and the jammers above the
     eavesdroppers in turn; then random places around these, each jammer's around any eavesdropper.
     They turn and shift with the map.
-
-    :param count: S.
     """
     rng = np.random.default_rng(0)
     ground, eavesdroppers = np.array(scenario.ground_node), scenario.eavesdropper_positions
@@ -66,7 +64,7 @@ def several_starts(grid: Grid, check: Check = lambda: None
     """
     Give two batches of strictly feasible starts: those that go first, and the others.
 
-    :param check: called before each flight; what it raises is passed on.
+    :param check: called before each flight; what it raises is passed on, as everywhere here.
     :return: the starts, (S, N, U, 3), and the barrier parameters to begin with, (S,).
     :raises NumericalError: when no flights strictly inside the limits are found, or too few on a
         grid that can be finer.
@@ -101,7 +99,6 @@ def _flights(grid: Grid, asked: Iterable[tuple[Array, _Ways, bool]],
 
     :param asked: hovering places, (U, 2) in m, ways to them, and whether UAVs that meet pass each
         other on another side than the nearest.
-    :param check: called before each flight.
     """
     for place, ways, other_side in asked:
         check()
@@ -132,8 +129,7 @@ def _with_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
         alone = powers_without_jamming(scenario, flights[number][0], _ON)
         if alone is not None:
             powers[number, 0] = resampled(alone[0], grid.slots, inner=True)
-    x = _variables(grid, np.array([inside for _, inside in flights]), powers, _SILENT)
-    return x, mu
+    return _variables(grid, np.array([inside for _, inside in flights]), powers, _SILENT), mu
 
 
 def _log_uniform(rng: np.random.Generator, ends: tuple[float, float],
@@ -159,26 +155,21 @@ def _other_ways(scenario: Scenario, places: Array) -> Iterator[tuple[_Ways, bool
                     yield tuple(ends if index == uav else (0, 0) for index in range(uavs)), False
 
 
-def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float = _SHARE,
-                      least: float | None = None, check: Check = lambda: None) -> Array:
+def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float,
+                      check: Check = lambda: None) -> Array:
     """
     Return variables of a grid that are strictly feasible and near a plan, (..., N, U, 3).
 
     :param positions: feasible, (U, M+2, 2) in m, for any number M of slots.
     :param powers: feasible, (..., U, M) in W.
     :param share: by which to go from the plan into the interior.
-    :param least: powers in units of the average power, by default a fifth of the share.
-    :param check: called now and then; what it raises is passed on.
     :raises NumericalError: when no flights strictly inside the limits are found.
     """
     flights = interior(grid, positions, share, check)
     if flights is None:
         raise NumericalError('no flight strictly inside the limits was found')
     powers = resampled(powers.T, grid.slots, inner=True).T
-    if least is None:
-        least = _MARGIN_OF_POWERS * share
-    flights = np.broadcast_to(flights, (*powers.shape[:-2], *flights.shape))
-    return _variables(grid, flights, powers, least, share)
+    return _variables(grid, flights, powers, _MARGIN_OF_POWERS * share, share)
 
 
 def _variables(grid: Grid, flights: Array, powers: Array, least: float | Array,
@@ -198,12 +189,11 @@ def interior(grid: Grid, positions: Array, share: float, check: Check,
 
     :param positions: (U, M+2, 2) in m, for any number M of slots.
     :param share: by which to go into the interior.
-    :param check: called now and then; what it raises is passed on.
     :param other_way: whether UAVs that meet pass each other on another side than the nearest.
     """
     if not grid.fixed.all() and not is_open(grid.scenario):
         return projected(grid, positions, share, check, other_way)
-    flights = np.swapaxes(resampled(np.swapaxes(positions, 0, 1), grid.slots + 2), 0, 1)
+    flights = resampled_flights(positions, grid.slots)
     if grid.fixed.all():
         return flights
     return inside_limits(grid, flights + share * (reference_flight(grid) - flights))
@@ -222,12 +212,7 @@ def inside_limits(grid: Grid, positions: Array) -> Array:
 
 
 def refined(grid: Grid, x: Array, finer: Grid, check: Check) -> Array | None:
-    """
-    Return variables (N, U, 3) of a grid on a finer one, strictly inside, or None.
-
-    :param x: (N, U, 3).
-    :param check: called now and then; what it raises is passed on.
-    """
+    """Return variables (N, U, 3) of a grid on a finer one, strictly inside, or None."""
     x = grid.refined(x, finer.slots)
     positions = finer.positions(x)
     inside = (inside_limits(finer, positions) if is_open(grid.scenario) else

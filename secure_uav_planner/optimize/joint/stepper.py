@@ -61,17 +61,19 @@ class Stepper:
 
     def on_full_grid(self, coarse: Grid, x: Array, mu: float | Array) -> Barrier:
         """
-        Return a Barrier of starts on the full grid, by way of grids in between.
+        Return a Barrier of starts (S, N, U, 3) on the full grid, by way of grids in between.
 
-        :param x: on the coarse grid, (S, N, U, 3).
-        :param mu: the barrier parameter that they have there, for all or for each.
+        :param mu: the barrier parameter that they have on the coarse grid, for all or for each.
         """
         full = self.grid.slots
         grid, mu = coarse, np.full(len(x), 1.0) * mu
         while grid.slots < full:
             if grid is not coarse:
                 middle = self.barrier(grid, x, mu)
-                self._converge(middle)
+                for _ in range(MOST_STEPS):
+                    self.step(middle, _MIDDLE_MU)
+                    if middle.finished.all():
+                        break
                 x, mu = middle.x, middle.mu
             grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
             finer = grid.divided(round(grid.slots * (full / grid.slots)**(1 / grids)))
@@ -84,13 +86,6 @@ class Stepper:
                     or not is_open(grid.scenario)):
                 mu = np.maximum(mu, REFINED_MU)
         return self.barrier(grid, x, mu)
-
-    def _converge(self, barrier: Barrier) -> None:
-        """Converge on a grid in between."""
-        for _ in range(MOST_STEPS):
-            self.step(barrier, _MIDDLE_MU)
-            if barrier.finished.all():
-                return
 
     def finish(self, barrier: Barrier) -> Status:
         """Converge on the full grid; return the status."""
@@ -106,9 +101,8 @@ class Stepper:
     def step(self, barrier: Barrier, mu: float, steps: int = 1,
              try_finished: bool = False) -> int:
         """
-        Take a step, or more, report them, and raise Stop where the search must end.
+        Take up to `steps` steps together, report them, and raise Stop where the search must end.
 
-        :param steps: the most that are taken together.
         :param try_finished: whether to propose what has finished before it is reported.
         :return: how many were taken.
         """

@@ -21,11 +21,10 @@ class WorstPlaces:
     Problem (P1) has the largest leak to any place of a disc. Counting with finitely many is
     right at an iterate when no other place has a larger leak than the worst of them.
 
-    :param grid: of the variables; it has the scenario's own slots.
+    :param grid: of the scenario's own slots.
     :param x: where to begin, (N, U, 3).
     :ivar receivers: the ground node, and eavesdroppers at the places.
-    :ivar rate: mean rate against the worst places found at the last x, losing slots silenced, in
-        nats.
+    :ivar rate: against the worst places at the last x, losing slots silenced, mean in nats.
     """
 
     def __init__(self, grid: Grid, x: Array) -> None:
@@ -49,15 +48,11 @@ class WorstPlaces:
 
     def exchange(self, x: Array, tolerance: float) -> bool:
         """
-        Take up the worst place of every disc and slot.
+        Take up the worst place of every disc and slot at x (N, U, 3); return if any was worse.
 
         It takes the place of a near one, which so follows the UAVs and whose dual is nearly its
-        own. If none is near, it counts only where it is worse than all that do, and takes the
-        place of the one with the smallest leak.
-
-        :param x: (N, U, 3).
-        :param tolerance: by which it must be worse, in nats.
-        :return: whether any was worse.
+        own. If none is near, it counts only where it is worse than all that do by a tolerance in
+        nats, and takes the place of the one with the smallest leak.
         """
         worst, leaks = self._worst(x)
         ground, leaks_known = self.receivers.rates(x)
