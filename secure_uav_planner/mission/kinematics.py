@@ -104,7 +104,8 @@ class Vehicle:
         both = scipy.sparse.identity(2)
         rows = scipy.sparse.bmat([
             [None, scipy.sparse.kron(np.full((1, moves), step * top / unit), both)],
-            [-limits[:, None], None], [None, -scipy.sparse.kron(vectors, both)]], format='csr')
+            [scipy.sparse.csr_matrix(-limits[:, None]), None],
+            [None, -scipy.sparse.kron(vectors, both)]], format='csr')
         right = np.concatenate([
             np.array(self.displacement) / unit, np.zeros(cones), constants.ravel()])
         # The displacement, then for every cone its limit times r and its vector.

@@ -26,10 +26,8 @@ def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
     """
     Return the vertices of a simple polygon, in either order, as a tuple of points.
 
-    A last vertex that repeats the first is left out.
-
-    :raises ScenarioError: for fewer than three vertices or too many, for a wrong coordinate, for
-        an outline that crosses or touches itself, and for a polygon without area.
+    A last vertex that repeats the first is left out. Raises ScenarioError for too few or too many
+    vertices, a wrong coordinate, an outline that crosses or touches itself, and no area.
     """
     if isinstance(values, (str, bytes)) or not hasattr(values, '__len__'):
         raise ScenarioError(f'{owner}{field} is {shown(values)}; it must be a list of vertices '
@@ -60,8 +58,8 @@ def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
     """
     Return convex polygons that make up a simple polygon, each (K, 2), counter-clockwise.
 
-    Their vertices are those of the polygon. There are at most four times as many as necessary
-    (Hertel and Mehlhorn, "Fast triangulation of simple polygons", 1983).
+    There are at most four times as many as necessary (Hertel and Mehlhorn, "Fast triangulation of
+    simple polygons", 1983).
     """
     corners = _corners(vertices)
     parts, diagonals = _triangles(corners)
@@ -90,11 +88,9 @@ def grown(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
     """
     Return a polygon that has all places within a margin of another one, and few more.
 
-    Its edges are at the margin from those of the other. Its corners are mitred and not round: one
-    of 90 degrees is 1.42 margins away, and none more than 1.81. It also has what it surrounds.
-
-    :param margin: in m. What a negative one leaves is at least that far inside; it may be several
-        polygons, or none.
+    Its edges are at the margin in m from those of the other. Its corners are mitred and not round:
+    one of 90 degrees is 1.42 margins away, and none more than 1.81. It also has what it surrounds.
+    What a negative margin leaves is at least that far inside; it may be several polygons, or none.
     """
     if margin == 0:
         return (vertices,)
@@ -117,11 +113,7 @@ def _outlines(shape: Any) -> tuple[Vertices, ...]:
 
 
 def half_planes(vertices: Vertices) -> tuple[Array, Array]:
-    """
-    Return the convex hull of a polygon as n.x <= b.
-
-    :return: unit normals n that point outwards, (K, 2), and b, (K,) in m.
-    """
+    """Return the convex hull as n.x <= b: unit normals n (K, 2) outwards, and b (K,) in m."""
     corners = _corners(tuple(
         (x, y) for x, y in shapely.Polygon(vertices).convex_hull.exterior.coords[:-1]))
     edges = np.roll(corners, -1, axis=0) - corners
@@ -131,12 +123,7 @@ def half_planes(vertices: Vertices) -> tuple[Array, Array]:
 
 
 def depth(vertices: Vertices, points: ArrayLike) -> Array:
-    """
-    Return how far in m points are inside a polygon; negative is their distance outside.
-
-    :param points: (..., 2) in m.
-    :return: (...).
-    """
+    """Return how far points (..., 2) in m are inside a polygon, negative outside, (...)."""
     polygon, places = shapely.Polygon(vertices), shapely.points(points)
     distance = shapely.distance(polygon.exterior, places)
     return np.where(shapely.contains(polygon, places), distance, -distance)

@@ -31,11 +31,8 @@ GAUSS_LEGENDRE = ((-math.sqrt(0.15), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.15), 5
 
 class Motion(NamedTuple):
     """
-    How the UAVs move at some times.
+    How the UAVs move at some times, (U, K, 2) in m, m/s and m/s^2.
 
-    :ivar positions: (U, K, 2) in m.
-    :ivar velocities: (U, K, 2) in m/s.
-    :ivar accelerations: (U, K, 2) in m/s^2.
     :ivar headings: directions of travel, held while hovering, (U, K) in rad from x to y.
     """
 
@@ -47,12 +44,10 @@ class Motion(NamedTuple):
 
 class Flown(NamedTuple):
     """
-    What a flight tells of its vehicle: the fields of Uav with the same names.
+    The fields of Uav that a flight tells: its smallest limits, and the velocities at its ends.
 
-    :ivar max_speed: the smallest limit that it keeps, in m/s.
-    :ivar max_acceleration: likewise, in m/s^2, or None for a flight straight from point to point.
-    :ivar start_velocity: (x, y) in m/s, or None where the first move goes on as it begins.
-    :ivar goal_velocity: likewise at the goal.
+    max_acceleration is None for a flight straight from point to point, and a velocity is None
+    where the move there goes on as it is.
     """
 
     max_speed: float
@@ -130,11 +125,7 @@ class Curve:
 
 
 def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Array:
-    """
-    Return the means of R-bar in each slot along a curve, before [x]^+, (N,) in bit/s/Hz.
-
-    :param powers: (U, N) in W; power n holds from the time of point n to that of point n + 1.
-    """
+    """Return the means of R-bar in each slot along a curve, before [x]^+, (N,) in bit/s/Hz."""
     rates = np.zeros(scenario.slots)
     for place, weight in GAUSS_LEGENDRE:
         times = (np.arange(1, scenario.slots + 1) + 0.5 + place) * scenario.slot_duration

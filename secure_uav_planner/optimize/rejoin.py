@@ -53,11 +53,7 @@ class Rejoin:
         return (self.first - _lead_in(self.plan.scenario)) * self.plan.scenario.slot_duration
 
     def continued(self, found: Plan) -> Plan:
-        """
-        Return the plan of the whole mission.
-
-        :param found: a Plan for the scenario.
-        """
+        """Return the plan of the whole mission, of which one for the scenario was found."""
         return self.plan.continued(self.point, found, (self.positions, self.powers))
 
 
@@ -71,12 +67,10 @@ def rejoined(plan: Plan, first: int, sightings: Sequence[Sighting | None], toler
     """
     Return the beginning of a replan from where the UAVs will be.
 
-    :param plan: the plan to continue.
-    :param first: the last point of its path that must stay, from 0 to slots - 1.
+    :param first: the last point of the plan's path that must stay, from 0 to slots - 1.
     :param sightings: where each UAV is; None for one that counts as on its plan.
     :param tolerance: the distance in m from the plan within which a UAV counts as on it.
-    :param ground_node: as it is now.
-    :param eavesdroppers: likewise.
+    :param ground_node: as it is now, as the eavesdroppers are.
     :raises InfeasibleMissionError: when a UAV cannot be met, or not reach its goal from there.
     """
     tail = plan.tail(first)

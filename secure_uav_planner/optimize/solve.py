@@ -1,6 +1,5 @@
 """From a scenario to a plan: the methods and the baselines."""
 
-from collections.abc import Callable
 from typing import get_args
 
 from . import joint
@@ -13,7 +12,7 @@ from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..model.limits import is_open
-from ..plan.plan import Plan, Status
+from ..plan.plan import Plan
 
 __all__ = ['METHODS', 'Method', 'Power', 'checked_objective', 'fly_hover_fly', 'solve']
 
@@ -23,15 +22,6 @@ The most gains to eavesdroppers, slots * uavs * eavesdroppers, of the alternatin
 
 A deadline cannot interrupt CVXPY while it compiles a problem, which takes about a second then.
 """
-
-
-def _improve_by(method: Method) -> Callable[[Search], Status]:
-    """Return what improves a Search until it has converged or must stop."""
-    if method == 'joint':
-        return joint.improve
-    # Imported here, because CVXPY takes a second to import.
-    from .alternating import alternate
-    return alternate
 
 
 def solve(scenario: Scenario, method: Method = 'joint',
@@ -73,11 +63,10 @@ def solve(scenario: Scenario, method: Method = 'joint',
     if objective is None and initial is not None and initial.method == method:
         objective = initial.objective
     objective = checked_objective(method, objective)
-    _check_size(scenario, method)
-    _check_channel(scenario, method)
-    time_limit = checked_time_limit(time_limit)
-    checked_callback('on_iteration', on_iteration)
-    termination = Termination(on_iteration, time_limit, not is_open(scenario))
+    if method == 'alternating':
+        _check_size(scenario)
+        _check_channel(scenario)
+    termination = _termination(scenario, on_iteration, time_limit)
     positions, powers = (
         fly_hover_fly_positions(scenario, termination.check), constant_powers(scenario)
         ) if initial is None else adapted(scenario, initial, termination.check)
@@ -86,7 +75,10 @@ def solve(scenario: Scenario, method: Method = 'joint',
     if initial is None and method == 'joint' and not is_open(scenario):
         # Where few flights are tried, none of them need be better than the baseline's.
         joint.optimise_powers(search)
-    return search.plan(method, _improve_by(method)(search))
+    if method == 'joint':
+        return search.plan(method, joint.improve(search))
+    from .alternating import alternate  # Here, because CVXPY takes a second to import.
+    return search.plan(method, alternate(search))
 
 
 def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
@@ -107,10 +99,8 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     checked_kind('scenario', scenario, Scenario)
     if power not in get_args(Power):
         raise OptionError(f"power is {shown(power)}; it must be 'constant' or 'optimised'")
-    time_limit = checked_time_limit(time_limit)
-    checked_callback('on_iteration', on_iteration)
     method = f'fly_hover_fly_{power}'
-    termination = Termination(on_iteration, time_limit, not is_open(scenario))
+    termination = _termination(scenario, on_iteration, time_limit)
     positions = fly_hover_fly_positions(scenario, termination.check)
     powers = constant_powers(scenario)
     if power == 'constant':
@@ -119,44 +109,46 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     return search.plan(method, joint.optimise_powers(search))
 
 
+def _termination(scenario: Scenario, on_iteration: OnIteration | None,
+                 time_limit: float | None) -> Termination:
+    time_limit = checked_time_limit(time_limit)
+    checked_callback('on_iteration', on_iteration)
+    return Termination(on_iteration, time_limit, not is_open(scenario))
+
+
 def checked_objective(method: str, objective: str | None = None) -> Objective:
     """
-    Return what a method is to maximise.
+    Return what a method is to maximise; without an objective, its own.
 
-    :param method: its name.
-    :param objective: what it is to maximise, or None for the method's own objective.
     :raises OptionError: when there is no such method or objective, or not together.
     """
     if method not in METHODS:
         raise OptionError(f'method is {shown(method)}; it must be one of {sorted(METHODS)!r}')
     if objective is None:
         return 'guaranteed' if method == 'alternating' else 'worst_case'
-    for known in OBJECTIVES:
-        if objective == known:
-            break
-    else:
+    if objective not in OBJECTIVES:
         raise OptionError(f'objective is {shown(objective)}; it must be one of {OBJECTIVES}')
     if method == 'alternating' and objective != 'guaranteed':
         raise OptionError(f"objective is {shown(objective)}; the method 'alternating' has only "
                           "'guaranteed'")
-    return known
+    return objective
 
 
-def _check_size(scenario: Scenario, method: Method) -> None:
+def _check_size(scenario: Scenario) -> None:
     gains = scenario.slots * len(scenario.uavs) * len(scenario.eavesdroppers)
-    if method == 'alternating' and gains > MAX_GAINS:
+    if gains > MAX_GAINS:
         raise OptionError(
             f"method is 'alternating'; it takes at most {MAX_GAINS} slots * uavs * eavesdroppers, "
             f"and this scenario has {gains}: use 'joint'")
 
 
-def _check_channel(scenario: Scenario, method: Method) -> None:
+def _check_channel(scenario: Scenario) -> None:
     channel = scenario.channel
-    if method == 'alternating' and not channel.is_inverse_square:
+    if not channel.is_inverse_square:
         raise OptionError(
             f"method is 'alternating'; its convex restriction holds for a channel of exponent 2 "
             f'and a line of sight everywhere, and this one has the exponent {channel.exponent:g} '
             f"and los {shown(channel.los)}: use 'joint'")
-    if method == 'alternating' and scenario.colluding:
+    if scenario.colluding:
         raise OptionError("method is 'alternating'; it counts with the best single eavesdropper, "
                           "and the scenario is colluding: use 'joint'")

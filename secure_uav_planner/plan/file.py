@@ -82,9 +82,7 @@ def _plan_of(document: object, kind: type[AnyPlan]) -> AnyPlan:
         values['scenario'] = Scenario.from_dict(values['scenario'])
     if values.get('bound') is not None:
         values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
-    if not isinstance(values.get('method', ''), str):
-        raise PlanFileError(f'method is {shown(values["method"])}; it must be a string')
-    plan = kind(**{**values, 'solve_time': _finite('solve_time', values.get('solve_time', 0))})
+    plan = kind(**values)
     if values.get('bound') is not None:
         _check_bound(plan, values['bound'])
     return plan
@@ -107,12 +105,6 @@ def _check_numbers(values: object, place: Place) -> None:
         raise PlanFileError(f'{path_of(place)} is {shown(values)}; it must be a number', place)
 
 
-def _finite(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
-        raise PlanFileError(f'{name} is {shown(value)}; it must be a finite number')
-    return float(value)
-
-
 def _iteration(entry: object) -> Iteration:
     """Return the Iteration of a file's entry, whose rate version 1 calls guaranteed_rate."""
     if isinstance(entry, Mapping) and 'guaranteed_rate' in entry:
@@ -120,7 +112,10 @@ def _iteration(entry: object) -> Iteration:
                  for name, value in entry.items()}
     values = checked_fields(Iteration, entry)
     for name in ('number', 'rate', 'elapsed', 'solver_time'):
-        _finite(f'history: {name}', values[name])
+        value = values[name]
+        if (isinstance(value, bool) or not isinstance(value, (int, float))
+                or not abs(value) < 1e300):
+            raise PlanFileError(f'history: {name} is {shown(value)}; it must be a finite number')
     if not isinstance(values['number'], int) or not isinstance(values['step'], str):
         raise PlanFileError(f'history has the entry {shown(entry)}')
     return Iteration(**values)

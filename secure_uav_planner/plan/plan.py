@@ -76,8 +76,12 @@ class Plan:
                                      ('objective', self.objective, OBJECTIVES)):
             if value not in allowed:
                 raise PlanError(f'{name} is {shown(value)}; it must be one of {allowed}', (name,))
-        self._check_bound()
-        self._check_start()
+        if self.bound is not None and (
+                not isinstance(self.bound, Bound) or self.bound.scenario != self.scenario):
+            raise PlanError(f'bound is {shown(self.bound)}; it must be None or a Bound of the '
+                            "plan's scenario", ('bound',))
+        if self.start_ns is not None:
+            self._check_start(self.start_ns)
         self._check_ends()
         for limit in limits_of(self.scenario):
             limit.check(self.positions, self.powers)
@@ -96,27 +100,18 @@ class Plan:
         object.__setattr__(self, 'history', tuple(self.history))
         if (isinstance(self.solve_time, bool)
                 or not isinstance(self.solve_time, (int, float, np.integer))
-                or not math.isfinite(self.solve_time)):
+                or not abs(self.solve_time) < 1e300):
             raise PlanError(f'solve_time is {shown(self.solve_time)}; it must be a finite number '
                             'in s', ('solve_time',))
 
-    def _check_start(self) -> None:
-        if self.start_ns is None:
-            return
+    def _check_start(self, start_ns: object) -> None:
         last = (_LAST_SECOND - math.ceil(self.times[-1])) * 10**9
-        if (isinstance(self.start_ns, bool) or not isinstance(self.start_ns, (int, np.integer))
-                or not 0 <= self.start_ns <= last):
-            raise PlanError(f'start_ns is {shown(self.start_ns)}; it must be None or a whole '
-                            f'number from 0 to {last}, so that ROS can stamp the whole flight',
+        if (isinstance(start_ns, bool) or not isinstance(start_ns, (int, np.integer))
+                or not 0 <= start_ns <= last):
+            raise PlanError(f'start_ns is {shown(start_ns)}; it must be None or a whole number '
+                            f'from 0 to {last}, so that ROS can stamp the whole flight',
                             ('start_ns',))
-        object.__setattr__(self, 'start_ns', int(self.start_ns))
-
-    def _check_bound(self) -> None:
-        if self.bound is None:
-            return
-        if not isinstance(self.bound, Bound) or self.bound.scenario != self.scenario:
-            raise PlanError(f'bound is {shown(self.bound)}; it must be None or a Bound of the '
-                            "plan's scenario", ('bound',))
+        object.__setattr__(self, 'start_ns', int(start_ns))
 
     def _check_ends(self) -> None:
         for uav, path in zip(self.scenario.uavs, self.positions, strict=True):

@@ -25,12 +25,7 @@ _OTHERS = {
 
 
 def read_mission(path: str | os.PathLike[str], schema: Schema) -> Any:
-    """
-    Return the Scenario in a file: YAML, or JSON if its name ends with .json.
-
-    :raises OSError: when the file cannot be read, is no regular file or is too large.
-    :raises MissionFileError: with all that is wrong, each with its line where it is known.
-    """
+    """Return the Scenario in a file; Scenario.load describes it."""
     document = read(path)
     for field, kind in _OTHERS.items():
         if _has(document.data, field):
@@ -46,12 +41,7 @@ def read_mission(path: str | os.PathLike[str], schema: Schema) -> Any:
 
 def located(path: str | os.PathLike[str], error: ScenarioError,
             known: Iterable[tuple[int | None, str]] = ()) -> MissionFileError:
-    """
-    Return what is wrong with the mission of a file, each with its line.
-
-    :param error: an error of the mission, with its `others`.
-    :param known: what else is wrong.
-    """
+    """Return the error of a file for one of its mission, with its `others` and what is known."""
     document = read(path)
     found = (Problem(document.line(one.place), str(one)) for one in (error, *error.others))
     return refusal(path, in_order([*map(Problem._make, known), *found]))
@@ -64,11 +54,7 @@ def _has(data: Any, field: str) -> bool:
 
 
 def write_mission(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
-    """
-    Write the plain values of a mission, as JSON if the name ends with .json, otherwise as YAML.
-
-    :raises OSError: when the file cannot be written; an old one is left as it was.
-    """
+    """Write the plain values of a mission; Scenario.save describes it."""
     text = text_of(path, data)
     with atomic_file(path) as file:
         file.write(text if text.startswith('{') else _HEAD + text)

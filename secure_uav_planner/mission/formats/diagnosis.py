@@ -12,11 +12,10 @@ from ...errors import path_of, Place, ScenarioError, shown
 @dataclass(frozen=True)
 class Schema:
     """
-    The classes of a mission, each as an instance in which any one field can be tried.
+    The classes of a mission, each as an instance with limits so wide that any right value fits.
 
     This package imports none of them, so that Scenario can use it.
 
-    :param scenario: a Scenario with limits so wide that any right value of a field fits.
     :param members: for each field of the scenario that is a list, such a Uav, Eavesdropper ...
     :param parts: for each field of the scenario that is an object of its own, such a Channel.
     """
@@ -40,12 +39,7 @@ UNITS = {
 
 
 def diagnosed(document: Document, schema: Schema) -> tuple[Any, list[Problem]]:
-    """
-    Return the scenario that a document describes, and what is wrong with it.
-
-    :return: a Scenario, and the problems in the order of the lines. Where there are any, it is
-        the `rest` of a MissionFileError.
-    """
+    """Return the Scenario, or `rest` of an error, and what is wrong in the order of lines."""
     work = _Diagnosis(document, schema)
     scenario = work.scenario()
     return scenario, in_order([*document.problems, *work.problems])

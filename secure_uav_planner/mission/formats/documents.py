@@ -23,11 +23,7 @@ _MOST_LEVELS = 20
 
 
 class Problem(NamedTuple):
-    """
-    What is wrong in a document.
-
-    :ivar line: counts from 1; None where it is not known.
-    """
+    """What is wrong in a document; lines count from 1, None where it is not known."""
 
     line: int | None
     text: str
@@ -95,9 +91,8 @@ _Dumper.add_representer(tuple, _Dumper.represent_list)
 
 def read(path: str | os.PathLike[str]) -> Document:
     """
-    Return what a YAML or JSON file holds.
+    Return what a file holds: JSON if its name ends with .json, otherwise YAML.
 
-    :param path: a file; one whose name ends with .json is read as JSON, any other as YAML.
     :raises OSError: when it cannot be read, is no regular file, or is larger than MOST_BYTES.
     :raises MissionFileError: for a wrong syntax, with the line.
     """

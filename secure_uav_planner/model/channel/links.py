@@ -145,8 +145,7 @@ def links_of(scenario: Scenario, length: float, power: Array) -> FreeSpace:
     """
     Return the links to the ground node and to every eavesdropper, for arrays (..., K, U).
 
-    :param length: the unit of length in m.
-    :param power: the units of the UAVs' powers in W, (U,).
+    :param length: the unit of length in m, as power (U,) has those of powers in W.
     """
     eves = len(scenario.eavesdroppers)
     link = _link(scenario, [0] + [1] * eves, (1 + eves, -1),
@@ -157,12 +156,7 @@ def links_of(scenario: Scenario, length: float, power: Array) -> FreeSpace:
 
 def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
           snr: Array | float, altitudes: Array) -> FreeSpace:
-    """
-    Return a link to the ground node (0) or to eavesdroppers (1).
-
-    :param kinds: of the receivers.
-    :param shape: of arrays with an entry for each receiver and UAV.
-    """
+    """Return a link to kinds of receivers, ground node (0) or eavesdroppers (1), in a shape."""
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
     # To the ground node a jammer interferes, to an eavesdropper the transmitter leaks.

@@ -104,11 +104,10 @@ def checked_flight(scenario: Scenario, positions: Array, powers: Array) -> tuple
 def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
                   places: Array, advantage: float) -> Array:
     """
-    Return r_e at places on the ground, (N, K) in bit/s/Hz.
+    Return r_e at places (N, K, 2) in m on the ground, (N, K) in bit/s/Hz.
 
     :param uav_positions: (U, N, 2) in m.
-    :param places: (N, K, 2) in m.
-    :param advantage: of the receivers, by what factor their SNR is larger than the ground node's.
+    :param advantage: by what factor the SNR of the receivers is larger than the ground node's.
     """
     offset = uav_positions[:, :, None] - places
     link = link_of(scenario, 'eavesdropper', axes=2).for_receivers(advantage)

@@ -29,11 +29,7 @@ LIMITS: tuple[type[Limit], ...] = (
 
 
 def limits_of(scenario: Scenario, grid: Grid | None = None) -> tuple[Limit, ...]:
-    """
-    Return the limits that a scenario has.
-
-    :param grid: on which the joint method asks them; by default the scenario's own.
-    """
+    """Return the limits that a scenario has, on a grid, by default its own."""
     return tuple(limit(scenario, grid) for limit in LIMITS if limit.applies_to(scenario))
 
 
@@ -49,11 +45,10 @@ def _known_limits(scenario: Scenario) -> tuple[Limit, ...]:
     return limits_of(scenario)
 
 
-def repaired(scenario: Scenario, positions: Array, powers: Array, grid: Grid | None = None,
-             margin: float = 0.0) -> tuple[Array, Array]:
+def repaired(scenario: Scenario, positions: Array, powers: Array) -> tuple[Array, Array]:
     """Return positions (U, N+2, 2) in m and powers (U, N) in W that every limit has repaired."""
-    for limit in _known_limits(scenario) if grid is None else limits_of(scenario, grid):
-        positions, powers = limit.repair(positions, powers, margin)
+    for limit in _known_limits(scenario):
+        positions, powers = limit.repair(positions, powers)
     return positions, powers
 
 
@@ -68,9 +63,8 @@ def repaired_powers(scenario: Scenario, positions: Array, powers: Array) -> Arra
 def is_clear(scenario: Scenario, positions: Array,
              check: Callable[[], None] = lambda: None) -> bool:
     """
-    Return whether flights clear zones, fence and each other at any time.
+    Return whether flights (U, N+2, 2) in m clear zones, fence and each other at any time.
 
-    :param positions: (U, N+2, 2) in m.
     :param check: called now and then; what it raises is passed on.
     """
     limits = [limit for limit in _known_limits(scenario) if isinstance(limit, LineLimit)]

@@ -94,8 +94,7 @@ class TrajectoryProblem:
         """
         Return upper bounds of what each eavesdropper receives, (E, N) in nats.
 
-        :param away: unit vectors, (U, N, 2), that stand for a direction from an eavesdropper
-            where there is none.
+        The unit vectors `away` (U, N, 2) stand for a direction from it where there is none.
         """
         scenario, unit = self._scenario, self.unit
         centres, count = scenario.eavesdropper_positions, len(scenario.eavesdroppers)
@@ -126,14 +125,7 @@ class TrajectoryProblem:
 
 
 def _gains(link: FreeSpace, squared: Array) -> tuple[Array, Array]:
-    """
-    Return the gains at squared distances, and 1 / (d^2 + H^2).
-
-    The latter is -g' / g, in free space and only there.
-
-    :param squared: (..., U, N) in m^2.
-    :return: (..., U, N) in 1/W and (..., U, N) in 1/m^2.
-    """
+    """Return the gains, and 1 / (d^2 + H^2), which is -g' / g in free space and only there."""
     gains, slopes = link.gain(squared), link.slope(squared)
     return gains, -slopes / gains
 
@@ -173,9 +165,7 @@ def _jamming_bound(weights: Array, distances: Array, positions: list[Any], centr
 
     :param weights: (E, U - 1, N) in 1/unit^2.
     :param distances: d + eps at the local point, (E, U - 1, N) in units.
-    :param positions: of every jammer, (N, 2) in units.
-    :param centres: of the discs, (E, 2) in units.
-    :param radii: likewise, (E,).
+    :param positions: of every jammer, (N, 2) in units, as centres (E, 2) and radii (E,) of discs.
     """
     count, jammers, slots = weights.shape
     found = cp.Variable((count * jammers, slots))

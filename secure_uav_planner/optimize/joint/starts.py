@@ -12,8 +12,8 @@ from ..search import powers_without_jamming
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
 from ...model.grid import Grid, resampled, resampled_flights
-from ...model.limits import is_open, repaired
-from ...model.limits.norm import reference_flight
+from ...model.limits import is_open, limits_of
+from ...model.limits.norm import NormLimit, reference_flight
 
 STARTS = 15  # For each UAV,
 MOST_STARTS = 60  # and for all.
@@ -205,10 +205,11 @@ def inside_limits(grid: Grid, positions: Array) -> Array:
 
     Blending towards the reference flight and interpolation keep the limit of speed.
     """
-    if not np.isfinite(grid.scenario.max_accelerations).any():
-        return positions
-    powers = np.zeros((len(positions), grid.slots))
-    return repaired(grid.scenario, positions, powers, grid, _MARGIN)[0]
+    if np.isfinite(grid.scenario.max_accelerations).any():
+        for limit in limits_of(grid.scenario, grid):
+            if isinstance(limit, NormLimit):
+                positions, _ = limit.repair(positions, np.zeros(0), _MARGIN)
+    return positions
 
 
 def refined(grid: Grid, x: Array, finer: Grid, check: Check) -> Array | None:
