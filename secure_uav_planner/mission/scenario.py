@@ -306,6 +306,14 @@ class Scenario:
                           for uav in self.uavs])
 
     @cached_property
+    def end_velocities(self) -> Array:
+        """Velocities at the starts and at the goals, (2, U, 2) in m/s, NaN where they are free."""
+        return read_only([[(math.nan, math.nan) if velocity is None else velocity
+                           for velocity in of_all]
+                          for of_all in zip(*((uav.start_velocity, uav.goal_velocity)
+                                              for uav in self.uavs), strict=True)])
+
+    @cached_property
     def max_accelerations(self) -> Array:
         """Largest accelerations, (U,) in m/s^2, infinite without a limit."""
         return read_only([math.inf if uav.max_acceleration is None else uav.max_acceleration

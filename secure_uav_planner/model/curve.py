@@ -77,14 +77,9 @@ class Curve:
         self.end = self._last * self._step + margin
         self.piece = self._step / 2 if margin else self._step
         moves = np.diff(positions, axis=1)
-        first, last = moves[:, :1].copy(), moves[:, -1:].copy()
-        for number, uav in enumerate(scenario.uavs):
-            if uav.start_velocity is not None:
-                first[number] = np.array(uav.start_velocity) * self._step
-            if uav.goal_velocity is not None:
-                last[number] = np.array(uav.goal_velocity) * self._step
+        first, last = end_moves(moves[:, [0, -1]], scenario.end_velocities * self._step)
         # The moves w[-1], w[0], ..., w[N+1].
-        self._moves = np.concatenate([first, moves, last], axis=1)
+        self._moves = np.concatenate([first[:, None], moves, last[:, None]], axis=1)
         self._headings = _headings(moves, scenario.max_step)
         self._slow = _HOVERING * scenario.max_speeds[:, None]
 
@@ -115,13 +110,29 @@ class Curve:
     def _smooth_at(self, nodes: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the B-spline, by slots."""
         inside = np.clip(nodes, -0.5, self._last + 0.5)
-        node = np.clip(np.round(inside), 0, self._last).astype(int)
-        by = (inside - node)[:, None]
-        before, after = self._moves[:, node], self._moves[:, 1 + node]
-        slope, bend = (before + after) / 2, after - before
+        position, velocity, bend = spline_at(self._points, self._moves, inside)
         flying = (inside == nodes)[:, None]
-        return (self._points[:, node] + slope * by + bend * (by**2 / 2 + 0.125),
-                np.where(flying, slope + bend * by, 0.0), np.where(flying, bend, 0.0))
+        return position, np.where(flying, velocity, 0.0), np.where(flying, bend, 0.0)
+
+
+def end_moves(moves: Array, given: Array) -> Array:
+    """Return the moves at both ends (2, U, 2): those of a flight (U, 2, 2) where none is given."""
+    return np.where(np.isnan(given), np.swapaxes(moves, 0, 1), given)
+
+
+def spline_at(points: Array, moves: Array, nodes: Array) -> tuple[Array, Array, Array]:
+    """
+    Return position, velocity and acceleration of a B-spline by slots, (U, K, 2) each.
+
+    :param points: its control points, (U, M, 2).
+    :param moves: w[-1], w[0], ..., w[M-1] between these and beyond, (U, M+1, 2).
+    :param nodes: times in slots from the first point, from -1/2 to M - 1/2, (K,).
+    """
+    node = np.clip(np.round(nodes), 0, points.shape[1] - 1).astype(int)
+    by = (nodes - node)[:, None]
+    before, after = moves[:, node], moves[:, 1 + node]
+    slope, bend = (before + after) / 2, after - before
+    return points[:, node] + slope * by + bend * (by**2 / 2 + 0.125), slope + bend * by, bend
 
 
 def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Array:

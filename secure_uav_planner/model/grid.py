@@ -6,6 +6,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .curve import end_moves, spline_at
 from ..mission.scenario import Array, Scenario
 
 _SHORT = 0.25  # Share of a mission's extent beyond which no distance is short.
@@ -111,15 +112,6 @@ class Grid:
         found[:, 0], found[:, -1] = self.scenario.starts, self.scenario.goals
         return found
 
-    def _end_moves(self, path: Array) -> Array:
-        """Return the moves before the start and after the goal in units, (2, U, 2)."""
-        moves = np.stack([path[1] - path[0], path[-1] - path[-2]])
-        for number, uav in enumerate(self.scenario.uavs):
-            for end, velocity in enumerate((uav.start_velocity, uav.goal_velocity)):
-                if velocity is not None:
-                    moves[end, number] = np.array(velocity) * self.slot_duration / self.length
-        return moves
-
     def refined(self, x: Array, slots: int) -> Array:
         """Return x (N, U, 3) of this grid on one of other slots; mean powers are kept."""
         path = self.refined_path(self.path(x), slots)
@@ -137,44 +129,38 @@ class Grid:
         found = resampled(path, slots + 2)
         limited = np.isfinite(self.scenario.max_accelerations)
         if limited.any():
-            curve = resampled_curve(path, self._end_moves(path), slots + 2)
-            found[:, limited] = curve[:, limited]
+            points = np.swapaxes(path, 0, 1)
+            ends = end_moves(np.diff(points, axis=1)[:, [0, -1]],
+                             self.scenario.end_velocities * self.slot_duration / self.length)
+            found[:, limited] = np.swapaxes(
+                resampled_curve(points, ends, slots + 2), 0, 1)[:, limited]
         return found
 
 
-def resampled_curve(path: Array, end_moves: Array, count: int) -> Array:
+def resampled_curve(points: Array, ends: Array, count: int) -> Array:
     """
-    Return the control points (count, U, 2) of nearly the same B-spline (M, U, 2) in other slots.
+    Return the control points (U, count, 2) of nearly the same B-spline (U, M, 2) in other slots.
 
-    The curve begins and ends half a slot of its own beyond the path. With other slots it is
+    The curve begins and ends half a slot of its own beyond the points. With other slots it is
     warped in time by that much, while its ends keep their velocities.
 
-    :param end_moves: from the point before the first, and to the one behind the last, (2, U, 2).
+    :param ends: moves before the first point, and behind the last, (2, U, 2).
     """
-    last = len(path) - 1
-    points = np.concatenate([path[:1] - end_moves[:1], path, path[-1:] + end_moves[1:]])
-    slope, bend = (points[2:] - points[:-2]) / 2, np.diff(points, n=2, axis=0)
-
-    def at(times: Array) -> tuple[Array, Array]:
-        """Return position and velocity at times in slots, straight on beyond the ends."""
-        inside = np.clip(times, -0.5, last + 0.5)
-        node = np.clip(np.round(inside), 0, last).astype(int)
-        by = (inside - node)[:, None, None]
-        velocity = slope[node] + bend[node] * by
-        beyond = (times - inside)[:, None, None]
-        return (path[node] + slope[node] * by + bend[node] * (by**2 / 2 + 0.125)
-                + beyond * velocity), velocity
-
+    last, (first_move, last_move) = points.shape[1] - 1, ends[:, :, None]
+    moves = np.concatenate([first_move, np.diff(points, axis=1), last_move], axis=1)
     slot = last / (count - 1)
     times: Array = np.arange(float(count)) * slot
     warped: Array = (times + slot / 2) * (last + 1) / (last + slot) - 0.5
-    share = (times / last)[:, None, None]
-    drift = (times - warped)[:, None, None] * (
-        (1 - share) * end_moves[0] + share * end_moves[1])
-    position, _ = at(warped)
-    change = at(warped + slot / 2)[1] - at(warped - slot / 2)[1]
-    found = position + drift - slot / 8 * change
-    found[0], found[-1] = path[0], path[-1]
+    share = (times / last)[:, None]
+    drift = (times - warped)[:, None] * ((1 - share) * first_move + share * last_move)
+    velocities = [spline_at(points, moves, np.clip(warped + by, -0.5, last + 0.5))[1]
+                  for by in (-slot / 2, slot / 2)]
+    inside = np.clip(warped, -0.5, last + 0.5)
+    position, velocity, _ = spline_at(points, moves, inside)
+    # Beyond its ends the curve goes straight on.
+    found = (position + (warped - inside)[:, None] * velocity + drift
+             - slot / 8 * (velocities[1] - velocities[0]))
+    found[:, [0, -1]] = points[:, [0, -1]]
     return found
 
 

@@ -48,13 +48,10 @@ class AccelerationLimit(NormLimit):
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
-        self.absent[0] |= [uav.start_velocity is None for uav in scenario.uavs]
-        self.absent[-1] |= [uav.goal_velocity is None for uav in scenario.uavs]
-        duration = self.grid.slot_duration
+        self.absent[[0, -1]] |= np.isnan(scenario.end_velocities[..., 0])
         # The moves before the start and after the goal, (U, 2, 2) in m.
-        self._outer_moves = duration * np.array([
-            [velocity or (0.0, 0.0) for velocity in (uav.start_velocity, uav.goal_velocity)]
-            for uav in scenario.uavs])
+        self._outer_moves = self.grid.slot_duration * np.nan_to_num(
+            np.swapaxes(scenario.end_velocities, 0, 1))
 
     @property
     def _end_moves(self) -> Array:
