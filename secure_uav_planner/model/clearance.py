@@ -241,14 +241,11 @@ def _around(pieces: Pieces, polygon: Any) -> Any:
 
 def _edges_of(polygons: Sequence[Any]) -> tuple[Array, _Indices]:
     """Return the edges of polygons, (E, 2, 2) in m, and the index of the polygon of each."""
-    edges, owners = [np.zeros((0, 2, 2))], [np.zeros(0, np.intp)]
-    for index, polygon in enumerate(polygons):
-        for part in shapely.get_parts(polygon):
-            for ring in shapely.get_rings(part):
-                corners = shapely.get_coordinates(ring)
-                edges.append(np.stack([corners[:-1], corners[1:]], axis=1))
-                owners.append(np.full(len(corners) - 1, index))
-    return np.concatenate(edges), np.concatenate(owners)
+    parts, owner = shapely.get_parts(np.array(polygons, object), return_index=True)
+    rings, part = shapely.get_rings(parts, return_index=True)
+    corners, ring = shapely.get_coordinates(rings, return_index=True)
+    inside = np.flatnonzero(ring[1:] == ring[:-1])
+    return np.stack([corners[inside], corners[inside + 1]], axis=1), owner[part[ring[inside]]]
 
 
 def _tree(edges: Array) -> Any:

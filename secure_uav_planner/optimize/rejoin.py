@@ -16,7 +16,7 @@ import numpy as np
 
 from .feasible import without_losing_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
-from ..mission.kinematics import shortened, Vehicle
+from ..mission.kinematics import shortened
 from ..mission.scenario import Array, Eavesdropper, Point, Scenario, Uav
 from ..plan.plan import Plan
 from ..plan.playback import Playback
@@ -165,12 +165,9 @@ class _Way:
         if slots < 0:
             return None
         begin = self._path[self._first]
-        vehicle = Vehicle(_point(end[0] - begin), self._begin.max_speed)
+        vehicle = replace(self._begin.vehicle, displacement=_point(end[0] - begin))
         if self._smooth:
-            assert self._begin.max_acceleration is not None
-            vehicle = Vehicle(vehicle.displacement, vehicle.max_speed,
-                              self._begin.max_acceleration, self._begin.start_velocity,
-                              _point(2 * move / self._step))
+            vehicle = replace(vehicle, goal_velocity=_point(2 * move / self._step))
         if math.hypot(*vehicle.displacement) > (slots + 1) * self._step * vehicle.max_speed:
             return None
         effort, points = vehicle.least_effort(slots, self._step)

@@ -71,24 +71,19 @@ class Tracks:
 
     def _close_ends(self, smooth: NDArray[np.bool_]) -> None:
         """Express the points before the first and after the last by others."""
-        scenario, duration = self.grid.scenario, self.grid.slot_duration
-        for track, uav in enumerate(self.uav):
-            one = scenario.uavs[uav]
-            for end, sign, velocity in ((0, -1.0, one.start_velocity),
-                                        (-1, 1.0, one.goal_velocity)):
-                outer, inner = (0, 2) if end == 0 else (2, 0)
-                weights = self.weights[end, track]
-                beyond = weights[:, outer].copy()
-                weights[:, outer] = 0.0
-                weights[:, 1] += beyond
-                if not smooth[uav]:
-                    continue  # It rests there.
-                if velocity is None:
-                    weights[:, 1] += beyond
-                    weights[:, inner] -= beyond
-                else:
-                    self.constant[end, track] += beyond[:, None] * (
-                        sign * np.array(velocity) * duration / self.grid.length)
+        moves = self.grid.scenario.end_velocities[:, self.uav] * self.grid.slot_duration / (
+            self.grid.length)
+        free = smooth[self.uav] & np.isnan(moves[..., 0])
+        # A UAV without a limit of acceleration rests there.
+        moves = np.where((smooth[self.uav] & ~free)[..., None], moves, 0.0)
+        for end, sign, outer, inner in ((0, -1.0, 0, 2), (-1, 1.0, 2, 0)):
+            weights = self.weights[end]
+            beyond = weights[..., outer].copy()
+            weights[..., outer] = 0.0
+            weights[..., 1] += beyond
+            weights[free[end], :, 1] += beyond[free[end]]
+            weights[free[end], :, inner] -= beyond[free[end]]
+            self.constant[end] += beyond[..., None] * sign * moves[end][:, None]
 
     def at(self, path: Array) -> Array:
         """Return the control points of a path, (N+2, T, K, 2)."""

@@ -3,7 +3,7 @@
 import logging
 import math
 import time
-from typing import Any, NamedTuple
+from typing import Any
 import warnings
 
 import cvxpy as cp
@@ -11,29 +11,16 @@ import cvxpy as cp
 _LOG = logging.getLogger(__name__)
 
 
-class SolverResult(NamedTuple):
-    """
-    How a solve ended.
-
-    :ivar solved: whether the variables hold a solution.
-    :ivar solver_time: the time inside Clarabel in s.
-    :ivar compile_time: the time that CVXPY took to compile the problem in s.
-    """
-
-    solved: bool
-    solver_time: float
-    compile_time: float
-
-
-def solve_problem(problem: Any, time_left: float = math.inf) -> SolverResult:
+def solve_problem(problem: Any, time_left: float = math.inf) -> tuple[bool, float, float]:
     """
     Solve a CVXPY problem by a solver of its own.
 
     Whatever the solver raises is an answer and not an exception, as the callers keep their best
     iterate. A problem that breaks CVXPY's rules still raises: that is an error in the program.
 
-    :param problem: a cvxpy.Problem.
     :param time_left: the limit for compiling and solving in s.
+    :return: whether the variables hold a solution, the time inside Clarabel in s, and the time
+        that CVXPY took to compile the problem in s.
     """
     started = time.monotonic()
     # Without solver_opts, CVXPY 1.9 fails when it unpacks the results.
@@ -43,7 +30,7 @@ def solve_problem(problem: Any, time_left: float = math.inf) -> SolverResult:
     if time_left < math.inf:
         options['time_limit'] = time_left - compile_time
         if options['time_limit'] <= 0:
-            return SolverResult(False, 0.0, compile_time)
+            return False, 0.0, compile_time
     try:
         # Without a warm start: CVXPY's updates the solver of the last call, which Clarabel
         # refuses when an entry of a matrix has become zero, or is zero no longer. CVXPY 1.6.7 to
@@ -55,13 +42,13 @@ def solve_problem(problem: Any, time_left: float = math.inf) -> SolverResult:
         if not isinstance(error, Exception) and type(error).__name__ != 'PanicException':
             raise
         _LOG.debug('Clarabel failed', exc_info=True)
-        return SolverResult(False, 0.0, compile_time)
+        return False, 0.0, compile_time
     with warnings.catch_warnings():
         # An inaccurate solution is as good: the caller measures it by the true objective.
         warnings.filterwarnings('ignore', message='Solution may be inaccurate')
         try:
             problem.unpack_results(solution, chain, inverse_data)
         except cp.SolverError:
-            return SolverResult(False, solution.solve_time, compile_time)
-    return SolverResult(problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE),
-                        solution.solve_time, compile_time)
+            return False, solution.solve_time, compile_time
+    solved = problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+    return solved, solution.solve_time, compile_time
