@@ -3,7 +3,8 @@ Multistart: Newton steps from random starts on a coarse grid, of which the best 
 
 Start, step, polish, finish: the best starts are polished from further inside, where steps lead
 past the nearest optimum, on the coarse grid; the best few are finished on the full grid, and the
-best plan is polished there. Where the first starts end in one optimum, no other is begun.
+best plan is polished there. Where the first starts end in one optimum that beats fly-hover-fly, no
+other is begun; where not, fly-hover-fly with the best powers is tried as well.
 """
 
 from collections.abc import Iterator
@@ -13,8 +14,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .powers import improve_powers
 from .starts import several_starts, strictly_feasible
 from .stepper import COARSE_MU, FINAL_MU, Stepper, WARM_MU, WARM_SHARE
+from ..search import Search
 from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.grid import Grid
@@ -28,6 +31,7 @@ GAP = 0.1  # Starts whose rates are lower than the best by a larger share are pr
 POLISHED = 12  # The most starts that are polished,
 POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
 POLISH_MUS = (0.05, 0.01)  # from each of these barrier parameters, in shares of its rate.
+CLOSE = 0.02  # How near fly-hover-fly must come to be finished, as a share and in bit/s/Hz.
 FINISHED = 2  # The most starts that are finished on the full grid.
 
 _FAILURES = NumericalError, np.linalg.LinAlgError  # Of a part, without which the others go on.
@@ -40,9 +44,12 @@ def improve_from_several_starts(stepper: Stepper) -> Status:
 
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
+    search, known = stepper.search, stepper.search.rate
+    baseline = search.with_objective('guaranteed')
     grid, first, others = _coarse_starts(stepper)
     x, rates = _stepped(stepper, grid, *first, STEPS)
-    agreed = (rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
+    agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
+              and rates.max() > np.log(2) * known)
     if not agreed:
         with suppress(*_FAILURES):
             further, their_rates = _stepped(stepper, grid, *next(others), STEPS)
@@ -52,10 +59,12 @@ def improve_from_several_starts(stepper: Stepper) -> Status:
     near = _best(rates, GAP, 1 if agreed else FINISHED)
     fine = stepper.on_full_grid(grid, x[near], COARSE_MU)
     status = stepper.finish(fine)
-    if not agreed and stepper.search.rate > 0:
+    if not agreed:
+        _try_powers_of(baseline, search)
         with suppress(*_FAILURES):
             for share in POLISH_MUS:
-                improve_present(stepper, share * np.log(2) * stepper.search.rate)
+                if search.rate > 0:
+                    improve_present(stepper, share * np.log(2) * search.rate)
     return 'converged' if fine.finished.any() else status
 
 
@@ -98,6 +107,13 @@ def _polished(stepper: Stepper, grid: Grid, x: Array, rates: Array) -> tuple[Arr
             x = np.where((their_rates > rates)[:, None, None, None], found, x)
             rates = np.maximum(their_rates, rates)
     return x, rates
+
+
+def _try_powers_of(baseline: Search, search: Search) -> None:
+    """Try the first flights with the best powers, where these come near the present rate."""
+    with suppress(*_FAILURES):
+        improve_powers(Stepper(baseline), np.log(2) * ((1 - CLOSE) * search.rate - CLOSE))
+    search.try_improve(baseline.positions, baseline.powers)
 
 
 def _best(rates: Array, gap: float, most: int) -> NDArray[np.intp]:

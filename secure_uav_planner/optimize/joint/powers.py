@@ -13,15 +13,17 @@ from ..initial import constant_powers
 from ...plan.plan import Status
 
 LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming, in shares of the average power.
-SLOTS = 200  # The most of the grid on which the levels are compared.
+SLOTS = 40  # The most of the grid on which the levels are compared.
 STEPS = 20  # Newton steps from each level on it.
 MU = 0.03  # The barrier parameter to begin with.
 SHARE = 0.01  # By which powers are moved into the interior.
 
 
-def improve_powers(stepper: Stepper) -> Status:
+def improve_powers(stepper: Stepper, least: float = 0.0) -> Status:
     """
     Improve the powers of a Stepper's search, and nothing else; return the status of the best.
+
+    :param least: a mean rate in nats; where no level comes near it, none is finished.
 
     :raises NumericalError: when no step can be computed from any level.
     """
@@ -34,4 +36,6 @@ def improve_powers(stepper: Stepper) -> Status:
         strictly_feasible(grid, search.positions, powers, SHARE)
         for powers in (search.powers, *levels)]), MU)
     stepper.advance(barrier, STEPS, COARSE_MU)
+    if barrier.rates().max() < least:
+        return 'converged'
     return stepper.finish(stepper.on_full_grid(grid, barrier.x, barrier.mu))
