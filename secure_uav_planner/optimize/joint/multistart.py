@@ -31,7 +31,7 @@ GAP = 0.1  # Starts whose rates are lower than the best by a larger share are pr
 POLISHED = 12  # The most starts that are polished,
 POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
 POLISH_MUS = (0.05, 0.01)  # from each of these barrier parameters, in shares of its rate.
-CLOSE = 0.02  # How near fly-hover-fly must come to be finished, as a share and in bit/s/Hz.
+CLOSE = 0.02  # Share, or bit/s/Hz, below the best up to which fly-hover-fly is finished, too.
 FINISHED = 2  # The most starts that are finished on the full grid.
 
 _FAILURES = NumericalError, np.linalg.LinAlgError  # Of a part, without which the others go on.
@@ -49,7 +49,7 @@ def improve_from_several_starts(stepper: Stepper) -> Status:
     grid, first, others = _coarse_starts(stepper)
     x, rates = _stepped(stepper, grid, *first, STEPS)
     agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
-              and rates.max() > np.log(2) * known)
+              and rates.max() > np.log(2) * (known + CLOSE))
     if not agreed:
         with suppress(*_FAILURES):
             further, their_rates = _stepped(stepper, grid, *next(others), STEPS)
