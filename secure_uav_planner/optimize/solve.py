@@ -72,6 +72,9 @@ def solve(scenario: Scenario, method: Method = 'joint',
         ) if initial is None else adapted(scenario, initial, termination.check)
     search = Search(scenario, positions, powers, termination, warm=initial is not None,
                     objective=objective)
+    if initial is None and method == 'joint' and not is_open(scenario):
+        # Where few flights are tried, none of them need be better than the baseline's.
+        joint.optimise_powers(search)
     if method == 'joint':
         return search.plan(method, joint.improve(search))
     from .alternating import alternate  # Here, because CVXPY takes a second to import.

@@ -19,6 +19,9 @@ TRY_EVERY = 16  # Steps between proposals, which take as long as a few to a hund
 WARM_SHARE = 0.01  # How far a plan that is improved further is moved into the interior,
 WARM_MU = 1e-3  # and the barrier parameter that it begins with.
 
+_REFINEMENT = 8  # How much finer the next grid is at most.
+_MIDDLE_MU = 1e-4  # The barrier parameter that ends a grid in between.
+
 
 class Stop(Exception):
     """The search must end in a status."""
@@ -58,21 +61,31 @@ class Stepper:
 
     def on_full_grid(self, coarse: Grid, x: Array, mu: float | Array) -> Barrier:
         """
-        Return a Barrier of starts (S, N, U, 3) on the full grid.
+        Return a Barrier of starts (S, N, U, 3) on the full grid, by way of grids in between.
 
         :param mu: the barrier parameter that they have on the coarse grid, for all or for each.
         """
-        mu = np.full(len(x), 1.0) * mu
-        if coarse.slots < self.grid.slots:
-            found = [refined(coarse, one, self.grid, self.check) for one in x]
+        full = self.grid.slots
+        grid, mu = coarse, np.full(len(x), 1.0) * mu
+        while grid.slots < full:
+            if grid is not coarse:
+                middle = self.barrier(grid, x, mu)
+                for _ in range(MOST_STEPS):
+                    self.step(middle, _MIDDLE_MU)
+                    if middle.finished.all():
+                        break
+                x, mu = middle.x, middle.mu
+            grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
+            finer = grid.divided(round(grid.slots * (full / grid.slots)**(1 / grids)))
+            found = [refined(grid, one, finer, self.check) for one in x]
             inside = [one is not None for one in found]
             if not any(inside):
                 raise NumericalError('no flight strictly inside the limits was found')
-            x, mu = np.array([one for one in found if one is not None]), mu[inside]
-            scenario = self.search.scenario
-            if np.isfinite(scenario.max_accelerations).any() or not is_open(scenario):
+            grid, x, mu = finer, np.array([one for one in found if one is not None]), mu[inside]
+            if (np.isfinite(grid.scenario.max_accelerations).any()
+                    or not is_open(grid.scenario)):
                 mu = np.maximum(mu, REFINED_MU)
-        return self.barrier(self.grid, x, mu)
+        return self.barrier(grid, x, mu)
 
     def finish(self, barrier: Barrier) -> Status:
         """Converge on the full grid; return the status."""
