@@ -16,7 +16,8 @@ from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
 from secure_uav_planner.bound.proof import (
     boxes, certificate, chords, jammer_shares, potential as potentials, team as teams)
 from secure_uav_planner.bound.proof.boxes import Terms
-from secure_uav_planner.bound.proof.conjugate import entropy, sigmoid, softplus, transmit_power
+from secure_uav_planner.bound.proof.conjugate import (
+    entropy, mixing, sigmoid, softplus, transmit_power)
 from secure_uav_planner.bound.proof.potential import Potential
 from secure_uav_planner.bound.proof.reachable_set import ReachableSet
 from secure_uav_planner.bound.proof.stages import Stages
@@ -279,7 +280,8 @@ def test_a_search_that_is_cut_short_still_bounds():
 MISSIONS = [{'seed': 1}, {'seed': 2, 'eavesdroppers': 2}, {'seed': 3, 'jammers': 0},
             {'seed': 4, 'jammers': 2}, {'seed': 7, 'jammers': 2, 'eavesdroppers': 2},
             {'seed': 8, 'jammers': 2, 'eavesdroppers': 3}, {'seed': 5, 'slots': 1},
-            {'seed': 6, 'jammers': 3}]
+            {'seed': 6, 'jammers': 3}, {'seed': 9, 'jammers': 3, 'eavesdroppers': 2},
+            {'seed': 10, 'jammers': 4}]
 
 
 def worst(options, most=400, curved=False, count=60):
@@ -411,93 +413,119 @@ def test_a_speed_that_costs_too_little_is_noticed(monkeypatch):
         test_every_plan_satisfies_the_whole_of_the_proof(400, False)
 
 
-def test_two_jammers_without_gibbs_entropy_are_noticed(monkeypatch):
+@pytest.mark.parametrize('options', [
+    {'seed': 4, 'jammers': 2}, {'seed': 6, 'jammers': 3}], ids=str)
+def test_jammers_without_gibbs_entropy_are_noticed(options, monkeypatch):
     right = certificate.over_boxes
     monkeypatch.setattr(certificate, 'over_boxes', lambda *given: right(*given) - 0.7)
-    assert worst({'seed': 4, 'jammers': 2}) > 0
+    assert worst(options) > 0
 
 
-def random_splits(rng, eavesdroppers, count=5):
-    """Return splits at 2 breakpoints in 3 stages."""
-    shape = (count, 2, 3)
-    side = rng.integers(0, eavesdroppers + 2, shape)
-    return (rng.integers(0, count, shape), side,
-            np.where(side < eavesdroppers, rng.random(shape), rng.normal(size=shape)))
+def random_splits(rng, eavesdroppers, jammers, count=5, many=4):
+    """Return splits at a few breakpoints, half of them of powers."""
+    edges, shape = eavesdroppers * jammers**2, (count, many)
+    side = np.where(rng.random(shape) < 0.5, rng.integers(0, edges, shape),
+                    rng.integers(edges, edges + jammers, shape))
+    return (rng.integers(-1, count, side.shape), side,
+            np.where(side < edges, rng.random(side.shape), rng.normal(size=side.shape)))
 
 
-@given(st.integers(0, 10**6), st.integers(1, 3))
+def within(simplex, rho):
+    """Return whether shares (J,) are in a simplex, (J, J) with its corners as rows."""
+    parts = np.linalg.lstsq(simplex.T, rho, rcond=None)[0]
+    return (parts >= -1e-9).all() and np.allclose(parts @ simplex, rho, atol=1e-9)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 3), st.integers(2, 3))
 @settings(max_examples=30)
-def test_the_boxes_of_shares_and_powers_are_everything(seed, eavesdroppers):
+def test_the_boxes_of_shares_and_powers_are_everything(seed, eavesdroppers, jammers):
     rng = np.random.default_rng(seed)
-    low, high, powers = jammer_shares.share_boxes(
-        random_splits(rng, eavesdroppers), eavesdroppers)
-    for rho in rng.random((40, eavesdroppers)).round(int(rng.integers(0, 3))):
-        at, power = rho[None, :, None, None], rng.normal(size=2)
-        power[rng.random(2) < 0.2] = -np.inf
-        within = ((low <= at) & (at <= high)).all(1)
-        power = power[None, :, None, None]
-        assert (within & ((powers[0] <= power) & (power <= powers[1])).all(1)).any(0).all()
+    simplices, powers, exists = jammer_shares.share_boxes(
+        random_splits(rng, eavesdroppers, jammers), eavesdroppers, jammers)
+    for _ in range(10):
+        rho = rng.dirichlet(np.full(jammers, 0.3), eavesdroppers).round(int(rng.integers(1, 9)))
+        rho[:, -1] += 1.0 - rho.sum(1)
+        power = np.where(rng.random(jammers) < 0.2, -np.inf, rng.normal(size=jammers))
+        for m in range(exists.shape[1]):
+            assert any(
+                exists[b, m] and (powers[0, b, m] <= power).all()
+                and (power <= powers[1, b, m]).all()
+                and all(within(simplices[b, m, e], rho[e]) for e in range(eavesdroppers))
+                for b in range(len(exists)))
 
 
-def lemma_8_fails(seed, eavesdroppers):
-    """Return whether some share exceeds the bound of its box, for a random convex F."""
+def lemma_8_fails(seed, eavesdroppers, jammers):
+    """Return whether some shares exceed the bound of their box, for a random convex F."""
     rng = np.random.default_rng(seed)
-    low, high, _ = jammer_shares.share_boxes(random_splits(rng, eavesdroppers), eavesdroppers)
-    height, slope = rng.normal(0, 3, 6), rng.normal(0, 5, (6, eavesdroppers))
+    simplices, _, exists = jammer_shares.share_boxes(
+        random_splits(rng, eavesdroppers, jammers), eavesdroppers, jammers)
+    height = rng.normal(0, 3, 6)
+    slope = rng.normal(0, 5, (6, eavesdroppers, jammers)) * rng.choice([0.0, 0.1, 1.0])
 
     def convex(rho):
-        return (height + rho @ slope.T).max(-1)
-    v = rng.dirichlet(np.ones(eavesdroppers)) * rng.random()
-    corners = np.moveaxis(jammer_shares.corners(low, high), 2, -1)
-    bounds = jammer_shares.over_boxes(convex(corners), low, high, np.broadcast_to(
-        v, (2, 3, eavesdroppers)))
-    share = rng.random((50, *low.shape))
-    rho = low + (high - low) * share
-    exact = convex(np.moveaxis(rho, 2, -1)) + (
-        v[:, None, None] * (entropy(rho) - np.log(2.0))).sum(2)
-    return (exact > bounds + 1e-9).any()
+        return (height + np.einsum('...ej,kej->...k', rho, slope)).max(-1)
+    v = rng.dirichlet(np.ones(eavesdroppers), exists.shape[1]) * rng.random()
+    rho = jammer_shares.corners(simplices)
+    mean = [rng.random((*exists.shape, eavesdroppers, jammers)) + 0.01, simplices.mean(3) + 1e-3,
+            np.ones((*exists.shape, eavesdroppers, jammers))][rng.integers(3)]
+    bounds = jammer_shares.over_boxes(convex(rho), rho, mean, v).max(2)
+    for _ in range(50):
+        parts = rng.dirichlet(np.full(jammers, 0.5), simplices.shape[:3])
+        rho = (parts[..., None] * simplices).sum(3)
+        exact = convex(rho) + (v * mixing(np.moveaxis(rho, -1, 0))).sum(-1)
+        if (exact > bounds + 1e-9).any():
+            return True
+    return False
 
 
-def pairs_above(seed, eavesdroppers, shrink=0.0):
+def teams_above(seed, eavesdroppers, jammers, shrink=0.0):
     """
-    Return by how much the best pair of two jammers' columns exceeds lemma 8's bound, (2, 3).
+    Return by how much the best choice of all jammers' columns exceeds lemma 8's bound, (M,).
 
     :param shrink: by how much the boxes' intervals of log p are too short, which is an error.
     """
     rng = np.random.default_rng(seed)
-    low, high, powers = jammer_shares.share_boxes(
-        random_splits(rng, eavesdroppers), eavesdroppers)
+    simplices, powers, exists = jammer_shares.share_boxes(
+        random_splits(rng, eavesdroppers, jammers), eavesdroppers, jammers)
     v = rng.dirichlet(np.ones(eavesdroppers)) * rng.random()
     receivers = np.concatenate([[-1.0], v])
-    power = rng.normal(size=(2, 30))
+    power = rng.normal(size=(jammers, 12))
     power[:, 0] = -np.inf
-    snr = np.exp(power[..., None] + rng.normal(0, 3, (2, 30, 1 + eavesdroppers)))
-    worth = rng.normal(0, 0.3, (2, 30))
-    pairs = np.log1p(snr[0][:, None] + snr[1]) @ receivers + worth[0][:, None] + worth[1]
-    rho = jammer_shares.corners(low, high)
-    theta = rng.random(low.shape[:1] + (1, 2, 3)) * (
-        1 + (rho * rng.uniform(-0.3, 0.0, (len(low), 1, eavesdroppers, 2, 3))).sum(2))
-    values = entropy(theta) * -1.0 + np.log(2.0)
-    for j, (ground, heard) in enumerate(((theta, rho), (1 - theta, 1 - rho))):
-        ends = powers[:, :, j, None] + np.array([0.0, -shrink])[:, None, None, None, None]
-        for b, vertex, k, g in np.ndindex(*values.shape):
-            within = (ends[0, b, 0, k, g] <= power[j]) & (power[j] <= ends[1, b, 0, k, g])
-            weight = receivers * np.append(ground[b, vertex, k, g], heard[b, vertex, :, k, g])
-            values[b, vertex, k, g] += (np.log1p(2 * snr[j]) @ weight + worth[j]).max(
-                where=within, initial=-1e3)
-    bounds = jammer_shares.over_boxes(values, low, high, np.broadcast_to(
-        v, (2, 3, eavesdroppers)))
-    return pairs.max() - bounds.max(0)
+    snr = np.exp(power[..., None] + rng.normal(0, 3, (jammers, 12, 1 + eavesdroppers)))
+    worth = rng.normal(0, 0.3, (jammers, 12))
+    mean, theta = simplices.mean(3) + 1e-3, rng.dirichlet(np.ones(jammers), simplices.shape[:-1])
+    if rng.random() < 0.5:
+        # One jammer drowns the others: then the bound is close.
+        snr *= np.append(1e4, np.full(jammers - 1, 1e-9))[:, None, None]
+        mean, theta = (0.0 * part + np.append(1.0, np.full(jammers - 1, 1e-6))
+                       for part in (mean, theta))
+        theta /= theta.sum(-1, keepdims=True)
+    which = np.indices((12,) * jammers).reshape(jammers, -1)
+    best = (np.log1p(sum(x[i] for x, i in zip(snr, which))) @ receivers + sum(
+        w[i] for w, i in zip(worth, which))).max()
+    rho = jammer_shares.corners(simplices)
+    theta = jammer_shares.corners(theta).mean(3)
+    values = -mixing(np.moveaxis(theta, -1, 0))
+    for j in range(jammers):
+        for b, m, corner in np.ndindex(*values.shape):
+            in_box = (powers[0, b, m, j] <= power[j]) & (power[j] <= powers[1, b, m, j] - shrink)
+            weight = receivers * np.append(theta[b, m, corner, j], rho[b, m, corner, :, j])
+            values[b, m, corner] += (np.log1p(jammers * snr[j]) @ weight + worth[j]).max(
+                where=in_box, initial=-1e3)
+    bounds = jammer_shares.over_boxes(values, rho, mean, np.broadcast_to(
+        v, (exists.shape[1], eavesdroppers)))
+    return best - np.where(exists[:, :, None], bounds, -np.inf).max((0, 2))
 
 
-@given(st.integers(0, 10**6), st.integers(1, 3))
+@given(st.integers(0, 10**6), st.integers(1, 3), st.integers(2, 3))
 @settings(max_examples=20, deadline=None)
-def test_lemma_8_bounds_every_pair_of_places_and_powers(seed, eavesdroppers):
-    assert pairs_above(seed, eavesdroppers).max() <= 1e-9
+def test_lemma_8_bounds_every_choice_of_places_and_powers(seed, eavesdroppers, jammers):
+    assert teams_above(seed, eavesdroppers, jammers).max() <= 1e-9
 
 
-def test_powers_that_are_in_no_box_are_noticed():
-    assert max(pairs_above(seed, 2, 0.3).max() for seed in range(30)) > 1e-9
+@pytest.mark.parametrize('jammers', [2, 3])
+def test_powers_that_are_in_no_box_are_noticed(jammers):
+    assert max(teams_above(seed, 1, jammers, 2.0).max() for seed in range(100)) > 1e-9
 
 
 def powers_above(seed, count=8):
@@ -538,17 +566,29 @@ def test_powers_that_count_as_silence_too_early_are_noticed(monkeypatch):
     assert max(map(powers_above, range(20))) > 0
 
 
-@given(st.integers(0, 10**6), st.integers(1, 3))
+@given(st.integers(0, 10**6), st.integers(1, 3), st.integers(2, 3))
 @settings(max_examples=40)
-def test_lemma_8_bounds_every_share(seed, eavesdroppers):
-    assert not lemma_8_fails(seed, eavesdroppers)
+def test_lemma_8_bounds_every_share(seed, eavesdroppers, jammers):
+    assert not lemma_8_fails(seed, eavesdroppers, jammers)
 
 
-def test_a_plane_below_a_corner_is_noticed(monkeypatch):
+@pytest.mark.parametrize('jammers', [2, 3])
+def test_a_corner_of_a_simplex_that_is_left_out_is_noticed(jammers, monkeypatch):
     right = jammer_shares.corners
-    monkeypatch.setattr(jammer_shares, 'corners',
-                        lambda low, high: right(low, high - 0.3 * (high - low)))
-    assert any(lemma_8_fails(seed, 2) for seed in range(20))
+
+    def wrong(values):
+        moved = values.copy()
+        moved[..., 0, :] = 0.7 * values[..., 0, :] + 0.3 * values[..., 1, :]
+        return right(moved)
+    monkeypatch.setattr(jammer_shares, 'corners', wrong)
+    assert any(lemma_8_fails(seed, 1, jammers) for seed in range(20))
+
+
+def test_logarithms_of_shares_that_are_too_small_are_noticed(monkeypatch):
+    right = jammer_shares.over_boxes
+    monkeypatch.setattr(jammer_shares, 'over_boxes', lambda values, rho, mean, shares: right(
+        values, rho, mean, shares) - 0.3 * shares.sum(-1)[:, None])
+    assert any(lemma_8_fails(seed, 1, 3) for seed in range(100))
 
 
 def test_helpers_that_do_not_help_are_noticed(monkeypatch):

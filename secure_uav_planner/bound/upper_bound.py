@@ -28,11 +28,11 @@ from ..mission.validation import (
 from ..plan.bound import Bound, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
 
-MOST_EAVESDROPPERS = {True: 3, False: 2}
-"""Eavesdroppers that are counted with at most, by whether all jammers are followed."""
+MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 3, 2
+"""Eavesdroppers that are counted with at most, with up to two jammers and with more."""
 
 FEW_STAGES = 80
-"""Stages where two jammers meet several eavesdroppers: each takes as long as five others."""
+"""Stages with three jammers, or with two and several eavesdroppers: each takes much longer."""
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
 """
@@ -48,8 +48,8 @@ FINE = ((0.03, 1),)
 CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same with quadratic potentials."""
 
-LINEAR = ((0.03, 1), (0.01, 3), (0.003, 3))
-"""What follows instead with two jammers, or where potentials must stay linear."""
+LINEAR = ((0.01, 3), (0.003, 4), (0.001, 3))
+"""What follows instead with several jammers, or where potentials must stay linear."""
 
 MORE = ((0.003, 1), (0.002, 1), (0.001, 1))
 """What is done once more where the bound is not close, with columns by branch and bound."""
@@ -86,7 +86,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     It holds for everything that a Plan accepts, with its tolerances. It does not use zones, a
     geofence or separation: they only lower what plans can reach.
     The bound is close for at most one jammer, and for two jammers and one eavesdropper; it is
-    looser for two jammers and several eavesdroppers, and only valid for more jammers.
+    looser for two or three jammers and several eavesdroppers, and only valid for more jammers.
 
     :param scenario: a Scenario.
     :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
@@ -239,10 +239,10 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     some_positions = positions[:, [0, *some, scenario.slots + 1]]
     leaks = everyone.leaks(scenario, some_positions, powers[:, some - 1])
     order = reference.by_use(scenario, everyone, some_positions, powers[:, some - 1])
-    chosen = everyone.best(leaks, MOST_EAVESDROPPERS[len(order) <= MOST_JAMMERS])
+    chosen = everyone.best(leaks, MOST_EAVESDROPPERS if len(order) < 3 else FEW_EAVESDROPPERS)
     uavs = [0, *order[:MOST_JAMMERS]]
     path, watts = positions[uavs], powers[uavs]
-    several = len(order) >= MOST_JAMMERS and len(chosen.places) > 1
+    several = len(order) > 2 or len(order) > 1 and len(chosen.places) > 1
     slots = min(scenario.slots, FEW_STAGES if several else MOST_STAGES)
     coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
     team = Team.of(scenario, chosen, order, slots)

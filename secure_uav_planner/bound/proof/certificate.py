@@ -31,7 +31,7 @@ import numpy as np
 
 from .boxes import Index, Terms
 from .chords import interpolated, on_chords, over_pieces
-from .conjugate import Array, entropy, softplus
+from .conjugate import Array, mixing, softplus
 from .jammer_shares import corners, over_boxes, share_boxes
 from .multipliers import Multipliers
 from .potential import Potential
@@ -100,7 +100,8 @@ def certify(team: Team, given: Multipliers,
          for region, price in zip(team.helpers, helper_prices)),
         np.zeros(weights.shape))
     if team.jammers:
-        joint += _jammed(team, potentials, prices, still, weights, shares, given, stop)
+        joint[k, g] += _jammed(team, potentials, prices, still, g, weights[k, g], shares[k, g],
+                               given, stop)
     silent = sum(still) + team.negative + helper_prices.sum() * POWER_TOLERANCE
     joint = interpolated(joint[None], silent, weights, given.needed)[0]
     pieces = over_pieces(team, silent, joint, weights, shares.sum(-1), prices[0])
@@ -119,34 +120,24 @@ def certify(team: Team, given: Multipliers,
 
 
 def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still: list[Array],
-            weights: Array, shares: Array, given: Multipliers,
+            stage: Index, weights: Array, shares: Array, given: Multipliers,
             stop: Callable[[], bool]) -> Array:
-    """Return what the jammers' terms are at most together, (K, G): lemma 8 for two."""
-
-    def maxima(jammer: int, theta: Array, rho: Array, at: tuple[Index, ...]) -> Array:
-        b, vertex, k, g = at
-        return _maxima(team, potentials[jammer], jammer, still[jammer], g, weights[k, g] * theta,
-                       shares[k, g] * rho, prices[jammer], given.known[jammer][b, vertex, k, g],
-                       given.box_slack[b, k, g], stop, powers[:, b, jammer - 1, k, g])
-
-    # One jammer has all shares: a single corner of a single box.
-    low, high, powers = share_boxes(given.splits, team.eavesdroppers)
-    rho = corners(low, high)
-    theta = given.theta[:, None] + (rho * given.theta_slope[:, None]).sum(2)
-    if team.jammers == 1:
-        rho, theta = np.ones_like(rho[:, :1]), np.ones_like(theta[:, :1])
-    if (theta < 0).any() or (theta > 1).any():
+    """Return what the jammers' terms are at most together, (M,): lemma 8."""
+    simplices, powers, exists = share_boxes(given.splits, team.eavesdroppers, team.jammers)
+    rho, theta = corners(simplices), corners(given.theta).sum(3)
+    theta = np.concatenate([theta, 1.0 - theta.sum(-1, keepdims=True)], -1)
+    if not ((theta >= 0) & (theta <= 1)).all():
         raise AssertionError('theta must be from 0 to 1 in every box')
-    at = np.nonzero(np.broadcast_to(given.needed, theta.shape))
-    b, vertex, k, g = at
-    values = np.zeros(theta.shape)
-    values[at] = maxima(1, theta[at], rho[b, vertex, :, k, g], at)
-    if team.jammers == 1:
-        return values[0, 0]
-    values[at] = values[at] + maxima(2, 1.0 - theta[at], 1.0 - rho[b, vertex, :, k, g], at)
-    values -= weights * (entropy(theta) - math.log(2.0))
-    return np.asarray(np.where(
-        given.needed, over_boxes(values, low, high, shares).max(0), 0.0))
+    values = np.where(exists[:, :, None], -weights[:, None] * mixing(np.moveaxis(theta, -1, 0)),
+                      -np.inf)
+    at = np.nonzero(np.broadcast_to(exists[:, :, None], values.shape))
+    box, m, _ = at
+    for j in range(team.jammers):
+        values[at] += _maxima(
+            team, potentials[j + 1], j + 1, still[j + 1], stage[m], weights[m] * theta[at][:, j],
+            shares[m] * rho[at][:, :, j], prices[j + 1], given.known[j + 1][at],
+            given.corner_slack[at], stop, powers[:, box, m, j])
+    return np.asarray(over_boxes(values, rho, given.mean, shares).max((0, 2)))
 
 
 def _help(region: ReachableSet, total: Array, price: float) -> Array:

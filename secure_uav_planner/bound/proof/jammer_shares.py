@@ -1,21 +1,24 @@
 """
-Lemma 8: two jammers, by their powers and the first one's shares of what the eavesdroppers hear.
+Lemma 8: several jammers, by their powers and their shares of what the eavesdroppers hear.
 
 The logarithm of a sum is not a sum, but by Gibbs' inequality it is the largest one of many: with
-y_j = 1/2 + x_j, log(1 + x_1 + x_2) = max over rho of rho log(y_1 / rho)
-+ (1 - rho) log(y_2 / (1 - rho)). Hence, with a rho for every eavesdropper, and for any theta(rho),
+y_j = 1/J + x_j, log(1 + sum_j x_j) is the largest sum_j rho_j log(y_j / rho_j) over the shares
+rho, which are not negative and have the sum 1. Hence, with shares rho_e for every eavesdropper,
+and for any shares theta(rho) at the ground node,
 
-    max over places and powers of -w0 log(1 + x_10 + x_20) + sum_e v_e log(1 + x_1e + x_2e) + ...
-        <= max over rho of F(rho) + sum_e v_e (H(rho_e) - log 2),
-    F(rho) = M_1(w0 theta, v rho) + M_2(w0 (1 - theta), v (1 - rho)) - w0 (H(theta) - log 2),
+    max over places and powers of -w0 log(1 + sum_j x_j0) + sum_e v_e log(1 + sum_j x_je) + ...
+        <= max over rho of F(rho) + sum_e v_e (H(rho_e) - log J),
+    F(rho) = sum_j M_j(w0 theta_j, v rho_j) - w0 (H(theta) - log J),
 
-M_j being the maximum of one jammer with twice the gain. The shares, a cube, are divided into boxes
-together with the powers: every rho and every pair of powers is in one of them. In a box M_j is the
-maximum over jammer j's powers of its interval alone, and theta an affine function of rho with
-values from 0 to 1, so that a jammer that is off need not do with the theta of one that is on. M_j
-is a maximum of linear functions, so F is convex there, and below any plane that is not below it at
-the box's corners. With the plane in the place of F the maximum over rho is one for each
-eavesdropper: of rho mu + v H(rho), at rho = phi'(mu / v) or the nearer end of its interval.
+M_j being the maximum of one jammer with J times its gain, and H the entropy of J shares. The
+shares of every eavesdropper are a simplex with J corners. These simplices are divided, each by a
+point on one of its edges, into smaller ones, together with the jammers' powers: all rho with all
+powers are in one of the boxes so found. In a box M_j is the maximum over jammer j's powers of its
+interval alone, and theta an affine function of rho with values from 0 to 1, so that a jammer that
+is off need not do with the theta of one that is on. M_j is a maximum of linear functions, so F is
+convex there. And H(rho_e) is at most -sum_j rho_ej log q_ej for any q_e > 0 with the sum 1, which
+is linear in rho. So the largest value is that at one of the box's corners, where every rho_e is at
+a corner of its simplex.
 """
 
 from __future__ import annotations
@@ -25,76 +28,70 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from .conjugate import Array, entropy, sigmoid
+from .conjugate import Array
 
-Splits = tuple[NDArray[np.intp], NDArray[np.intp], Array]
-"""Which box is cut, along which side, and where: (S, K, G) each."""
-
-STEEPEST = 100.0
-"""Slope of a plane in units of v: no column is steeper than the logarithm of a gain."""
+Splits = tuple[NDArray[np.int64], NDArray[np.int64], Array]
+"""Which box is cut, -1 for none, along which side, and where: (S, M) each."""
 
 
-def no_splits(shape: tuple[int, ...]) -> Splits:
-    """Return splits that leave one box."""
-    none = np.zeros((0, *shape), np.intp)
-    return none, none, np.zeros((0, *shape))
-
-
-def share_boxes(splits: Splits, eavesdroppers: int) -> tuple[Array, Array, Array]:
+def share_boxes(splits: Splits, eavesdroppers: int,
+                jammers: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """
     Return the boxes that splits leave: together they are everything, whatever the splits are.
 
-    Their sides are the shares, one for each eavesdropper, and log p of both jammers. A cut leaves
-    what is below it to the box that is cut, and the rest to a new box.
+    Sides with numbers from (e J + i) J + k on are the edges from corner i to corner k of
+    eavesdropper e's simplex, which are cut at a share of their length; then come the jammers' log
+    p. A cut leaves one part to the box that is cut, and the other to a new box.
 
-    :return: lower and upper corners of the shares, (B, E, K, G), and both ends of the logarithms
-        of powers, (2, B, 2, K, G).
+    :return: the corners of the simplices, (B, M, E, J, J), the shares along the last axis, both
+        ends of the logarithms of powers, (2, B, M, J), and whether there is such a box, (B, M).
     """
-    count, *shape = splits[0].shape
-    low = np.zeros((count + 1, eavesdroppers + 2, *shape))
-    high = np.ones_like(low)
-    low[:, eavesdroppers:], high[:, eavesdroppers:] = -np.inf, np.inf
-    k, g = np.indices(shape)
+    count, many = splits[0].shape
+    simplices = np.zeros((count + 1, many, eavesdroppers, jammers, jammers)) + np.eye(jammers)
+    powers = np.zeros((2, count + 1, many, jammers))
+    powers[0], powers[1] = -np.inf, np.inf
+    exists = np.zeros((count + 1, many), bool)
+    exists[0] = True
+    shape = (eavesdroppers, jammers, jammers)
     for new, (box, side, at) in enumerate(zip(*splits), 1):
-        box = np.clip(box, 0, new - 1)
-        at = np.clip(at, low[box, side, k, g], high[box, side, k, g])
-        for part in (low, high):
-            part[new] = np.moveaxis(part[box, :, k, g], -1, 0)
-        low[new, side, k, g] = at
-        high[box, side, k, g] = at
-    return (low[:, :eavesdroppers], high[:, :eavesdroppers],
-            np.stack([low[:, eavesdroppers:], high[:, eavesdroppers:]]))
+        cut = np.flatnonzero((box >= 0) & (box < new))
+        exists[new, cut] = True
+        box, side, at = box[cut], side[cut], at[cut]
+        simplices[new, cut], powers[:, new, cut] = simplices[box, cut], powers[:, box, cut]
+        edge = side < np.prod(shape)
+        e, i, k = np.unravel_index(side[edge], shape)
+        old, column = box[edge], cut[edge]
+        first, second = simplices[old, column, e, i], simplices[old, column, e, k]
+        middle = np.maximum(first + np.clip(at[edge], 0, 1)[:, None] * (second - first), 0.0)
+        simplices[new, column, e, i] = middle
+        simplices[old, column, e, k] = middle
+        old, column, jammer = box[~edge], cut[~edge], side[~edge] - np.prod(shape)
+        middle = np.clip(at[~edge], *powers[:, old, column, jammer])
+        powers[0, new, column, jammer] = middle
+        powers[1, old, column, jammer] = middle
+    return simplices, powers, exists
 
 
-def corners(low: Array, high: Array) -> Array:
-    """Return the corners of all boxes, (B, V, E, K, G), V being 2^E."""
-    which = np.array(list(product((0, 1), repeat=low.shape[1])))[:, :, None, None]
-    return np.where(which, high[:, None], low[:, None])
+def corners(simplices: Array) -> Array:
+    """Return what belongs to the corners of all boxes, (B, M, V, E, ...), V being J^E."""
+    eavesdroppers, jammers = simplices.shape[2:4]
+    which = np.array(list(product(range(jammers), repeat=eavesdroppers)))
+    return np.asarray(simplices[:, :, np.arange(eavesdroppers), which])
 
 
-def affine(low: Array, high: Array, values: Array) -> Array:
+def over_boxes(values: Array, rho: Array, mean: Array, shares: Array) -> Array:
     """
-    Return slopes of planes near values at the corners of boxes, (B, E, K, G).
+    Return bounds of F(rho) + sum_e v_e (H(rho_e) - log J) at the corners of boxes, (B, M, V).
 
-    :param values: (B, V, K, G).
+    The largest at a box's corners is a bound over the box.
+
+    :param values: F at the corners, (B, M, V).
+    :param rho: the corners, (B, M, V, E, J).
+    :param mean: q up to a factor, (B, M, E, J).
+    :param shares: v, (M, E).
     """
-    which = np.array(list(product((0, 1), repeat=low.shape[1])), bool)
-    rise = np.stack([values[:, which[:, e]].mean(1) - values[:, ~which[:, e]].mean(1)
-                     for e in range(low.shape[1])], 1)
-    return np.where(high - low > 1e-9, rise / np.maximum(high - low, 1e-9), 0.0)
-
-
-def over_boxes(values: Array, low: Array, high: Array, shares: Array) -> Array:
-    """
-    Return a bound of F(rho) + sum_e v_e (H(rho_e) - log 2) in every box, (B, K, G).
-
-    :param values: F at the boxes' corners, (B, V, K, G).
-    :param shares: v, (K, G, E).
-    """
-    v = np.moveaxis(shares, -1, 0)  # (E, K, G)
-    slope = affine(low, high, values) / np.maximum(v, 1e-300)
-    # Any slope is valid.
-    slope = np.clip(np.nan_to_num(slope), -STEEPEST, STEEPEST)
-    plane = (values - (corners(low, high) * (v * slope)[:, None]).sum(2)).max(1)
-    rho = np.clip(sigmoid(slope), low, high)
-    return np.asarray(plane + (v * (rho * slope + entropy(rho) - np.log(2.0))).sum(1))
+    # Any q is valid: without a number a jammer has all of it.
+    mean = np.nan_to_num(np.maximum(mean, 1e-300), nan=1.0, posinf=1.0)
+    mean = mean / mean.sum(-1, keepdims=True) * (1 - 1e-15)
+    cross = -(rho * np.log(mean)[:, :, None]).sum(-1) - np.log(mean.shape[-1])
+    return np.asarray(values + (cross * shares[:, None]).sum(-1))

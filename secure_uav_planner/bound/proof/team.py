@@ -16,7 +16,7 @@ from .subset import EavesdropperSubset
 if TYPE_CHECKING:
     from ...mission.scenario import Scenario
 
-MOST_JAMMERS = 2
+MOST_JAMMERS = 3
 """How many jammers are followed; more are helpers."""
 
 
@@ -25,8 +25,8 @@ class Team:
     """
     The UAVs' reachable sets in all stages of a mission.
 
-    Lemma 9 (more than two jammers). With the SNRs x_j >= 0 received from those that are followed
-    and x_k >= 0 from the others, the helpers,
+    Lemma 9 (more jammers than are followed). With the SNRs x_j >= 0 received from those and
+    x_k >= 0 from the others, the helpers,
 
         log(1 + sum_j x_j + sum_k x_k) <= log(1 + sum_j x_j) + sum_k log(1 + x_k)
 

@@ -4,32 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .columns import Combinations
 from .descent import golden
-from .dual import Branch, curved, Dual, unpacked
+from .division import share_division
+from .dual import curved, Dual, unpacked
 from .multiplier_search import MultiplierSearch
 from ..proof.chords import interpolated, neighbours, on_chords, over_pieces, pieces
-from ..proof.conjugate import Array, entropy, mixing, transmit_power
-from ..proof.jammer_shares import corners, no_splits, over_boxes, share_boxes, Splits
+from ..proof.conjugate import Array, entropy, transmit_power
 from ..proof.multipliers import Multipliers
 from ..proof.team import Team
-from ...model.kernel import core
 
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Breakpoints w0 of the certificate, beside those that the search has used."""
 
-SPLITS, MORE = 3, 20
-"""How often two jammers' shares and powers are cut at all breakpoints, and at those needed."""
-
-"""Share of a jammer from which it is cut no finer, and steps for the best theta."""
-
 FEW = 300
-"""Columns of every UAV in every mode from which v is chosen."""
+"""Columns of a UAV from which v is chosen."""
 
 TOLERANCE = 5e-4
 """What a maximum may be too large, in nats."""
@@ -41,6 +34,38 @@ SLACK = 0.5
 """Share of what a node's maximum could be too large without raising its stage's bound."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Estimates:
+    """
+    About what the terms are worth at breakpoints of w0, by columns.
+
+    :param weights: w0, (K, G).
+    :param shares: v, (K, G, E).
+    :param sent: the transmitter's term, (K, G).
+    :param jammed: those of all jammers, (K, G).
+    """
+
+    weights: Array
+    shares: Array
+    sent: Array
+    jammed: Array
+
+    @classmethod
+    def of(cls, search: MultiplierSearch) -> _Estimates:
+        """Return those of a search's multipliers, for all breakpoints of the certificate."""
+        if not search.seen:
+            search.dual(0.01)
+        dual, count = Dual(search.team, [], [], [], 1e-9), len(search.team.stages.count)
+        weights = np.sort([*(np.full(count, w0) for w0 in BREAKPOINTS), *search.weights], axis=0)
+        shares = np.array([_shares(search, dual, weight) for weight in weights])
+        values = [dual.values(i, search.point, columns, list(zip(weights, shares))).max(2)
+                  + _constant(search, i) for i, columns in enumerate(search.seen[:2])]
+        if search.team.jammers > 1:
+            values[1] = np.array([_joint(search, w0, v)[0].max(1)
+                                  for w0, v in zip(weights, shares)])
+        return cls(weights, shares, *(values if search.team.jammers else [*values, 0.0 * weights]))
+
+
 def breakpoint_multipliers(search: MultiplierSearch,
                            tolerance: float = TOLERANCE) -> Multipliers:
     """
@@ -48,81 +73,63 @@ def breakpoint_multipliers(search: MultiplierSearch,
 
     :param tolerance: what a maximum may be too large, in nats.
     """
-    if not search.seen:
-        search.dual(0.01)
+    found = _Estimates.of(search)
     team, point = search.team, search.point
-    count, uavs = len(team.stages.count), len(team.regions)
+    uavs, weights, shares = range(len(team.regions)), found.weights, found.shares
     dual = Dual(team, [], [], [], 1e-9)
-    breakpoints = np.sort([*(np.full(count, w0) for w0 in BREAKPOINTS), *search.weights], axis=0)
-    shares = np.array([_shares(search, dual, weight) for weight in breakpoints])
-    still = np.array([dual.values(i, point, search.silent(i))[0].max(1) for i in range(uavs)])
-    known = [dual.values(i, point, search.seen[i], list(zip(breakpoints, shares))).max(2)
-             for i in range(min(uavs, 2))]
-    every = np.ones(breakpoints.shape, bool)
-    division = _Division(no_splits(every.shape), np.ones((1, *every.shape)),
-                         np.zeros((1, team.eavesdroppers, *every.shape)),
-                         np.array([part[None, None] for part in known[1:]]))
-    if team.jammers > 1:
-        division = _Division.of(search, breakpoints, shares, every, SPLITS)
-    known[1:] = division.known
-    for i in range(uavs):
-        constant = search.potential(i).constant() if curved(point.potentials.shape[2]) else 0.0
-        still[i] += constant
-        known[i] = known[i] + constant
-    x = point.potentials.transpose(1, 0, 2)
-    slope, bend, turn = unpacked(x)
-    given = Multipliers(
-        slope, bend, turn, point.prices, breakpoints, shares, division.splits,
-        division.theta, division.slope, _helpers(search), tuple(known), still, every,
-        np.full((len(breakpoints) + 1, count), tolerance),
-        np.full(division.theta.shape, tolerance))
-    given = replace(given, needed=_needed(team, given))
-    if team.jammers > 1:
-        finer = _Division.of(search, breakpoints, shares, given.needed, MORE)
-        given = replace(given, splits=finer.splits, theta=finer.theta, theta_slope=finer.slope,
-                        known=(given.known[0], *finer.known),
-                        box_slack=np.full(finer.theta.shape, tolerance))
-    return _with_slack(team, given, tolerance)
-
-
-def _boxes(team: Team, given: Multipliers) -> Array:
-    """Return about the bounds of the jammers' terms in every box, (B, K, G)."""
-    if team.jammers < 2:
-        return given.known[1][:, 0] if team.jammers else np.zeros((1, *given.weights.shape))
-    low, high, _ = share_boxes(given.splits, team.eavesdroppers)
-    theta = given.theta[:, None] + (corners(low, high) * given.theta_slope[:, None]).sum(2)
-    values = given.known[1] + given.known[2] - given.weights * mixing(np.stack([theta, 1 - theta]))
-    return over_boxes(values, low, high, given.shares)
-
-
-def _over(team: Team, given: Multipliers, boxes: Array,
-          needed: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return about the bounds of all pieces of w0, (PIECES, K, G), and of the stages, (G,)."""
-    silent, weights = given.still.sum(0), given.weights
-    joint = interpolated((given.known[0] + boxes.max(0))[None], silent, weights, needed)[0]
-    total = on_chords(weights, given.shares, needed).sum(-1)
-    value = over_pieces(team, silent, joint, weights, total, given.prices[0])
-    return value, np.maximum(silent, value.max((0, 1)))
-
-
-def _needed(team: Team, given: Multipliers) -> NDArray[np.bool_]:
-    """Return which breakpoints matter, (K, G)."""
-    needed, boxes = given.needed.copy(), _boxes(team, given)
-    most = _over(team, given, boxes, needed)[1] + SPARED
+    still = np.array([dual.values(i, point, search.silent(i))[0].max(1) + _constant(search, i)
+                      for i in uavs])
+    needed, joint = np.ones(weights.shape, bool), found.sent + found.jammed
+    most = _over(team, still, joint, found, needed, point.prices[0])[1] + SPARED
     for k in range(len(needed) - 1):
         trial = needed.copy()
         trial[k] = False
-        needed[k] = ~(_over(team, given, boxes, trial)[1] <= most)
-    return needed
+        needed[k] = ~(_over(team, still, joint, found, trial, point.prices[0])[1] <= most)
+    at = np.nonzero(needed)
+    slack = _slack(team, still, joint, found, needed, point.prices[0])
+    boxes = share_division(search, at[1], weights[at], shares[at], found.jammed[at],
+                           SLACK / 2 * slack[1:][at])
+    worth = boxes.bounds.max((0, 2))
+    joint[at] = found.sent[at] + worth
+    slack = tolerance + SLACK / len(uavs) * _slack(
+        team, still, joint, found, needed, point.prices[0])
+    slope, bend, turn = unpacked(point.potentials.transpose(1, 0, 2))
+    return Multipliers(
+        slope, bend, turn, point.prices, weights, shares, boxes.splits, boxes.theta, boxes.mean,
+        _helpers(search), (found.sent, *boxes.known), still, needed, slack,
+        slack[1:][at][:, None] + SLACK / len(uavs) * (worth[:, None] - boxes.bounds))
 
 
-def _with_slack(team: Team, given: Multipliers, tolerance: float) -> Multipliers:
-    """Return multipliers with what their maxima may be too large."""
-    silent, weights, needed = given.still.sum(0), given.weights, given.needed
-    boxes = _boxes(team, given)
-    value, best = _over(team, given, boxes, needed)
+def _constant(search: MultiplierSearch, uav: int) -> Array | float:
+    """Return what a UAV's columns are worth beyond their values, (G,)."""
+    quadratic = curved(search.point.potentials.shape[2])
+    return search.potential(uav).constant() if quadratic else 0.0
+
+
+def _joint(search: MultiplierSearch, weight: Array, v: Array) -> tuple[Array, Combinations]:
+    """Return combinations of the jammers' columns, and their worth, (G, C)."""
+    some = search.combinations(weight, v)
+    factor = np.concatenate([-weight[:, None], v], 1)
+    return some.base + _dot(some.rates, factor), some
+
+
+def _over(team: Team, still: Array, joint: Array, found: _Estimates, needed: NDArray[np.bool_],
+          price: float) -> tuple[Array, Array]:
+    """Return about the bounds of all pieces of w0, (PIECES, K, G), and of the stages, (G,)."""
+    silent, weights = still.sum(0), found.weights
+    joint = interpolated(joint[None], silent, weights, needed)[0]
+    total = on_chords(weights, found.shares, needed).sum(-1)
+    value = over_pieces(team, silent, joint, weights, total, price)
+    return value, np.maximum(silent, value.max((0, 1)))
+
+
+def _slack(team: Team, still: Array, joint: Array, found: _Estimates, needed: NDArray[np.bool_],
+           price: float) -> Array:
+    """Return by how much silence and every breakpoint could be higher for nothing, (K + 1, G)."""
+    weights = found.weights
+    value, best = _over(team, still, joint, found, needed, price)
     # A breakpoint that is too high lifts the pieces on both sides, the less the farther they are.
-    slack = np.concatenate([(best - silent)[None], np.full(weights.shape, np.inf)])
+    slack = np.concatenate([(best - still.sum(0))[None], np.full(weights.shape, np.inf)])
     column = np.arange(weights.shape[1])
     at = np.concatenate([0 * weights[:1], weights])
     below, above = neighbours(needed)
@@ -134,78 +141,7 @@ def _with_slack(team: Team, given: Multipliers, tolerance: float) -> Multipliers
         for number, part in ((below[k], 1 - share[:-1]), (above[k], share[1:])):
             room = (gap / np.maximum(part, 1e-9)).min(0)
             slack[number, column] = np.minimum(slack[number, column], room)
-    factor = SLACK / len(team.regions)
-    # Only the highest of all boxes counts.
-    box = np.nan_to_num(boxes.max(0) - boxes, posinf=0.0)
-    return replace(given, slack=tolerance + factor * slack,
-                   box_slack=tolerance + factor * (slack[1:] + box))
-
-
-@dataclass(frozen=True, eq=False)
-class _Division:
-    """
-    The boxes of the jammers' shares and powers at breakpoints; see jammer_shares.
-
-    :param splits: (S, K, G) each.
-    :param theta: where the shares are 0, (B, K, G).
-    :param slope: of theta by the shares, (B, E, K, G).
-    :param known: what both jammers' terms are worth at the corners, (2, B, V, K, G).
-    """
-
-    splits: Splits
-    theta: Array
-    slope: Array
-    known: Array
-
-    @classmethod
-    def of(cls, search: MultiplierSearch, weights: Array, shares: Array,
-           needed: NDArray[np.bool_], count: int) -> _Division:
-        """
-        Cut what two jammers can do, the box with the largest bound again and again.
-
-        :param weights: w0, (K, G).
-        :param shares: v, (K, G, E).
-        :param needed: where, (K, G).
-        :param count: of the cuts.
-        """
-        team, point = search.team, search.point
-        dual = Dual(team, [], [], [], 1e-9)
-        k, g = np.nonzero(needed)
-        e = shares.shape[-1]
-        given: dict[str, list[Any]] = {}
-        for j, columns in enumerate(search.candidates[1:], 1):
-            region, cost = team.regions[j], point.prices[j] * columns.power
-            with np.errstate(divide='ignore'):
-                power = np.log(columns.power)
-            for name, value in {
-                    'place': columns.place, 'power': power,
-                    'base': dual.values(j, point, columns)[0] + cost,
-                    'pull': search.potential(j).change[0],
-                    'people': np.concatenate([[region.ground], region.eavesdroppers]),
-                    'radii': np.append(0.0, region.radii),
-                    'gain': np.exp(region.log_gain + math.log(team.copies) + np.append(
-                        0.0, region.log_advantages)),
-                    'altitude': region.altitude, 'distance': region.distance,
-                    'price': point.prices[j], 'peak': math.log(region.peak),
-                    'from_start': region.from_start, 'to_goal': region.to_goal,
-                    'width': np.subtract(*region.sides[::-1]).max(1)}.items():
-                given.setdefault(name, []).append(value)
-        box, side = np.zeros((2, len(k), count), np.int64)
-        at, theta = np.zeros((len(k), count)), np.zeros((len(k), count + 1))
-        slope, known = np.zeros((*theta.shape, e)), np.zeros((*theta.shape, 2, 2**e))
-        core.bound_share_boxes({
-            **{name: np.ascontiguousarray(value, float) for name, value in given.items()},
-            'stages': weights.shape[1], 'stage': g.astype(np.int64),
-            'weight': weights[k, g], 'shares': shares[k, g], 'box': box, 'side': side, 'at': at,
-            'theta': theta, 'slope': slope, 'known': known})
-
-        def spread(values: NDArray[Any], *axes: int) -> NDArray[Any]:
-            values = values.transpose(*(axis + 1 for axis in axes), 0)
-            found = np.zeros(values.shape[:-1] + weights.shape, values.dtype)
-            found[..., k, g] = values
-            return found
-        return cls((spread(box, 0), spread(side, 0), spread(at, 0)), spread(theta, 0),
-                   spread(slope, 0, 1), spread(known, 1, 0, 2))
+    return slack
 
 
 def _shares(search: MultiplierSearch, dual: Dual, weight: Array) -> Array:
@@ -214,35 +150,23 @@ def _shares(search: MultiplierSearch, dual: Dual, weight: Array) -> Array:
     price, peak = point.prices[0], team.regions[0].peak
     v = point.shares[0] * (weight / search.weights[0])[:, None]
     none = np.zeros_like(v)
-    branches = [Branch(weight, 0, search.initial.theta, search.initial.rho)]
-    if team.jammers > 1:
-        branches = [Branch.of_two(weight, 0, *mode) for mode in search.modes(
-            weight, v, search.candidates)]
-    # What v does not change, of every UAV in every mode, and what it multiplies.
+    # What v does not change, and what it multiplies: of every UAV, or of the jammers together.
     lists = []
-    for branch in branches:
-        for i, columns in enumerate(search.seen):
-            ground, parts = branch.parts(i)
-            worth = dual.values(i, point, columns, [(weight * ground, none),
-                                                    (weight * ground, v * parts)])
-            few = np.argpartition(worth[1], -min(FEW, worth.shape[2]), 1)[:, -FEW:]
-            lists.append((np.take_along_axis(worth[0], few, 1),
-                          columns.take(few).leaks * parts[:, None]))
-    extra = [mixing(one.rho) if team.jammers else none for one in branches]
-    less = [weight * mixing(one.theta) if team.jammers else none[:, 0] for one in branches]
-    uavs = len(team.regions)
+    for i, columns in enumerate(search.seen[:2] if team.jammers < 2 else search.seen[:1]):
+        worth = dual.values(i, point, columns, [(weight, none), (weight, v)])
+        few = np.argpartition(worth[1], -min(FEW, worth.shape[2]), 1)[:, -FEW:]
+        lists.append((np.take_along_axis(worth[0], few, 1), columns.take(few).leaks))
+    if team.jammers > 1:
+        worth, some = _joint(search, weight, v)
+        lists.append((worth - _dot(some.rates[..., 1:], v), some.rates[..., 1:]))
 
     def along(start: Array, way: Array) -> Callable[[Array], Array]:
         parts = [(base + _dot(leaks, start), _dot(leaks, way)) for base, leaks in lists]
 
         def value(x: Array) -> Array:
-            trial = start + x[:, None] * way
-            s = np.clip(trial.sum(-1), 0.0, weight)
-            sums = [sum((base + x[:, None] * part).max(1)
-                        for base, part in parts[uavs * m:uavs * (m + 1)])
-                    + (trial * extra[m]).sum(-1) - less[m] for m in range(len(branches))]
-            return np.asarray(transmit_power(weight - s, price, peak)[0] - entropy(s)
-                              + np.max(sums, axis=0))
+            s = np.clip((start + x[:, None] * way).sum(-1), 0.0, weight)
+            return np.asarray(transmit_power(weight - s, price, peak)[0] - entropy(s) + sum(
+                (base + x[:, None] * part).max(1) for base, part in parts))
         return value
 
     count = v.shape[-1]
@@ -285,19 +209,17 @@ def _dot(leaks: Array, v: Array) -> Array:
 
 def second_breakpoint(search: MultiplierSearch) -> None:
     """Add a breakpoint of w0 to those that the multipliers have to be good for: the next best."""
-    given = breakpoint_multipliers(search)
-    team, price = search.team, search.point.prices[0]
-    total = given.shares.sum(-1)
-    value = given.known[0] + _boxes(team, given).max(0) - entropy(total)
-    value += entropy(given.weights) + (
-        transmit_power(np.maximum(given.weights - total, 0.0), price, team.regions[0].peak)[0])
+    found, team, price = _Estimates.of(search), search.team, search.point.prices[0]
+    total = found.shares.sum(-1)
+    value = found.sent + found.jammed - entropy(total) + entropy(found.weights) + (
+        transmit_power(np.maximum(found.weights - total, 0.0), price, team.regions[0].peak)[0])
     first = search.weights[0]
     # Neighbours of the first breakpoint are as good as it is: what counts is a hump elsewhere.
-    value[np.abs(given.weights - first) < 1e-9] = -np.inf
+    value[np.abs(found.weights - first) < 1e-9] = -np.inf
     best = value.argmax(0)
     row = np.arange(len(first))
-    weight = np.minimum(given.weights[best, row], 1 - 1e-9)
-    v = np.clip(given.shares[best, row], 1e-6, None)
+    weight = np.minimum(found.weights[best, row], 1 - 1e-9)
+    v = np.clip(found.shares[best, row], 1e-6, None)
     s = v.sum(-1)
     room = first - search.point.shares[0].sum(-1)
     v *= (np.minimum(s, weight - np.minimum(room, weight / 2)) / s)[:, None]

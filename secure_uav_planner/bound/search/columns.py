@@ -16,8 +16,8 @@ RINGS = (0.01, 0.03, 0.1, 0.3)
 GRID, COARSE, STILL = (11, 13), (4, 5), (5, 5)
 """Places along and across a set: to look for columns, to keep always, to be silent at."""
 
-PAIRS = 40
-"""Pairs of columns that are kept beside the best of every column."""
+MOST = 40
+"""Combinations of columns that are kept beside the best of every column."""
 
 RIM = 32
 """Directions in which the reachable set's farthest place is a place to be silent at."""
@@ -57,6 +57,11 @@ class Columns:
             len(place), -1, 2), np.broadcast_to(levels[:, None], shape).reshape(len(place), -1),
             copies)
 
+    @property
+    def snr(self) -> Array:
+        """Return what is received of a jammer, as often as there are jammers, (G, C, 1 + E)."""
+        return np.concatenate([np.expm1(-self.ground)[..., None], np.expm1(self.leaks)], -1)
+
     def take(self, index: NDArray[np.intp]) -> Columns:
         """Return the columns with the given indices of every stage, (G, C')."""
         row = np.arange(len(self.place))[:, None]
@@ -71,55 +76,87 @@ class Columns:
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class Combinations:
     """
-    Places and powers of two jammers in every stage.
+    Places and powers of several jammers in every stage.
 
-    :param place: (2, G, C, 2) in units.
-    :param power: (2, G, C) in W.
-    :param ground: what w0 multiplies, (G, C) in nats: of both jammers together, and so exact.
-    :param leaks: what v multiplies, (G, C, E) in nats.
+    :param place: (J, G, C, 2) in units.
+    :param power: (J, G, C) in W.
+    :param snr: received from every jammer at the ground node and at the eavesdroppers,
+        (J, G, C, 1 + E).
+    :param base: what they were worth together where nothing is sent, (G, C) in nats.
     """
 
     place: Array
     power: Array
-    ground: Array
-    leaks: Array
+    snr: Array
+    base: Array
 
     @classmethod
-    def best(cls, one: Columns, two: Columns, base: tuple[Array, Array], weight: Array,
-             v: Array) -> Pairs:
+    def best(cls, columns: list[Columns], base: list[Array], weight: Array,
+             v: Array) -> Combinations:
         """
-        Return the pairs that are worth most, and the best of every column.
+        Return the combinations that are worth most, and the best that were met of every column.
 
-        :param base: what the columns are worth where nothing is sent, (G, C) each.
+        Jammers join one after the other.
+
+        :param columns: of every jammer.
+        :param base: what they are worth where nothing is sent, (G, C) each.
         :param weight: w0, (G,).
         :param v: (G, E).
         """
-        # Columns of two jammers count with twice their gain.
-        x, y = (np.expm1(-some.ground) / 2 for some in (one, two))
-        ground = -np.log1p(x[:, :, None] + y[:, None])
-        x, y = (np.expm1(some.leaks) / 2 for some in (one, two))
-        leaks = np.log1p(x[:, :, None] + y[:, None])
-        worth = (base[0][:, :, None] + base[1][:, None] + weight[:, None, None] * ground
-                 + np.matmul(leaks, v[:, None, :, None])[..., 0])
-        stages, first, second = worth.shape
-        flat = worth.reshape(stages, -1)
-        index = np.concatenate([
-            np.argpartition(flat, -PAIRS, 1)[:, -PAIRS:],
-            np.arange(first) * second + worth.argmax(2),
-            worth.argmax(1) * second + np.arange(second)], 1)
-        row, (i, j) = np.arange(stages)[:, None], np.divmod(index, second)
-        chosen = one.take(i), two.take(j)
-        return cls(np.stack([some.place for some in chosen]),
-                   np.stack([some.power for some in chosen]), ground[row, i, j], leaks[row, i, j])
+        snr = [some.snr / len(columns) for some in columns]
+        factor = np.concatenate([-weight[:, None], v], 1)
+        row = np.arange(len(v))[:, None]
+        noise, worth = snr[0], base[0]
+        index = [np.zeros(worth.shape, int) + np.arange(worth.shape[1])]
+        for j in range(1, len(columns)):
+            first, second = worth.shape[1], base[j].shape[1]
+            value = worth[:, :, None] + base[j][:, None]
+            for r in range(factor.shape[1]):
+                value += factor[:, r, None, None] * np.log1p(
+                    noise[:, :, None, r] + snr[j][:, None, :, r])
+            flat = value.reshape(len(v), -1)
+            chosen = np.concatenate([
+                np.argpartition(flat, -MOST, 1)[:, -MOST:],
+                np.arange(first) * second + value.argmax(2),
+                value.argmax(1) * second + np.arange(second)], 1)
+            i, k = np.divmod(chosen, second)
+            noise = noise[row, i] + snr[j][row, k]
+            worth = worth[row, i] + base[j][row, k]
+            index = [*(before[row, i] for before in index), k]
+        return cls.of([some.take(i) for some, i in zip(columns, index)], worth)
+
+    @classmethod
+    def of(cls, columns: list[Columns], base: Array) -> Combinations:
+        """Return the combinations of columns with the same number."""
+        return cls(np.stack([some.place for some in columns]),
+                   np.stack([some.power for some in columns]),
+                   np.stack([some.snr for some in columns]) / len(columns), base)
+
+    @property
+    def rates(self) -> Array:
+        """Return log(1 + sum_j x_j) at the ground node and at the eavesdroppers, (G, C, 1 + E)."""
+        return np.asarray(np.log1p(self.snr.sum(0)))
+
+    @property
+    def shares(self) -> Array:
+        """Return y_j over the sum of all, y_j = 1 / J + x_j, (J, G, C, 1 + E)."""
+        noise = 1 / len(self.snr) + self.snr
+        return np.asarray(noise / noise.sum(0))
+
+    def take(self, index: NDArray[np.intp]) -> Combinations:
+        """Return the combinations with the given indices of every stage, (G, C')."""
+        row = np.arange(len(index))[:, None]
+        return Combinations(self.place[:, row, index], self.power[:, row, index],
+                            self.snr[:, row, index], self.base[row, index])
 
     @staticmethod
-    def joined(parts: list[Pairs]) -> Pairs:
-        """Return all pairs of several."""
-        return Pairs(*(np.concatenate([getattr(part, name) for part in parts], axis)
-                       for name, axis in (('place', 2), ('power', 2), ('ground', 1),
-                                          ('leaks', 1))))
+    def joined(parts: list[Combinations]) -> Combinations:
+        """Return all combinations of several."""
+        return Combinations(*(
+            np.concatenate([getattr(part, name) for part in parts], axis)
+            for name, axis in (('place', 2), ('power', 2), ('snr', 2), ('base', 1))))
 
 
 def grid(region: ReachableSet, along: int, across: int) -> Array:

@@ -2,11 +2,11 @@
 The dual function on columns, smoothed, with two derivatives: what Newton's method minimises.
 
 It is the certificate's bound with every maximum taken over columns and over a few branches, that
-is breakpoints of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). Two jammers'
-columns come in pairs, for which their noise is known exactly: lemma 8, with shares in boxes, comes
-close to that, and multipliers that are good for a few shares are not. It is jointly convex in the
-potentials, v and lam. v has a barrier at 0 where there are several eavesdroppers, w0
-- s and lam have weak ones of their own: at a high SNR w0 - s is of the order of 1e-3 and below.
+is breakpoints of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). Columns of
+several jammers are combined, so that their noise is known exactly: lemma 8, with shares in boxes,
+comes close to that, and multipliers that are good for a few shares are not. It is jointly convex
+in the potentials, v and lam. v has a barrier at 0 where there are several eavesdroppers, w0 - s
+and lam have weak ones of their own: at a high SNR w0 - s is of the order of 1e-3 and below.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .columns import Columns, Pairs
+from .columns import Columns, Combinations
 from .newton import DualDerivatives, DualPoint
 from ..proof.conjugate import Array, entropy, mixing, transmit_power
 from ..proof.team import Team
@@ -47,11 +47,6 @@ class Branch:
     theta: Array
     rho: Array
 
-    @classmethod
-    def of_two(cls, weight: Array, group: int, theta: Array, rho: Array) -> Branch:
-        """Return the branch of two jammers by the first one's shares, (G,) and (G, E)."""
-        return cls(weight, group, np.stack([theta, 1.0 - theta]), np.stack([rho, 1.0 - rho]))
-
     def parts(self, uav: int) -> tuple[Array, Array]:
         """Return what multiplies w0, (G,), and v, (G, E), for a UAV."""
         if uav == 0:
@@ -74,13 +69,13 @@ class Dual:
     :param silent: for every UAV, those without.
     :param branches: the ways a slot can be that the multipliers have to be good for.
     :param tau: temperature of every smoothed maximum, in nats.
-    :ivar pairs: in every branch those of two jammers, if they take the place of their columns.
+    :ivar jammed: in every branch several jammers' combinations, which take the place of columns.
     """
 
     def __init__(self, team: Team, columns: list[Columns], silent: list[Columns],
                  branches: list[Branch], tau: float) -> None:
         self.team, self.branches, self.tau = team, branches, tau
-        self.pairs: list[Pairs] = []
+        self.jammed: list[Combinations] = []
         self.columns = (columns, silent)
         self.count = team.stages.count.astype(float)
         self.average = np.array([region.average for region in team.regions])
@@ -250,21 +245,20 @@ class Dual:
         options.append((np.zeros(g), np.zeros((g, size)) if second else np.zeros(0),
                         np.zeros((g, size, size)) if second else np.zeros(0), -1))
         values = np.array([option[0] for option in options])
-        for k, pairs in enumerate(self.pairs):
-            more, slope, bend = self._of_pairs(
-                self.branches[k], pairs, point, second)
+        for k, some in enumerate(self.jammed):
+            more, slope, bend = self._of_jammers(self.branches[k], some, point, second)
             values[k] += more
             if second:
                 options[k][1][:] += slope
                 options[k][2][:] += bend
         for i in range(u):
             lists = [(self._maxima(i, point, True, second), options[-1:], values[-1:])]
-            if not (self.pairs and i):
+            if not (self.jammed and i):
                 lists.append((self._maxima(i, point, False, second), options[:-1], values[:-1]))
             which = self._unknowns(i, point)
-            for found, some, value in lists:
+            for found, into, value in lists:
                 value += found[0]
-                for k, (_, grad, hess, _) in enumerate(some if second else []):
+                for k, (_, grad, hess, _) in enumerate(into if second else []):
                     grad[:, which] += found[1][k]
                     hess[:, which[:, None], which] += found[2][k]
         top = values.max(0)
@@ -295,36 +289,37 @@ class Dual:
         return np.r_[0:e, e + i * p:e + (i + 1) * p,
                      e + (u + i) * p:e + (u + i + 1) * p, e + 2 * u * p + i]
 
-    def _of_pairs(self, branch: Branch, pairs: Pairs, point: DualPoint,
-                  second: bool) -> tuple[Array, Array, Array]:
-        """Return the smoothed maximum over pairs, (G,), and its derivatives, as in _powers."""
+    def worth(self, some: Combinations, point: DualPoint, weight: Array, v: Array) -> Array:
+        """Return what combinations are worth at w0 and v (G, E) but for a constant, (G, C)."""
+        factor = np.concatenate([-weight[:, None], v], 1)
+        pull = np.diff(point.potentials[..., :2], axis=0) / self.count[:, None, None]
+        return np.asarray(np.matmul(some.rates, factor[..., None])[..., 0] + sum(
+            np.matmul(place, pull[:, i, :, None])[..., 0] - point.prices[i] * power
+            for i, (place, power) in enumerate(zip(some.place, some.power), 1)))
+
+    def _of_jammers(self, branch: Branch, some: Combinations, point: DualPoint,
+                    second: bool) -> tuple[Array, Array, Array]:
+        """Return the smoothed maximum over combinations, (G,), with derivatives as in _powers."""
         v, (u, p), g = point.shares[branch.group], point.potentials.shape[1:], len(self.count)
-        e, at = v.shape[-1], pairs.place / self.count[:, None, None]
-        size = e + 2 * u * p + u
-        worth = branch.weight[:, None] * pairs.ground + np.matmul(
-            pairs.leaks, v[..., None])[..., 0]
-        pull = np.diff(point.potentials[..., :2], axis=0)
-        costs = []
-        for i in (1, 2):
-            worth += np.matmul(at[i - 1], pull[:, i, :, None])[..., 0]
-            worth -= point.prices[i] * pairs.power[i - 1]
-            # What linear potentials cost is the same everywhere: as in a list of the origin.
-            origin = Columns(*(np.zeros((g, 1, *more)) for more in ((2,), (), (), (e,))))
-            costs.append(self._smoothed(
-                i, point, origin, [(np.zeros(g), 0 * v, 0 * v)], second))
+        e, at = v.shape[-1], some.place / self.count[:, None, None]
+        size, worth = e + 2 * u * p + u, self.worth(some, point, branch.weight, v)
+        # What linear potentials cost is the same everywhere: as in a list of the origin.
+        origin = Columns(*(np.zeros((g, 1, *more)) for more in ((2,), (), (), (e,))))
+        costs = [self._smoothed(i, point, origin, [(np.zeros(g), 0 * v, 0 * v)], second)
+                 for i in range(1, u)]
         top = worth.max(1)
         mix = np.exp((worth - top[:, None]) / self.tau)
         total = mix.sum(1)
-        value = top + self.tau * np.log(total) + costs[0][0][0] + costs[1][0][0]
+        value = top + self.tau * np.log(total) + sum(cost[0][0] for cost in costs)
         if not second:
             return value, top, top
         mix /= total[:, None]
         rows = np.zeros((*worth.shape, size))
-        rows[..., :e] = pairs.leaks
-        for i in (1, 2):
+        rows[..., :e] = some.rates[..., 1:]
+        for i in range(1, u):
             before, after = e + i * p, e + (u + i) * p
             rows[..., before:before + 2], rows[..., after:after + 2] = -at[i - 1], at[i - 1]
-            rows[..., e + 2 * u * p + i] = -pairs.power[i - 1]
+            rows[..., e + 2 * u * p + i] = -some.power[i - 1]
         grad = np.matmul(mix[:, None], rows)[:, 0]
         hess = (np.matmul((rows * mix[..., None]).transpose(0, 2, 1), rows)
                 - grad[:, :, None] * grad[:, None]) / self.tau

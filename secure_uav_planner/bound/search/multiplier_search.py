@@ -5,24 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import columns as candidates
-from .columns import Columns, Pairs
-from .descent import Descent, golden
+from .columns import Columns, Combinations
+from .descent import Descent
 from .dual import Branch, curved, Dual, unpacked
 from .initial_multipliers import InitialMultipliers
 from .newton import DualPoint
 from ..proof.certificate import terms_of
-from ..proof.conjugate import Array, mixing
+from ..proof.conjugate import Array
 from ..proof.potential import Potential
 from ..proof.reachable_set import ReachableSet
 from ..proof.team import Team
+from ...model.kernel import core
 
-MODES = 9
-"""The rho for which columns of two jammers are looked for: of GRIDS, the best first."""
+MODES, APART = 6, 0.1
+"""Combinations of columns for whose shares new columns are looked for, and how they differ."""
 
 FEW = ([0, 4], [0, 1, 4, 7, 9, 10, 11, 12])
 """Of a jammer's powers those that are kept at the coarse places: alone, and among several."""
@@ -31,15 +33,12 @@ THETAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 1.0)
 RHOS = {1: (0.0, 0.1, 0.5, 0.9, 1.0), 2: (0.0, 0.5, 1.0), 3: (0.0, 1.0)}
 """For each of these theta and rho the best column of a jammer is kept."""
 
-GRIDS = {1: (0.01, 0.1, 0.5, 0.9, 0.99), 2: (0.02, 0.5, 0.98), 3: (0.02, 0.98)}
-"""Shares with which jammers' columns may be good, by how many eavesdroppers there are."""
-
 KEEP = 45
 """Columns that are kept in every branch."""
 
 LATEST = 8
 """
-How many of the latest lists of columns, and of pairs, are used.
+How many of the latest lists of columns, and of combinations, are used.
 
 Measured: with one list, theta goes to and fro between two answers, and bounds with two jammers
 are 5 to 50% higher. With more than eight, nothing is gained. With two lists of pairs one mission
@@ -99,35 +98,38 @@ class MultiplierSearch:
         self.columns: list[Columns] = []
         self._latest: list[list[Columns]] = []
         self._seen: list[Columns] = []
-        self._pairs: list[list[Pairs]] = []
+        self._jammed: list[list[Combinations]] = []
         self._candidates: tuple[DualPoint, list[Columns]] = self.point, []
         self._descent = Descent()
 
     # -- what the present multipliers ask for
 
     def branches(self) -> list[Branch]:
-        """Return the branches that columns, and without pairs multipliers, have to be good for."""
+        """Return the branches that columns, and of one jammer multipliers, have to be good for."""
         result = []
         for k, weight in enumerate(self.weights):
             result.append(Branch(weight, k, self.initial.theta, self.initial.rho))
-            if self.team.jammers > 1 and self.seen:
-                result += [Branch.of_two(weight, k, *mode) for mode in self.modes(
-                    weight, self.point.shares[k], self.candidates)]
+            if self._jammed:
+                result += self._modes(k, weight)
         return result
 
-    def modes(self, weight: Array, v: Array,
-              columns: list[Columns]) -> list[tuple[Array, Array]]:
-        """
-        Return theta (G,) and rho (G, E) of the first of two jammers where a slot's bound is best.
+    def _modes(self, k: int, weight: Array) -> list[Branch]:
+        """Return branches of the best combinations with shares that differ from one another."""
+        some, v = self._jammed[-1][k], self.point.shares[k]
+        some = some.take(self._apart(some, weight, v))
+        theta, *rho = some.shares.clip(1e-4, 1 - 1e-4).transpose(3, 2, 0, 1)
+        return [Branch(weight, k, *mode) for mode in zip(theta, np.stack(rho, -1))]
 
-        They are the best of GRIDS, at most MODES, by given columns.
-        """
-        row = np.arange(len(v))
-        rho = np.array([np.zeros_like(v) + np.array(shares)
-                        for shares in product(GRIDS[v.shape[1]], repeat=v.shape[1])])
-        theta, value = self.best_theta(weight, v, rho, columns)
-        order = np.argsort(-value, axis=0)[:MODES]
-        return [(theta[best, row].clip(1e-4, 1 - 1e-4), rho[best, row]) for best in order]
+    def _apart(self, some: Combinations, weight: Array, v: Array) -> NDArray[np.intp]:
+        """Return the indices of the best combinations whose shares differ, (G, MODES)."""
+        shares, row = np.moveaxis(some.shares, 0, -1), np.arange(len(v))
+        worth = Dual(self.team, [], [], [], 1e-9).worth(some, self.point, weight, v)
+        chosen = []
+        for _ in range(MODES):
+            chosen.append(worth.argmax(1))
+            apart = np.abs(shares - shares[row, chosen[-1]][:, None]).max((2, 3))
+            worth[apart < APART] = -np.inf
+        return np.stack(chosen, 1)
 
     @property
     def seen(self) -> list[Columns]:
@@ -138,11 +140,11 @@ class MultiplierSearch:
 
     @property
     def candidates(self) -> list[Columns]:
-        """Return of the latest columns those that may matter, of every UAV."""
+        """Return of the latest columns those that may matter, of every jammer."""
         known, found = self._candidates
         if known is not self.point or not found:
             dual = Dual(self.team, [], [], [], 1e-9)
-            found = [self.seen[0], *(self.few(dual, j) for j in (1, 2))]
+            found = [self.few(dual, j) for j in range(1, len(self.team.regions))]
             self._candidates = self.point, found
         return found
 
@@ -154,21 +156,51 @@ class MultiplierSearch:
                     for rho in product(RHOS[v.shape[-1]], repeat=v.shape[-1])]
         return columns.take(dual.values(uav, self.point, columns, branches).argmax(2).T)
 
-    def best_theta(self, weight: Array, v: Array, rho: Array,
-                   columns: list[Columns]) -> tuple[Array, Array]:
-        """Return theta (B, G) that nearly minimises a slot's bound at rho (B, G, E), and it."""
-        dual = Dual(self.team, [], [], [], 1e-9)
-        fixed = (v * mixing(np.stack([rho, 1.0 - rho]))).sum(-1)
+    def combinations(self, weight: Array, v: Array) -> Combinations:
+        """Return good combinations of jammers at w0 (G,) and v (G, E), improved ones first."""
+        some = Combinations.best(
+            self.candidates, self._base(self.candidates), weight, v)
+        chosen = some.take(self._apart(some, weight, v))
+        columns = self._columns(chosen.place, chosen.power)
+        fields = self.fields(columns)
+        core.bound_improve_together({**fields, 'weight': np.ascontiguousarray(weight),
+                                     'shares': np.ascontiguousarray(v)})
+        columns = self._columns(fields['place'], np.exp(fields['power']))
+        better = Combinations.of(columns, np.sum(self._base(columns), axis=0))
+        return Combinations.joined([better, some])
 
-        def value(theta: Array) -> Array:
-            one, two = np.stack([theta, 1.0 - theta]), np.stack([rho, 1.0 - rho])
-            return np.asarray(fixed - weight * mixing(one) + sum(
-                dual.values(j, self.point, columns[j], [
-                    (weight * share, v * part) for share, part in zip(one[j - 1], two[j - 1])]
-                ).max(2) for j in (1, 2)))
-        shape = rho.shape[:2]
-        theta = golden(value, np.zeros(shape), np.ones(shape), 16)
-        return theta, value(theta)
+    def _columns(self, place: Array, power: Array) -> list[Columns]:
+        """Return columns of all jammers, for places (J, G, C, 2) and powers (J, G, C)."""
+        return [Columns.of(region, q, p, self.team.copies)
+                for region, q, p in zip(self.team.regions[1:], place, power)]
+
+    def _base(self, columns: list[Columns]) -> list[Array]:
+        """Return what columns of all jammers are worth where nothing is sent, (G, C) each."""
+        dual = Dual(self.team, [], [], [], 1e-9)
+        return [dual.values(j, self.point, some)[0] for j, some in enumerate(columns, 1)]
+
+    def fields(self, columns: list[Columns]) -> dict[str, Any]:
+        """Return what the kernel reads of all jammers and their columns."""
+        given: dict[str, list[Any]] = {}
+        for j, (some, base) in enumerate(zip(columns, self._base(columns)), 1):
+            region, price = self.team.regions[j], self.point.prices[j]
+            with np.errstate(divide='ignore'):
+                power = np.log(some.power)
+            for name, value in {
+                    'place': some.place, 'power': power,
+                    'base': base + price * some.power,
+                    'pull': self.potential(j).change[0],
+                    'people': np.concatenate([[region.ground], region.eavesdroppers]),
+                    'radii': np.append(0.0, region.radii),
+                    'gain': self.team.copies * np.exp(region.log_gain + np.append(
+                        0.0, region.log_advantages)),
+                    'altitude': region.altitude, 'distance': region.distance,
+                    'price': price, 'peak': np.log(region.peak),
+                    'from_start': region.from_start, 'to_goal': region.to_goal,
+                    'width': np.subtract(*region.sides[::-1]).max(1)}.items():
+                given.setdefault(name, []).append(value)
+        return {'stages': len(self.team.stages.count), **{
+            name: np.ascontiguousarray(value, float) for name, value in given.items()}}
 
     def dual(self, tau: float) -> Dual:
         """Return the dual function on the columns that the present multipliers ask for."""
@@ -183,16 +215,18 @@ class MultiplierSearch:
             silent.append(self.silent(i))
         dual.columns = (self.columns, silent)
         if self.team.jammers > 1:
-            # By the branches columns are found; what counts then are pairs, as if one jammer.
+            # Branches serve to find columns; what counts then is combined, as of one jammer.
             alone = np.ones((1, *self.point.shares.shape[1:]))
             dual.branches = [Branch(weight, k, alone[..., 0], alone)
                              for k, weight in enumerate(self.weights)]
-            one, two = self.candidates[1:]
-            base = (dual.values(1, self.point, one)[0], dual.values(2, self.point, two)[0])
-            self._pairs = [*self._pairs, [
-                Pairs.best(one, two, base, weight, v)
+            self._jammed = [*self._jammed, [
+                self.combinations(weight, v)
                 for weight, v in zip(self.weights, self.point.shares)]][-LATEST:]
-            dual.pairs = [Pairs.joined([*same]) for same in zip(*self._pairs)]
+            for some in self._jammed[-1]:
+                for found, columns in zip(self.found[1:], self._columns(
+                        some.place[:, :, :MODES], some.power[:, :, :MODES])):
+                    found.append(columns)
+            dual.jammed = [Combinations.joined([*same]) for same in zip(*self._jammed)]
         return dual
 
     def silent(self, i: int) -> Columns:
@@ -248,12 +282,12 @@ class MultiplierSearch:
                 start = listed.take(_apart(region, listed, worth))
                 fresh.append(self._improved(dual, i, start, weight, v))
         self.found[i] = [Columns.joined([*self.found[i], *fresh])]
-        extra = self.found[i][0].power.shape[1] - OLD - FRESH * len(fresh)
+        extra = self.found[i][0].power.shape[1] - OLD - sum(part.power.shape[1] for part in fresh)
         if extra > 0:
             keep = np.arange(extra, self.found[i][0].power.shape[1])
             self.found[i] = [self.found[i][0].take(np.broadcast_to(
                 keep, (len(pool.power), len(keep))))]
-        return Columns.joined([*chosen, *fresh])
+        return Columns.joined([*chosen, *self.found[i]])
 
     def _improved(self, dual: Dual, i: int, start: Columns, weight: Array, v: Array) -> Columns:
         """Return columns after a compass search from others, all of them at once."""

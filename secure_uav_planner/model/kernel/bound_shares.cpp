@@ -1,5 +1,5 @@
-// Lemma 8's boxes: how the shares and the powers of two jammers are divided. See bound/proof,
-// jammer_shares.py, for what they are, and bound/search, breakpoints.py, for the arrays.
+// Lemma 8's boxes: how the shares and the powers of several jammers are divided. See bound/proof,
+// jammer_shares.py, for what they are, and bound/search, division.py, for the arrays.
 //
 // What is found here may be bad, never wrong: the certificate computes every bound anew.
 #include <pybind11/pybind11.h>
@@ -19,216 +19,299 @@ using kernel::size_of;
 
 namespace {
 
-constexpr std::size_t kMost = 4;        // Receivers at most: the ground node and eavesdroppers.
-constexpr std::size_t kVertices = 8;    // Corners of a box of shares at most.
-constexpr std::size_t kExtra = 96;      // Improved columns that a box keeps.
-constexpr int kBisections = 12;
-constexpr int kRounds = 8;              // Of a search for a better place and power.
+constexpr std::size_t kJammers = 3;     // At most.
+constexpr std::size_t kListeners = 3;   // Eavesdroppers at most.
+constexpr std::size_t kCorners = 27;    // Of a box of shares, at most.
+constexpr std::size_t kExtra = 96;      // Improved columns of a jammer that a box keeps.
+constexpr int kRounds = 16;             // Of a search for a better place and power.
+constexpr int kSweeps = 3;               // Of one jammer after the other.
+constexpr double kFaint = 20.0;          // Of log p below the peak, where jammers are sought.
+constexpr int kMixing = 60;             // Of a search for the corners that make up the bound.
 constexpr double kAside = 0.02;         // On both sides of the best theta columns are improved.
-constexpr double kEnd = 0.005;          // Share of a jammer from which it is cut no finer.
+constexpr double kActive = 0.03;              // Part of a corner from which it counts.
+constexpr double kExact = 1e-4;         // In nats.
 constexpr double kHuge = std::numeric_limits<double>::infinity();
 
-double entropy(double x) {
-    const double y = 1 - x;
-    return -(x > 0 ? x * std::log(x) : 0.0) - (y > 0 ? y * std::log(y) : 0.0);
-}
-
-double sigmoid(double z) { return 1 / (1 + std::exp(-std::min(std::max(z, -700.0), 700.0))); }
-
-// A jammer's place and log p, their worth without the rates, and log(1 + 2 x) at receivers.
+// A jammer's place and log p, its worth without the rates, and log(1 + J x) at the receivers.
 struct Column {
-    double place[2], power, base, heard[kMost];
+    double place[2], power, base, heard[kListeners + 1];
 };
 
-using Columns = std::vector<Column>;
+// A piece of the maximum over columns as a function of theta: the column that is best up to `end`.
+struct Piece {
+    std::size_t column;
+    double end;
+};
+
+struct Cut {
+    std::size_t first, second;  // Corners of a simplex of shares; of powers both are 0.
+    double at;
+};
 
 struct Box {
-    double low[kMost + 1], high[kMost + 1];  // Of the shares, then of log p of both jammers.
-    double theta, slope[kMost - 1];
-    double known[2][kVertices];
+    double share[kListeners][kJammers][kJammers];  // At the corners of every simplex.
+    double low[kJammers], high[kJammers];          // Of log p.
+    double theta[kListeners][kJammers][kJammers];  // What every simplex's corners add to theta.
+    double mean[kListeners][kJammers];             // The shares at which the bound is attained.
+    double known[kJammers][kCorners];
     double bound;
-    double at[kMost + 1];  // Where every side may be cut.
-    Columns extra[2];
+    Cut cut[kListeners + kJammers];
+    bool useful[kListeners + kJammers];
+    std::vector<Column> extra[kJammers];
 };
 
 class Problem {
 public:
     explicit Problem(const py::dict& given)
-        : stages_(given["stages"].cast<std::size_t>()),
-          receivers_(size_of(given, "radii") / 2), shares_(receivers_ - 1),
-          vertices_(std::size_t(1) << shares_),
-          columns_(size_of(given, "power") / (2 * stages_)),
-          place_(given, "place", 4 * stages_ * columns_),
-          power_(given, "power", 2 * stages_ * columns_),
-          base_(given, "base", 2 * stages_ * columns_), pull_(given, "pull", 4 * stages_),
-          people_(given, "people", 4 * receivers_), radii_(given, "radii", 2 * receivers_),
-          gain_(given, "gain", 2 * receivers_), altitude_(given, "altitude", 2),
-          distance_(given, "distance", 2), price_(given, "price", 2), peak_(given, "peak", 2),
-          from_start_(given, "from_start", 2 * stages_), to_goal_(given, "to_goal", 2 * stages_),
-          width_(given, "width", 2 * stages_) {
-        if (receivers_ < 2 || receivers_ > kMost)
+        : stages_(given["stages"].cast<std::size_t>()), jammers_(size_of(given, "altitude")),
+          listeners_(size_of(given, "radii") / jammers_ - 1),
+          columns_(size_of(given, "power") / (jammers_ * stages_)),
+          place_(given, "place", 2 * jammers_ * stages_ * columns_),
+          power_(given, "power", jammers_ * stages_ * columns_),
+          base_(given, "base", jammers_ * stages_ * columns_),
+          pull_(given, "pull", 2 * jammers_ * stages_),
+          people_(given, "people", 2 * jammers_ * (listeners_ + 1)),
+          radii_(given, "radii", jammers_ * (listeners_ + 1)),
+          gain_(given, "gain", jammers_ * (listeners_ + 1)),
+          altitude_(given, "altitude", jammers_), distance_(given, "distance", jammers_),
+          price_(given, "price", jammers_), peak_(given, "peak", jammers_),
+          from_start_(given, "from_start", jammers_ * stages_),
+          to_goal_(given, "to_goal", jammers_ * stages_),
+          width_(given, "width", jammers_ * stages_) {
+        if (jammers_ > kJammers || listeners_ < 1 || listeners_ > kListeners)
             throw std::invalid_argument("wrong array: radii");
+        corners_ = 1;
+        for (std::size_t e = 0; e < listeners_; ++e) corners_ *= jammers_;
+        for (std::size_t corner = 0; corner < corners_; ++corner) {
+            std::size_t rest = corner;
+            for (std::size_t e = listeners_; e-- > 0; rest /= jammers_)
+                which_[corner][e] = rest % jammers_;
+        }
     }
 
-    std::size_t shares() const { return shares_; }
-    std::size_t vertices() const { return vertices_; }
+    std::size_t jammers() const { return jammers_; }
+    std::size_t listeners() const { return listeners_; }
+    std::size_t corners() const { return corners_; }
     std::size_t stages() const { return stages_; }
 
     // Take up a stage with w0 and v.
     void begin(std::size_t stage, double weight, const double* v) {
         stage_ = stage;
         weight_ = weight;
-        std::copy(v, v + shares_, v_);
-        for (std::size_t j = 0; j < 2; ++j) {
+        std::copy(v, v + listeners_, v_);
+        for (std::size_t j = 0; j < jammers_; ++j) {
             own_[j].resize(columns_);
             for (std::size_t c = 0; c < columns_; ++c) {
                 const std::size_t at = (j * stages_ + stage) * columns_ + c;
-                Column& column = own_[j][c];
-                column.place[0] = place_[2 * at];
-                column.place[1] = place_[2 * at + 1];
-                column.power = power_[at];
-                column.base = base_[at];
-                hear(j, column);
+                own_[j][c] = {{place_[2 * at], place_[2 * at + 1]}, power_[at], base_[at], {}};
+                hear(j, own_[j][c]);
             }
         }
     }
 
+    // Move all jammers' columns with the same number to where they are worth more together.
+    void improve_together(std::size_t number) {
+        for (int sweep = 0; sweep < kSweeps; ++sweep)
+            for (std::size_t j = 0; j < jammers_; ++j) {
+                double noise[kListeners + 1];
+                for (std::size_t r = 0; r <= listeners_; ++r) {
+                    noise[r] = 1.0;
+                    for (std::size_t i = 0; i < jammers_; ++i)
+                        if (i != j)
+                            noise[r] += std::expm1(own_[i][number].heard[r]) / double(jammers_);
+                }
+                const auto worth = [&](const Column& one) {
+                    double value = one.base - price_[j] * std::exp(one.power);
+                    for (std::size_t r = 0; r <= listeners_; ++r)
+                        value += (r ? v_[r - 1] : -weight_)
+                            * std::log(noise[r] + std::expm1(one.heard[r]) / double(jammers_));
+                    return value;
+                };
+                improve(j, peak_[j] - kFaint, peak_[j], std::pow(0.3, sweep), worth,
+                        own_[j][number]);
+                const std::size_t at = (j * stages_ + stage_) * columns_ + number;
+                std::copy(own_[j][number].place, own_[j][number].place + 2, &place_[2 * at]);
+                power_[at] = own_[j][number].power;
+            }
+    }
+
+    std::size_t columns() const { return columns_; }
+
     Box whole() {
         Box box{};
-        std::fill(box.high, box.high + shares_, 1.0);
-        std::fill(box.low + shares_, box.low + shares_ + 2, -kHuge);
-        std::fill(box.high + shares_, box.high + shares_ + 2, kHuge);
-        fit(box);
+        for (std::size_t e = 0; e < listeners_; ++e)
+            for (std::size_t j = 0; j < jammers_; ++j) box.share[e][j][j] = 1.0;
+        std::fill(box.low, box.low + jammers_, -kHuge);
+        std::fill(box.high, box.high + jammers_, kHuge);
+        fit(box, true);
         return box;
     }
 
-    // Cut a box as lowers it most, keep the lower part, return the upper one and the cut.
-    Box split(Box& box, std::size_t* side, double* at) {
-        Box best[2];
+    // Cut a box as lowers it most, keep one part, return the other: false where nothing helps.
+    bool split(Box& box, Box& rest, std::int64_t* side, double* at) {
+        Box best;
         double score = kHuge;
-        for (std::size_t i = 0; i < shares_ + 2; ++i) {
+        for (std::size_t s = 0; s < listeners_ + jammers_; ++s) {
+            if (!box.useful[s]) continue;
+            const Cut& cut = box.cut[s];
             Box part[2] = {box, box};
-            const double cut = std::min(std::max(box.at[i], box.low[i]), box.high[i]);
-            if (i > 0 && !(cut > box.low[i] && cut < box.high[i])) continue;
-            part[0].high[i] = part[1].low[i] = cut;
-            fit(part[0]);
-            fit(part[1]);
+            if (s < listeners_) {
+                for (std::size_t j = 0; j < jammers_; ++j) {
+                    const double first = box.share[s][cut.first][j];
+                    const double moved = std::max(
+                        first + cut.at * (box.share[s][cut.second][j] - first), 0.0);
+                    part[0].share[s][cut.second][j] = part[1].share[s][cut.first][j] = moved;
+                }
+            } else {
+                part[0].high[s - listeners_] = part[1].low[s - listeners_] = cut.at;
+            }
+            fit(part[0], false);
+            fit(part[1], false);
             const double more = std::max(part[0].bound, part[1].bound)
                                 + 1e-3 * std::min(part[0].bound, part[1].bound);
-            if (i > 0 && !(more < score)) continue;
+            if (!(more < score)) continue;
             score = more;
-            best[0] = part[0];
-            best[1] = part[1];
-            *side = i;
-            *at = cut;
+            best = std::move(part[0]);
+            rest = std::move(part[1]);
+            const std::size_t edges = jammers_ * jammers_;
+            *side = std::int64_t(s < listeners_ ? s * edges + cut.first * jammers_ + cut.second
+                                                : listeners_ * (edges - 1) + s);
+            *at = cut.at;
         }
-        box = best[0];
-        return best[1];
+        if (score == kHuge) return false;
+        box = std::move(best);
+        fit(box, true);
+        fit(rest, true);
+        return true;
     }
 
 private:
     void hear(std::size_t j, Column& column) const {
         const double watts = std::exp(column.power), square = altitude_[j] * altitude_[j];
-        for (std::size_t r = 0; r < receivers_; ++r) {
-            const double x = column.place[0] - people_[2 * (j * receivers_ + r)];
-            const double y = column.place[1] - people_[2 * (j * receivers_ + r) + 1];
-            const double d = std::sqrt(x * x + y * y) + radii_[j * receivers_ + r];
-            column.heard[r] = std::log1p(gain_[j * receivers_ + r] * watts / (d * d + square));
+        for (std::size_t r = 0; r <= listeners_; ++r) {
+            const std::size_t at = j * (listeners_ + 1) + r;
+            const double x = column.place[0] - people_[2 * at];
+            const double y = column.place[1] - people_[2 * at + 1];
+            const double d = std::sqrt(x * x + y * y) + radii_[at];
+            column.heard[r] = std::log1p(gain_[at] * watts / (d * d + square));
         }
     }
 
     // The weights of what receivers hear of jammer j at a corner.
-    void weights(const Box& box, std::size_t j, std::size_t vertex, double theta,
+    void weights(const Box& box, std::size_t j, std::size_t corner, double theta,
                  double* w) const {
-        w[0] = -weight_ * (j ? 1 - theta : theta);
-        for (std::size_t e = 0; e < shares_; ++e) {
-            const double rho = corner(box, vertex, e);
-            w[e + 1] = v_[e] * (j ? 1 - rho : rho);
-        }
-    }
-
-    double corner(const Box& box, std::size_t vertex, std::size_t e) const {
-        return vertex >> (shares_ - 1 - e) & 1 ? box.high[e] : box.low[e];
+        w[0] = -weight_ * theta;
+        for (std::size_t e = 0; e < listeners_; ++e)
+            w[e + 1] = v_[e] * box.share[e][which_[corner][e]][j];
     }
 
     double worth(std::size_t j, const Column& column, const double* w) const {
         double value = column.base - price_[j] * std::exp(column.power);
-        for (std::size_t r = 0; r < receivers_; ++r) value += w[r] * column.heard[r];
+        for (std::size_t r = 0; r <= listeners_; ++r) value += w[r] * column.heard[r];
         return value;
     }
 
-    // List the columns with their powers drawn into a box.
+    // List the columns with their powers drawn into a box, those that the ground hears best first.
     void list(const Box& box) {
-        for (std::size_t j = 0; j < 2; ++j) {
-            listed_[j] = own_[j];
-            listed_[j].insert(listed_[j].end(), box.extra[j].begin(), box.extra[j].end());
-            for (Column& column : listed_[j]) {
-                const double power = std::min(std::max(column.power, box.low[shares_ + j]),
-                                              std::min(box.high[shares_ + j], peak_[j]));
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            std::vector<Column>& all = listed_[j];
+            all = own_[j];
+            all.insert(all.end(), box.extra[j].begin(), box.extra[j].end());
+            for (Column& column : all) {
+                const double power = std::min(std::max(column.power, box.low[j]),
+                                              std::min(box.high[j], peak_[j]));
                 if (power == column.power) continue;
                 column.power = power;
                 hear(j, column);
             }
+            std::sort(all.begin(), all.end(), [](const Column& one, const Column& two) {
+                return one.heard[0] > two.heard[0];
+            });
         }
     }
 
-    // What columns are worth at the corners without the ground node, and what that takes away.
+    // Find the maxima over columns at all corners as functions of theta.
     void tabulate(const Box& box) {
-        double w[kMost];
-        for (std::size_t j = 0; j < 2; ++j) {
-            const std::size_t n = listed_[j].size();
-            table_[j].resize(n * vertices_);
-            less_[j].resize(n);
-            for (std::size_t c = 0; c < n; ++c) {
-                const Column& column = listed_[j][c];
-                less_[j][c] = weight_ * column.heard[0];
-                const double cost = price_[j] * std::exp(column.power);
-                for (std::size_t vertex = 0; vertex < vertices_; ++vertex) {
-                    weights(box, j, vertex, 0.0, w);
-                    double value = column.base - cost;
-                    for (std::size_t e = 1; e < receivers_; ++e) value += w[e] * column.heard[e];
-                    table_[j][vertex * n + c] = value;
+        double w[kListeners + 1];
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            const std::vector<Column>& all = listed_[j];
+            cost_.resize(all.size());
+            for (std::size_t c = 0; c < all.size(); ++c)
+                cost_[c] = all[c].base - price_[j] * std::exp(all[c].power);
+            for (std::size_t corner = 0; corner < corners_; ++corner) {
+                weights(box, j, corner, 0.0, w);
+                std::vector<Piece>& pieces = pieces_[j][corner];
+                std::vector<double>& value = value_[j][corner];
+                value.resize(all.size());
+                pieces.clear();
+                // Lines with falling slopes: each is best up to where the next one is better.
+                for (std::size_t c = 0; c < all.size(); ++c) {
+                    double sum = cost_[c];
+                    for (std::size_t r = 1; r <= listeners_; ++r) sum += w[r] * all[c].heard[r];
+                    value[c] = sum;
+                    while (!pieces.empty()) {
+                        const std::size_t last = pieces.back().column;
+                        const double steeper = weight_ * (all[last].heard[0] - all[c].heard[0]);
+                        const double meet = (value[last] - sum) / std::max(steeper, 1e-300);
+                        if (meet >= 1.0) break;
+                        const double begin =
+                            pieces.size() > 1 ? pieces[pieces.size() - 2].end : 0.0;
+                        if (meet > begin) {
+                            pieces.back().end = meet;
+                            pieces.push_back({c, 1.0});
+                            break;
+                        }
+                        pieces.pop_back();
+                    }
+                    if (pieces.empty()) pieces.push_back({c, 1.0});
                 }
             }
         }
     }
 
-    std::size_t best(std::size_t j, std::size_t vertex, double theta) const {
-        const double share = j ? 1 - theta : theta;
-        const std::size_t n = listed_[j].size();
-        const double *row = &table_[j][vertex * n], *less = less_[j].data();
-        double top = -kHuge;
-        std::size_t found = 0;
-        for (std::size_t c = 0; c < n; ++c) {
-            const double value = row[c] - share * less[c];
-            if (value > top) {
-                top = value;
-                found = c;
+    std::size_t best(std::size_t j, std::size_t corner, double theta) const {
+        for (const Piece& piece : pieces_[j][corner])
+            if (theta <= piece.end) return piece.column;
+        return pieces_[j][corner].back().column;
+    }
+
+    double maximum(std::size_t j, std::size_t corner, double theta) const {
+        const std::size_t c = best(j, corner, theta);
+        return value_[j][corner][c] - weight_ * theta * listed_[j][c].heard[0];
+    }
+
+    // The theta that minimise F at a corner: log theta - heard is the same for all jammers.
+    void best_theta(std::size_t corner, double* theta) const {
+        double low = -60.0, high = 0.0;
+        for (int k = 0; k < 40; ++k) {
+            const double level = std::exp((low + high) / 2);
+            double sum = 0.0;
+            for (std::size_t j = 0; j < jammers_; ++j) {
+                double begin = 0.0;
+                for (const Piece& piece : pieces_[j][corner]) {
+                    theta[j] = std::max(level * std::exp(listed_[j][piece.column].heard[0]),
+                                        begin);
+                    begin = piece.end;
+                    if (theta[j] <= begin) break;
+                }
+                theta[j] = std::min(theta[j], 1.0);
+                sum += theta[j];
             }
+            (sum < 1.0 ? low : high) = (low + high) / 2;
         }
-        return found;
+        double sum = 0.0;
+        for (std::size_t j = 0; j < jammers_; ++j) sum += theta[j];
+        for (std::size_t j = 0; j < jammers_; ++j) theta[j] /= sum;
     }
 
-    // The theta that minimises F at a corner.
-    double best_theta(std::size_t vertex) const {
-        double low = 0, high = 1;
-        for (int k = 0; k < kBisections; ++k) {
-            const double theta = (low + high) / 2;
-            const double slope = -listed_[0][best(0, vertex, theta)].heard[0]
-                + listed_[1][best(1, vertex, theta)].heard[0] + std::log(theta / (1 - theta));
-            (slope < 0 ? low : high) = theta;
-        }
-        return (low + high) / 2;
-    }
-
-    // Move a column to where it is worth more.
-    void improve(const Box& box, std::size_t j, const double* w, Column& column) const {
-        double step = width_[j * stages_ + stage_] / 12, ratio = 0.4;
-        double top = worth(j, column, w);
+    // Move a column to where it is worth more, with log p between two ends.
+    template <typename Worth>
+    void improve(std::size_t j, double least, double most, double share, const Worth& worth,
+                 Column& column) const {
+        double step = share * width_[j * stages_ + stage_] / 12, ratio = share * 0.4;
+        double top = worth(column);
         const double* pull = &pull_[2 * (j * stages_ + stage_)];
         const double from = from_start_[j * stages_ + stage_], to = to_goal_[j * stages_ + stage_];
-        const double least = box.low[shares_ + j];
-        const double most = std::min(box.high[shares_ + j], peak_[j]);
         for (int round = 0; round < kRounds; ++round) {
             Column next = column;
             for (int move = 0; move < 6; ++move) {
@@ -246,7 +329,7 @@ private:
                     if (!(trial.power != column.power)) continue;
                 }
                 hear(j, trial);
-                const double value = worth(j, trial, w);
+                const double value = worth(trial);
                 if (value > top) {
                     top = value;
                     next = trial;
@@ -258,159 +341,202 @@ private:
         }
     }
 
-    // Add what is better than the columns near given theta at every corner.
-    void extend(Box& box, const double* theta, double aside) {
-        double w[kMost];
-        for (std::size_t j = 0; j < 2; ++j) {
-            Columns fresh;
-            for (std::size_t vertex = 0; vertex < vertices_; ++vertex)
-                for (int sign = -1; sign <= (aside > 0 ? 1 : -1); sign += 2) {
-                    const double at = std::min(std::max(theta[vertex] + sign * aside, 0.0), 1.0);
-                    Column column = listed_[j][best(j, vertex, at)];
-                    weights(box, j, vertex, at, w);
-                    const double before = worth(j, column, w);
-                    improve(box, j, w, column);
-                    if (worth(j, column, w) > before + 1e-5) fresh.push_back(column);
+    // Add what is better than the columns at the corners.
+    void extend(Box& box) {
+        double w[kListeners + 1];
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            std::vector<Column> fresh;
+            for (std::size_t corner = 0; corner < corners_; ++corner) {
+                for (const double sign : {-1.0, 1.0}) {
+                    const double theta = aside(j, corner, sign);
+                    Column column = listed_[j][best(j, corner, theta)];
+                    weights(box, j, corner, theta, w);
+                    const auto worth = [&](const Column& one) { return this->worth(j, one, w); };
+                    const double before = worth(column);
+                    improve(j, box.low[j], std::min(box.high[j], peak_[j]), 1.0, worth, column);
+                    if (worth(column) > before + 1e-5) fresh.push_back(column);
                 }
-            Columns& extra = box.extra[j];
+            }
+            std::vector<Column>& extra = box.extra[j];
             if (extra.size() + fresh.size() > kExtra)
                 extra.erase(extra.begin(), extra.begin() + std::min<std::size_t>(
                     fresh.size(), extra.size()));
             extra.insert(extra.end(), fresh.begin(), fresh.end());
         }
-        list(box);
-        tabulate(box);
     }
 
-    // Find theta, the bound and the cuts of a box.
-    void fit(Box& box) {
-        double theta[kVertices];
-        list(box);
-        tabulate(box);
-        for (int round = 0; round < 2; ++round) {
-            for (std::size_t vertex = 0; vertex < vertices_; ++vertex)
-                theta[vertex] = best_theta(vertex);
-            if (round == 0) extend(box, theta, kAside);
-        }
-        plane(box, theta);
-        extend(box, theta, 0.0);
-        double values[kVertices];
-        for (std::size_t vertex = 0; vertex < vertices_; ++vertex) {
-            values[vertex] = -weight_ * (entropy(theta[vertex]) - std::log(2.0));
-            for (std::size_t j = 0; j < 2; ++j) {
-                const std::size_t c = best(j, vertex, theta[vertex]);
-                const double share = j ? 1 - theta[vertex] : theta[vertex];
-                box.known[j][vertex] = table_[j][vertex * listed_[j].size() + c]
-                                       - share * less_[j][c];
-                values[vertex] += box.known[j][vertex];
+    double aside(std::size_t j, std::size_t corner, double sign) const {
+        return std::min(std::max(theta_[corner][j] + sign * kAside, 0.0), 1.0);
+    }
+
+    // Find theta, the bound and the cuts of a box; thoroughly with better columns.
+    void fit(Box& box, bool thorough) {
+        for (int round = 0; round < (thorough ? 2 : 1); ++round) {
+            if (round) extend(box);
+            list(box);
+            tabulate(box);
+            for (std::size_t corner = 0; corner < corners_; ++corner)
+                best_theta(corner, theta_[corner]);
+            make_affine(box);
+            for (std::size_t corner = 0; corner < corners_; ++corner) {
+                values_[corner] = weight_ * std::log(double(jammers_));
+                for (std::size_t j = 0; j < jammers_; ++j) {
+                    const double theta = theta_[corner][j];
+                    box.known[j][corner] = maximum(j, corner, theta);
+                    values_[corner] += box.known[j][corner];
+                    if (theta > 0) values_[corner] += weight_ * theta * std::log(theta);
+                }
             }
+            bound(box);
         }
-        bound(box, values);
-        choose(box, theta);
+        choose(box);
     }
 
-    // The slope of values at the corners along a share.
-    double rise(const Box& box, const double* values, std::size_t e) const {
-        double sum = 0;
-        for (std::size_t vertex = 0; vertex < vertices_; ++vertex)
-            sum += (vertex >> (shares_ - 1 - e) & 1 ? 1 : -1) * values[vertex];
-        const double width = box.high[e] - box.low[e];
-        return width > 1e-9 ? sum / (double(vertices_) / 2) / width : 0.0;
-    }
-
-    // Make theta affine in the shares, with values from 0 to 1.
-    void plane(Box& box, double* theta) const {
-        double middle = 0, most = 1e-300;
-        for (std::size_t vertex = 0; vertex < vertices_; ++vertex)
-            middle += theta[vertex] / double(vertices_);
-        for (std::size_t e = 0; e < shares_; ++e) box.slope[e] = rise(box, theta, e);
-        const auto away = [&](std::size_t vertex) {
-            double sum = 0;
-            for (std::size_t e = 0; e < shares_; ++e)
-                sum += box.slope[e] * (corner(box, vertex, e) - (box.low[e] + box.high[e]) / 2);
-            return sum;
-        };
-        for (std::size_t vertex = 0; vertex < vertices_; ++vertex)
-            most = std::max(most, std::abs(away(vertex)));
-        const double factor = std::min(1.0, std::min(middle, 1 - middle) * (1 - 1e-9) / most);
-        box.theta = middle;
-        for (std::size_t e = 0; e < shares_; ++e) {
-            box.slope[e] *= factor;
-            box.theta -= box.slope[e] * (box.low[e] + box.high[e]) / 2;
-        }
-        for (std::size_t vertex = 0; vertex < vertices_; ++vertex)
-            theta[vertex] = std::min(std::max(middle + away(vertex), 0.0), 1.0);
-    }
-
-    // The bound over a box from F at its corners; see over_boxes.
-    void bound(Box& box, const double* values) const {
-        double slope[kMost], top = -kHuge;
-        for (std::size_t e = 0; e < shares_; ++e)
-            slope[e] = std::min(std::max(
-                rise(box, values, e) / std::max(v_[e], 1e-300), -100.0), 100.0);
-        for (std::size_t vertex = 0; vertex < vertices_; ++vertex) {
-            double value = values[vertex];
-            for (std::size_t e = 0; e < shares_; ++e)
-                value -= corner(box, vertex, e) * v_[e] * slope[e];
-            top = std::max(top, value);
-        }
-        for (std::size_t e = 0; e < shares_; ++e) {
-            const double rho = std::min(std::max(sigmoid(slope[e]), box.low[e]), box.high[e]);
-            top += v_[e] * (rho * slope[e] + entropy(rho) - std::log(2.0));
-        }
-        box.bound = top;
-    }
-
-    // Find where every share and every power may be cut.
-    void choose(Box& box, const double* theta) const {
-        // The middle, by the logarithm of what one jammer is heard with more than the other.
-        for (std::size_t e = 0; e < shares_; ++e) {
-            double z = 0;
-            for (const double end : {box.low[e], box.high[e]}) {
-                const double x = std::min(std::max(end, kEnd), 1 - kEnd);
-                z += std::log(x / (1 - x)) / 2;
+    // Make theta affine in the shares, not negative.
+    void make_affine(Box& box) {
+        double factor = 1.0;
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            double middle = 0.0, part[kListeners][kJammers] = {};
+            for (std::size_t corner = 0; corner < corners_; ++corner) {
+                middle += theta_[corner][j] / double(corners_);
+                for (std::size_t e = 0; e < listeners_; ++e)
+                    part[e][which_[corner][e]] +=
+                        theta_[corner][j] * double(jammers_) / double(corners_);
             }
-            box.at[e] = sigmoid(z);
+            double least = 0.0;
+            for (std::size_t e = 0; e < listeners_; ++e) {
+                for (std::size_t i = 0; i < jammers_; ++i) box.theta[e][i][j] = part[e][i] - middle;
+                least += *std::min_element(part[e], part[e] + jammers_) - middle;
+            }
+            if (middle + least < 0) factor = std::min(factor, (1 - 1e-9) * middle / -least);
+            theta_[0][j] = middle;
         }
-        for (std::size_t j = 0; j < 2; ++j) {
+        double middle[kJammers];
+        std::copy(theta_[0], theta_[0] + jammers_, middle);
+        for (std::size_t e = 0; e < listeners_; ++e)
+            for (std::size_t i = 0; i < jammers_; ++i)
+                for (std::size_t j = 0; j < jammers_; ++j)
+                    box.theta[e][i][j] = factor * box.theta[e][i][j]
+                                         + middle[j] / double(listeners_);
+        for (std::size_t corner = 0; corner < corners_; ++corner)
+            for (std::size_t j = 0; j < jammers_; ++j) {
+                theta_[corner][j] = 0.0;
+                for (std::size_t e = 0; e < listeners_; ++e)
+                    theta_[corner][j] += box.theta[e][which_[corner][e]][j];
+                theta_[corner][j] = std::min(std::max(theta_[corner][j], 0.0), 1.0);
+            }
+    }
+
+    // Find the mixture of corners that attains the bound; see over_boxes.
+    void bound(Box& box) {
+        double total = 1e-12, mean[kListeners][kJammers], cross[kListeners][kJammers];
+        for (std::size_t e = 0; e < listeners_; ++e) total += v_[e];
+        std::fill(part_, part_ + corners_, 1.0 / double(corners_));
+        box.bound = kHuge;
+        for (int round = 0; round < kMixing; ++round) {
+            for (std::size_t e = 0; e < listeners_; ++e) {
+                double share[kJammers] = {};
+                for (std::size_t corner = 0; corner < corners_; ++corner)
+                    share[which_[corner][e]] += part_[corner];
+                for (std::size_t j = 0; j < jammers_; ++j) {
+                    mean[e][j] = 1e-300;
+                    for (std::size_t i = 0; i < jammers_; ++i)
+                        mean[e][j] += share[i] * box.share[e][i][j];
+                }
+                double logs[kJammers];
+                for (std::size_t j = 0; j < jammers_; ++j) logs[j] = std::log(mean[e][j]);
+                for (std::size_t i = 0; i < jammers_; ++i) {
+                    cross[e][i] = -std::log(double(jammers_));
+                    for (std::size_t j = 0; j < jammers_; ++j)
+                        cross[e][i] -= box.share[e][i][j] * logs[j];
+                }
+            }
+            double worth[kCorners], top = -kHuge, reached = 0.0;
+            for (std::size_t corner = 0; corner < corners_; ++corner) {
+                worth[corner] = values_[corner];
+                for (std::size_t e = 0; e < listeners_; ++e)
+                    worth[corner] += v_[e] * cross[e][which_[corner][e]];
+                top = std::max(top, worth[corner]);
+                reached += part_[corner] * worth[corner];
+            }
+            if (top < box.bound) {
+                box.bound = top;
+                std::copy(&mean[0][0], &mean[0][0] + kListeners * kJammers, &box.mean[0][0]);
+            }
+            if (top - reached < kExact) break;
+            double sum = 0.0;
+            for (std::size_t corner = 0; corner < corners_; ++corner)
+                sum += part_[corner] *= std::exp(1.5 * (worth[corner] - top) / total);
+            for (std::size_t corner = 0; corner < corners_; ++corner) part_[corner] /= sum;
+        }
+    }
+
+    // Find where every simplex of shares and every power may be cut.
+    void choose(Box& box) const {
+        std::fill(box.useful, box.useful + kListeners + kJammers, false);
+        for (std::size_t e = 0; e < listeners_; ++e) {
+            double share[kJammers] = {}, most = 1e-6;
+            for (std::size_t corner = 0; corner < corners_; ++corner)
+                share[which_[corner][e]] += part_[corner];
+            for (std::size_t i = 0; i < jammers_; ++i)
+                for (std::size_t k = 0; k < i; ++k) {
+                    double apart = 0.0;
+                    for (std::size_t j = 0; j < jammers_; ++j) {
+                        const double gap = box.share[e][i][j] - box.share[e][k][j];
+                        apart += gap * gap / box.mean[e][j];
+                    }
+                    if (!(share[i] * share[k] * apart > most)) continue;
+                    most = share[i] * share[k] * apart;
+                    box.useful[e] = true;
+                    box.cut[e] = {i, k, std::min(std::max(
+                        share[k] / (share[i] + share[k]), 0.02), 0.98)};
+                }
+        }
+        for (std::size_t j = 0; j < jammers_; ++j) {
             const Column *quiet = nullptr, *loud = nullptr;
-            for (std::size_t vertex = 0; vertex < vertices_; ++vertex)
-                for (int sign = -1; sign <= 1; sign += 2) {
-                    const double at = std::min(std::max(theta[vertex] + sign * kAside, 0.0), 1.0);
-                    const Column* one = &listed_[j][best(j, vertex, at)];
+            for (std::size_t corner = 0; corner < corners_; ++corner) {
+                if (part_[corner] < kActive) continue;
+                for (const double sign : {-1.0, 1.0}) {
+                    const Column* one = &listed_[j][best(j, corner, aside(j, corner, sign))];
                     if (!quiet || one->power < quiet->power) quiet = one;
                     if (!loud || one->power > loud->power) loud = one;
                 }
+            }
+            if (!loud || !(quiet->power < loud->power)) continue;
             // The middle of what is heard by whoever hears the louder one best.
-            const double heard = *std::max_element(loud->heard, loud->heard + receivers_);
+            const double heard = *std::max_element(loud->heard, loud->heard + listeners_ + 1);
             const double gain = std::expm1(heard) / std::exp(loud->power);
             const double middle = (heard + std::log1p(gain * std::exp(quiet->power))) / 2;
-            box.at[shares_ + j] = quiet->power < loud->power ? std::log(std::expm1(middle) / gain)
-                                                       : -kHuge;
+            const double at = std::log(std::expm1(middle) / gain);
+            box.useful[listeners_ + j] = at > box.low[j] && at < box.high[j];
+            box.cut[listeners_ + j] = {0, 0, at};
         }
     }
 
-    std::size_t stages_, receivers_, shares_, vertices_, columns_;
+    std::size_t stages_, jammers_, listeners_, corners_, columns_;
     Array<double> place_, power_, base_, pull_, people_, radii_, gain_, altitude_, distance_,
         price_, peak_, from_start_, to_goal_, width_;
-    std::size_t stage_ = 0;
-    double weight_ = 0, v_[kMost] = {};
-    Columns own_[2], listed_[2];
-    std::vector<double> table_[2], less_[2];
+    std::size_t stage_ = 0, which_[kCorners][kListeners];
+    double weight_ = 0, v_[kListeners] = {};
+    std::vector<Column> own_[kJammers], listed_[kJammers];
+    std::vector<Piece> pieces_[kJammers][kCorners];
+    std::vector<double> value_[kJammers][kCorners], cost_;
+    double theta_[kCorners][kJammers], values_[kCorners], part_[kCorners];
 };
 
-// Divide what two jammers can do at M breakpoints.
+// Divide what jammers can do at M breakpoints.
 void share_boxes(const py::dict& given) {
     Problem problem(given);
-    const std::size_t count = size_of(given, "stage"), e = problem.shares();
+    const std::size_t count = size_of(given, "stage"), e = problem.listeners();
     const std::size_t splits = size_of(given, "at") / std::max<std::size_t>(count, 1);
-    const std::size_t boxes = splits + 1, vertices = problem.vertices();
+    const std::size_t boxes = splits + 1, corners = problem.corners(), j = problem.jammers();
     const Array<std::int64_t> stage(given, "stage", count), which(given, "box", count * splits),
         side(given, "side", count * splits);
     const Array<double> weight(given, "weight", count), shares(given, "shares", count * e),
-        at(given, "at", count * splits), theta(given, "theta", count * boxes),
-        slope(given, "slope", count * boxes * e),
-        known(given, "known", 2 * count * boxes * vertices);
+        enough(given, "enough", count), at(given, "at", count * splits),
+        theta(given, "theta", count * boxes * e * j * j),
+        means(given, "mean", count * boxes * e * j),
+        known(given, "known", count * boxes * j * corners);
     for (std::size_t m = 0; m < count; ++m)
         if (stage[m] < 0 || std::size_t(stage[m]) >= problem.stages())
             throw std::invalid_argument("wrong array: stage");
@@ -419,24 +545,44 @@ void share_boxes(const py::dict& given) {
         problem.begin(std::size_t(stage[m]), weight[m], &shares[m * e]);
         std::vector<Box> found{problem.whole()};
         for (std::size_t s = 0; s < splits; ++s) {
-            std::size_t worst = 0, cut = 0;
+            std::size_t worst = 0;
             for (std::size_t b = 1; b < found.size(); ++b)
                 if (found[b].bound > found[worst].bound) worst = b;
-            Box rest = problem.split(found[worst], &cut, &at[m * splits + s]);
+            Box rest;
+            if (!(found[worst].bound > enough[m])
+                || !problem.split(found[worst], rest, &side[m * splits + s], &at[m * splits + s]))
+                break;
             which[m * splits + s] = std::int64_t(worst);
-            side[m * splits + s] = std::int64_t(cut);
-            found.push_back(rest);
+            found.push_back(std::move(rest));
         }
-        for (std::size_t b = 0; b < boxes; ++b) {
-            theta[m * boxes + b] = found[b].theta;
-            std::copy(found[b].slope, found[b].slope + e, &slope[(m * boxes + b) * e]);
-            for (std::size_t j = 0; j < 2; ++j)
-                std::copy(found[b].known[j], found[b].known[j] + vertices,
-                          &known[((m * boxes + b) * 2 + j) * vertices]);
-        }
+        for (std::size_t b = 0; b < found.size(); ++b)
+            for (std::size_t i = 0; i < j; ++i) {
+                for (std::size_t l = 0; l < e; ++l) {
+                    const std::size_t row = ((m * boxes + b) * e + l) * j + i;
+                    means[row] = found[b].mean[l][i];
+                    std::copy(found[b].theta[l][i], found[b].theta[l][i] + j, &theta[row * j]);
+                }
+                std::copy(found[b].known[i], found[b].known[i] + corners,
+                          &known[((m * boxes + b) * j + i) * corners]);
+            }
+    }
+}
+
+// Improve combinations of columns in every stage; their places and log p are written over.
+void improve_together(const py::dict& given) {
+    Problem problem(given);
+    const Array<double> weight(given, "weight", problem.stages()),
+        shares(given, "shares", problem.stages() * problem.listeners());
+    const py::gil_scoped_release release;
+    for (std::size_t g = 0; g < problem.stages(); ++g) {
+        problem.begin(g, weight[g], &shares[g * problem.listeners()]);
+        for (std::size_t c = 0; c < problem.columns(); ++c) problem.improve_together(c);
     }
 }
 
 }  // namespace
 
-void add_bound_shares(py::module_& module) { module.def("bound_share_boxes", &share_boxes); }
+void add_bound_shares(py::module_& module) {
+    module.def("bound_share_boxes", &share_boxes);
+    module.def("bound_improve_together", &improve_together);
+}
