@@ -356,8 +356,8 @@ def test_a_missing_cost_of_power_is_noticed(monkeypatch):
     ('extra += push[i]', 'extra += 0.9 * push[i]'),
     ('kb += more;', ''),
     ('const double twice = share * at', 'const double twice = 0.2 * share * at'),
-    ('positive(d - radii_[e] - rho)', 'positive(d - radii_[e])'),
-], ids=['bound', 'radial', 'rim', 'tilt', 'power', 'nearest'])
+    ('const double more = share * 2 / q;', 'const double more = share / q;'),
+], ids=['bound', 'radial', 'rim', 'tilt', 'power', 'listener'])
 def test_an_error_in_the_bound_of_a_box_is_noticed(right, wrong, monkeypatch, tmp_path):
     mutant = compiled_with(right, wrong, tmp_path)
     assert not boxes_fail()

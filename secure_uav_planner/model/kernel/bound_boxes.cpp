@@ -9,9 +9,12 @@
 //     of -log q:                   -2 / q across and 2 (d^2 - H^2) / q^2 along the radius; the
 //                                  second is the larger one,
 //     of log q:                    those with the other sign, at most 2 / q,
-//     of log([d - eps]+^2 + H^2):  at most 2 / q with [d - eps]+ for d (it is C^1 at d = eps),
 //     of -log((d + eps)^2 + H^2):  at most 2 (x^2 - H^2) / (x^2 + H^2)^2, x = d + eps; its kink at
 //                                  d = 0 points upwards, so any supergradient serves there.
+//
+// log([d - eps]+^2 + H^2) needs no such search: the square of the distance from a disc changes by at
+// most its gradient times dq plus |dq|^2, and log(q + x) <= log q + x / q. So 2 / q at the centre,
+// with [d - eps]+ for d, serves for K over every box.
 //
 // A jammer's term is taken in pi = log p, with y = p b(q) and z = log y, so that
 // phi' = y / (1 + y) and phi'' = y / (1 + y)^2. -w0 phi(z0) adds at most w0 phi'(z0) 2 / q, because
@@ -229,8 +232,7 @@ private:
             const double factor = share * 2 * x / (q * std::max(d, kTiny));
             f.ga += factor * ea;
             f.gb += factor * eb;
-            const double near = positive(d - radii_[e] - rho);
-            const double more = share * 2 / (near * near + square);
+            const double more = share * 2 / q;
             f.bend += more;
             f.size += more;
         }
