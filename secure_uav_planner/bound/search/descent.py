@@ -13,29 +13,6 @@ LONGEST = 1e4
 """Damping at which a Newton step is given up."""
 
 
-def _along(dual: Dual, point: DualPoint, value: float,
-           derivatives: DualDerivatives) -> tuple[DualPoint, float]:
-    """Return where Newton's step leads as far as it pays, and its slope, 0 where it does not."""
-    step = None
-    for damping in (1e-9, 1e-6, 1e-3):
-        try:
-            step = derivatives.step(damping)
-            break
-        except np.linalg.LinAlgError:
-            continue
-    if step is None:
-        return point, 0.0
-    step = _within(step, point, dual.room(point.shares))
-    slope = min(derivatives.slope(step), 0.0)
-    length = 1.0
-    for _ in range(12):
-        trial = point.moved(step, length)
-        if dual.value(trial) <= value + 1e-4 * length * slope:
-            return trial, slope
-        length *= 0.4
-    return point, 0.0
-
-
 class Descent:
     """Newton's method whose damping is carried on from step to step."""
 
@@ -47,8 +24,7 @@ class Descent:
         """
         Return where Newton's step leads once it pays, and its slope, 0 where none does.
 
-        Where no damping makes it pay, the undamped step is shortened. The dual function is flat
-        in many directions and sharp in others, see Derivatives.step.
+        The dual function is flat in many directions and sharp in others, see Derivatives.step.
         """
         while self._damping < LONGEST:
             try:
@@ -64,9 +40,8 @@ class Descent:
                     self._damping = max(factor * self._damping, 1e-9)
                     return trial, slope
             self._damping *= 10
-        # What all edges have in common is not damped: there a shorter step may pay.
         self._damping = 1.0
-        return _along(dual, point, value, derivatives)
+        return point, 0.0
 
 
 def _within(step: DualPoint, point: DualPoint, room: Array) -> DualPoint:
