@@ -1,4 +1,4 @@
-"""What the certificate needs from a search: breakpoints of w0 and of rho, each with its own v."""
+"""What the certificate needs from a search: breakpoints of w0, each with its own v."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class _Estimates:
 def breakpoint_multipliers(search: MultiplierSearch,
                            tolerance: float = TOLERANCE) -> Multipliers:
     """
-    Return what the certificate needs, for its own breakpoints of w0 and of rho.
+    Return what the certificate needs, for its own breakpoints of w0.
 
     :param tolerance: what a maximum may be too large, in nats.
     """
