@@ -24,9 +24,9 @@ MISSION ?= paper
 demo: $(VENV)/.view
 	$(BIN)/python -m secure_uav_planner.apps.demo --mission $(MISSION)
 
-# Tests of nodes mostly wait for each other: three at a time, also on two cores.
+# Tests of nodes mostly wait for each other: four at a time, also on two cores.
 test: $(VENV)/.test
-	$(BIN)/python -m pytest -n 3 --dist loadfile
+	$(BIN)/python -m pytest -n 4 --dist loadfile
 
 test-slow: $(VENV)/.test
 	$(BIN)/python -m pytest -n 3 --dist loadfile -m "slow and not soak"
