@@ -3,7 +3,7 @@ Multistart: Newton steps from random starts on a coarse grid, of which the best 
 
 Start, step, polish, finish: the best starts are polished from further inside, where steps lead
 past the nearest optimum, on the coarse grid; the best few are finished on the full grid, and the
-best plan is polished there. Where the first starts end in one optimum that beats fly-hover-fly, no
+best plan is polished there. Where the first starts end in one optimum far above fly-hover-fly, no
 other is begun; where not, fly-hover-fly with the best powers is tried as well.
 """
 
@@ -44,12 +44,13 @@ def improve_from_several_starts(stepper: Stepper) -> Status:
 
     :raises NumericalError: when there are no starts, or no step can be computed from any.
     """
-    search, known = stepper.search, stepper.search.rate
+    search = stepper.search
     baseline = search.with_objective('guaranteed')
+    baseline.try_less_jamming()
     grid, first, others = _coarse_starts(stepper)
     x, rates = _stepped(stepper, grid, *first, STEPS)
     agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
-              and rates.max() > np.log(2) * (known + CLOSE))
+              and (1 - GAP) * rates.max() > np.log(2) * (baseline.rate + CLOSE))
     if not agreed:
         with suppress(*_FAILURES):
             further, their_rates = _stepped(stepper, grid, *next(others), STEPS)
@@ -113,6 +114,7 @@ def _try_powers_of(baseline: Search, search: Search) -> None:
     """Try the first flights with the best powers, where these come near the present rate."""
     with suppress(*_FAILURES):
         improve_powers(Stepper(baseline), np.log(2) * ((1 - CLOSE) * search.rate - CLOSE))
+        baseline.settle_idle_slots()
     search.try_improve(baseline.positions, baseline.powers)
 
 

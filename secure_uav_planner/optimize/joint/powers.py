@@ -23,8 +23,8 @@ def improve_powers(stepper: Stepper, least: float = 0.0) -> Status:
     """
     Improve the powers of a Stepper's search, and nothing else; return the status of the best.
 
-    :param least: a mean rate in nats; where no level comes near it, none is finished.
-
+    :param least: a mean rate in nats; where no level reaches it on the coarse grid, and the full
+        grid is finer, none is finished.
     :raises NumericalError: when no step can be computed from any level.
     """
     search = stepper.search
@@ -36,6 +36,6 @@ def improve_powers(stepper: Stepper, least: float = 0.0) -> Status:
         strictly_feasible(grid, search.positions, powers, SHARE)
         for powers in (search.powers, *levels)]), MU)
     stepper.advance(barrier, STEPS, COARSE_MU)
-    if barrier.rates().max() < least:
+    if grid.slots < stepper.grid.slots and barrier.rates().max() < least:
         return 'converged'
     return stepper.finish(stepper.on_full_grid(grid, barrier.x, barrier.mu))
