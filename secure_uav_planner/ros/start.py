@@ -1,7 +1,8 @@
 """
 The first step of the executables: until the node is there, a signal ends the process at once.
 
-This module imports nothing that takes time. Before it runs, Python's own handlers are active.
+This module imports nothing that takes time. Before it runs, while the package is imported, the
+executables in `scripts/` have handlers of their own, and `python -m` has Python's.
 """
 
 from importlib import import_module

@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 
 from .powers import improve_powers
 from .starts import several_starts, strictly_feasible
-from .stepper import COARSE_MU, FINAL_MU, Stepper, WARM_MU, WARM_SHARE
+from .stepper import COARSE_MU, COARSE_SLOTS, FINAL_MU, Stepper, WARM_MU, WARM_SHARE
 from ..search import Search
 from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.grid import Grid
 from ...plan.plan import Status
 
-COARSE_SLOTS = 40  # Slots of the coarse grid.
-STEPS = 37  # Newton steps from each start on it.
+STEPS = 37  # Newton steps from each start on the coarse grid.
 DISTINCT = 2e-4  # Relative difference in rate between distinct optima.
 AGREED = 0.6  # Share of the first starts that ends the search where it finds the best optimum.
 GAP = 0.1  # Starts whose rates are lower than the best by a larger share are pruned.

@@ -8,13 +8,12 @@ by side, on a grid of few slots and then on finer ones.
 import numpy as np
 
 from .starts import strictly_feasible
-from .stepper import COARSE_MU, Stepper
+from .stepper import COARSE_MU, COARSE_SLOTS, Stepper
 from ..initial import constant_powers
 from ...plan.plan import Status
 
 LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming, in shares of the average power.
-SLOTS = 40  # The most of the grid on which the levels are compared.
-STEPS = 20  # Newton steps from each level on it.
+STEPS = 20  # Newton steps from each level on the coarse grid.
 MU = 0.03  # The barrier parameter to begin with.
 SHARE = 0.01  # By which powers are moved into the interior.
 
@@ -30,7 +29,7 @@ def improve_powers(stepper: Stepper, least: float = 0.0) -> Status:
     search = stepper.search
     search.try_less_jamming()
     stepper.grid = stepper.grid.with_fixed_positions()
-    grid = stepper.grid.divided(min(stepper.grid.slots, SLOTS))
+    grid = stepper.grid.divided(min(stepper.grid.slots, COARSE_SLOTS))
     levels = [constant_powers(search.scenario, 1.0, share) for share in LEVELS]
     barrier = stepper.barrier(grid, np.array([
         strictly_feasible(grid, search.positions, powers, SHARE)

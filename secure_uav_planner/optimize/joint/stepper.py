@@ -11,6 +11,7 @@ from ...model.grid import Grid
 from ...model.limits import is_open
 from ...plan.plan import Status
 
+COARSE_SLOTS = 40  # Slots of the coarse grid.
 COARSE_MU = 1e-3  # The barrier parameter that ends the coarse grid,
 FINAL_MU = 1e-8  # and that of the full grid.
 REFINED_MU = 0.03  # The least for a finer grid where limits keep interpolation from being centred.
