@@ -9,7 +9,7 @@ from secure_uav_planner import fly_hover_fly, METHODS, Plan, Scenario, solve
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.optimize.alternating import trajectory
-from secure_uav_planner.optimize.feasible import similar
+from secure_uav_planner.optimize.warm_start import similar
 from strategies import crowded, scenarios
 
 

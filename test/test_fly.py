@@ -9,7 +9,7 @@ from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav
 from secure_uav_planner.apps.fly import missions, report
 from secure_uav_planner.apps.fly.__main__ import main
 from secure_uav_planner.apps.fly.flight import fly_event, fly_plan
-from secure_uav_planner.apps.fly.picture import save_flight
+from secure_uav_planner.apps.fly.flight_picture import save_flight
 from secure_uav_planner.apps.fly.quadrotor import Gusts, Quadrotor, STEP
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.output.autopilots import Setpoint

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from .feasible import without_losing_slots
+from .search import without_losing_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..mission.kinematics import shortened
 from ..mission.scenario import Array, Eavesdropper, Point, Scenario, Uav

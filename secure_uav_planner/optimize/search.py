@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from .feasible import without_losing_slots
 from .termination import Termination
 from ..mission.scenario import Array, Scenario
-from ..model.channel import guaranteed_rates
+from ..model.channel import guaranteed_rates, worst_case_rates
 from ..model.limits import is_clear, repaired, repaired_powers
 from ..plan.plan import Iteration, Objective, Plan, Status
 
@@ -152,6 +151,16 @@ class Search:
         return Plan(self.scenario, self.positions, self.useful_powers, method, status,
                     tuple(self.history), self.termination.elapsed,
                     objective=self.objective)
+
+
+def without_losing_slots(scenario: Scenario, positions: Array, powers: Array,
+                         objective: Objective = 'guaranteed') -> tuple[Array, Array]:
+    """Return powers (U, N) in W, silent where the rate is negative, and the rates (N,)."""
+    rates = (guaranteed_rates if objective == 'guaranteed' else worst_case_rates)(
+        scenario, positions, powers)
+    powers = powers.copy()
+    powers[0, rates < 0] = 0.0
+    return powers, np.maximum(rates, 0.0)  # Where nothing is transmitted, nothing leaks.
 
 
 def powers_without_jamming(scenario: Scenario, positions: Array,

@@ -3,10 +3,10 @@
 from typing import get_args
 
 from . import joint
-from .feasible import adapted
 from .initial import constant_powers, fly_hover_fly_positions
 from .search import Search
 from .termination import OnIteration, Termination
+from .warm_start import adapted
 from ..errors import OptionError, shown
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Scenario
@@ -72,9 +72,6 @@ def solve(scenario: Scenario, method: Method = 'joint',
         ) if initial is None else adapted(scenario, initial, termination.check)
     search = Search(scenario, positions, powers, termination, warm=initial is not None,
                     objective=objective)
-    if initial is None and method == 'joint' and not is_open(scenario):
-        # Where few flights are tried, none of them need be better than the baseline's.
-        joint.optimise_powers(search)
     if method == 'joint':
         return search.plan(method, joint.improve(search))
     from .alternating import alternate  # Here, because CVXPY takes a second to import.

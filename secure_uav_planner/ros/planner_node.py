@@ -30,8 +30,8 @@ from .topics import OVERRIDABLE, publishers, SENSOR, serve, TOPICS
 from .worker import Worker
 from ..errors import (
     brief, ParameterError, PlanFileError, PlanningError, StoppedError, SupersededError, with_type)
-from ..optimize.feasible import similar
 from ..optimize.rejoin import Rejoin
+from ..optimize.warm_start import similar
 from ..plan.bound import Bound
 from ..plan.plan import Plan
 from ..plan.tracking import Flight

@@ -12,10 +12,10 @@ from rclpy.node import Node
 
 from . import messages
 from .assembly import Assembly
-from .drawing import Drawing
 from .mission_parameters import channel_from
 from .node_parameters import Parameters
 from .parameters import REPLAY
+from .picture_process import Drawing
 from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ..errors import brief, OptionError, ParameterError, PlanningError, shown
 from ..mission.scenario import Eavesdropper, Point

@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from ...model.limits import repaired
-from ...optimize.feasible import without_losing_slots
+from ...optimize.search import without_losing_slots
 
 UNIT = 100.0  # m
 TOLERANCE = 1e-6  # Of FATROP.

@@ -68,7 +68,7 @@ def _plans(options):
 def _fly_all(options):
     """Fly, print and write; return whether no setpoint jumped."""
     from .flight import fly_event, fly_plan
-    from .picture import save_flight
+    from .flight_picture import save_flight
     from .report import event_report, flight_report, table
     reports, event_reports = [], []
     for number, (name, plan) in enumerate(_plans(options)):

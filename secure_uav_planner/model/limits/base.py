@@ -13,7 +13,7 @@ class Limit(ABC):
     One limit of a scenario.
 
     A new limit is one subclass of this, named in `limits.LIMITS`, and one of the class Limit in
-    `kernel/limit.hpp`. `Plan` calls check; `feasible` calls repair; `alternating` calls
+    `kernel/limit.hpp`. `Plan` calls check; `Search` calls repair; `alternating` calls
     convex_form; `joint` has the kernel's form.
 
     :cvar of_flights: whether it limits positions rather than powers.

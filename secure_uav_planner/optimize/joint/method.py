@@ -15,6 +15,7 @@ from .powers import improve_powers
 from .stepper import Stepper, Stop
 from ..search import Search
 from ...errors import NumericalError
+from ...model.limits import is_open
 from ...plan.plan import Status
 
 
@@ -39,6 +40,9 @@ def improve(search: Search) -> Status:
         return _until_stopped(improve_by_exchange, stepper)
     if search.warm:
         return _until_stopped(improve_present, stepper)
+    if not is_open(search.scenario):
+        # Where few flights are tried, none of them need be better than the baseline's.
+        optimise_powers(search)
     return _until_stopped(improve_from_several_starts, stepper)
 
 

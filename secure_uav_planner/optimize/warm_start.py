@@ -1,4 +1,4 @@
-"""Make numbers that are nearly feasible, or were feasible for another scenario, feasible."""
+"""An earlier plan as a start: whether it is a good one, and bent to be feasible."""
 
 import math
 
@@ -7,20 +7,9 @@ import numpy as np
 from .initial import Check, flights_near, fly_hover_fly_positions
 from ..errors import OptionError
 from ..mission.scenario import Array, Point, Scenario
-from ..model.channel import guaranteed_rates, worst_case_rates
 from ..model.grid import resampled, resampled_flights
 from ..model.limits import is_clear, repaired
-from ..plan.plan import Objective, Plan
-
-
-def without_losing_slots(scenario: Scenario, positions: Array, powers: Array,
-                         objective: Objective = 'guaranteed') -> tuple[Array, Array]:
-    """Return powers (U, N) in W, silent where the rate is negative, and the rates (N,)."""
-    rates = (guaranteed_rates if objective == 'guaranteed' else worst_case_rates)(
-        scenario, positions, powers)
-    powers = powers.copy()
-    powers[0, rates < 0] = 0.0
-    return powers, np.maximum(rates, 0.0)  # Where nothing is transmitted, nothing leaks.
+from ..plan.plan import Plan
 
 
 def similar(scenario: Scenario, other: Scenario) -> bool:
