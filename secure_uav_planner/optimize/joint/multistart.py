@@ -25,7 +25,7 @@ from ...plan.plan import Status
 
 STEPS = 37  # Newton steps from each start on the coarse grid.
 DISTINCT = 2e-4  # Relative difference in rate between distinct optima.
-AGREED = 0.6  # Share of the first starts that ends the search where it finds the best optimum.
+AGREED = 0.7  # Share of the first starts that ends the search where it finds the best optimum.
 GAP = 0.1  # Starts whose rates are lower than the best by a larger share are pruned.
 POLISHED = 12  # The most starts that are polished,
 POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
