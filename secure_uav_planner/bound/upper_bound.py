@@ -31,8 +31,8 @@ from ..plan.plan import Plan, POWER_TOLERANCE
 MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 3, 2
 """Eavesdroppers that are counted with at most, with up to two jammers and with more."""
 
-FEW_STAGES = 80
-"""Stages with three jammers, or with two and several eavesdroppers: each takes much longer."""
+FEW_STAGES = {3: 160, 4: 80, 5: 60}
+"""Stages with several jammers, by the number of jammers and eavesdroppers: each takes longer."""
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
 """
@@ -48,7 +48,7 @@ FINE = ((0.03, 1),)
 CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same with quadratic potentials."""
 
-LINEAR = ((0.01, 3), (0.003, 4), (0.001, 3))
+LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
 """What follows instead with several jammers, or where potentials must stay linear."""
 
 MORE = ((0.003, 1), (0.002, 1), (0.001, 1))
@@ -67,8 +67,8 @@ ENOUGH = {0: 3e-3, 1: 5e-3}
 SLOTS_A_STAGE, FEWEST = 4, 20
 """Slots in a coarse stage, and how many such stages there are at least."""
 
-ITERATIONS = 5
-"""Newton steps on the same columns."""
+ITERATIONS = (5, 12)
+"""Newton steps on the same columns, with at most one jammer and with more."""
 
 SHARPNESS = 1e-3
 """How far from the best, in nats, a column by branch and bound may be."""
@@ -242,8 +242,8 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     chosen = everyone.best(leaks, MOST_EAVESDROPPERS if len(order) < 3 else FEW_EAVESDROPPERS)
     uavs = [0, *order[:MOST_JAMMERS]]
     path, watts = positions[uavs], powers[uavs]
-    several = len(order) > 2 or len(order) > 1 and len(chosen.places) > 1
-    slots = min(scenario.slots, FEW_STAGES if several else MOST_STAGES)
+    several = len(uavs) - 1 + len(chosen.places) if len(uavs) > 2 else 0
+    slots = min(scenario.slots, FEW_STAGES.get(several, MOST_STAGES))
     coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
     team = Team.of(scenario, chosen, order, slots)
     initial = InitialMultipliers.of(coarse, path, watts)
@@ -294,7 +294,7 @@ def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
         for _ in range(times):
             if search.stop():
                 return
-            search.minimise(tau, ITERATIONS)
+            search.minimise(tau, ITERATIONS[search.team.jammers > 1])
 
 
 def _finer(point: DualPoint, team: Team, weight: Array, finer: Team, positions: Array,

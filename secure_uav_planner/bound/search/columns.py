@@ -26,10 +26,10 @@ RIM = 32
 @dataclass(frozen=True, eq=False)
 class Columns:
     """
-    Places and powers of one UAV in every stage.
+    Places and powers of one UAV in every stage, or, with a first axis J, of J jammers together.
 
-    :param place: (G, C, 2) in units.
-    :param power: (G, C) in W; 0 for the transmitter, whose power has a closed form.
+    :param place: (G, C, 2) or (J, G, C, 2) in units.
+    :param power: (G, C) or (J, G, C) in W; 0 for the transmitter, whose power has a closed form.
     :param ground: what w0 multiplies, (G, C) in nats.
     :param leaks: what v multiplies, (G, C, E) in nats.
     """
@@ -57,6 +57,14 @@ class Columns:
             len(place), -1, 2), np.broadcast_to(levels[:, None], shape).reshape(len(place), -1),
             copies)
 
+    @classmethod
+    def together(cls, columns: list[Columns]) -> Columns:
+        """Return what columns of several jammers with the same number are together."""
+        snr = np.mean([some.snr for some in columns], axis=0)
+        return cls(np.stack([some.place for some in columns]),
+                   np.stack([some.power for some in columns]),
+                   -np.log1p(snr[..., 0]), np.log1p(snr[..., 1:]))
+
     @property
     def snr(self) -> Array:
         """Return what is received of a jammer, as often as there are jammers, (G, C, 1 + E)."""
@@ -64,99 +72,49 @@ class Columns:
 
     def take(self, index: NDArray[np.intp]) -> Columns:
         """Return the columns with the given indices of every stage, (G, C')."""
-        row = np.arange(len(self.place))[:, None]
-        return Columns(self.place[row, index], self.power[row, index], self.ground[row, index],
-                       self.leaks[row, index])
+        row = np.arange(len(index))[:, None]
+        return Columns(self.place[..., row, index, :], self.power[..., row, index],
+                       self.ground[row, index], self.leaks[row, index])
 
     @staticmethod
     def joined(parts: list[Columns]) -> Columns:
         """Return all columns of several."""
-        return Columns(*(np.concatenate([getattr(part, name) for part in parts], axis=1)
-                         for name in ('place', 'power', 'ground', 'leaks')))
+        return Columns(*(np.concatenate([getattr(part, name) for part in parts], axis)
+                         for name, axis in (
+                             ('place', -2), ('power', -1), ('ground', 1), ('leaks', 1))))
 
 
-@dataclass(frozen=True, eq=False)
-class Combinations:
+def combined(columns: list[Columns], base: list[Array], weight: Array, v: Array) -> Columns:
     """
-    Places and powers of several jammers in every stage.
+    Return the combinations of jammers that are worth most, and the best ones of every column.
 
-    :param place: (J, G, C, 2) in units.
-    :param power: (J, G, C) in W.
-    :param snr: received from every jammer at the ground node and at the eavesdroppers,
-        (J, G, C, 1 + E).
-    :param base: what they were worth together where nothing is sent, (G, C) in nats.
+    Jammers join one after the other.
+
+    :param columns: of every jammer.
+    :param base: what they are worth where nothing is sent, (G, C) each.
+    :param weight: w0, (G,).
+    :param v: (G, E).
     """
-
-    place: Array
-    power: Array
-    snr: Array
-    base: Array
-
-    @classmethod
-    def best(cls, columns: list[Columns], base: list[Array], weight: Array,
-             v: Array) -> Combinations:
-        """
-        Return the combinations that are worth most, and the best that were met of every column.
-
-        Jammers join one after the other.
-
-        :param columns: of every jammer.
-        :param base: what they are worth where nothing is sent, (G, C) each.
-        :param weight: w0, (G,).
-        :param v: (G, E).
-        """
-        snr = [some.snr / len(columns) for some in columns]
-        factor = np.concatenate([-weight[:, None], v], 1)
-        row = np.arange(len(v))[:, None]
-        noise, worth = snr[0], base[0]
-        index = [np.zeros(worth.shape, int) + np.arange(worth.shape[1])]
-        for j in range(1, len(columns)):
-            first, second = worth.shape[1], base[j].shape[1]
-            value = worth[:, :, None] + base[j][:, None]
-            for r in range(factor.shape[1]):
-                value += factor[:, r, None, None] * np.log1p(
-                    noise[:, :, None, r] + snr[j][:, None, :, r])
-            flat = value.reshape(len(v), -1)
-            chosen = np.concatenate([
-                np.argpartition(flat, -MOST, 1)[:, -MOST:],
-                np.arange(first) * second + value.argmax(2),
-                value.argmax(1) * second + np.arange(second)], 1)
-            i, k = np.divmod(chosen, second)
-            noise = noise[row, i] + snr[j][row, k]
-            worth = worth[row, i] + base[j][row, k]
-            index = [*(before[row, i] for before in index), k]
-        return cls.of([some.take(i) for some, i in zip(columns, index)], worth)
-
-    @classmethod
-    def of(cls, columns: list[Columns], base: Array) -> Combinations:
-        """Return the combinations of columns with the same number."""
-        return cls(np.stack([some.place for some in columns]),
-                   np.stack([some.power for some in columns]),
-                   np.stack([some.snr for some in columns]) / len(columns), base)
-
-    @property
-    def rates(self) -> Array:
-        """Return log(1 + sum_j x_j) at the ground node and at the eavesdroppers, (G, C, 1 + E)."""
-        return np.asarray(np.log1p(self.snr.sum(0)))
-
-    @property
-    def shares(self) -> Array:
-        """Return y_j over the sum of all, y_j = 1 / J + x_j, (J, G, C, 1 + E)."""
-        noise = 1 / len(self.snr) + self.snr
-        return np.asarray(noise / noise.sum(0))
-
-    def take(self, index: NDArray[np.intp]) -> Combinations:
-        """Return the combinations with the given indices of every stage, (G, C')."""
-        row = np.arange(len(index))[:, None]
-        return Combinations(self.place[:, row, index], self.power[:, row, index],
-                            self.snr[:, row, index], self.base[row, index])
-
-    @staticmethod
-    def joined(parts: list[Combinations]) -> Combinations:
-        """Return all combinations of several."""
-        return Combinations(*(
-            np.concatenate([getattr(part, name) for part in parts], axis)
-            for name, axis in (('place', 2), ('power', 2), ('snr', 2), ('base', 1))))
+    snr = [some.snr / len(columns) for some in columns]
+    factor = np.concatenate([-weight[:, None], v], 1)
+    row = np.arange(len(v))[:, None]
+    noise, worth = snr[0], base[0]
+    index = [np.zeros(worth.shape, int) + np.arange(worth.shape[1])]
+    for some, own in zip(snr[1:], base[1:]):
+        first, second = worth.shape[1], own.shape[1]
+        value = worth[:, :, None] + own[:, None]
+        for r in range(factor.shape[1]):
+            value += factor[:, r, None, None] * np.log1p(
+                noise[:, :, None, r] + some[:, None, :, r])
+        flat = value.reshape(len(v), -1)
+        chosen = np.concatenate([
+            np.argpartition(flat, -MOST, 1)[:, -MOST:],
+            np.arange(first) * second + value.argmax(2),
+            value.argmax(1) * second + np.arange(second)], 1)
+        i, k = np.divmod(chosen, second)
+        noise, worth = noise[row, i] + some[row, k], worth[row, i] + own[row, k]
+        index = [*(before[row, i] for before in index), k]
+    return Columns.together([some.take(i) for some, i in zip(columns, index)])
 
 
 def grid(region: ReachableSet, along: int, across: int) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .columns import Columns
 from .multiplier_search import MultiplierSearch
 from ..proof.conjugate import Array, mixing
 from ..proof.jammer_shares import corners, over_boxes, share_boxes, Splits
@@ -59,7 +60,8 @@ def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: A
         known[:, 0, 0, 0] = worth
     if j > 1:
         core.bound_share_boxes({
-            **search.fields(search.candidates), 'stage': stage.astype(np.int64),
+            **search.fields([Columns.joined([some, base]) for some, base in zip(
+                search.candidates, search.base[1:])]), 'stage': stage.astype(np.int64),
             'weight': weights, 'shares': shares, 'enough': worth + ENOUGH + slack, 'box': box,
             'side': side, 'at': at, 'theta': theta, 'mean': mean, 'known': known})
     splits = box.T, side.T, at.T

@@ -24,8 +24,6 @@ class InitialMultipliers:
     :param weight: w0, the derivative of the rate by log SINR at the ground node, (G,).
     :param shares: v, (G, E).
     :param prices: lam, (U,) in nats per W.
-    :param theta: every jammer's share at the ground node, (J, G).
-    :param rho: every jammer's share at the eavesdroppers, (J, G, E).
     """
 
     places: Array
@@ -33,8 +31,6 @@ class InitialMultipliers:
     weight: Array
     shares: Array
     prices: Array
-    theta: Array
-    rho: Array
 
     @classmethod
     def of(cls, team: Team, positions: Array, powers: Array) -> InitialMultipliers:
@@ -71,11 +67,7 @@ class InitialMultipliers:
         share = np.exp(8 * (ze - ze.max(-1, keepdims=True)))
         share = share / share.sum(-1, keepdims=True) + 0.02
         share /= share.sum(-1, keepdims=True)
-        theta = np.array([(1 / team.jammers + x) / noise0 for x in ground[1:]]).reshape(
-            -1, len(weight))
-        rho = np.array([(1 / team.jammers + x) / noise for x in heard[1:]]).reshape(
-            -1, *ze.shape)
-        return cls(places, watts, weight, total[:, None] * share, prices, theta, rho)
+        return cls(places, watts, weight, total[:, None] * share, prices)
 
 
 def _spread(team: Team, power: Array, on: NDArray[np.bool_]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import columns as candidates
-from .columns import Columns, Combinations
+from .columns import Columns
 from .descent import Descent
-from .dual import Branch, curved, Dual, unpacked
+from .dual import best_column, column_values, curved, Dual, unpacked
 from .initial_multipliers import InitialMultipliers
 from .newton import DualPoint
 from ..proof.certificate import terms_of
@@ -29,9 +29,12 @@ MODES, APART = 6, 0.1
 FEW = ([0, 4], [0, 1, 4, 7, 9, 10, 11, 12])
 """Of a jammer's powers those that are kept at the coarse places: alone, and among several."""
 
-THETAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 1.0)
-RHOS = {1: (0.0, 0.1, 0.5, 0.9, 1.0), 2: (0.0, 0.5, 1.0), 3: (0.0, 1.0)}
+THETAS = (0.0, 0.05, 0.2, 0.5, 0.8, 1.0)
+RHOS = {1: (0.0, 0.1, 0.5, 0.9, 1.0), 2: (0.0, 1.0), 3: (0.0, 1.0)}
 """For each of these theta and rho the best column of a jammer is kept."""
+
+NEAR = 7
+"""Powers up to the peak of jammers as near to every eavesdropper as they can be, always kept."""
 
 KEEP = 45
 """Columns that are kept in every branch."""
@@ -77,16 +80,23 @@ class MultiplierSearch:
         self.grids: list[Array] = []
         self.base: list[Columns] = []
         self.places: list[Array] = []
+        self.near: list[Columns] = []
         for i, region in enumerate(team.regions):
+            # Nearest to people, too.
+            people = region.drawn_in(np.broadcast_to(
+                np.concatenate([region.ground[None], region.eavesdroppers]),
+                (count, 1 + len(region.eavesdroppers), 2)), np.arange(count)[:, None])
             place = np.concatenate(
                 [candidates.grid(region, *candidates.GRID),
-                 candidates.rings(region, initial.places[i])], 1)
-            coarse = candidates.grid(region, *candidates.COARSE)
+                 candidates.rings(region, initial.places[i]), people], 1)
+            coarse = np.concatenate([candidates.grid(region, *candidates.COARSE), people], 1)
             power = (np.zeros((count, 1)) if region.transmits
                      else candidates.levels(region, initial.powers[i]))
             few = power if region.transmits else power[:, FEW[team.jammers > 1]]
             self.tables.append(Columns.product(region, place, power, team.copies))
             self.grids.append(place)
+            self.near.append(Columns.product(region, people[:, 1:], np.tile(
+                region.peak * np.geomspace(1e-4, 1.0, NEAR), (count, 1)), team.copies))
             rim = region.farthest(_compass(ROUND)[None])
             self.base.append(Columns.joined([
                 Columns.product(region, coarse, few, team.copies),
@@ -98,44 +108,52 @@ class MultiplierSearch:
         self.columns: list[Columns] = []
         self._latest: list[list[Columns]] = []
         self._seen: list[Columns] = []
-        self._jammed: list[list[Combinations]] = []
+        self._jammed: list[Columns] = []
+        if team.jammers > 1:
+            self._jammed.append(Columns.together(self.apart(
+                initial.places[1:, :, None], initial.powers[1:, :, None])))
         self._candidates: tuple[DualPoint, list[Columns]] = self.point, []
         self._descent = Descent()
 
     # -- what the present multipliers ask for
 
-    def branches(self) -> list[Branch]:
-        """Return the branches that columns, and of one jammer multipliers, have to be good for."""
-        result = []
-        for k, weight in enumerate(self.weights):
-            result.append(Branch(weight, k, self.initial.theta, self.initial.rho))
-            if self._jammed:
-                result += self._modes(k, weight)
-        return result
+    def branches(self) -> list[tuple[Array, Array]]:
+        """Return w0 (B, G) and v (B, G, E) that every UAV's columns have to be good for."""
+        weights, shares = np.array(self.weights), self.point.shares
+        if self.team.jammers < 2:
+            return [(weights, shares)] * len(self.team.regions)
+        # Of the best combinations with shares that differ from one another.
+        some = self._jammed[-1].take(self._differing(self._jammed[-1], weights[0], shares[0]))
+        parts = np.moveaxis(self._shares(some).clip(1e-4, 1 - 1e-4), 2, 1)
+        return [(weights, shares), *(
+            (weights[0] * part[..., 0], shares[0] * part[..., 1:]) for part in parts)]
 
-    def _modes(self, k: int, weight: Array) -> list[Branch]:
-        """Return branches of the best combinations with shares that differ from one another."""
-        some, v = self._jammed[-1][k], self.point.shares[k]
-        some = some.take(self._apart(some, weight, v))
-        theta, *rho = some.shares.clip(1e-4, 1 - 1e-4).transpose(3, 2, 0, 1)
-        return [Branch(weight, k, *mode) for mode in zip(theta, np.stack(rho, -1))]
+    def _shares(self, some: Columns) -> Array:
+        """Return y_j over the sum of all, y_j = 1 / J + x_j, (J, G, C, 1 + E)."""
+        noise = 1.0 + np.array([column.snr for column in self.apart(some.place, some.power)])
+        return np.asarray(noise / noise.sum(0))
 
-    def _apart(self, some: Combinations, weight: Array, v: Array) -> NDArray[np.intp]:
+    def _differing(self, some: Columns, weight: Array, v: Array) -> NDArray[np.intp]:
         """Return the indices of the best combinations whose shares differ, (G, MODES)."""
-        shares, row = np.moveaxis(some.shares, 0, -1), np.arange(len(v))
-        worth = Dual(self.team, [], [], [], 1e-9).worth(some, self.point, weight, v)
+        shares, row = np.moveaxis(self._shares(some), 0, -1), np.arange(len(v))
+        worth = self.values([*range(1, len(self.team.regions))], some, weight[None], v[None])[0]
         chosen = []
-        for _ in range(MODES):
+        for _ in range(min(MODES, worth.shape[1])):
             chosen.append(worth.argmax(1))
             apart = np.abs(shares - shares[row, chosen[-1]][:, None]).max((2, 3))
             worth[apart < APART] = -np.inf
         return np.stack(chosen, 1)
 
+    def values(self, uavs: Sequence[int], columns: Columns, weights: Array | None = None,
+               shares: Array | None = None) -> Array:
+        """Return what columns of some UAVs are worth now, (B, G, C); see column_values."""
+        return column_values(self.team, uavs, self.point, columns, weights, shares)
+
     @property
     def seen(self) -> list[Columns]:
         """Return the latest columns of every UAV together; none before the first ones."""
         if not self._seen:
-            self._seen = [Columns.joined([*same]) for same in zip(*self._latest)]
+            self._seen = [Columns.joined([*same]) for same in zip(self.base, *self._latest)]
         return self._seen
 
     @property
@@ -143,41 +161,40 @@ class MultiplierSearch:
         """Return of the latest columns those that may matter, of every jammer."""
         known, found = self._candidates
         if known is not self.point or not found:
-            dual = Dual(self.team, [], [], [], 1e-9)
-            found = [self.few(dual, j) for j in range(1, len(self.team.regions))]
+            found = [self._few(j) for j in range(1, len(self.team.regions))]
             self._candidates = self.point, found
         return found
 
-    def few(self, dual: Dual, uav: int) -> Columns:
+    def _few(self, uav: int) -> Columns:
         """Return the columns of a jammer that are best for some theta and some shares."""
-        columns, v = self.seen[uav], self.point.shares[0]
-        branches = [(self.weights[0] * theta, v * rho)
-                    for theta in THETAS
-                    for rho in product(RHOS[v.shape[-1]], repeat=v.shape[-1])]
-        return columns.take(dual.values(uav, self.point, columns, branches).argmax(2).T)
+        columns = Columns.joined([self.seen[uav], self.tables[uav]])
+        v = self.point.shares[0]
+        weights, shares = (np.array(part) for part in zip(*(
+            (self.weights[0] * theta, v * rho) for theta in THETAS
+            for rho in product(RHOS[v.shape[-1]], repeat=v.shape[-1]))))
+        return Columns.joined([self.near[uav], columns.take(best_column(
+            self.team, [uav], self.point, columns, weights, shares).T)])
 
-    def combinations(self, weight: Array, v: Array) -> Combinations:
-        """Return good combinations of jammers at w0 (G,) and v (G, E), improved ones first."""
-        some = Combinations.best(
-            self.candidates, self._base(self.candidates), weight, v)
-        chosen = some.take(self._apart(some, weight, v))
-        columns = self._columns(chosen.place, chosen.power)
-        fields = self.fields(columns)
+    def listed(self, weight: Array, v: Array) -> list[Columns]:
+        """Return good columns of the transmitter and of all jammers at w0 (G,) and v (G, E)."""
+        if self.team.jammers < 2:
+            return self.seen
+        some = candidates.combined(self.candidates, self._base(self.candidates), weight, v)
+        chosen = some.take(self._differing(some, weight, v))
+        fields = self.fields(self.apart(chosen.place, chosen.power))
         core.bound_improve_together({**fields, 'weight': np.ascontiguousarray(weight),
                                      'shares': np.ascontiguousarray(v)})
-        columns = self._columns(fields['place'], np.exp(fields['power']))
-        better = Combinations.of(columns, np.sum(self._base(columns), axis=0))
-        return Combinations.joined([better, some])
+        better = self.apart(fields['place'], np.exp(fields['power']))
+        return [self.seen[0], Columns.joined([Columns.together(better), some])]
 
-    def _columns(self, place: Array, power: Array) -> list[Columns]:
-        """Return columns of all jammers, for places (J, G, C, 2) and powers (J, G, C)."""
+    def apart(self, place: Array, power: Array) -> list[Columns]:
+        """Return columns of every jammer, for places (J, G, C, 2) and powers (J, G, C)."""
         return [Columns.of(region, q, p, self.team.copies)
                 for region, q, p in zip(self.team.regions[1:], place, power)]
 
     def _base(self, columns: list[Columns]) -> list[Array]:
         """Return what columns of all jammers are worth where nothing is sent, (G, C) each."""
-        dual = Dual(self.team, [], [], [], 1e-9)
-        return [dual.values(j, self.point, some)[0] for j, some in enumerate(columns, 1)]
+        return [self.values([j], some)[0] for j, some in enumerate(columns, 1)]
 
     def fields(self, columns: list[Columns]) -> dict[str, Any]:
         """Return what the kernel reads of all jammers and their columns."""
@@ -205,29 +222,23 @@ class MultiplierSearch:
     def dual(self, tau: float) -> Dual:
         """Return the dual function on the columns that the present multipliers ask for."""
         branches = self.branches()
-        dual = Dual(self.team, [], [], branches, tau)
-        self.columns = [self._priced(dual, i, branches) for i in range(len(self.team.regions))]
-        self._latest = [*self._latest, self.columns][-LATEST:]
+        self._latest = [*self._latest, [
+            self._priced(i, *branch) for i, branch in enumerate(branches)]][-LATEST:]
+        self.columns = [Columns.joined([*same]) for same in zip(self.base, self._latest[-1])]
         self._seen, self._candidates = [], (self.point, [])
-        silent = []
         for i in range(len(self.team.regions)):
-            self._look_for_silence(dual, i)
-            silent.append(self.silent(i))
-        dual.columns = (self.columns, silent)
+            self._look_for_silence(i)
+        columns = self.columns
         if self.team.jammers > 1:
-            # Branches serve to find columns; what counts then is combined, as of one jammer.
-            alone = np.ones((1, *self.point.shares.shape[1:]))
-            dual.branches = [Branch(weight, k, alone[..., 0], alone)
-                             for k, weight in enumerate(self.weights)]
-            self._jammed = [*self._jammed, [
-                self.combinations(weight, v)
-                for weight, v in zip(self.weights, self.point.shares)]][-LATEST:]
-            for some in self._jammed[-1]:
-                for found, columns in zip(self.found[1:], self._columns(
-                        some.place[:, :, :MODES], some.power[:, :, :MODES])):
-                    found.append(columns)
-            dual.jammed = [Combinations.joined([*same]) for same in zip(*self._jammed)]
-        return dual
+            # Branches serve to find columns; what counts then is combined.
+            some = self.listed(self.weights[0], self.point.shares[0])[1]
+            self._jammed = [*self._jammed, some][-LATEST:]
+            for found, better in zip(self.found[1:], self.apart(
+                    some.place[:, :, :MODES], some.power[:, :, :MODES])):
+                found.append(better)
+            columns = [columns[0], Columns.joined(self._jammed)]
+        silent = [self.silent(i) for i in range(len(self.team.regions))]
+        return Dual(self.team, self.weights, columns, silent, tau)
 
     def silent(self, i: int) -> Columns:
         """Return the places of UAV i at which nothing is sent."""
@@ -235,7 +246,7 @@ class MultiplierSearch:
         return Columns(self.places[i], none, none,
                        np.zeros(none.shape + self.point.shares.shape[2:]))
 
-    def _look_for_silence(self, dual: Dual, i: int) -> None:
+    def _look_for_silence(self, i: int) -> None:
         """Add the best places at which to be silent; the latest ones stay."""
         region, place = self.team.regions[i], self.places[i]
         if not curved(self.point.potentials.shape[2]):
@@ -243,30 +254,23 @@ class MultiplierSearch:
             new = region.farthest(pull[:, None])
         else:
             pool = self.silent(i)
-            start = pool.take(_apart(region, pool, dual.values(i, self.point, pool)[0]))
-            new = self._improved(dual, i, start, pool.ground[:, 0], pool.leaks[:, 0]).place
+            start = pool.take(_apart(region, pool, self.values([i], pool)[0]))
+            new = self._improved(i, start, pool.ground[:, 0], pool.leaks[:, 0]).place
         fixed = candidates.RIM + candidates.STILL[0] * candidates.STILL[1]
         latest = np.concatenate([place[:, fixed:], new], 1)[:, -SILENT:]
         self.places[i] = np.concatenate([place[:, :fixed], latest], 1)
 
-    def _priced(self, dual: Dual, i: int, branches: list[Branch]) -> Columns:
+    def _priced(self, i: int, weights: Array, shares: Array) -> Columns:
         """Return the columns of UAV i that are best for the present multipliers."""
         region = self.team.regions[i]
         # To be silent somewhere else is worth it even where the other UAV sends.
         rim = Columns.of(region, self.places[i], np.zeros(self.places[i].shape[:2]),
                          self.team.copies)
         pool = Columns.joined([self.tables[i], rim, *self.found[i]])
-        chosen: list[Columns] = [self.base[i]]
+        chosen: list[Columns] = []
         fresh: list[Columns] = []
-        done: set[int] = set()
-        for branch in branches:
-            if i == 0 and branch.group in done:
-                continue
-            done.add(branch.group)
-            ground, parts = branch.parts(i)
-            weight, v = branch.weight * ground, self.point.shares[branch.group] * parts
-            value = dual.values(i, self.point, pool, [(weight, v)])[0]
-            few = min(KEEP if len(chosen) == 1 else KEEP // 3, value.shape[1])
+        for weight, v, value in zip(weights, shares, self.values([i], pool, weights, shares)):
+            few = min(KEEP // 3 if chosen else KEEP, value.shape[1])
             chosen.append(pool.take(np.argpartition(value, -few, axis=1)[:, -few:]))
             if len(fresh) < 3:
                 # Of every place of the table only its best power.
@@ -280,7 +284,7 @@ class MultiplierSearch:
                                      (len(value), value.shape[1] - table.shape[1]))], 1)
                 listed, worth = pool.take(best), np.take_along_axis(value, best, 1)
                 start = listed.take(_apart(region, listed, worth))
-                fresh.append(self._improved(dual, i, start, weight, v))
+                fresh.append(self._improved(i, start, weight, v))
         self.found[i] = [Columns.joined([*self.found[i], *fresh])]
         extra = self.found[i][0].power.shape[1] - OLD - sum(part.power.shape[1] for part in fresh)
         if extra > 0:
@@ -289,7 +293,7 @@ class MultiplierSearch:
                 keep, (len(pool.power), len(keep))))]
         return Columns.joined([*chosen, *self.found[i]])
 
-    def _improved(self, dual: Dual, i: int, start: Columns, weight: Array, v: Array) -> Columns:
+    def _improved(self, i: int, start: Columns, weight: Array, v: Array) -> Columns:
         """Return columns after a compass search from others, all of them at once."""
         region = self.team.regions[i]
         count, many = start.power.shape
@@ -308,7 +312,7 @@ class MultiplierSearch:
                                region.peak)
             flat = Columns.of(region, trial.reshape(count, -1, 2), watts.reshape(count, -1),
                               self.team.copies)
-            value = dual.values(i, self.point, flat, [(weight, v)])[0]
+            value = self.values([i], flat, weight[None], v[None])[0]
             pick = value.reshape(count, many, -1).argmax(-1)[..., None]
             place = np.take_along_axis(trial, pick[..., None], 2)[:, :, 0]
             power = np.take_along_axis(watts, pick, 2)[..., 0]
@@ -322,19 +326,13 @@ class MultiplierSearch:
 
         :param tolerance: how far from the largest a column may be, in nats.
         """
-        branches = self.branches()
-        dual = Dual(self.team, [], [], branches, 1e-9)
         row = np.arange(len(self.team.stages.count))
-        for i, region in enumerate(self.team.regions):
+        for i, (region, (weights, shares)) in enumerate(zip(
+                self.team.regions, self.branches())):
             columns, price = self.columns[i], self.point.prices[i]
-            parts = [branch.parts(i) for branch in branches]
-            weights = np.array([branch.weight * part[0] for branch, part in zip(branches, parts)])
-            shares = np.array([self.point.shares[branch.group] * part[1]
-                               for branch, part in zip(branches, parts)])
-            potential = self.potential(i)
-            terms, _ = terms_of(self.team, potential, i, np.tile(row, len(weights)),
+            terms, _ = terms_of(self.team, self.potential(i), i, np.tile(row, len(weights)),
                                 weights.ravel(), shares.reshape(-1, shares.shape[-1]), price)
-            value = dual.values(i, self.point, columns, list(zip(weights, shares)))
+            value = self.values([i], columns, weights, shares)
             best, known = value.argmax(2), value.max(2).ravel()
             _, points = terms.search(known, np.full(len(terms), tolerance), 2000, self.stop)
             points = points.T.reshape(-1, *best.shape)

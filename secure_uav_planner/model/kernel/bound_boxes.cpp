@@ -92,6 +92,9 @@ public:
           slope_(given, "slope", 2 * count_), bend_(given, "bend", 3 * count_),
           tilt_(given, "tilt", 6 * count_), margin_(given, "margin", count_),
           powers_(given, "powers", 2 * count_) {
+        gain_.push_back(std::exp(log_gain_));
+        for (std::size_t e = 0; e < eavesdroppers_; ++e)
+            gain_.push_back(std::exp(log_gain_ + log_advantages_[e]));
         for (std::size_t k = 0; k < count_; ++k)
             if (stage_[k] < 0 || std::size_t(stage_[k]) >= stages_)
                 throw std::invalid_argument("wrong array: stage");
@@ -242,7 +245,7 @@ private:
     Expansion jammer(std::size_t k, const Box& box, double rho) const {
         const double square = altitude_ * altitude_, weight = weight_[k], width = box.half[2];
         const double watts = std::exp(box.centre[2]), more = std::exp(width);
-        const double cost = price_ * watts, received = std::exp(log_gain_) * watts;
+        const double cost = price_ * watts, received = gain_[0] * watts;
         const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
         const double d2 = da * da + db * db, q = d2 + square, y = received / q;
         Expansion f{};
@@ -259,7 +262,7 @@ private:
         f.size_power = -f.bend_power;
         for (std::size_t e = 0; e < eavesdroppers_; ++e) {
             const double share = shares_[k * eavesdroppers_ + e];
-            const double gain = std::exp(log_gain_ + log_advantages_[e]) * watts;
+            const double gain = gain_[e + 1] * watts;
             const double ea = box.centre[0] - places_[2 * e];
             const double eb = box.centre[1] - places_[2 * e + 1];
             const double d = std::sqrt(ea * ea + eb * eb), x = d + radii_[e];
@@ -407,6 +410,7 @@ private:
         high_;
     Array<std::int64_t> stage_;
     Array<double> weight_, shares_, slope_, bend_, tilt_, margin_, powers_;
+    std::vector<double> gain_;  // Of the ground node, then of the eavesdroppers.
 };
 
 // Write the bounds of functions first..last to `known`, and the best points that were met.

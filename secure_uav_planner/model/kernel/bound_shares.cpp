@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
+#include <tuple>
 #include <vector>
 
 #include "array.hpp"
@@ -32,9 +33,10 @@ constexpr double kActive = 0.03;              // Part of a corner from which it 
 constexpr double kExact = 1e-4;         // In nats.
 constexpr double kHuge = std::numeric_limits<double>::infinity();
 
-// A jammer's place and log p, its worth without the rates, and log(1 + J x) at the receivers.
+// A jammer's place and log p, its worth without the rates, log(1 + J x) at the receivers, and
+// 1 + J x at the ground node.
 struct Column {
-    double place[2], power, base, heard[kListeners + 1];
+    double place[2], power, base, heard[kListeners + 1], noise;
 };
 
 // A piece of the maximum over columns as a function of theta: the column that is best up to `end`.
@@ -103,7 +105,7 @@ public:
             own_[j].resize(columns_);
             for (std::size_t c = 0; c < columns_; ++c) {
                 const std::size_t at = (j * stages_ + stage) * columns_ + c;
-                own_[j][c] = {{place_[2 * at], place_[2 * at + 1]}, power_[at], base_[at], {}};
+                own_[j][c] = {{place_[2 * at], place_[2 * at + 1]}, power_[at], base_[at], {}, 1.0};
                 hear(j, own_[j][c]);
             }
         }
@@ -136,6 +138,23 @@ public:
     }
 
     std::size_t columns() const { return columns_; }
+
+    // Drop columns that are there twice.
+    void drop_copies() {
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            const auto key = [](const Column& one) {
+                return std::make_tuple(one.power, one.place[0], one.place[1]);
+            };
+            std::vector<Column>& all = own_[j];
+            std::sort(all.begin(), all.end(), [&](const Column& one, const Column& two) {
+                return key(one) < key(two);
+            });
+            const auto same = [&](const Column& one, const Column& two) {
+                return key(one) == key(two);
+            };
+            all.erase(std::unique(all.begin(), all.end(), same), all.end());
+        }
+    }
 
     Box whole() {
         Box box{};
@@ -193,7 +212,9 @@ private:
             const double x = column.place[0] - people_[2 * at];
             const double y = column.place[1] - people_[2 * at + 1];
             const double d = std::sqrt(x * x + y * y) + radii_[at];
-            column.heard[r] = std::log1p(gain_[at] * watts / (d * d + square));
+            const double received = gain_[at] * watts / (d * d + square);
+            if (!r) column.noise = 1.0 + received;
+            column.heard[r] = std::log1p(received);
         }
     }
 
@@ -289,8 +310,7 @@ private:
             for (std::size_t j = 0; j < jammers_; ++j) {
                 double begin = 0.0;
                 for (const Piece& piece : pieces_[j][corner]) {
-                    theta[j] = std::max(level * std::exp(listed_[j][piece.column].heard[0]),
-                                        begin);
+                    theta[j] = std::max(level * listed_[j][piece.column].noise, begin);
                     begin = piece.end;
                     if (theta[j] <= begin) break;
                 }
@@ -304,6 +324,20 @@ private:
         for (std::size_t j = 0; j < jammers_; ++j) theta[j] /= sum;
     }
 
+    // Draw a place into one disc and then into the other; return whether it is in both.
+    bool draw_in(std::size_t j, double* place) const {
+        const double radius[2] = {from_start_[j * stages_ + stage_], to_goal_[j * stages_ + stage_]};
+        const auto far = [&](int disc) {
+            return std::hypot(place[0] - disc * distance_[j], place[1]) / radius[disc];
+        };
+        for (int disc = 0; disc < 2; ++disc) {
+            const double part = std::min(1.0, (1 - 1e-9) / far(disc));
+            place[0] = disc * distance_[j] + part * (place[0] - disc * distance_[j]);
+            place[1] *= part;
+        }
+        return far(0) <= 1.0;
+    }
+
     // Move a column to where it is worth more, with log p between two ends.
     template <typename Worth>
     void improve(std::size_t j, double least, double most, double share, const Worth& worth,
@@ -311,7 +345,6 @@ private:
         double step = share * width_[j * stages_ + stage_] / 12, ratio = share * 0.4;
         double top = worth(column);
         const double* pull = &pull_[2 * (j * stages_ + stage_)];
-        const double from = from_start_[j * stages_ + stage_], to = to_goal_[j * stages_ + stage_];
         for (int round = 0; round < kRounds; ++round) {
             Column next = column;
             for (int move = 0; move < 6; ++move) {
@@ -320,10 +353,9 @@ private:
                 if (move < 4) {
                     const int axis = move / 2;
                     trial.place[axis] += sign * step;
-                    const double x = trial.place[0], y = trial.place[1];
-                    if (x * x + y * y > from * from) continue;
-                    if ((x - distance_[j]) * (x - distance_[j]) + y * y > to * to) continue;
-                    trial.base += pull[axis] * sign * step;
+                    if (!draw_in(j, trial.place)) continue;
+                    for (int i = 0; i < 2; ++i)
+                        trial.base += pull[i] * (trial.place[i] - column.place[i]);
                 } else {
                     trial.power = std::min(std::max(trial.power + sign * ratio, least), most);
                     if (!(trial.power != column.power)) continue;
@@ -347,6 +379,7 @@ private:
         for (std::size_t j = 0; j < jammers_; ++j) {
             std::vector<Column> fresh;
             for (std::size_t corner = 0; corner < corners_; ++corner) {
+                if (part_[corner] < kActive) continue;
                 for (const double sign : {-1.0, 1.0}) {
                     const double theta = aside(j, corner, sign);
                     Column column = listed_[j][best(j, corner, theta)];
@@ -543,6 +576,7 @@ void share_boxes(const py::dict& given) {
     const py::gil_scoped_release release;
     for (std::size_t m = 0; m < count; ++m) {
         problem.begin(std::size_t(stage[m]), weight[m], &shares[m * e]);
+        problem.drop_copies();
         std::vector<Box> found{problem.whole()};
         for (std::size_t s = 0; s < splits; ++s) {
             std::size_t worst = 0;
