@@ -199,7 +199,7 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
     uavs = [Uav(client, name) for name in ('uav1', 'uav2')]
     client.send_paper()
     assert client.call('planner/plan').success
-    wait_for(lambda: path and 'track.distance.uav1' in values_of(status[-1]))
+    wait_for(lambda: path and status and 'track.distance.uav1' in values_of(status[-1]))
     values = values_of(status[-1])
     assert [values[f'track.{key}'] for key in ('distance.uav1', 'rate', 'planned_rate')] == [
         'none'] * 3
@@ -219,7 +219,7 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
         'track.distance.uav1'] == '50', 'the distance')
     assert found.level == DiagnosticStatus.WARN
     assert 'uav1 is 50.0 m from its plan and track_tolerance is 5 m' in found.message
-    wait_for(lambda: diagnostics[-1].status[0].message == found.message)
+    wait_for(lambda: diagnostics and diagnostics[-1].status[0].message == found.message)
     assert client.set_parameters('planner', track_tolerance=51.0)[0].successful
     wait_for(lambda: status[-1].level == DiagnosticStatus.OK)
     # The rate so far, on both sides: here the UAVs move on beside their plan.
@@ -292,7 +292,7 @@ def test_a_plan_that_is_solved_too_late_for_its_start_is_refused(client, capfd):
         client.send_paper()
         answer = client.call('planner/plan')
         assert not answer.success and 'a longer start_delay gives it more time' in answer.message
-        wait_for(lambda: values_of(status[-1])['outcome.code'] == 'late')
+        wait_for(lambda: status and values_of(status[-1])['outcome.code'] == 'late')
         assert not path
 
 
