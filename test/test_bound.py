@@ -58,7 +58,7 @@ def test_plans_from_other_starts_and_methods_stay_below(objective, plan):
     assert bound.gap(plan) < 0.06
 
 
-# At 102 s there is hardly time for the way: by rounding the search ends 0.2 to 1.7% above the plan.
+# At 102 s there is hardly time for the way: rounding decides whether a bound is 0.2 or 1.7% above.
 @pytest.mark.parametrize('duration, best, share', [(102, 1.3694, 0.02), (120, 1.9875, 0.01)])
 def test_the_papers_mission_is_bounded_closely(duration, best, share):
     scenario = Scenario.paper(duration)
