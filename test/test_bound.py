@@ -58,12 +58,11 @@ def test_plans_from_other_starts_and_methods_stay_below(objective, plan):
     assert bound.gap(plan) < 0.06
 
 
-# At 102 s there is hardly time for the way: rounding decides whether a bound is 0.2 or 1.7% above.
-@pytest.mark.parametrize('duration, best, share', [(102, 1.3694, 0.02), (120, 1.9875, 0.01)])
-def test_the_papers_mission_is_bounded_closely(duration, best, share):
+@pytest.mark.parametrize('duration, best', [(102, 1.3694), (120, 1.9875)])
+def test_the_papers_mission_is_bounded_within_a_percent(duration, best):
     scenario = Scenario.paper(duration)
     bound = upper_bound(scenario, objective='guaranteed')
-    assert best <= bound.rate <= (1 + share) * best
+    assert best <= bound.rate <= 1.01 * (best + 1e-4)
     assert bound.status == 'converged'
     assert bound.ignored == ()
 
