@@ -34,7 +34,7 @@ class Descent:
                 continue
             step = _within(step, point, dual.room(point.shares))
             slope = min(derivatives.slope(step), 0.0)
-            for length, factor in ((1.0, 0.1), (0.3, 1.0)):
+            for length, factor in ((1.0, 0.1), (0.3, 1.0), (0.1, 1.0)):
                 trial = point.moved(step, length)
                 if dual.value(trial) < value + 0.1 * length * slope:
                     self._damping = max(factor * self._damping, 1e-9)

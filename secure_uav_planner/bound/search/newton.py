@@ -71,8 +71,9 @@ class DualDerivatives:
 
         Where one column is far better than all others the function is linear, and a full step
         would go far beyond where that holds. `damping` is what a stage's columns vary by in every
-        direction at least, in units^2: changes of the potentials from one edge to the next are
-        then limited. For v and the prices it is the share by which their diagonal is raised.
+        direction at least, in units^2: changes of the potentials from one edge to the next, and
+        of those at both ends, are then limited. For v and the prices it is the share by which
+        their diagonal is raised.
 
         v is eliminated in every stage, then the potentials by a banded Cholesky factorisation.
 
@@ -101,6 +102,7 @@ class DualDerivatives:
             edge[at] += rest[:, part]
             border[at] += local[:, part, price]
         diagonal = diagonal + 1e-9 * np.eye(up)
+        diagonal[[0, -1]] += move[[0, -1]]
         band = np.zeros((2 * up, (count + 1) * up))
         for row in range(up):
             for column in range(up):
