@@ -31,7 +31,7 @@ from ..plan.plan import Plan, POWER_TOLERANCE
 MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 3, 2
 """Eavesdroppers that are counted with at most, with up to two jammers and with more."""
 
-FEW_STAGES = {3: 160, 4: 80, 5: 60}
+FEW_STAGES = {3: 160, 4: 110, 5: 70}
 """Stages with several jammers, by the number of jammers and eavesdroppers: each takes longer."""
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))

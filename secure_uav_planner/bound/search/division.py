@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .columns import Columns
 from .multiplier_search import MultiplierSearch
 from ..proof.conjugate import Array, mixing
 from ..proof.jammer_shares import corners, over_boxes, share_boxes, Splits
 from ...model.kernel import core
 
-SPLITS = {2: 20, 3: 16}
-"""How often that is cut at most at a breakpoint, by the number of jammers."""
+SPLITS = 20
+"""How often that is cut at most at a breakpoint."""
 
 ENOUGH = 2e-3
 """By how much, in nats, a breakpoint may be above what combinations are worth without a cut."""
@@ -52,7 +51,7 @@ def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: A
     """
     team = search.team
     m, e, j = len(stage), team.eavesdroppers, team.copies
-    count = SPLITS[j] if j > 1 else 0
+    count = SPLITS if j > 1 else 0
     box, side = np.full((m, count), -1), np.zeros((m, count), np.int64)
     at, theta = np.zeros((m, count)), np.zeros((m, count + 1, e, j, j)) + 1 / (j * e)
     mean, known = np.ones((m, count + 1, e, j)), np.zeros((m, count + 1, j, j**e))
@@ -60,8 +59,7 @@ def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: A
         known[:, 0, 0, 0] = worth
     if j > 1:
         core.bound_share_boxes({
-            **search.fields([Columns.joined([some, base]) for some, base in zip(
-                search.candidates, search.base[1:])]), 'stage': stage.astype(np.int64),
+            **search.fields(search.candidates), 'stage': stage.astype(np.int64),
             'weight': weights, 'shares': shares, 'enough': worth + ENOUGH + slack, 'box': box,
             'side': side, 'at': at, 'theta': theta, 'mean': mean, 'known': known})
     splits = box.T, side.T, at.T

@@ -249,7 +249,7 @@ private:
         const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
         const double d2 = da * da + db * db, q = d2 + square, y = received / q;
         Expansion f{};
-        f.value = -weight * std::log1p(y) - cost;
+        f.value = -weight * std::log(1 + y) - cost;
         const double use = weight * (y / (1 + y));
         f.ga = 2 * use / q * da;
         f.gb = 2 * use / q * db;
@@ -267,7 +267,7 @@ private:
             const double eb = box.centre[1] - places_[2 * e + 1];
             const double d = std::sqrt(ea * ea + eb * eb), x = d + radii_[e];
             const double q = x * x + square, y = gain / q;
-            f.value += share * std::log1p(y);
+            f.value += share * std::log(1 + y);
             const double use = share * (y / (1 + y));
             const double factor = -use * 2 * x / (q * std::max(d, kTiny));
             f.ga += factor * ea;
@@ -349,7 +349,7 @@ private:
     double support(double ga, double gb, std::size_t stage) const {
         const double near = from_start_[stage], far = to_goal_[stage];
         const double along = corner_[2 * stage], across = corner_[2 * stage + 1];
-        const double norm = std::hypot(ga, gb);
+        const double norm = std::sqrt(ga * ga + gb * gb);
         double best = std::min(near * norm, far * norm + ga * distance_);
         if (across > 0) {
             const double share =

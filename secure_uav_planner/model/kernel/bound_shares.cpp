@@ -214,7 +214,7 @@ private:
             const double d = std::sqrt(x * x + y * y) + radii_[at];
             const double received = gain_[at] * watts / (d * d + square);
             if (!r) column.noise = 1.0 + received;
-            column.heard[r] = std::log1p(received);
+            column.heard[r] = std::log(1 + received);
         }
     }
 
@@ -304,7 +304,7 @@ private:
     // The theta that minimise F at a corner: log theta - heard is the same for all jammers.
     void best_theta(std::size_t corner, double* theta) const {
         double low = -60.0, high = 0.0;
-        for (int k = 0; k < 40; ++k) {
+        for (int k = 0; k < 24; ++k) {
             const double level = std::exp((low + high) / 2);
             double sum = 0.0;
             for (std::size_t j = 0; j < jammers_; ++j) {
