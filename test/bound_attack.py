@@ -5,7 +5,7 @@ from secure_uav_planner import Plan
 from secure_uav_planner.bound.proof.certificate import certify
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
 from secure_uav_planner.bound.proof.team import Team
-from secure_uav_planner.bound.search.breakpoints import breakpoint_multipliers, second_breakpoint
+from secure_uav_planner.bound.search.breakpoints import breakpoint_multipliers
 from secure_uav_planner.bound.search.initial_multipliers import InitialMultipliers
 from secure_uav_planner.bound.search.multiplier_search import MultiplierSearch
 from secure_uav_planner.model.limits import repaired
@@ -27,10 +27,7 @@ def certified(plan, most=400, curved=False):
     search = searched(team, plan)
     if curved:
         search.curve()
-        search.minimise(0.01, 6)
-        second_breakpoint(search)
-        search.sharpen(2e-3)
-        search.minimise(0.01, 6)
+        search.minimise(0.01, 12)
     return team, certify(team, breakpoint_multipliers(search))
 
 

@@ -16,7 +16,7 @@ from .proof.stages import MOST_STAGES
 from .proof.subset import EavesdropperSubset
 from .proof.team import MOST_JAMMERS, Team
 from .search import reference
-from .search.breakpoints import breakpoint_multipliers, second_breakpoint
+from .search.breakpoints import breakpoint_multipliers
 from .search.initial_multipliers import InitialMultipliers
 from .search.multiplier_search import MultiplierSearch
 from .search.newton import DualPoint
@@ -51,27 +51,11 @@ CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
 """What follows instead with several jammers, or where potentials must stay linear."""
 
-MORE = ((0.003, 1), (0.002, 1), (0.001, 1))
-"""What is done once more where the bound is not close, with columns by branch and bound."""
-
-ROUNDS, LITTLE = 3, {0: 0.0, 1: 0.02}
-"""
-How often that is done at most, and the share of the gap that it has to gain to go on, by the
-number of jammers: without jammers a round takes 0.3 s, and one without a gain may be followed by
-one that gains much.
-"""
-
-ENOUGH = {0: 3e-3, 1: 5e-3}
-"""The gap that needs no more, as a share of the plan's rate, by the number of jammers."""
-
 SLOTS_A_STAGE, FEWEST = 4, 20
 """Slots in a coarse stage, and how many such stages there are at least."""
 
 ITERATIONS = (5, 12)
 """Newton steps on the same columns, with at most one jammer and with more."""
-
-SHARPNESS = 1e-3
-"""How far from the best, in nats, a column by branch and bound may be."""
 
 REPORT_PERIOD = 0.5
 """Time in s after which progress is reported although no better bound was proven."""
@@ -259,33 +243,10 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     _follow(search, FINE)
     if team.jammers > 1 or (team.stages.count > 1).any():
         _follow(search, LINEAR)
-        run.prove(search)
-        return
-    search.curve()
-    _follow(search, CURVED)
+    else:
+        search.curve()
+        _follow(search, CURVED)
     run.prove(search)
-    _closer(run, search, reference.rate(chosen, scenario, positions, powers))
-
-
-def _closer(run: _Run, search: MultiplierSearch, rate: float) -> None:
-    """
-    Repeat the last steps of a search while that pays.
-
-    :param rate: of the plan, in bit/s/Hz.
-    """
-    search.stop = run.keeping(0.0, 2)
-    for number in range(ROUNDS):
-        gap = run.rate - rate
-        if gap <= ENOUGH[search.team.jammers] * rate or search.stop():
-            return
-        if number == 0:
-            second_breakpoint(search)
-        for step in MORE:
-            search.sharpen(SHARPNESS)
-            _follow(search, (step,))
-        run.prove(search)
-        if rate + gap - run.rate < LITTLE[search.team.jammers] * gap:
-            return
 
 
 def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:
@@ -306,7 +267,7 @@ def _finer(point: DualPoint, team: Team, weight: Array, finer: Team, positions: 
     stage = np.searchsorted(old.last, (new.first + new.last) // 2)
     # What matters is w0 - s, which may be tiny: it is kept.
     weights = InitialMultipliers.of(finer, positions, powers).weight
-    v = point.shares[:, stage]
+    v = point.shares[stage]
     total = v.sum(-1)
     wanted = np.clip(weights - (weight[stage] - total), 0.02, weights * (1 - 1e-7))
     return replace(point, potentials=potentials.reshape(-1, *point.potentials.shape[1:]),

@@ -74,22 +74,12 @@ class Terms:
         :param budget: boxes for each function.
         :param stop: asked now and then; True leaves all others with bounds of their first boxes.
         """
-        return self.search(known, tolerance, budget, stop)[0]
-
-    def search(self, known: Array, tolerance: Array, budget: float = BUDGET,
-               stop: Callable[[], bool] = lambda: False) -> tuple[Array, Array]:
-        """
-        Return the bounds of `maxima` and the best points that were met, (M, 2 or 3).
-
-        A point is NaN where none was better than what was known.
-        """
         best = np.array(known, float)
-        points = np.full((len(self), 2 if self.powers is None else 3), np.nan)
         for first in range(0, len(self), TOGETHER):
             budget = 0.0 if stop() else budget
             core.bound_maxima(self.fields, first, first + TOGETHER, best,
-                              np.array(tolerance, float), budget, points)
-        return best, points
+                              np.array(tolerance, float), budget)
+        return best
 
     @cached_property
     def fields(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from ..proof.multipliers import Multipliers
 from ..proof.team import Team
 
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
-"""Breakpoints w0 of the certificate, beside those that the search has used."""
+"""Breakpoints w0 of the certificate, beside the one that the search has used."""
 
 FEW, SWEEPS = 60, (2, 5)
 """Columns that join those from which v is chosen, and how often: with one eavesdropper, more."""
@@ -55,7 +55,7 @@ class _Estimates:
         if not search.seen:
             search.dual(0.01)
         count, uavs = len(search.team.stages.count), len(search.team.regions)
-        weights = np.sort([*(np.full(count, w0) for w0 in BREAKPOINTS), *search.weights], axis=0)
+        weights = np.sort([*(np.full(count, w0) for w0 in BREAKPOINTS), search.weight], axis=0)
         found = [_shares(search, weight) for weight in weights]
         values = np.zeros((2, *weights.shape))
         for number, party in enumerate(parties(uavs)):
@@ -143,7 +143,7 @@ def _shares(search: MultiplierSearch, weight: Array) -> tuple[Array, list[Array]
     """
     team, point = search.team, search.point
     price, peak = point.prices[0], team.regions[0].peak
-    v = point.shares[0] * (weight / search.weights[0])[:, None]
+    v = point.shares * (weight / search.weight)[:, None]
     none = np.zeros_like(v)
     # What v does not change, and what it multiplies: of every UAV, or of the jammers together.
     # Those that are best at the present v join before every sweep: else v makes use of it that
@@ -183,7 +183,7 @@ def _shares(search: MultiplierSearch, weight: Array) -> tuple[Array, list[Array]
 def _helpers(search: MultiplierSearch) -> Array:
     """Return prices of the helpers' powers at which they use about what they have."""
     team = search.team
-    s = search.point.shares[0].sum(-1)
+    s = search.point.shares.sum(-1)
     prices = []
     for region in team.helpers:
         gain = np.exp(region.log_gain) / np.min([
@@ -203,23 +203,3 @@ def _helpers(search: MultiplierSearch) -> Array:
 def _dot(leaks: Array, v: Array) -> Array:
     """Return sum_e v_e leaks, (G, C), for leaks (G, C, E) and v (G, E)."""
     return np.asarray(np.matmul(leaks, v[..., None])[..., 0])
-
-
-def second_breakpoint(search: MultiplierSearch) -> None:
-    """Add a breakpoint of w0 to those that the multipliers have to be good for: the next best."""
-    found, team, price = _Estimates.of(search), search.team, search.point.prices[0]
-    total = found.shares.sum(-1)
-    value = found.sent + found.jammed - entropy(total) + entropy(found.weights) + (
-        transmit_power(np.maximum(found.weights - total, 0.0), price, team.regions[0].peak)[0])
-    first = search.weights[0]
-    # Neighbours of the first breakpoint are as good as it is: what counts is a hump elsewhere.
-    value[np.abs(found.weights - first) < 1e-9] = -np.inf
-    best = value.argmax(0)
-    row = np.arange(len(first))
-    weight = np.minimum(found.weights[best, row], 1 - 1e-9)
-    v = np.clip(found.shares[best, row], 1e-6, None)
-    s = v.sum(-1)
-    room = first - search.point.shares[0].sum(-1)
-    v *= (np.minimum(s, weight - np.minimum(room, weight / 2)) / s)[:, None]
-    search.weights.append(weight)
-    search.point = replace(search.point, shares=np.concatenate([search.point.shares, v[None]]))

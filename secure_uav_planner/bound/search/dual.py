@@ -1,8 +1,8 @@
 """
 The dual function on columns, smoothed, with two derivatives: what Newton's method minimises.
 
-It is the certificate's bound with every maximum taken over columns and over a few branches, that
-is breakpoints of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). A column has
+It is the certificate's bound with every maximum taken over columns and over two branches, that is
+one breakpoint of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). A column has
 places and powers of all jammers, so that their noise is known exactly: lemma 8, with shares in
 boxes, comes close to that, and multipliers that are good for a few shares are not. It is jointly
 convex in the potentials, v and lam. v has a barrier at 0 where there are several eavesdroppers,
@@ -47,15 +47,15 @@ class Dual:
     The dual function of a team on given columns.
 
     :param team: the UAVs.
-    :param weights: w0 of every breakpoint that the multipliers have to be good for, (G,) each.
+    :param weight: w0 of the breakpoint that the multipliers have to be good for, (G,).
     :param columns: of the transmitter, and of all jammers together.
     :param silent: for every UAV, those with which nothing is sent.
     :param tau: temperature of every smoothed maximum, in nats.
     """
 
-    def __init__(self, team: Team, weights: list[Array], columns: list[Columns],
+    def __init__(self, team: Team, weight: Array, columns: list[Columns],
                  silent: list[Columns], tau: float) -> None:
-        self.team, self.weights, self.tau = team, weights, tau
+        self.team, self.weight, self.tau = team, weight, tau
         self.columns, self.silent = columns, silent
         self.count = team.stages.count.astype(float)
         self.average = np.array([region.average for region in team.regions])
@@ -67,8 +67,8 @@ class Dual:
         self.edge[0] += 1
 
     def room(self, shares: Array) -> Array:
-        """Return w0 - s of every set, (B, G)."""
-        return np.asarray(np.array(self.weights) - shares.sum(-1))
+        """Return w0 - s, (G,)."""
+        return np.asarray(self.weight - shares.sum(-1))
 
     def value(self, point: DualPoint) -> float:
         """Return the dual function, N times a rate in nats."""
@@ -94,15 +94,12 @@ class Dual:
         if not second:
             return value, None
         e = shares.shape[-1]
-        for k, (v, gap) in enumerate(zip(shares, room)):
-            at = slice(k * e, (k + 1) * e)
-            stage[:, at] += self.count[:, None] * (-bar / v + (ROOM_BARRIER / gap)[:, None])
-            stages[:, at, at] += self.count[:, None, None] * (
-                (bar / v**2)[:, :, None] * np.eye(e) + (ROOM_BARRIER / gap**2)[:, None, None])
+        stage[:, :e] += self.count[:, None] * (-bar / shares + (ROOM_BARRIER / room)[:, None])
+        stages[:, :e, :e] += self.count[:, None, None] * (
+            (bar / shares**2)[:, :, None] * np.eye(e) + (ROOM_BARRIER / room**2)[:, None, None])
         return value, DualDerivatives(
             stage, stages, *edges, slots * (self.average - PRICE_BARRIER / prices),
-            slots * PRICE_BARRIER / prices**2, (point.potentials.shape, shares.shape),
-            self.count / self.tau)
+            slots * PRICE_BARRIER / prices**2, point.potentials.shape, self.count / self.tau)
 
     def _edges(self, point: DualPoint) -> tuple[float, tuple[Array, Array]]:
         """Return value, gradient and Hessian of what is outside the stages: what ends cost."""
@@ -167,25 +164,24 @@ class Dual:
     def _stages(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
         """Return value, gradient and Hessian of the stages' smoothed maxima."""
         u, p = point.potentials.shape[1:]
-        e, sets = point.shares.shape[-1], len(point.shares)
+        g, e = point.shares.shape
         size = e + 2 * u * p + u
-        options = [(*self._powers(weight, v, point.prices[0], size, second), k)
-                   for k, (weight, v) in enumerate(zip(self.weights, point.shares))]
-        g = len(self.count)
-        options.append((np.zeros(g), np.zeros((g, size)) if second else np.zeros(0),
-                        np.zeros((g, size, size)) if second else np.zeros(0), -1))
-        values = np.array([option[0] for option in options])
-        sent = np.array(self.weights), point.shares
-        none = np.zeros((1, g)), np.zeros((1, g, e))
-        lists = [(slice(-1, None), [i], some, none) for i, some in enumerate(self.silent)]
-        lists += [(slice(-1), uavs, some, sent) for uavs, some in zip(parties(u), self.columns)]
-        for where, uavs, columns, branches in lists:
-            found = self._maxima(uavs, point, columns, *branches, second)
-            values[where] += found[0]
-            which = self._unknowns(uavs, point)
-            for (_, grad, hess, _), slope, bend in zip(options[where], *found[1:]):
-                grad[:, which] += slope
-                hess[:, which[:, None], which] += bend
+        # Of the two branches: w0, and nothing sent.
+        values, grads, bends = (np.zeros((2, g, *more) if second or not more else 0)
+                                for more in ((), (size,), (size, size)))
+        values[0], *more = self._powers(point.shares, point.prices[0], size, second)
+        if second:
+            grads[0], bends[0] = more
+        sent, none = (self.weight, point.shares), (np.zeros(g), np.zeros((g, e)))
+        lists = [(1, [i], some, none) for i, some in enumerate(self.silent)]
+        lists += [(0, uavs, some, sent) for uavs, some in zip(parties(u), self.columns)]
+        for k, uavs, columns, (weight, v) in lists:
+            value, slope, bend = self._maxima(uavs, point, columns, weight[None], v[None], second)
+            values[k] += value[0]
+            if second:
+                which = self._unknowns(uavs, point)
+                grads[k][:, which] += slope[0]
+                bends[k][:, which[:, None], which] += bend[0]
         top = values.max(0)
         mix = np.exp((values - top) / self.tau)
         total = mix.sum(0)
@@ -193,18 +189,10 @@ class Dual:
         best = float(self.count @ (top + self.tau * np.log(total)))
         if not second:
             return best, values, values
-        ve = sets * e
-        stage = np.zeros((g, ve + size - e))
-        stages = np.zeros(stage.shape + stage.shape[1:])
-        for (_, grad, hess, k), share in zip(options, mix):
-            own = np.r_[k * e:(k + 1) * e, ve:ve + size - e] if k >= 0 else np.r_[
-                ve:ve + size - e]
-            source = slice(0, size) if k >= 0 else slice(e, size)
-            slope = grad[:, source]
-            stage[:, own] += share[:, None] * slope
-            stages[:, own[:, None], own] += share[:, None, None] * (
-                hess[:, source, source] + slope[:, :, None] * slope[:, None] / self.tau)
-        stages -= stage[:, :, None] * stage[:, None] / self.tau
+        stage = (mix[..., None] * grads).sum(0)
+        stages = sum(share[:, None, None] * (bend + grad[:, :, None] * grad[:, None] / self.tau)
+                     for share, grad, bend in zip(mix, grads, bends))
+        stages = stages - stage[:, :, None] * stage[:, None] / self.tau
         return best, stage * self.count[:, None], stages * self.count[:, None, None]
 
     @staticmethod
@@ -214,13 +202,13 @@ class Dual:
         own = np.add.outer(p * np.array(uavs), np.arange(p)).ravel()
         return np.r_[0:e, e + own, e + u * p + own, e + 2 * u * p + np.array(uavs)]
 
-    def _powers(self, weight: Array, v: Array, price: float, size: int,
-                second: bool) -> tuple[Array, Array, Array]:
-        """Return entropies and the transmit power's maximum in a branch, with derivatives."""
+    def _powers(self, v: Array, price: float, size: int, second: bool) -> tuple[
+            Array, Array, Array]:
+        """Return entropies and the transmit power's maximum, with derivatives."""
         s, peak = v.sum(-1), self.team.regions[0].peak
-        room, e = weight - s, v.shape[-1]
+        room, e = self.room(v), v.shape[-1]
         value, power = transmit_power(room, price, peak)
-        value = value - entropy(s) + entropy(weight)
+        value = value - entropy(s) + entropy(self.weight)
         if not second:
             return value, np.zeros(0), np.zeros(0)
         grad, hess = np.zeros((len(s), size)), np.zeros((len(s), size, size))

@@ -16,7 +16,6 @@ from .descent import Descent
 from .dual import best_column, column_values, curved, Dual, unpacked
 from .initial_multipliers import InitialMultipliers
 from .newton import DualPoint
-from ..proof.certificate import terms_of
 from ..proof.conjugate import Array
 from ..proof.potential import Potential
 from ..proof.reachable_set import ReachableSet
@@ -73,9 +72,9 @@ class MultiplierSearch:
         self.team, self.initial, self.stop = team, initial, stop
         count, uavs = len(team.stages.count), len(team.regions)
         self.point = point if point is not None else DualPoint(
-            np.zeros((count + 1, uavs, 4 if team.accelerates else 2)), initial.shares[None],
+            np.zeros((count + 1, uavs, 4 if team.accelerates else 2)), initial.shares,
             initial.prices)
-        self.weights = [initial.weight]
+        self.weight = initial.weight
         self.tables: list[Columns] = []
         self.grids: list[Array] = []
         self.base: list[Columns] = []
@@ -105,7 +104,6 @@ class MultiplierSearch:
                 [region.farthest(_compass(candidates.RIM)[None]),
                  candidates.grid(region, *candidates.STILL)], 1))
         self.found: list[list[Columns]] = [[] for _ in team.regions]
-        self.columns: list[Columns] = []
         self._latest: list[list[Columns]] = []
         self._seen: list[Columns] = []
         self._jammed: list[Columns] = []
@@ -119,14 +117,14 @@ class MultiplierSearch:
 
     def branches(self) -> list[tuple[Array, Array]]:
         """Return w0 (B, G) and v (B, G, E) that every UAV's columns have to be good for."""
-        weights, shares = np.array(self.weights), self.point.shares
+        weight, v = self.weight, self.point.shares
         if self.team.jammers < 2:
-            return [(weights, shares)] * len(self.team.regions)
+            return [(weight[None], v[None])] * len(self.team.regions)
         # Of the best combinations with shares that differ from one another.
-        some = self._jammed[-1].take(self._differing(self._jammed[-1], weights[0], shares[0]))
+        some = self._jammed[-1].take(self._differing(self._jammed[-1], weight, v))
         parts = np.moveaxis(self._shares(some).clip(1e-4, 1 - 1e-4), 2, 1)
-        return [(weights, shares), *(
-            (weights[0] * part[..., 0], shares[0] * part[..., 1:]) for part in parts)]
+        return [(weight[None], v[None]), *(
+            (weight * part[..., 0], v * part[..., 1:]) for part in parts)]
 
     def _shares(self, some: Columns) -> Array:
         """Return y_j over the sum of all, y_j = 1 / J + x_j, (J, G, C, 1 + E)."""
@@ -168,9 +166,9 @@ class MultiplierSearch:
     def _few(self, uav: int) -> Columns:
         """Return the columns of a jammer that are best for some theta and some shares."""
         columns = Columns.joined([self.seen[uav], self.tables[uav]])
-        v = self.point.shares[0]
+        v = self.point.shares
         weights, shares = (np.array(part) for part in zip(*(
-            (self.weights[0] * theta, v * rho) for theta in THETAS
+            (self.weight * theta, v * rho) for theta in THETAS
             for rho in product(RHOS[v.shape[-1]], repeat=v.shape[-1]))))
         return Columns.joined([self.near[uav], columns.take(best_column(
             self.team, [uav], self.point, columns, weights, shares).T)])
@@ -224,27 +222,26 @@ class MultiplierSearch:
         branches = self.branches()
         self._latest = [*self._latest, [
             self._priced(i, *branch) for i, branch in enumerate(branches)]][-LATEST:]
-        self.columns = [Columns.joined([*same]) for same in zip(self.base, self._latest[-1])]
+        columns = [Columns.joined([*same]) for same in zip(self.base, self._latest[-1])]
         self._seen, self._candidates = [], (self.point, [])
         for i in range(len(self.team.regions)):
             self._look_for_silence(i)
-        columns = self.columns
         if self.team.jammers > 1:
             # Branches serve to find columns; what counts then is combined.
-            some = self.listed(self.weights[0], self.point.shares[0])[1]
+            some = self.listed(self.weight, self.point.shares)[1]
             self._jammed = [*self._jammed, some][-LATEST:]
             for found, better in zip(self.found[1:], self.apart(
                     some.place[:, :, :MODES], some.power[:, :, :MODES])):
                 found.append(better)
             columns = [columns[0], Columns.joined(self._jammed)]
         silent = [self.silent(i) for i in range(len(self.team.regions))]
-        return Dual(self.team, self.weights, columns, silent, tau)
+        return Dual(self.team, self.weight, columns, silent, tau)
 
     def silent(self, i: int) -> Columns:
         """Return the places of UAV i at which nothing is sent."""
         none = np.zeros(self.places[i].shape[:2])
         return Columns(self.places[i], none, none,
-                       np.zeros(none.shape + self.point.shares.shape[2:]))
+                       np.zeros(none.shape + self.point.shares.shape[1:]))
 
     def _look_for_silence(self, i: int) -> None:
         """Add the best places at which to be silent; the latest ones stay."""
@@ -319,31 +316,6 @@ class MultiplierSearch:
             stay = pick[..., 0] == 0
             step, ratio = (np.where(stay, size / 2.5, size) for size in (step, ratio))
         return Columns.of(region, place, power, self.team.copies)
-
-    def sharpen(self, tolerance: float) -> None:
-        """
-        Find columns by branch and bound: nothing that pays is then overlooked.
-
-        :param tolerance: how far from the largest a column may be, in nats.
-        """
-        row = np.arange(len(self.team.stages.count))
-        for i, (region, (weights, shares)) in enumerate(zip(
-                self.team.regions, self.branches())):
-            columns, price = self.columns[i], self.point.prices[i]
-            terms, _ = terms_of(self.team, self.potential(i), i, np.tile(row, len(weights)),
-                                weights.ravel(), shares.reshape(-1, shares.shape[-1]), price)
-            value = self.values([i], columns, weights, shares)
-            best, known = value.argmax(2), value.max(2).ravel()
-            _, points = terms.search(known, np.full(len(terms), tolerance), 2000, self.stop)
-            points = points.T.reshape(-1, *best.shape)
-            met = np.isfinite(points[0])
-            place = np.where(met[..., None], np.moveaxis(points[:2], 0, -1),
-                             columns.place[row, best])
-            power = columns.power[row, best]
-            if len(points) == 3:
-                power = np.where(met, np.exp(np.where(met, points[2], 0.0)), power)
-            self.found[i].append(Columns.of(region, place.transpose(1, 0, 2), power.T,
-                                            self.team.copies))
 
     def curve(self) -> None:
         """Give the potentials a quadratic part, at first none."""

@@ -17,7 +17,7 @@ class DualPoint:
 
     :param potentials: at every edge u, then S where potentials are quadratic, then w where
         accelerations are limited, (G + 1, U, P).
-    :param shares: v of every set, (B, G, E).
+    :param shares: v, (G, E).
     :param prices: lam, (U,).
     """
 
@@ -42,7 +42,7 @@ class DualDerivatives:
     :param edges: its Hessian, (G + 1, U P, U P).
     :param price: gradient of what belongs to the prices alone, (U,).
     :param prices: its Hessian's diagonal, (U,).
-    :param shape: of Point.potentials and of Point.shares.
+    :param shape: of DualPoint.potentials.
     :param sharpness: how many slots a stage has, divided by the temperature, (G,).
     """
 
@@ -52,15 +52,14 @@ class DualDerivatives:
     edges: Array
     price: Array
     prices: Array
-    shape: tuple[tuple[int, ...], tuple[int, ...]]
+    shape: tuple[int, ...]
     sharpness: Array
 
     def slope(self, step: DualPoint) -> float:
         """Return the derivative along a step."""
         count = len(self.stage)
-        shares = step.shares.transpose(1, 0, 2).reshape(count, -1)
         x = step.potentials.reshape(count + 1, -1)
-        local = np.concatenate([shares, x[:-1], x[1:],
+        local = np.concatenate([step.shares, x[:-1], x[1:],
                                 np.broadcast_to(step.prices, (count, len(step.prices)))], 1)
         return float((self.stage * local).sum() + (self.edge * x).sum()
                      + self.price @ step.prices)
@@ -122,6 +121,4 @@ class DualDerivatives:
         x = (-answer[:, u] - answer[:, :u] @ prices).reshape(count + 1, up)
         other = np.concatenate([x[:-1], x[1:], np.broadcast_to(prices, (count, u))], 1)
         shares = -solved[..., -1] - np.matmul(solved[..., :-1], other[..., None])[..., 0]
-        potentials, sets = self.shape
-        return DualPoint(x.reshape(potentials),
-                         shares.reshape(count, sets[0], sets[2]).transpose(1, 0, 2), prices)
+        return DualPoint(x.reshape(self.shape), shares, prices)

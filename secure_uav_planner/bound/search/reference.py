@@ -38,17 +38,6 @@ def start(scenario: Scenario, time_left: float, objective: str,
     return positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
 
 
-def rate(subset: EavesdropperSubset, scenario: Scenario, positions: Array, powers: Array) -> float:
-    """Return about the mean rate of a plan against some eavesdroppers, in bit/s/Hz."""
-    altitude = np.array([[uav.altitude] for uav in scenario.uavs])
-    offset = positions[:, 1:-1] - np.array(scenario.ground_node)
-    received = scenario.reference_snr * np.maximum(powers, 0.0) / (
-        (offset**2).sum(-1) + altitude**2)
-    rates = np.log1p(received[0] / (1.0 + received[1:].sum(0)))
-    leaks = subset.leaks(scenario, positions, powers).max(0)
-    return float((rates - leaks).mean() / math.log(2.0))
-
-
 def by_use(scenario: Scenario, subset: EavesdropperSubset, positions: Array,
            powers: Array) -> tuple[int, ...]:
     """Return the jammers' indices, those first whose absence would leak most."""

@@ -161,12 +161,11 @@ public:
         return found;
     }
 
-    // An upper bound of the largest value of function k; the best point met, if it is above known.
-    double maximum(std::size_t k, double known, double tolerance, double budget,
-                   double* point) const {
+    // An upper bound of the largest value of function k.
+    double maximum(std::size_t k, double known, double tolerance, double budget) const {
         const int dimensions = this->dimensions();
         const std::size_t stage = stage_[k];
-        double best = known + tolerance, top = known;
+        double best = known + tolerance;
         std::vector<Box> queue = grid(k);
         for (std::size_t head = 0; head < queue.size(); ++head) {
             const Box box = queue[head];
@@ -183,13 +182,7 @@ public:
                 if (std::isnan(best)) return best;
                 continue;
             }
-            if (inside(box.centre, stage)) {
-                best = std::max(best, found.value + tolerance);
-                if (found.value > top) {
-                    top = found.value;
-                    std::copy(box.centre, box.centre + dimensions, point);
-                }
-            }
+            if (inside(box.centre, stage)) best = std::max(best, found.value + tolerance);
             if (found.bound <= best) continue;
             int side = 0;
             for (int i = 1; i < dimensions; ++i)
@@ -413,17 +406,16 @@ private:
     std::vector<double> gain_;  // Of the ground node, then of the eavesdroppers.
 };
 
-// Write the bounds of functions first..last to `known`, and the best points that were met.
+// Write the bounds of functions first..last to `known`.
 void maxima(const py::dict& given, std::size_t first, std::size_t last, const py::buffer& known,
-            const py::buffer& tolerance, double budget, const py::buffer& points) {
+            const py::buffer& tolerance, double budget) {
     const Terms terms(given);
     const Array<double> best(known, "known", terms.size());
     const Array<double> tolerances(tolerance, "tolerance", terms.size());
-    const Array<double> found(points, "points", terms.size() * terms.dimensions());
     last = std::min(last, terms.size());
     const py::gil_scoped_release release;
     for (std::size_t k = first; k < last; ++k)
-        best[k] = terms.maximum(k, best[k], tolerances[k], budget, &found[k * terms.dimensions()]);
+        best[k] = terms.maximum(k, best[k], tolerances[k], budget);
 }
 
 // Value, bound and scores of one box, for the tests.
