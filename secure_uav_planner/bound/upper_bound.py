@@ -12,7 +12,7 @@ import numpy as np
 from .proof.certificate import certify
 from .proof.conjugate import Array
 from .proof.rounding import negative_power
-from .proof.stages import MOST_STAGES
+from .proof.stages import MOST_STAGES, Stages
 from .proof.subset import EavesdropperSubset
 from .proof.team import MOST_JAMMERS, Team
 from .search import reference
@@ -230,14 +230,13 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     slots = min(scenario.slots, FEW_STAGES.get(several, MOST_STAGES))
     coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
     team = Team.of(scenario, chosen, order, slots)
-    initial = InitialMultipliers.of(coarse, path, watts)
+    initial, finer = (InitialMultipliers.of(each, path, watts) for each in (coarse, team))
     search = MultiplierSearch(coarse, initial, None, run.keeping(0.7))
     _follow(search, COARSE)
     if run.limited:
         run.prove(search)
-    point = _finer(search.point, coarse, initial.weight, team, path, watts)
-    search = MultiplierSearch(team, InitialMultipliers.of(team, path, watts), point,
-                              run.keeping(0.0, SLOTS_A_STAGE))
+    point = _finer(search.point, coarse.stages, initial.weight, team.stages, finer.weight)
+    search = MultiplierSearch(team, finer, point, run.keeping(0.0, SLOTS_A_STAGE))
     if search.stop():
         return
     _follow(search, FINE)
@@ -258,15 +257,18 @@ def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
             search.minimise(tau, ITERATIONS[search.team.jammers > 1])
 
 
-def _finer(point: DualPoint, team: Team, weight: Array, finer: Team, positions: Array,
-           powers: Array) -> DualPoint:
-    """Return the multipliers of a team for the same team in shorter stages."""
-    old, new = team.stages, finer.stages
+def _finer(point: DualPoint, old: Stages, weight: Array, new: Stages,
+           weights: Array) -> DualPoint:
+    """
+    Return multipliers for shorter stages.
+
+    :param weight: w0 of the old stages.
+    :param weights: w0 of the new ones.
+    """
     x = point.potentials.reshape(len(old.edges), -1)
     potentials = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
     stage = np.searchsorted(old.last, (new.first + new.last) // 2)
     # What matters is w0 - s, which may be tiny: it is kept.
-    weights = InitialMultipliers.of(finer, positions, powers).weight
     v = point.shares[stage]
     total = v.sum(-1)
     wanted = np.clip(weights - (weight[stage] - total), 0.02, weights * (1 - 1e-7))

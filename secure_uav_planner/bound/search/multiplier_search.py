@@ -69,7 +69,7 @@ class MultiplierSearch:
 
     def __init__(self, team: Team, initial: InitialMultipliers, point: DualPoint | None = None,
                  stop: Callable[[], bool] = lambda: False) -> None:
-        self.team, self.initial, self.stop = team, initial, stop
+        self.team, self.stop = team, stop
         count, uavs = len(team.stages.count), len(team.regions)
         self.point = point if point is not None else DualPoint(
             np.zeros((count + 1, uavs, 4 if team.accelerates else 2)), initial.shares,

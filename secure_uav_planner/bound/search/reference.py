@@ -1,4 +1,4 @@
-"""The plan from which a search begins, and what it tells: who counts, and its rate."""
+"""The plan from which a search begins, and who counts by it."""
 
 from __future__ import annotations
 
