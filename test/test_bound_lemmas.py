@@ -204,8 +204,8 @@ def random_terms(region, stages, rng, curved, jams, count=12):
     shares = weight[:, None] * rng.random((count, 1)) * rng.dirichlet(
         np.ones(len(region.radii)), count)
     powers = (np.log(region.peak) - 12, np.log(region.peak)) if jams else None
-    return Terms(region, stage, weight, shares, slope[stage], bend[stage],
-                 potential.tilt()[stage], np.full(count, 1e-10), 0.3, region.log_gain, powers)
+    return Terms(region, stage, weight, shares, slope, bend, potential.tilt(),
+                 np.full(len(slope), 1e-10), 0.3, region.log_gain, powers)
 
 
 def values(terms, k, places, powers):
@@ -213,8 +213,9 @@ def values(terms, k, places, powers):
     region = terms.region
     ground, leaks = region.log_squares(places)
     x, y = places.T
-    value = places @ terms.slope[k] + terms.bend[k] @ np.array([x * x / 2, x * y, y * y / 2])
-    f, u1, u2, s11, s12, s22 = terms.tilt[k]
+    stage = terms.stage[k]
+    value = places @ terms.slope[stage] + terms.bend[stage] @ [x * x / 2, x * y, y * y / 2]
+    f, u1, u2, s11, s12, s22 = terms.tilt[stage]
     value += f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
     if terms.powers is None:
         return value + terms.weight[k] * (terms.log_gain - ground) + (
@@ -351,13 +352,14 @@ def test_a_missing_cost_of_power_is_noticed(monkeypatch):
 
 @pytest.mark.soak
 @pytest.mark.parametrize('right, wrong', [
-    ('f.value + plane + rest', 'f.value + 0.3 * plane + rest'),
+    ('return plane + f.rest', 'return 0.3 * plane + f.rest'),
     ('return 2 * (x2 - square) / (q * q);', 'return 2 * (x2 - square) / (q * q) - 0.5 / square;'),
     ('extra += push[i]', 'extra += 0.9 * push[i]'),
-    ('kb += more;', ''),
-    ('const double twice = share * at', 'const double twice = 0.2 * share * at'),
-    ('const double more = share * 2 / q;', 'const double more = share / q;'),
-], ids=['bound', 'radial', 'rim', 'tilt', 'power', 'listener'])
+    ('f.kb += more;', ''),
+    ('const double twice = at', 'const double twice = 0.2 * at'),
+    ('f.ka = f.kb = 2 / q;', 'f.ka = f.kb = 1 / q;'),
+    ('f.kp += factor * one.kp;', ''),
+], ids=['bound', 'radial', 'rim', 'tilt', 'power', 'listener', 'weight'])
 def test_an_error_in_the_bound_of_a_box_is_noticed(right, wrong, monkeypatch, tmp_path):
     mutant = compiled_with(right, wrong, tmp_path)
     assert not boxes_fail()

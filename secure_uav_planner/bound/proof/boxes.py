@@ -23,9 +23,6 @@ Index = NDArray[np.intp]
 BUDGET = 20000
 """Boxes for one function; what is left then counts with the bound it has."""
 
-TOGETHER = 256
-"""Functions that are searched before `stop` is asked again."""
-
 
 @dataclass(frozen=True, eq=False)
 class Terms:
@@ -36,10 +33,10 @@ class Terms:
     :param stage: of every function, (M,).
     :param weight: w0, for a jammer times its theta, (M,).
     :param shares: v, for a jammer times its rho, (M, E).
-    :param slope: linear part of the potential, (M, 2) in nats per unit.
-    :param bend: quadratic part as (S_11, S_12, S_22), (M, 3) in nats per unit^2.
-    :param tilt: a term f |u + S q| as (f, u_1, u_2, S_11, S_12, S_22), (M, 6); zeros for none.
-    :param margin: for rounding, added to every bound, (M,).
+    :param slope: linear part of the potential, (G, 2) in nats per unit.
+    :param bend: quadratic part as (S_11, S_12, S_22), (G, 3) in nats per unit^2.
+    :param tilt: a term f |u + S q| as (f, u_1, u_2, S_11, S_12, S_22), (G, 6); zeros for none.
+    :param margin: for rounding, added to every bound, (G,).
     :param price: lam in nats per W.
     :param log_gain: logarithm of the SNR at one unit and 1 W, for a jammer times how many jam.
     :param powers: lower and upper limits of a jammer's log p, of all functions or (M,) each, or
@@ -75,10 +72,11 @@ class Terms:
         :param stop: asked now and then; True leaves all others with bounds of their first boxes.
         """
         best = np.array(known, float)
-        for first in range(0, len(self), TOGETHER):
+        # The functions of a stage share their boxes.
+        order = np.argsort(self.stage, kind='stable')
+        for some in np.split(order, np.flatnonzero(np.diff(self.stage[order])) + 1):
             budget = 0.0 if stop() else budget
-            core.bound_maxima(self.fields, first, first + TOGETHER, best,
-                              np.array(tolerance, float), budget)
+            core.bound_maxima(self.fields, some, best, np.array(tolerance, float), budget)
         return best
 
     @cached_property

@@ -195,9 +195,8 @@ def terms_of(team: Team, potential: Potential, uav: int, stage: Index, weights: 
         gain += math.log(team.copies)
         low, high = np.clip(within, *powers_of(team, uav))
         powers = low, high
-    terms = Terms(region, stage, weights, shares, slope[stage], bend[stage],
-                  potential.tilt()[stage], spare[stage],
-                  price, gain, powers)
+    terms = Terms(region, stage, weights, shares, slope, bend, potential.tilt(), spare, price,
+                  gain, powers)
     return terms, potential.constant()[stage]
 
 
@@ -218,7 +217,7 @@ def _maxima(team: Team, potential: Potential, uav: int, still: Array, stage: Ind
     least = np.full(len(terms), -np.inf)
     if uav:
         below = team.copies * team.delta[uav]
-        least = (still[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin
+        least = (still[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin[stage]
                  + (-terms.weight * math.log1p(-below) if below < 1 else math.inf))
         least = np.where(within[0] > powers_of(team, uav)[0], -np.inf, least)
     wanted = np.maximum(known, least - tolerance) - extra

@@ -28,12 +28,17 @@
 // linear is at most the box's maximum, and the reachable set's (support); on the rim `pressed`
 // takes the slope across it away. Second order matters: near a maximum inside the reachable set,
 // or on its rim, the number of boxes does not grow as they shrink.
+//
+// All of that but the reachable set's part is linear in the weights w0 and v, which are not
+// negative. So the boxes of a stage are a tree that its functions share: a box has one expansion
+// for each weight and one that none multiplies, and a function adds them up.
 #include <pybind11/pybind11.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <stdexcept>
 #include <vector>
 
@@ -48,20 +53,28 @@ namespace {
 constexpr int kParts = 4;               // Boxes along every side of the first grid.
 constexpr double kBoxRounding = 1e-14;  // Share by which the halves of a box are widened.
 constexpr double kTiny = 1e-300;
+constexpr std::size_t kMost = 200000;   // Boxes of a tree that a function may still begin with.
+
+// The value and slopes of a function at a box's centre, numbers such that
+// ka da^2 + kb db^2 + kp dpi^2 is at least its second derivative along (da, db, dpi) anywhere in the
+// box, and what else may be added.
+struct Expansion {
+    double value, ga, gb, gp, ka, kb, kp, rest;
+};
 
 struct Box {
-    double centre[3], half[3], bound;
+    double centre[3], half[3];
+    bool meets, inside;  // The reachable set; whether its centre is in it.
+    bool out[2];         // Whether it sticks out of the discs about start and goal.
+    std::size_t halves;  // The number of the first half, or 0 before it is cut.
 };
 
-// What a box is worth: at its centre, at most, and how much of that each side is to blame for.
-struct Worth {
-    double value, bound, score[3];
-};
-
-// The largest slope x + bend x^2 / 2 over |x| <= half.
-double largest(double slope, double half, double bend) {
-    slope = std::abs(slope);
-    return bend * half < -slope ? slope * slope / (-2 * bend) : (slope + bend * half / 2) * half;
+// The largest slope x + bend x^2 / 2 for low <= x <= high.
+double largest(double slope, double bend, double low, double high) {
+    const auto value = [&](double x) { return (slope + bend * x / 2) * x; };
+    if (bend < 0 && -slope < low * bend && -slope > high * bend)
+        return slope * slope / (-2 * bend);
+    return std::max(value(low), value(high));
 }
 
 // The largest second derivative of -log(x^2 + H^2) for low <= x <= high:
@@ -87,230 +100,185 @@ public:
           log_advantages_(given, "log_advantages", eavesdroppers_),
           from_start_(given, "from_start", stages_), to_goal_(given, "to_goal", stages_),
           corner_(given, "corner", 2 * stages_), low_(given, "low", 2 * stages_),
-          high_(given, "high", 2 * stages_), stage_(given, "stage", count_),
+          high_(given, "high", 2 * stages_), slope_(given, "slope", 2 * stages_),
+          bend_(given, "bend", 3 * stages_), tilt_(given, "tilt", 6 * stages_),
+          margin_(given, "margin", stages_), stage_(given, "stage", count_),
           weight_(given, "weight", count_), shares_(given, "shares", count_ * eavesdroppers_),
-          slope_(given, "slope", 2 * count_), bend_(given, "bend", 3 * count_),
-          tilt_(given, "tilt", 6 * count_), margin_(given, "margin", count_),
           powers_(given, "powers", 2 * count_) {
-        gain_.push_back(std::exp(log_gain_));
-        for (std::size_t e = 0; e < eavesdroppers_; ++e)
-            gain_.push_back(std::exp(log_gain_ + log_advantages_[e]));
         for (std::size_t k = 0; k < count_; ++k)
             if (stage_[k] < 0 || std::size_t(stage_[k]) >= stages_)
                 throw std::invalid_argument("wrong array: stage");
     }
 
     std::size_t size() const { return count_; }
+    std::size_t stage(std::size_t k) const { return std::size_t(stage_[k]); }
+    std::size_t parts() const { return eavesdroppers_ + 2; }
+    bool jams() const { return jams_; }
     int dimensions() const { return jams_ ? 3 : 2; }
 
-    Worth worth(std::size_t k, const Box& box) const {
-        const double a = box.centre[0], b = box.centre[1], ha = box.half[0], hb = box.half[1];
-        const double rho = std::sqrt(ha * ha + hb * hb);
-        Expansion f = jams_ ? jammer(k, box, rho) : transmitter(k, box, rho);
-        double ga = slope_[2 * k], gb = slope_[2 * k + 1], rest = margin_[k];
-        f.value += ga * a + gb * b;
-        double ka = f.bend, kb = f.bend, size = f.size;
-        const double *s = &bend_[3 * k], *t = &tilt_[6 * k];
-        if (s[0] != 0 || s[1] != 0 || s[2] != 0) {
-            const double sa = s[0] * a + s[1] * b, sb = s[1] * a + s[2] * b;
-            f.value += (sa * a + sb * b) / 2;
-            ga += sa;
-            gb += sb;
-            ka += s[0];
-            kb += s[2];
-            rest += std::abs(s[1]) * ha * hb;
-            size += std::abs(s[0]) + 2 * std::abs(s[1]) + std::abs(s[2]);
-        }
-        if (t[0] != 0) {
-            const double ta = t[1] + t[3] * a + t[4] * b, tb = t[2] + t[4] * a + t[5] * b;
-            const double safe = std::max(std::sqrt(ta * ta + tb * tb), 1e-150);
-            f.value += t[0] * safe;
-            ga += t[0] * (t[3] * ta + t[4] * tb) / safe;
-            gb += t[0] * (t[4] * ta + t[5] * tb) / safe;
-            const double norm = std::sqrt(t[3] * t[3] + 2 * t[4] * t[4] + t[5] * t[5]);
-            if (norm * rho > 4 * safe) {
-                rest += 2 * t[0] * norm * rho;
-            } else {
-                const double more = t[0] * norm * norm / safe;
-                ka += more;
-                kb += more;
-                size += more;
-            }
-        }
-        ga += f.ga;
-        gb += f.gb;
-        double plane = largest(ga, ha, ka) + largest(gb, hb, kb);
-        const bool out[2] = {
-            outside(box, 0.0, from_start_[stage_[k]]), outside(box, distance_, to_goal_[stage_[k]])};
-        if (out[0] || out[1]) {  // Else the reachable set says no more than the box.
-            const double whole = support(ga, gb, stage_[k]) - (ga * a + gb * b)
-                + (positive(ka) * ha * ha + positive(kb) * hb * hb) / 2;
-            double g[2] = {ga, gb}, bend[2] = {ka, kb};
-            const double extra = pressed(box, out, g, bend, stage_[k]);
-            const double rim = extra + largest(g[0], ha, bend[0]) + largest(g[1], hb, bend[1]);
-            plane = std::min(plane, std::min(whole, rim));
-        }
-        Worth found{f.value, f.value + plane + rest, {0, 0, 0}};
-        // Where terms cancel, or a box sticks out of the set, it is their sizes that count.
-        found.score[0] = (std::abs(ga) + size * ha / 2) * ha;
-        found.score[1] = (std::abs(gb) + size * hb / 2) * hb;
-        if (jams_) {
-            found.bound += largest(f.gp, box.half[2], f.bend_power);
-            found.score[2] = (std::abs(f.gp) + f.size_power * box.half[2] / 2) * box.half[2];
-        }
-        return found;
+    // What function k multiplies the expansions of a box by.
+    double factor(std::size_t k, std::size_t part) const {
+        return part == 0 ? weight_[k] : part > eavesdroppers_ ? 1.0
+                         : shares_[k * eavesdroppers_ + part - 1];
     }
 
-    // An upper bound of the largest value of function k.
-    double maximum(std::size_t k, double known, double tolerance, double budget) const {
-        const int dimensions = this->dimensions();
-        const std::size_t stage = stage_[k];
-        double best = known + tolerance;
-        std::vector<Box> queue = grid(k);
-        for (std::size_t head = 0; head < queue.size(); ++head) {
-            const Box box = queue[head];
-            // Written so that a NaN is never dropped.
-            if (box.bound <= best || !meets(box, stage)) continue;
-            const bool ended = double(head) >= budget;
-            if (ended && std::isfinite(box.bound)) {
-                best = std::max(best, box.bound);
-                continue;
-            }
-            const Worth found = worth(k, box);
-            if (ended) {
-                if (!(found.bound <= best)) best = found.bound;
-                if (std::isnan(best)) return best;
-                continue;
-            }
-            if (inside(box.centre, stage)) best = std::max(best, found.value + tolerance);
-            if (found.bound <= best) continue;
-            int side = 0;
-            for (int i = 1; i < dimensions; ++i)
-                if (found.score[i] > found.score[side]) side = i;
-            Box half = box;
-            half.bound = found.bound;
-            const double width = box.half[side] / 2;
-            // A box twice as small as the spacing of floats is widened to it.
-            half.half[side] = width * (1 + kBoxRounding) + 2e-16 * std::abs(box.centre[side]);
-            half.centre[side] = box.centre[side] - width;
-            queue.push_back(half);
-            half.centre[side] = box.centre[side] + width;
-            queue.push_back(half);
-        }
-        return best;
-    }
+    // Both ends of log p in function k.
+    double low(std::size_t k) const { return powers_[2 * k]; }
+    double high(std::size_t k) const { return powers_[2 * k + 1]; }
 
-private:
-    // What the rates add to a function over a box: value and derivatives at the centre, numbers
-    // such that bend |dq|^2 + bend_power dpi^2 is at least the second derivative along (dq, dpi)
-    // anywhere in the box, and the sums of the sizes of their terms.
-    struct Expansion {
-        double value, ga, gb, gp, bend, bend_power, size, size_power;
-    };
-
-    Expansion transmitter(std::size_t k, const Box& box, double rho) const {
-        const double square = altitude_ * altitude_, weight = weight_[k];
-        const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
-        const double d = std::sqrt(da * da + db * db), q = d * d + square;
-        Expansion f{};
-        f.value = weight * (log_gain_ - std::log(q));
-        f.ga = -2 * weight / q * da;
-        f.gb = -2 * weight / q * db;
-        f.bend = weight * radial(positive(d - rho), d + rho, altitude_);
-        f.size = std::abs(f.bend);
-        for (std::size_t e = 0; e < eavesdroppers_; ++e) {
-            const double share = shares_[k * eavesdroppers_ + e];
-            const double ea = box.centre[0] - places_[2 * e];
-            const double eb = box.centre[1] - places_[2 * e + 1];
-            const double d = std::sqrt(ea * ea + eb * eb), x = positive(d - radii_[e]);
-            const double q = x * x + square;
-            f.value += share * (std::log(q) - (log_gain_ + log_advantages_[e]));
-            const double factor = share * 2 * x / (q * std::max(d, kTiny));
-            f.ga += factor * ea;
-            f.gb += factor * eb;
-            const double more = share * 2 / q;
-            f.bend += more;
-            f.size += more;
+    // Boxes that hold the reachable set of a stage and all powers.
+    std::vector<Box> grid(std::size_t stage) const {
+        double low[3] = {low_[2 * stage], low_[2 * stage + 1], powers_[0]};
+        double high[3] = {high_[2 * stage], high_[2 * stage + 1], powers_[1]};
+        for (std::size_t k = 1; k < count_; ++k) {
+            low[2] = std::min(low[2], powers_[2 * k]);
+            high[2] = std::max(high[2], powers_[2 * k + 1]);
         }
-        return f;
-    }
-
-    Expansion jammer(std::size_t k, const Box& box, double rho) const {
-        const double square = altitude_ * altitude_, weight = weight_[k], width = box.half[2];
-        const double watts = std::exp(box.centre[2]), more = std::exp(width);
-        const double cost = price_ * watts, received = gain_[0] * watts;
-        const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
-        const double d2 = da * da + db * db, q = d2 + square, y = received / q;
-        Expansion f{};
-        f.value = -weight * std::log(1 + y) - cost;
-        const double use = weight * (y / (1 + y));
-        f.ga = 2 * use / q * da;
-        f.gb = 2 * use / q * db;
-        f.gp = -use - cost;
-        const double nearest = positive(std::sqrt(d2) - rho), near = nearest * nearest + square;
-        const double top = received * more / near;
-        f.bend = weight * (top / (1 + top)) * 2 / near;
-        f.bend_power = -cost / more;
-        f.size = f.bend;
-        f.size_power = -f.bend_power;
-        for (std::size_t e = 0; e < eavesdroppers_; ++e) {
-            const double share = shares_[k * eavesdroppers_ + e];
-            const double gain = gain_[e + 1] * watts;
-            const double ea = box.centre[0] - places_[2 * e];
-            const double eb = box.centre[1] - places_[2 * e + 1];
-            const double d = std::sqrt(ea * ea + eb * eb), x = d + radii_[e];
-            const double q = x * x + square, y = gain / q;
-            f.value += share * std::log(1 + y);
-            const double use = share * (y / (1 + y));
-            const double factor = -use * 2 * x / (q * std::max(d, kTiny));
-            f.ga += factor * ea;
-            f.gb += factor * eb;
-            f.gp += use;
-            const double low = positive(d - rho) + radii_[e], high = x + rho;
-            const double top = gain * more / (low * low + square);
-            const double least = gain / more / (high * high + square);
-            // phi'' is y / (1 + y)^2, largest at y = 1.
-            double at = std::min(std::max(least, 1.0), top);
-            const double twice = share * at / ((1 + at) * (1 + at));
-            at = std::min(std::max(altitude_, low), high);
-            const double steep = 2 * at / (at * at + square);
-            // (|dpi| + G |dq|)^2: the two squares and the product are shared out.
-            const double plane = twice * steep * (steep + width / std::max(rho, kTiny));
-            const double power = twice * (1 + steep * rho / std::max(width, kTiny));
-            const double round = radial(low, high, altitude_);
-            at = round > 0 ? top : least;
-            const double along = share * (at / (1 + at)) * round;
-            f.bend += plane + along;
-            f.bend_power += power;
-            f.size += plane + std::abs(along);
-            f.size_power += power;
-        }
-        return f;
-    }
-
-    std::vector<Box> grid(std::size_t k) const {
-        const std::size_t stage = stage_[k];
-        double low[3], high[3];
-        for (int i = 0; i < 2; ++i) {
-            low[i] = low_[2 * stage + i];
-            high[i] = high_[2 * stage + i];
-        }
-        low[2] = powers_[2 * k];
-        high[2] = powers_[2 * k + 1];
-        const int all = kParts * kParts * (jams_ ? kParts : 1);
-        std::vector<Box> boxes(all);
-        for (int number = 0; number < all; ++number) {
+        std::vector<Box> boxes(jams_ ? kParts * kParts * kParts : kParts * kParts);
+        for (std::size_t number = 0; number < boxes.size(); ++number) {
             Box& box = boxes[number];
-            box.bound = std::numeric_limits<double>::infinity();
-            int at = number;
+            std::size_t at = number;
             for (int i = 0; i < dimensions(); ++i, at /= kParts) {
-                box.centre[i] = low[i] + (high[i] - low[i]) * (at % kParts + 0.5) / kParts;
+                box.centre[i] = low[i] + (high[i] - low[i]) * (double(at % kParts) + 0.5) / kParts;
                 // The centre is off by a few eps of the corners, so boxes reach farther.
                 box.half[i] = (high[i] - low[i]) / (2 * kParts) * (1 + kBoxRounding)
                               + 4e-16 * (std::abs(low[i]) + std::abs(high[i]));
             }
         }
         return boxes;
+    }
+
+    // Find a box's place in the reachable set, and its expansions: that of the ground node, those
+    // of the eavesdroppers, and what does not depend on weights.
+    void expand(std::size_t stage, Box& box, Expansion* parts) const {
+        box.meets = meets(box, stage);
+        box.inside = inside(box.centre, stage);
+        box.out[0] = outside(box, 0.0, from_start_[stage]);
+        box.out[1] = outside(box, distance_, to_goal_[stage]);
+        const double ha = box.half[0], hb = box.half[1], rho = std::sqrt(ha * ha + hb * hb);
+        for (std::size_t part = 0; part < this->parts(); ++part) parts[part] = Expansion{};
+        if (jams_) {
+            jammer(box, rho, parts);
+        } else {
+            transmitter(box, rho, parts);
+        }
+        potential(stage, box, rho, parts[eavesdroppers_ + 1]);
+    }
+
+    // At most so much is function f larger in a box than at its centre, for log p from `low` to
+    // `high` beyond the centre's.
+    double rise(std::size_t stage, const Box& box, const Expansion& f, double low,
+                double high) const {
+        const double ha = box.half[0], hb = box.half[1];
+        double plane = largest(f.ga, f.ka, -ha, ha) + largest(f.gb, f.kb, -hb, hb);
+        if (box.out[0] || box.out[1]) {  // Else the reachable set says no more than the box.
+            const double whole = support(f.ga, f.gb, stage)
+                - (f.ga * box.centre[0] + f.gb * box.centre[1])
+                + (positive(f.ka) * ha * ha + positive(f.kb) * hb * hb) / 2;
+            double g[2] = {f.ga, f.gb}, bend[2] = {f.ka, f.kb};
+            const double extra = pressed(box, g, bend, stage);
+            const double rim = extra + largest(g[0], bend[0], -ha, ha)
+                + largest(g[1], bend[1], -hb, hb);
+            plane = std::min(plane, std::min(whole, rim));
+        }
+        return plane + f.rest + (jams_ ? largest(f.gp, f.kp, low, high) : 0.0);
+    }
+
+private:
+    void transmitter(const Box& box, double rho, Expansion* parts) const {
+        const double square = altitude_ * altitude_;
+        const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
+        const double d = std::sqrt(da * da + db * db), q = d * d + square;
+        Expansion& f = parts[0];
+        f.value = log_gain_ - std::log(q);
+        f.ga = -2 / q * da;
+        f.gb = -2 / q * db;
+        f.ka = f.kb = radial(positive(d - rho), d + rho, altitude_);
+        for (std::size_t e = 0; e < eavesdroppers_; ++e) {
+            const double ea = box.centre[0] - places_[2 * e];
+            const double eb = box.centre[1] - places_[2 * e + 1];
+            const double d = std::sqrt(ea * ea + eb * eb), x = positive(d - radii_[e]);
+            const double q = x * x + square, factor = 2 * x / (q * std::max(d, kTiny));
+            Expansion& f = parts[e + 1];
+            f.value = std::log(q) - (log_gain_ + log_advantages_[e]);
+            f.ga = factor * ea;
+            f.gb = factor * eb;
+            f.ka = f.kb = 2 / q;
+        }
+    }
+
+    void jammer(const Box& box, double rho, Expansion* parts) const {
+        const double square = altitude_ * altitude_, width = box.half[2];
+        const double watts = std::exp(box.centre[2]), more = std::exp(width);
+        const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
+        const double d2 = da * da + db * db, q = d2 + square;
+        const double received = std::exp(log_gain_) * watts, y = received / q, use = y / (1 + y);
+        Expansion& f = parts[0];
+        f.value = -std::log(1 + y);
+        f.ga = 2 * use / q * da;
+        f.gb = 2 * use / q * db;
+        f.gp = -use;
+        const double nearest = positive(std::sqrt(d2) - rho), near = nearest * nearest + square;
+        const double top = received * more / near;
+        f.ka = f.kb = top / (1 + top) * 2 / near;
+        for (std::size_t e = 0; e < eavesdroppers_; ++e) {
+            const double gain = std::exp(log_gain_ + log_advantages_[e]) * watts;
+            const double ea = box.centre[0] - places_[2 * e];
+            const double eb = box.centre[1] - places_[2 * e + 1];
+            const double d = std::sqrt(ea * ea + eb * eb), x = d + radii_[e];
+            const double q = x * x + square, y = gain / q, use = y / (1 + y);
+            const double factor = -use * 2 * x / (q * std::max(d, kTiny));
+            Expansion& f = parts[e + 1];
+            f.value = std::log(1 + y);
+            f.ga = factor * ea;
+            f.gb = factor * eb;
+            f.gp = use;
+            const double low = positive(d - rho) + radii_[e], high = x + rho;
+            const double top = gain * more / (low * low + square);
+            const double least = gain / more / (high * high + square);
+            // phi'' is y / (1 + y)^2, largest at y = 1.
+            double at = std::min(std::max(least, 1.0), top);
+            const double twice = at / ((1 + at) * (1 + at));
+            at = std::min(std::max(altitude_, low), high);
+            const double steep = 2 * at / (at * at + square);
+            // (|dpi| + G |dq|)^2: the two squares and the product are shared out.
+            const double plane = twice * steep * (steep + width / std::max(rho, kTiny));
+            const double round = radial(low, high, altitude_);
+            at = round > 0 ? top : least;
+            f.ka = f.kb = plane + at / (1 + at) * round;
+            f.kp = twice * (1 + steep * rho / std::max(width, kTiny));
+        }
+        const double cost = price_ * watts;
+        Expansion& paid = parts[eavesdroppers_ + 1];
+        paid.value = paid.gp = -cost;
+        paid.kp = -cost / more;
+    }
+
+    // Add the potential and the margin.
+    void potential(std::size_t stage, const Box& box, double rho, Expansion& f) const {
+        const double a = box.centre[0], b = box.centre[1];
+        const double *u = &slope_[2 * stage], *s = &bend_[3 * stage], *t = &tilt_[6 * stage];
+        const double sa = s[0] * a + s[1] * b, sb = s[1] * a + s[2] * b;
+        f.value += u[0] * a + u[1] * b + (sa * a + sb * b) / 2;
+        f.ga += u[0] + sa;
+        f.gb += u[1] + sb;
+        f.ka += s[0];
+        f.kb += s[2];
+        f.rest += margin_[stage] + std::abs(s[1]) * box.half[0] * box.half[1];
+        if (t[0] == 0) return;
+        const double ta = t[1] + t[3] * a + t[4] * b, tb = t[2] + t[4] * a + t[5] * b;
+        const double safe = std::max(std::sqrt(ta * ta + tb * tb), 1e-150);
+        f.value += t[0] * safe;
+        f.ga += t[0] * (t[3] * ta + t[4] * tb) / safe;
+        f.gb += t[0] * (t[4] * ta + t[5] * tb) / safe;
+        const double norm = std::sqrt(t[3] * t[3] + 2 * t[4] * t[4] + t[5] * t[5]);
+        if (norm * rho > 4 * safe) {
+            f.rest += 2 * t[0] * norm * rho;
+        } else {
+            const double more = t[0] * norm * norm / safe;
+            f.ka += more;
+            f.kb += more;
+        }
     }
 
     // Whether a box meets both discs.
@@ -361,8 +329,7 @@ private:
     // so many times it may be added to a function before it is bounded. With a the slope's part
     // along q - c that slope is gone, and a / R is taken from the second derivative: what is left
     // is second order near a maximum on the rim, too.
-    double pressed(const Box& box, const bool* out, double* slope, double* bend,
-                   std::size_t stage) const {
+    double pressed(const Box& box, double* slope, double* bend, std::size_t stage) const {
         const double radius[2] = {from_start_[stage], to_goal_[stage]}, y = box.centre[1];
         const double x[2] = {box.centre[0], box.centre[0] - distance_};
         double far[2], na[2], nb[2], along[2];
@@ -370,7 +337,7 @@ private:
         for (int i = 0; i < 2; ++i) {
             far[i] = std::sqrt(x[i] * x[i] + y * y);
             // A place in the middle of a disc has no side to speak of.
-            use[i] = out[i] && far[i] > radius[i] / 2;
+            use[i] = box.out[i] && far[i] > radius[i] / 2;
             na[i] = x[i] / std::max(far[i], kTiny);
             nb[i] = y / std::max(far[i], kTiny);
             along[i] = use[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
@@ -400,25 +367,166 @@ private:
     double altitude_, distance_, price_, log_gain_;
     bool jams_;
     Array<double> ground_, places_, radii_, log_advantages_, from_start_, to_goal_, corner_, low_,
-        high_;
+        high_, slope_, bend_, tilt_, margin_;
     Array<std::int64_t> stage_;
-    Array<double> weight_, shares_, slope_, bend_, tilt_, margin_, powers_;
-    std::vector<double> gain_;  // Of the ground node, then of the eavesdroppers.
+    Array<double> weight_, shares_, powers_;
 };
 
-// Write the bounds of functions first..last to `known`.
-void maxima(const py::dict& given, std::size_t first, std::size_t last, const py::buffer& known,
+// The boxes of a stage.
+class Tree {
+public:
+    Tree(const Terms& terms, std::size_t stage) : terms_(terms), stage_(stage) {
+        for (const Box& box : terms.grid(stage)) add(box);
+        first_ = boxes_.size();
+    }
+
+    // A single box.
+    Tree(const Terms& terms, std::size_t stage, const Box& box) : terms_(terms), stage_(stage) {
+        add(box);
+    }
+
+    std::size_t stage() const { return stage_; }
+    bool is_full() const { return boxes_.size() > kMost; }
+
+    // The expansion of function k in a box.
+    Expansion sum(std::size_t k, std::size_t number) const {
+        const std::size_t count = terms_.parts();
+        Expansion f = parts_[number * count + count - 1];
+        for (std::size_t part = 0; part + 1 < count; ++part) {
+            const double factor = terms_.factor(k, part);
+            const Expansion& one = parts_[number * count + part];
+            f.value += factor * one.value;
+            f.ga += factor * one.ga;
+            f.gb += factor * one.gb;
+            f.gp += factor * one.gp;
+            f.ka += factor * one.ka;
+            f.kb += factor * one.kb;
+            f.kp += factor * one.kp;
+        }
+        return f;
+    }
+
+    double rise(const Expansion& f, std::size_t number, double low, double high) const {
+        return terms_.rise(stage_, boxes_[number], f, low, high);
+    }
+
+    // An upper bound of the largest value of function k.
+    double maximum(std::size_t k, double known, double tolerance, double budget) {
+        double best = known + tolerance;
+        queue_.clear();
+        for (std::size_t number = 0; number < first_; ++number)
+            queue_.push_back({number, std::numeric_limits<double>::infinity()});
+        for (std::size_t head = 0; head < queue_.size(); ++head) {
+            const Item item = queue_[head];
+            const Box& box = boxes_[item.number];
+            // Written so that a NaN is never dropped.
+            if (item.bound <= best || !box.meets) continue;
+            const bool ended = double(head) >= budget;
+            if (ended && std::isfinite(item.bound)) {
+                best = std::max(best, item.bound);
+                continue;
+            }
+            double low = 0.0, high = 0.0;
+            if (terms_.jams()) {
+                const double middle = box.centre[2], width = box.half[2];
+                low = std::max(within(terms_.low(k), middle, -1), -width);
+                high = std::min(within(terms_.high(k), middle, 1), width);
+                if (low > high) continue;
+            }
+            const Expansion f = sum(k, item.number);
+            const double bound = f.value + rise(f, item.number, low, high);
+            if (ended) {
+                if (!(bound <= best)) best = bound;
+                if (std::isnan(best)) return best;
+                continue;
+            }
+            if (box.inside && low <= 0 && high >= 0) best = std::max(best, f.value + tolerance);
+            if (bound <= best) continue;
+            if (!box.halves) cut(k, item.number, f);
+            const std::size_t half = boxes_[item.number].halves;
+            queue_.push_back({half, bound});
+            queue_.push_back({half + 1, bound});
+        }
+        return best;
+    }
+
+private:
+    struct Item {
+        std::size_t number;
+        double bound;
+    };
+
+    // How far a limit of log p is from a box's centre, a little farther than by rounding.
+    static double within(double limit, double middle, int sign) {
+        return limit - middle + sign * 4e-16 * (std::abs(limit) + std::abs(middle));
+    }
+
+    void add(const Box& box) {
+        boxes_.push_back(box);
+        boxes_.back().halves = 0;
+        parts_.resize(boxes_.size() * terms_.parts());
+        terms_.expand(stage_, boxes_.back(), &parts_[(boxes_.size() - 1) * terms_.parts()]);
+    }
+
+    // Halve a box along the side that makes function k's bound largest.
+    void cut(std::size_t k, std::size_t number, const Expansion& f) {
+        // Where terms cancel, or a box sticks out of the set, it is their sizes that count.
+        double size[3] = {};
+        for (std::size_t part = 0; part < terms_.parts(); ++part) {
+            const Expansion& one = parts_[number * terms_.parts() + part];
+            const double factor = terms_.factor(k, part), bends[3] = {one.ka, one.kb, one.kp};
+            for (int i = 0; i < 3; ++i) size[i] += factor * std::abs(bends[i]);
+        }
+        const double slope[3] = {f.ga, f.gb, f.gp};
+        Box box = boxes_[number];
+        int side = 0;
+        double most = -1.0;
+        for (int i = 0; i < terms_.dimensions(); ++i) {
+            const double score = (std::abs(slope[i]) + size[i] * box.half[i] / 2) * box.half[i];
+            if (score > most) {
+                most = score;
+                side = i;
+            }
+        }
+        boxes_[number].halves = boxes_.size();
+        const double width = box.half[side] / 2, middle = box.centre[side];
+        // A box twice as small as the spacing of floats is widened to it.
+        box.half[side] = width * (1 + kBoxRounding) + 2e-16 * std::abs(middle);
+        for (const int sign : {-1, 1}) {
+            box.centre[side] = middle + sign * width;
+            add(box);
+        }
+    }
+
+    const Terms& terms_;
+    std::size_t stage_, first_ = 0;
+    std::vector<Box> boxes_;
+    std::vector<Expansion> parts_;
+    std::vector<Item> queue_;
+};
+
+// Write the bounds of some functions, those of a stage one after the other, to `known`.
+void maxima(const py::dict& given, const py::buffer& functions, const py::buffer& known,
             const py::buffer& tolerance, double budget) {
     const Terms terms(given);
+    const std::size_t count = std::size_t(functions.request().size);
+    const Array<std::int64_t> some(functions, "functions", count);
     const Array<double> best(known, "known", terms.size());
     const Array<double> tolerances(tolerance, "tolerance", terms.size());
-    last = std::min(last, terms.size());
+    for (std::size_t i = 0; i < count; ++i)
+        if (some[i] < 0 || std::size_t(some[i]) >= terms.size())
+            throw std::invalid_argument("wrong array: functions");
     const py::gil_scoped_release release;
-    for (std::size_t k = first; k < last; ++k)
-        best[k] = terms.maximum(k, best[k], tolerances[k], budget);
+    std::unique_ptr<Tree> tree;
+    for (std::size_t i = 0; i < count; ++i) {
+        const std::size_t k = std::size_t(some[i]);
+        if (!tree || tree->stage() != terms.stage(k) || tree->is_full())
+            tree = std::make_unique<Tree>(terms, terms.stage(k));
+        best[k] = tree->maximum(k, best[k], tolerances[k], budget);
+    }
 }
 
-// Value, bound and scores of one box, for the tests.
+// Value at the centre of a box and bound over it, for the tests.
 py::tuple box(const py::dict& given, std::size_t function, const py::buffer& centre,
               const py::buffer& half) {
     const Terms terms(given);
@@ -430,8 +538,9 @@ py::tuple box(const py::dict& given, std::size_t function, const py::buffer& cen
         box.centre[i] = middle[i];
         box.half[i] = sides[i];
     }
-    const Worth found = terms.worth(function, box);
-    return py::make_tuple(found.value, found.bound);
+    const Tree tree(terms, terms.stage(function), box);
+    const Expansion f = tree.sum(function, 0);
+    return py::make_tuple(f.value, f.value + tree.rise(f, 0, -box.half[2], box.half[2]));
 }
 
 }  // namespace

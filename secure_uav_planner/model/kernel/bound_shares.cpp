@@ -327,15 +327,18 @@ private:
     // Draw a place into one disc and then into the other; return whether it is in both.
     bool draw_in(std::size_t j, double* place) const {
         const double radius[2] = {from_start_[j * stages_ + stage_], to_goal_[j * stages_ + stage_]};
-        const auto far = [&](int disc) {
-            return std::hypot(place[0] - disc * distance_[j], place[1]) / radius[disc];
+        const auto excess = [&](int disc) {
+            const double along = place[0] - disc * distance_[j];
+            return (along * along + place[1] * place[1]) / (radius[disc] * radius[disc]);
         };
         for (int disc = 0; disc < 2; ++disc) {
-            const double part = std::min(1.0, (1 - 1e-9) / far(disc));
-            place[0] = disc * distance_[j] + part * (place[0] - disc * distance_[j]);
+            const double much = excess(disc);
+            if (much <= 1.0) continue;
+            const double part = (1 - 1e-9) / std::sqrt(much), middle = disc * distance_[j];
+            place[0] = middle + part * (place[0] - middle);
             place[1] *= part;
         }
-        return far(0) <= 1.0;
+        return excess(0) <= 1.0;
     }
 
     // Move a column to where it is worth more, with log p between two ends.
