@@ -23,7 +23,7 @@ BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 FEW, SWEEPS = 60, (2, 5)
 """Columns that join those from which v is chosen, and how often: with one eavesdropper, more."""
 
-TOLERANCE = 5e-4
+TOLERANCE = 2e-4
 """What a maximum may be too large, in nats."""
 
 SPARED = 1e-4

@@ -410,22 +410,17 @@ public:
         return terms_.rise(stage_, boxes_[number], f, low, high);
     }
 
-    // An upper bound of the largest value of function k.
+    // An upper bound of the largest value of function k: no more than a value that it reaches,
+    // or the known one, and the tolerance, unless the budget ends.
     double maximum(std::size_t k, double known, double tolerance, double budget) {
-        double best = known + tolerance;
+        double enough = known + tolerance, found = -std::numeric_limits<double>::infinity();
         queue_.clear();
         for (std::size_t number = 0; number < first_; ++number)
             queue_.push_back({number, std::numeric_limits<double>::infinity()});
         for (std::size_t head = 0; head < queue_.size(); ++head) {
-            const Item item = queue_[head];
-            const Box& box = boxes_[item.number];
-            // Written so that a NaN is never dropped.
-            if (item.bound <= best || !box.meets) continue;
-            const bool ended = double(head) >= budget;
-            if (ended && std::isfinite(item.bound)) {
-                best = std::max(best, item.bound);
-                continue;
-            }
+            const std::size_t number = queue_[head].number;
+            const Box& box = boxes_[number];
+            if (!box.meets) continue;
             double low = 0.0, high = 0.0;
             if (terms_.jams()) {
                 const double middle = box.centre[2], width = box.half[2];
@@ -433,21 +428,26 @@ public:
                 high = std::min(within(terms_.high(k), middle, 1), width);
                 if (low > high) continue;
             }
-            const Expansion f = sum(k, item.number);
-            const double bound = f.value + rise(f, item.number, low, high);
-            if (ended) {
-                if (!(bound <= best)) best = bound;
-                if (std::isnan(best)) return best;
-                continue;
+            double bound = queue_[head].bound;
+            const bool ended = double(head) >= budget;
+            // Written so that a NaN is never dropped.
+            if (!(bound <= enough) && !(ended && std::isfinite(bound))) {
+                const Expansion f = sum(k, number);
+                bound = f.value + rise(f, number, low, high);
+                if (box.inside && low <= 0 && high >= 0)
+                    enough = std::max(enough, f.value + tolerance);
+                if (!ended && !(bound <= enough)) {
+                    if (!box.halves) cut(k, number, f);
+                    const std::size_t half = boxes_[number].halves;
+                    queue_.push_back({half, bound});
+                    queue_.push_back({half + 1, bound});
+                    continue;
+                }
             }
-            if (box.inside && low <= 0 && high >= 0) best = std::max(best, f.value + tolerance);
-            if (bound <= best) continue;
-            if (!box.halves) cut(k, item.number, f);
-            const std::size_t half = boxes_[item.number].halves;
-            queue_.push_back({half, bound});
-            queue_.push_back({half + 1, bound});
+            if (std::isnan(bound)) return bound;
+            found = std::max(found, bound);
         }
-        return best;
+        return found;
     }
 
 private:
