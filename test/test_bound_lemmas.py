@@ -352,7 +352,7 @@ def test_a_missing_cost_of_power_is_noticed(monkeypatch):
 
 @pytest.mark.soak
 @pytest.mark.parametrize('right, wrong', [
-    ('return plane + f.rest', 'return 0.3 * plane + f.rest'),
+    ('return base + plane;', 'return base + 0.3 * plane;'),
     ('return 2 * (x2 - square) / (q * q);', 'return 2 * (x2 - square) / (q * q) - 0.5 / square;'),
     ('extra += push[i]', 'extra += 0.9 * push[i]'),
     ('f.kb += more;', ''),

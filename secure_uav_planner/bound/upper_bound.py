@@ -31,8 +31,8 @@ from ..plan.plan import Plan, POWER_TOLERANCE
 MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 3, 2
 """Eavesdroppers that are counted with at most, with up to two jammers and with more."""
 
-FEW_STAGES = {3: 160, 4: 110, 5: 70}
-"""Stages with several jammers, by the number of jammers and eavesdroppers: each takes longer."""
+FEW_STAGES = {(2, 1): 160, (2, 2): 110, (2, 3): 70, (3, 1): 90, (3, 2): 40}
+"""Stages with several jammers, by the numbers of jammers and eavesdroppers: each takes longer."""
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
 """
@@ -226,8 +226,8 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     chosen = everyone.best(leaks, MOST_EAVESDROPPERS if len(order) < 3 else FEW_EAVESDROPPERS)
     uavs = [0, *order[:MOST_JAMMERS]]
     path, watts = positions[uavs], powers[uavs]
-    several = len(uavs) - 1 + len(chosen.places) if len(uavs) > 2 else 0
-    slots = min(scenario.slots, FEW_STAGES.get(several, MOST_STAGES))
+    kind = len(uavs) - 1, len(chosen.places)
+    slots = min(scenario.slots, FEW_STAGES.get(kind, MOST_STAGES))
     coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
     team = Team.of(scenario, chosen, order, slots)
     initial, finer = (InitialMultipliers.of(each, path, watts) for each in (coarse, team))

@@ -12,8 +12,8 @@ from ..proof.conjugate import Array, mixing
 from ..proof.jammer_shares import corners, over_boxes, share_boxes, Splits
 from ...model.kernel import core
 
-SPLITS = 20
-"""How often that is cut at most at a breakpoint."""
+SPLITS = {2: 20, 3: 40}
+"""How often that is cut at most at a breakpoint, by the number of jammers."""
 
 ENOUGH = 2e-3
 """By how much, in nats, a breakpoint may be above what combinations are worth without a cut."""
@@ -51,7 +51,7 @@ def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: A
     """
     team = search.team
     m, e, j = len(stage), team.eavesdroppers, team.copies
-    count = SPLITS if j > 1 else 0
+    count = SPLITS.get(j, 0)
     box, side = np.full((m, count), -1), np.zeros((m, count), np.int64)
     at, theta = np.zeros((m, count)), np.zeros((m, count + 1, e, j, j)) + 1 / (j * e)
     mean, known = np.ones((m, count + 1, e, j)), np.zeros((m, count + 1, j, j**e))

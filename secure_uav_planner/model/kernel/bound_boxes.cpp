@@ -50,7 +50,6 @@ using kernel::size_of;
 
 namespace {
 
-constexpr int kParts = 4;               // Boxes along every side of the first grid.
 constexpr double kBoxRounding = 1e-14;  // Share by which the halves of a box are widened.
 constexpr double kTiny = 1e-300;
 constexpr std::size_t kMost = 200000;   // Boxes of a tree that a function may still begin with.
@@ -126,26 +125,22 @@ public:
     double low(std::size_t k) const { return powers_[2 * k]; }
     double high(std::size_t k) const { return powers_[2 * k + 1]; }
 
-    // Boxes that hold the reachable set of a stage and all powers.
-    std::vector<Box> grid(std::size_t stage) const {
+    // The box that holds the reachable set of a stage and all powers.
+    Box whole(std::size_t stage) const {
         double low[3] = {low_[2 * stage], low_[2 * stage + 1], powers_[0]};
         double high[3] = {high_[2 * stage], high_[2 * stage + 1], powers_[1]};
         for (std::size_t k = 1; k < count_; ++k) {
             low[2] = std::min(low[2], powers_[2 * k]);
             high[2] = std::max(high[2], powers_[2 * k + 1]);
         }
-        std::vector<Box> boxes(jams_ ? kParts * kParts * kParts : kParts * kParts);
-        for (std::size_t number = 0; number < boxes.size(); ++number) {
-            Box& box = boxes[number];
-            std::size_t at = number;
-            for (int i = 0; i < dimensions(); ++i, at /= kParts) {
-                box.centre[i] = low[i] + (high[i] - low[i]) * (double(at % kParts) + 0.5) / kParts;
-                // The centre is off by a few eps of the corners, so boxes reach farther.
-                box.half[i] = (high[i] - low[i]) / (2 * kParts) * (1 + kBoxRounding)
-                              + 4e-16 * (std::abs(low[i]) + std::abs(high[i]));
-            }
+        Box box{};
+        for (int i = 0; i < dimensions(); ++i) {
+            box.centre[i] = (low[i] + high[i]) / 2;
+            // The centre is off by a few eps of the corners, so the box reaches farther.
+            box.half[i] = (high[i] - low[i]) / 2 * (1 + kBoxRounding)
+                          + 4e-16 * (std::abs(low[i]) + std::abs(high[i]));
         }
-        return boxes;
+        return box;
     }
 
     // Find a box's place in the reachable set, and its expansions: that of the ground node, those
@@ -165,13 +160,15 @@ public:
         potential(stage, box, rho, parts[eavesdroppers_ + 1]);
     }
 
-    // At most so much is function f larger in a box than at its centre, for log p from `low` to
-    // `high` beyond the centre's.
-    double rise(std::size_t stage, const Box& box, const Expansion& f, double low,
-                double high) const {
+    // The most that function f is in a box, for log p from `low` to `high` beyond the centre's, as
+    // closely as it takes to see whether that is `enough`.
+    double bound(std::size_t stage, const Box& box, const Expansion& f, double low, double high,
+                 double enough) const {
         const double ha = box.half[0], hb = box.half[1];
+        const double base = f.value + f.rest + (jams_ ? largest(f.gp, f.kp, low, high) : 0.0);
         double plane = largest(f.ga, f.ka, -ha, ha) + largest(f.gb, f.kb, -hb, hb);
-        if (box.out[0] || box.out[1]) {  // Else the reachable set says no more than the box.
+        // Inside, the reachable set says no more than the box.
+        if ((box.out[0] || box.out[1]) && !(base + plane <= enough)) {
             const double whole = support(f.ga, f.gb, stage)
                 - (f.ga * box.centre[0] + f.gb * box.centre[1])
                 + (positive(f.ka) * ha * ha + positive(f.kb) * hb * hb) / 2;
@@ -181,7 +178,7 @@ public:
                 + largest(g[1], bend[1], -hb, hb);
             plane = std::min(plane, std::min(whole, rim));
         }
-        return plane + f.rest + (jams_ ? largest(f.gp, f.kp, low, high) : 0.0);
+        return base + plane;
     }
 
 private:
@@ -317,8 +314,8 @@ private:
                 positive((along * std::abs(gb) / across - ga) / distance_);
             const double sa = share * (along - distance_);
             const double sb = share * (gb > 0 ? across : gb < 0 ? -across : 0.0);
-            best = std::min(best, near * std::hypot(ga - sa, gb - sb) + far * std::hypot(sa, sb)
-                                      + sa * distance_);
+            best = std::min(best, near * std::sqrt((ga - sa) * (ga - sa) + (gb - sb) * (gb - sb))
+                                      + far * std::sqrt(sa * sa + sb * sb) + sa * distance_);
         }
         return best;
     }
@@ -375,14 +372,8 @@ private:
 // The boxes of a stage.
 class Tree {
 public:
-    Tree(const Terms& terms, std::size_t stage) : terms_(terms), stage_(stage) {
-        for (const Box& box : terms.grid(stage)) add(box);
-        first_ = boxes_.size();
-    }
-
-    // A single box.
-    Tree(const Terms& terms, std::size_t stage, const Box& box) : terms_(terms), stage_(stage) {
-        add(box);
+    Tree(const Terms& terms, std::size_t stage, const Box& whole) : terms_(terms), stage_(stage) {
+        add(whole);
     }
 
     std::size_t stage() const { return stage_; }
@@ -406,17 +397,16 @@ public:
         return f;
     }
 
-    double rise(const Expansion& f, std::size_t number, double low, double high) const {
-        return terms_.rise(stage_, boxes_[number], f, low, high);
+    double bound(const Expansion& f, std::size_t number, double low, double high,
+                 double enough) const {
+        return terms_.bound(stage_, boxes_[number], f, low, high, enough);
     }
 
     // An upper bound of the largest value of function k: no more than a value that it reaches,
     // or the known one, and the tolerance, unless the budget ends.
     double maximum(std::size_t k, double known, double tolerance, double budget) {
         double enough = known + tolerance, found = -std::numeric_limits<double>::infinity();
-        queue_.clear();
-        for (std::size_t number = 0; number < first_; ++number)
-            queue_.push_back({number, std::numeric_limits<double>::infinity()});
+        queue_.assign(1, {0, std::numeric_limits<double>::infinity()});
         for (std::size_t head = 0; head < queue_.size(); ++head) {
             const std::size_t number = queue_[head].number;
             const Box& box = boxes_[number];
@@ -433,9 +423,9 @@ public:
             // Written so that a NaN is never dropped.
             if (!(bound <= enough) && !(ended && std::isfinite(bound))) {
                 const Expansion f = sum(k, number);
-                bound = f.value + rise(f, number, low, high);
                 if (box.inside && low <= 0 && high >= 0)
                     enough = std::max(enough, f.value + tolerance);
+                bound = terms_.bound(stage_, box, f, low, high, enough);
                 if (!ended && !(bound <= enough)) {
                     if (!box.halves) cut(k, number, f);
                     const std::size_t half = boxes_[number].halves;
@@ -499,7 +489,7 @@ private:
     }
 
     const Terms& terms_;
-    std::size_t stage_, first_ = 0;
+    std::size_t stage_;
     std::vector<Box> boxes_;
     std::vector<Expansion> parts_;
     std::vector<Item> queue_;
@@ -521,7 +511,7 @@ void maxima(const py::dict& given, const py::buffer& functions, const py::buffer
     for (std::size_t i = 0; i < count; ++i) {
         const std::size_t k = std::size_t(some[i]);
         if (!tree || tree->stage() != terms.stage(k) || tree->is_full())
-            tree = std::make_unique<Tree>(terms, terms.stage(k));
+            tree = std::make_unique<Tree>(terms, terms.stage(k), terms.whole(terms.stage(k)));
         best[k] = tree->maximum(k, best[k], tolerances[k], budget);
     }
 }
@@ -540,7 +530,8 @@ py::tuple box(const py::dict& given, std::size_t function, const py::buffer& cen
     }
     const Tree tree(terms, terms.stage(function), box);
     const Expansion f = tree.sum(function, 0);
-    return py::make_tuple(f.value, f.value + tree.rise(f, 0, -box.half[2], box.half[2]));
+    return py::make_tuple(
+        f.value, tree.bound(f, 0, -box.half[2], box.half[2], -std::numeric_limits<double>::infinity()));
 }
 
 }  // namespace

@@ -23,7 +23,6 @@ namespace {
 constexpr std::size_t kJammers = 3;     // At most.
 constexpr std::size_t kListeners = 3;   // Eavesdroppers at most.
 constexpr std::size_t kCorners = 27;    // Of a box of shares, at most.
-constexpr std::size_t kExtra = 96;      // Improved columns of a jammer that a box keeps.
 constexpr int kRounds = 16;             // Of a search for a better place and power.
 constexpr int kSweeps = 3;               // Of one jammer after the other.
 constexpr double kFaint = 20.0;          // Of log p below the peak, where jammers are sought.
@@ -393,11 +392,7 @@ private:
                     if (worth(column) > before + 1e-5) fresh.push_back(column);
                 }
             }
-            std::vector<Column>& extra = box.extra[j];
-            if (extra.size() + fresh.size() > kExtra)
-                extra.erase(extra.begin(), extra.begin() + std::min<std::size_t>(
-                    fresh.size(), extra.size()));
-            extra.insert(extra.end(), fresh.begin(), fresh.end());
+            box.extra[j].insert(box.extra[j].end(), fresh.begin(), fresh.end());
         }
     }
 
