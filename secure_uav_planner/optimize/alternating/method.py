@@ -1,6 +1,7 @@
 """Section III: powers and trajectories in turn, by successive convex approximation."""
 
 from collections.abc import Sequence
+import math
 
 from .powers import PowerProblem
 from .trajectory import TrajectoryProblem
@@ -40,7 +41,12 @@ def alternate(search: Search) -> Status:
     if not search.warm:
         # Powers have local optima; the start is the best of several levels of jamming.
         search.try_less_jamming()
-        _rounds(search, [powers], POWERS_TOLERANCE)
+        before = -math.inf
+        while search.rate - before > TOLERANCE and search.stop_reason() is None:
+            _rounds(search, [powers], POWERS_TOLERANCE)
+            before = search.rate
+            # Slots in which nothing is sent are stationary: nothing in them changes by itself.
+            search.settle_idle_slots()
     trajectory = TrajectoryProblem(search.scenario)
     return _rounds(search, [powers] * POWER_STEPS + [trajectory], TOLERANCE)
 
