@@ -82,7 +82,7 @@ def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
 @settings(max_examples=30)
 @given(missions(max_eavesdroppers=3), SEEDS, MUS)
 def test_hessians_are_those_of_the_objective(scenario, seed, mu):
-    grid, step = Grid.of(scenario), 1e-6
+    grid, step = Grid.of(scenario), 1e-5
     x = inner_variables(grid, np.random.default_rng(seed))
     _, _, [found] = oracle.model(Barrier(grid, x[None], mu))
     exact = oracle.hessians(
