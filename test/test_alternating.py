@@ -81,7 +81,8 @@ def test_a_solver_that_reaches_its_limit_costs_a_step_not_the_plan(monkeypatch):
     monkeypatch.setattr(clarabel, 'DefaultSettings', settings)
     plan = solve(Scenario.paper(102), method='alternating')
     assert plan.status == 'numerical_trouble'
-    assert plan.guaranteed_rate == plan.history[5].guaranteed_rate > 0.7
+    steps = [one for one in plan.history if one.step in ('power', 'trajectory')]
+    assert plan.guaranteed_rate == steps[4].guaranteed_rate > 0.7
 
 
 def test_a_warm_start_is_where_it_begins():

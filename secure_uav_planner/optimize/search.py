@@ -90,16 +90,8 @@ class Search:
         Powers have local optima, and those with much jamming are usually the worse.
         """
         present = self.powers
-        # Where every slot loses, nothing is sent at present.
-        sent = present[:1] if present[0].any() else np.full_like(
-            present[:1], self.scenario.average_powers[0])
-        jammers = len(present) - 1
-        for jamming in [np.ones(jammers), *np.eye(jammers)]:
-            for share in _JAMMING_SHARES:
-                self.try_improve(powers=np.concatenate(
-                    [sent, share * jamming[:, None] * present[1:]]))
-            if self.rate > 0:
-                break  # Each jammer alone is tried only where all together leave nothing.
+        for share in _JAMMING_SHARES:
+            self.try_improve(powers=np.concatenate([present[:1], share * present[1:]]))
         alone = powers_without_jamming(self.scenario, self.positions)
         if alone is not None:
             self.try_improve(powers=alone)

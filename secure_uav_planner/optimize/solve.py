@@ -74,6 +74,9 @@ def solve(scenario: Scenario, method: Method = 'joint',
                     objective=objective)
     if method == 'joint':
         return search.plan(method, joint.improve(search))
+    if not search.warm:
+        # Powers have local optima: the result is no worse than the baseline with optimised powers.
+        joint.optimise_powers(search)
     from .alternating import alternate  # Here, because CVXPY takes a second to import.
     return search.plan(method, alternate(search))
 

@@ -1,8 +1,5 @@
 """Section III: powers and trajectories in turn, by successive convex approximation."""
 
-from collections.abc import Sequence
-import math
-
 from .powers import PowerProblem
 from .trajectory import TrajectoryProblem
 from ..search import Search
@@ -10,8 +7,6 @@ from ...plan.plan import Status
 
 TOLERANCE = 1e-5
 """A round of all steps that gains less, in bit/s/Hz, is the last."""
-POWERS_TOLERANCE = 1e-7
-"""The same for rounds of powers alone."""
 MAX_ROUNDS = 100
 POWER_STEPS = 3
 """Steps of Section III-A, which cost a fifth of one of Section III-B, before each of those."""
@@ -31,28 +26,11 @@ def alternate(search: Search) -> Status:
     """
     Improve a search by the paper's algorithm until a round gains less than the tolerance.
 
-    Unless an earlier plan is the start, the powers come first, as far as they go: the result is
-    no worse than theirs alone.
-
     :param search: whose positions and powers are improved.
     :return: why the method stopped.
     """
     powers = PowerProblem(search.scenario)
-    if not search.warm:
-        # Powers have local optima; the start is the best of several levels of jamming.
-        search.try_less_jamming()
-        before = -math.inf
-        while search.rate - before > TOLERANCE and search.stop_reason() is None:
-            _rounds(search, [powers], POWERS_TOLERANCE)
-            before = search.rate
-            # Slots in which nothing is sent are stationary: nothing in them changes by itself.
-            search.settle_idle_slots()
-    trajectory = TrajectoryProblem(search.scenario)
-    return _rounds(search, [powers] * POWER_STEPS + [trajectory], TOLERANCE)
-
-
-def _rounds(search: Search, steps: Sequence[_Problem], tolerance: float) -> Status:
-    """Take the steps in turn until a round of them gains less than the tolerance."""
+    steps = [powers] * POWER_STEPS + [TrajectoryProblem(search.scenario)]
     for _ in range(MAX_ROUNDS):
         before = search.rate
         solved = True
@@ -60,15 +38,15 @@ def _rounds(search: Search, steps: Sequence[_Problem], tolerance: float) -> Stat
             reason = search.stop_reason()
             if reason is not None:
                 return reason
-            if _compile_time(problem, steps) > search.time_left:
+            if _compile_time(problem, powers) > search.time_left:
                 return 'time_limit'
             solved &= _step(search, problem)
-        if search.rate - before < tolerance:
+        if search.rate - before < TOLERANCE:
             return search.stop_reason() or ('converged' if solved else 'numerical_trouble')
     return 'iteration_limit'
 
 
-def _compile_time(problem: _Problem, steps: Sequence[_Problem]) -> float:
+def _compile_time(problem: _Problem, powers: PowerProblem) -> float:
     """
     Return how long compiling a problem will take in s, which nothing can interrupt.
 
@@ -76,7 +54,7 @@ def _compile_time(problem: _Problem, steps: Sequence[_Problem]) -> float:
     """
     if problem.compile_time is not None:
         return problem.compile_time
-    return COMPILE_RATIO * (steps[0].compile_time or 0.0)
+    return COMPILE_RATIO * (powers.compile_time or 0.0)
 
 
 def _step(search: Search, problem: _Problem) -> bool:
