@@ -71,12 +71,12 @@ class Terms:
         :param budget: boxes for each function.
         :param stop: asked now and then; True leaves all others with bounds of their first boxes.
         """
-        best = np.array(known, float)
+        best, tolerance = np.array(known, float), np.array(tolerance, float)
         # The functions of a stage share their boxes.
         order = np.argsort(self.stage, kind='stable')
         for some in np.split(order, np.flatnonzero(np.diff(self.stage[order])) + 1):
             budget = 0.0 if stop() else budget
-            core.bound_maxima(self.fields, some, best, np.array(tolerance, float), budget)
+            core.bound_maxima(self.fields, some, best, tolerance, budget)
         return best
 
     @cached_property
