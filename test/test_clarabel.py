@@ -82,8 +82,9 @@ def test_the_best_iterate_survives_whatever_the_solver_raises(monkeypatch, error
     monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(error, after=5))
     plan = solve(Scenario.paper(102), method='alternating')
     assert plan.status == 'numerical_trouble'
-    assert plan.guaranteed_rate == pytest.approx(plan.history[5].rate)
-    assert plan.history[5].rate > plan.history[1].rate
+    rates = [one.rate for one in plan.history if one.step in ('power', 'trajectory')]
+    assert plan.guaranteed_rate == pytest.approx(rates[4])
+    assert rates[4] > rates[0]
 
 
 def test_every_solve_has_a_solver_of_its_own(monkeypatch):
