@@ -415,7 +415,7 @@ def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
     guard.start()
     try:
         seen = b''
-        while b'iteration' not in seen:
+        while b'(power)' not in seen:
             seen += os.read(ours, 1000)
         process.send_signal(number)
         # The other end of a terminal that nobody reads would block.
