@@ -32,10 +32,10 @@ constexpr double kActive = 0.03;              // Part of a corner from which it 
 constexpr double kExact = 1e-4;         // In nats.
 constexpr double kHuge = std::numeric_limits<double>::infinity();
 
-// A jammer's place and log p, its worth without the rates, log(1 + J x) at the receivers, and
-// 1 + J x at the ground node.
+// A jammer's place, log p and p, its worth without the rates, and at the receivers J x and, once
+// it is among the columns, log(1 + J x).
 struct Column {
-    double place[2], power, base, heard[kListeners + 1], noise;
+    double place[2], power, watts, base, received[kListeners + 1], heard[kListeners + 1];
 };
 
 // A piece of the maximum over columns as a function of theta: the column that is best up to `end`.
@@ -104,7 +104,8 @@ public:
             own_[j].resize(columns_);
             for (std::size_t c = 0; c < columns_; ++c) {
                 const std::size_t at = (j * stages_ + stage) * columns_ + c;
-                own_[j][c] = {{place_[2 * at], place_[2 * at + 1]}, power_[at], base_[at], {}, 1.0};
+                own_[j][c] = {{place_[2 * at], place_[2 * at + 1]}, power_[at],
+                              std::exp(power_[at]), base_[at], {}, {}};
                 hear(j, own_[j][c]);
             }
         }
@@ -118,14 +119,13 @@ public:
                 for (std::size_t r = 0; r <= listeners_; ++r) {
                     noise[r] = 1.0;
                     for (std::size_t i = 0; i < jammers_; ++i)
-                        if (i != j)
-                            noise[r] += std::expm1(own_[i][number].heard[r]) / double(jammers_);
+                        if (i != j) noise[r] += own_[i][number].received[r] / double(jammers_);
                 }
                 const auto worth = [&](const Column& one) {
-                    double value = one.base - price_[j] * std::exp(one.power);
+                    double value = one.base - price_[j] * one.watts;
                     for (std::size_t r = 0; r <= listeners_; ++r)
                         value += (r ? v_[r - 1] : -weight_)
-                            * std::log(noise[r] + std::expm1(one.heard[r]) / double(jammers_));
+                            * std::log(noise[r] + one.received[r] / double(jammers_));
                     return value;
                 };
                 improve(j, peak_[j] - kFaint, peak_[j], std::pow(0.3, sweep), worth,
@@ -161,7 +161,7 @@ public:
             for (std::size_t j = 0; j < jammers_; ++j) box.share[e][j][j] = 1.0;
         std::fill(box.low, box.low + jammers_, -kHuge);
         std::fill(box.high, box.high + jammers_, kHuge);
-        fit(box, true);
+        fit_well(box);
         return box;
     }
 
@@ -169,6 +169,7 @@ public:
     bool split(Box& box, Box& rest, std::int64_t* side, double* at) {
         Box best;
         double score = kHuge;
+        list(box);
         for (std::size_t s = 0; s < listeners_ + jammers_; ++s) {
             if (!box.useful[s]) continue;
             const Cut& cut = box.cut[s];
@@ -183,8 +184,10 @@ public:
             } else {
                 part[0].high[s - listeners_] = part[1].low[s - listeners_] = cut.at;
             }
-            fit(part[0], false);
-            fit(part[1], false);
+            for (Box& one : part) {
+                if (s >= listeners_) list(one);
+                fit(one);
+            }
             const double more = std::max(part[0].bound, part[1].bound)
                                 + 1e-3 * std::min(part[0].bound, part[1].bound);
             if (!(more < score)) continue;
@@ -198,23 +201,27 @@ public:
         }
         if (score == kHuge) return false;
         box = std::move(best);
-        fit(box, true);
-        fit(rest, true);
+        fit_well(box);
+        fit_well(rest);
         return true;
     }
 
 private:
-    void hear(std::size_t j, Column& column) const {
-        const double watts = std::exp(column.power), square = altitude_[j] * altitude_[j];
+    void receive(std::size_t j, Column& column) const {
+        const double square = altitude_[j] * altitude_[j];
         for (std::size_t r = 0; r <= listeners_; ++r) {
             const std::size_t at = j * (listeners_ + 1) + r;
             const double x = column.place[0] - people_[2 * at];
             const double y = column.place[1] - people_[2 * at + 1];
             const double d = std::sqrt(x * x + y * y) + radii_[at];
-            const double received = gain_[at] * watts / (d * d + square);
-            if (!r) column.noise = 1.0 + received;
-            column.heard[r] = std::log(1 + received);
+            column.received[r] = gain_[at] * column.watts / (d * d + square);
         }
+    }
+
+    void hear(std::size_t j, Column& column) const {
+        receive(j, column);
+        for (std::size_t r = 0; r <= listeners_; ++r)
+            column.heard[r] = std::log(1 + column.received[r]);
     }
 
     // The weights of what receivers hear of jammer j at a corner.
@@ -226,8 +233,9 @@ private:
     }
 
     double worth(std::size_t j, const Column& column, const double* w) const {
-        double value = column.base - price_[j] * std::exp(column.power);
-        for (std::size_t r = 0; r <= listeners_; ++r) value += w[r] * column.heard[r];
+        double value = column.base - price_[j] * column.watts;
+        for (std::size_t r = 0; r <= listeners_; ++r)
+            if (w[r] != 0) value += w[r] * std::log(1 + column.received[r]);
         return value;
     }
 
@@ -242,6 +250,7 @@ private:
                                               std::min(box.high[j], peak_[j]));
                 if (power == column.power) continue;
                 column.power = power;
+                column.watts = std::exp(power);
                 hear(j, column);
             }
             std::sort(all.begin(), all.end(), [](const Column& one, const Column& two) {
@@ -257,7 +266,7 @@ private:
             const std::vector<Column>& all = listed_[j];
             cost_.resize(all.size());
             for (std::size_t c = 0; c < all.size(); ++c)
-                cost_[c] = all[c].base - price_[j] * std::exp(all[c].power);
+                cost_[c] = all[c].base - price_[j] * all[c].watts;
             for (std::size_t corner = 0; corner < corners_; ++corner) {
                 weights(box, j, corner, 0.0, w);
                 std::vector<Piece>& pieces = pieces_[j][corner];
@@ -309,7 +318,7 @@ private:
             for (std::size_t j = 0; j < jammers_; ++j) {
                 double begin = 0.0;
                 for (const Piece& piece : pieces_[j][corner]) {
-                    theta[j] = std::max(level * listed_[j][piece.column].noise, begin);
+                    theta[j] = std::max(level * (1.0 + listed_[j][piece.column].received[0]), begin);
                     begin = piece.end;
                     if (theta[j] <= begin) break;
                 }
@@ -361,8 +370,9 @@ private:
                 } else {
                     trial.power = std::min(std::max(trial.power + sign * ratio, least), most);
                     if (!(trial.power != column.power)) continue;
+                    trial.watts = std::exp(trial.power);
                 }
-                hear(j, trial);
+                receive(j, trial);
                 const double value = worth(trial);
                 if (value > top) {
                     top = value;
@@ -373,6 +383,7 @@ private:
             if (next.place[0] == column.place[0] && next.place[1] == column.place[1]) step /= 2.5;
             column = next;
         }
+        hear(j, column);
     }
 
     // Add what is better than the columns at the corners.
@@ -400,26 +411,31 @@ private:
         return std::min(std::max(theta_[corner][j] + sign * kAside, 0.0), 1.0);
     }
 
-    // Find theta, the bound and the cuts of a box; thoroughly with better columns.
-    void fit(Box& box, bool thorough) {
-        for (int round = 0; round < (thorough ? 2 : 1); ++round) {
-            if (round) extend(box);
-            list(box);
-            tabulate(box);
-            for (std::size_t corner = 0; corner < corners_; ++corner)
-                best_theta(corner, theta_[corner]);
-            make_affine(box);
-            for (std::size_t corner = 0; corner < corners_; ++corner) {
-                values_[corner] = weight_ * std::log(double(jammers_));
-                for (std::size_t j = 0; j < jammers_; ++j) {
-                    const double theta = theta_[corner][j];
-                    box.known[j][corner] = maximum(j, corner, theta);
-                    values_[corner] += box.known[j][corner];
-                    if (theta > 0) values_[corner] += weight_ * theta * std::log(theta);
-                }
+    // Fit a box, and again with better columns.
+    void fit_well(Box& box) {
+        list(box);
+        fit(box);
+        extend(box);
+        list(box);
+        fit(box);
+    }
+
+    // Find theta, the bound and the cuts of a box by the columns that are listed.
+    void fit(Box& box) {
+        tabulate(box);
+        for (std::size_t corner = 0; corner < corners_; ++corner)
+            best_theta(corner, theta_[corner]);
+        make_affine(box);
+        for (std::size_t corner = 0; corner < corners_; ++corner) {
+            values_[corner] = weight_ * std::log(double(jammers_));
+            for (std::size_t j = 0; j < jammers_; ++j) {
+                const double theta = theta_[corner][j];
+                box.known[j][corner] = maximum(j, corner, theta);
+                values_[corner] += box.known[j][corner];
+                if (theta > 0) values_[corner] += weight_ * theta * std::log(theta);
             }
-            bound(box);
         }
+        bound(box);
         choose(box);
     }
 
@@ -536,8 +552,8 @@ private:
             if (!loud || !(quiet->power < loud->power)) continue;
             // The middle of what is heard by whoever hears the louder one best.
             const double heard = *std::max_element(loud->heard, loud->heard + listeners_ + 1);
-            const double gain = std::expm1(heard) / std::exp(loud->power);
-            const double middle = (heard + std::log1p(gain * std::exp(quiet->power))) / 2;
+            const double gain = std::expm1(heard) / loud->watts;
+            const double middle = (heard + std::log1p(gain * quiet->watts)) / 2;
             const double at = std::log(std::expm1(middle) / gain);
             box.useful[listeners_ + j] = at > box.low[j] && at < box.high[j];
             box.cut[listeners_ + j] = {0, 0, at};
