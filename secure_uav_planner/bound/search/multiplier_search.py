@@ -25,6 +25,9 @@ from ...model.kernel import core
 MODES, APART = 6, 0.1
 """Combinations of columns for whose shares new columns are looked for, and how they differ."""
 
+NEARBY = (-5, -1, 0, 1, 5)
+"""From how many stages on the best combinations are tried here, too."""
+
 FEW = ([0, 4], [0, 1, 4, 7, 9, 10, 11, 12])
 """Of a jammer's powers those that are kept at the coarse places: alone, and among several."""
 
@@ -177,13 +180,27 @@ class MultiplierSearch:
         """Return good columns of the transmitter and of all jammers at w0 (G,) and v (G, E)."""
         if self.team.jammers < 2:
             return self.seen
-        some = candidates.combined(self.candidates, self._base(self.candidates), weight, v)
+        some = Columns.joined([
+            candidates.combined(self.candidates, self._base(self.candidates), weight, v),
+            self._nearby()])
         chosen = some.take(self._differing(some, weight, v))
         fields = self.fields(self.apart(chosen.place, chosen.power))
         core.bound_improve_together({**fields, 'weight': np.ascontiguousarray(weight),
                                      'shares': np.ascontiguousarray(v)})
         better = self.apart(fields['place'], np.exp(fields['power']))
         return [self.seen[0], Columns.joined([Columns.together(better), some])]
+
+    def _nearby(self) -> Columns:
+        """Return the combinations that were improved last, also those of stages close by."""
+        found, stage = self._jammed[-1], np.arange(len(self.weight))
+        parts = []
+        for shift in NEARBY:
+            other = np.clip(stage + shift, 0, len(stage) - 1)
+            place, power = found.place[:, other, :MODES], found.power[:, other, :MODES]
+            parts.append(Columns.together(self.apart(np.stack([
+                region.drawn_in(q, stage[:, None])
+                for region, q in zip(self.team.regions[1:], place)]), power)))
+        return Columns.joined(parts)
 
     def apart(self, place: Array, power: Array) -> list[Columns]:
         """Return columns of every jammer, for places (J, G, C, 2) and powers (J, G, C)."""

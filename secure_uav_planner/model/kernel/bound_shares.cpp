@@ -24,6 +24,7 @@ constexpr std::size_t kJammers = 3;     // At most.
 constexpr std::size_t kListeners = 3;   // Eavesdroppers at most.
 constexpr std::size_t kCorners = 27;    // Of a box of shares, at most.
 constexpr int kRounds = 16;             // Of a search for a better place and power.
+constexpr double kFinest = 0.005;       // Share of its first steps at which such a search ends.
 constexpr int kSweeps = 3;               // Of one jammer after the other.
 constexpr double kFaint = 20.0;          // Of log p below the peak, where jammers are sought.
 constexpr int kMixing = 60;             // Of a search for the corners that make up the bound.
@@ -354,6 +355,7 @@ private:
     void improve(std::size_t j, double least, double most, double share, const Worth& worth,
                  Column& column) const {
         double step = share * width_[j * stages_ + stage_] / 12, ratio = share * 0.4;
+        const double least_step = kFinest * step, least_ratio = kFinest * ratio;
         double top = worth(column);
         const double* pull = &pull_[2 * (j * stages_ + stage_)];
         for (int round = 0; round < kRounds; ++round) {
@@ -382,6 +384,7 @@ private:
             if (next.power == column.power) ratio /= 2.5;
             if (next.place[0] == column.place[0] && next.place[1] == column.place[1]) step /= 2.5;
             column = next;
+            if (step < least_step && ratio < least_ratio) break;
         }
         hear(j, column);
     }
