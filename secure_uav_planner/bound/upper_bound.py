@@ -31,8 +31,13 @@ from ..plan.plan import Plan, POWER_TOLERANCE
 MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 3, 2
 """Eavesdroppers that are counted with at most, with up to two jammers and with more."""
 
-FEW_STAGES = {(2, 1): 160, (2, 2): 110, (2, 3): 70, (3, 1): 90, (3, 2): 40}
-"""Stages with several jammers, by the numbers of jammers and eavesdroppers: each takes longer."""
+FEW_STAGES = {(2, 1): (160, 250), (2, 2): (110, 250), (2, 3): (70, 140), (3, 1): (90, 150),
+              (3, 2): (40, 55)}
+"""
+Stages with several jammers, at first and in the end, by the numbers of jammers and eavesdroppers.
+
+Each takes longer with more of them.
+"""
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
 """
@@ -49,7 +54,10 @@ CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same with quadratic potentials."""
 
 LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
-"""What follows instead with several jammers, or where potentials must stay linear."""
+"""What follows instead where potentials must stay linear."""
+
+FIRST, LAST = (*FINE, (0.01, 3), (0.003, 2)), ((0.003, 2), (0.001, 1))
+"""The same with several jammers, on their first and on their last stages."""
 
 SLOTS_A_STAGE, FEWEST = 4, 20
 """Slots in a coarse stage, and how many such stages there are at least."""
@@ -226,26 +234,36 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     chosen = everyone.best(leaks, MOST_EAVESDROPPERS if len(order) < 3 else FEW_EAVESDROPPERS)
     uavs = [0, *order[:MOST_JAMMERS]]
     path, watts = positions[uavs], powers[uavs]
-    kind = len(uavs) - 1, len(chosen.places)
-    slots = min(scenario.slots, FEW_STAGES.get(kind, MOST_STAGES))
-    coarse = Team.of(scenario, chosen, order, max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST)))
-    team = Team.of(scenario, chosen, order, slots)
-    initial, finer = (InitialMultipliers.of(each, path, watts) for each in (coarse, team))
-    search = MultiplierSearch(coarse, initial, None, run.keeping(0.7))
+
+    def level(slots: int) -> tuple[Team, InitialMultipliers]:
+        team = Team.of(scenario, chosen, order, slots)
+        return team, InitialMultipliers.of(team, path, watts)
+
+    slots, jam = scenario.slots, len(uavs) > 2
+    first, last = (min(slots, most) for most in (
+        FEW_STAGES[len(uavs) - 1, len(chosen.places)] if jam else (MOST_STAGES, MOST_STAGES)))
+    coarse = max(-(-first // SLOTS_A_STAGE), min(first, FEWEST))
+    search = MultiplierSearch(*level(coarse), None, run.keeping(0.7))
     _follow(search, COARSE)
     if run.limited:
         run.prove(search)
-    point = _finer(search.point, coarse.stages, initial.weight, team.stages, finer.weight)
-    search = MultiplierSearch(team, finer, point, run.keeping(0.0, SLOTS_A_STAGE))
-    if search.stop():
-        return
-    _follow(search, FINE)
-    if team.jammers > 1 or (team.stages.count > 1).any():
-        _follow(search, LINEAR)
+    proven = run.limited
+    for count, schedule in [(first, FIRST), (last, LAST)] if jam else [(first, FINE)]:
+        team, initial = level(count)
+        finer = MultiplierSearch(team, initial, _finer(search, team.stages, initial.weight),
+                                 run.keeping(0.0, last / coarse))
+        if finer.stop():
+            break
+        search, proven = finer, False
+        _follow(search, schedule)
     else:
-        search.curve()
-        _follow(search, CURVED)
-    run.prove(search)
+        if slots > MOST_STAGES and not jam:
+            _follow(search, LINEAR)
+        elif not jam:
+            search.curve()
+            _follow(search, CURVED)
+    if not proven and not run.stop():
+        run.prove(search)
 
 
 def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:
@@ -257,14 +275,13 @@ def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
             search.minimise(tau, ITERATIONS[search.team.jammers > 1])
 
 
-def _finer(point: DualPoint, old: Stages, weight: Array, new: Stages,
-           weights: Array) -> DualPoint:
+def _finer(search: MultiplierSearch, new: Stages, weights: Array) -> DualPoint:
     """
-    Return multipliers for shorter stages.
+    Return a search's multipliers for shorter stages.
 
-    :param weight: w0 of the old stages.
-    :param weights: w0 of the new ones.
+    :param weights: w0 of the new stages.
     """
+    point, old, weight = search.point, search.team.stages, search.weight
     x = point.potentials.reshape(len(old.edges), -1)
     potentials = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
     stage = np.searchsorted(old.last, (new.first + new.last) // 2)

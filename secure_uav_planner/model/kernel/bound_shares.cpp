@@ -24,10 +24,11 @@ constexpr std::size_t kJammers = 3;     // At most.
 constexpr std::size_t kListeners = 3;   // Eavesdroppers at most.
 constexpr std::size_t kCorners = 27;    // Of a box of shares, at most.
 constexpr int kRounds = 16;             // Of a search for a better place and power.
-constexpr double kFinest = 0.005;       // Share of its first steps at which such a search ends.
+constexpr double kFinest = 0.02;        // Share of its first steps at which such a search ends.
 constexpr int kSweeps = 3;               // Of one jammer after the other.
 constexpr double kFaint = 20.0;          // Of log p below the peak, where jammers are sought.
-constexpr int kMixing = 60;             // Of a search for the corners that make up the bound.
+constexpr int kHalvings = 14;           // Of the interval in which the best theta are.
+constexpr int kMixing = 25;             // Of a search for the corners that make up the bound.
 constexpr double kAside = 0.02;         // On both sides of the best theta columns are improved.
 constexpr double kActive = 0.03;              // Part of a corner from which it counts.
 constexpr double kExact = 1e-4;         // In nats.
@@ -281,13 +282,14 @@ private:
                     value[c] = sum;
                     while (!pieces.empty()) {
                         const std::size_t last = pieces.back().column;
-                        const double steeper = weight_ * (all[last].heard[0] - all[c].heard[0]);
-                        const double meet = (value[last] - sum) / std::max(steeper, 1e-300);
-                        if (meet >= 1.0) break;
+                        // They meet where theta is the first over the second.
+                        const double less = value[last] - sum, steeper = std::max(
+                            weight_ * (all[last].heard[0] - all[c].heard[0]), 1e-300);
+                        if (less >= steeper) break;
                         const double begin =
                             pieces.size() > 1 ? pieces[pieces.size() - 2].end : 0.0;
-                        if (meet > begin) {
-                            pieces.back().end = meet;
+                        if (less > begin * steeper) {
+                            pieces.back().end = less / steeper;
                             pieces.push_back({c, 1.0});
                             break;
                         }
@@ -312,8 +314,12 @@ private:
 
     // The theta that minimise F at a corner: log theta - heard is the same for all jammers.
     void best_theta(std::size_t corner, double* theta) const {
-        double low = -60.0, high = 0.0;
-        for (int k = 0; k < 24; ++k) {
+        // One theta is at least 1 / J, and one at most that, and the noise at least 1.
+        double most = 1.0;
+        for (std::size_t j = 0; j < jammers_; ++j)
+            most = std::max(most, 1.0 + listed_[j].front().received[0]);
+        double high = -std::log(double(jammers_)), low = high - std::log(most);
+        for (int k = 0; k < kHalvings; ++k) {
             const double level = std::exp((low + high) / 2);
             double sum = 0.0;
             for (std::size_t j = 0; j < jammers_; ++j) {
