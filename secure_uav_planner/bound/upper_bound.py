@@ -65,6 +65,9 @@ SLOTS_A_STAGE, FEWEST = 4, 20
 ITERATIONS = (5, 12)
 """Newton steps on the same columns, with at most one jammer and with more."""
 
+LONGER = 1.5
+"""How many times longer a stage's certificate may take than on coarse stages, if time is short."""
+
 REPORT_PERIOD = 0.5
 """Time in s after which progress is reported although no better bound was proven."""
 
@@ -251,7 +254,7 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     for count, schedule in [(first, FIRST), (last, LAST)] if jam else [(first, FINE)]:
         team, initial = level(count)
         finer = MultiplierSearch(team, initial, _finer(search, team.stages, initial.weight),
-                                 run.keeping(0.0, last / coarse))
+                                 run.keeping(0.0, LONGER * count / coarse))
         if finer.stop():
             break
         search, proven = finer, False
