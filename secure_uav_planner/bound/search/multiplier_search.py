@@ -1,4 +1,4 @@
-"""The search for multipliers: columns, branches and temperatures around Newton's method."""
+"""The search for multipliers: columns and temperatures around Newton's method."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..proof.team import Team
 from ...model.kernel import core
 
 MODES, APART = 6, 0.1
-"""Combinations of columns for whose shares new columns are looked for, and how they differ."""
+"""Combinations of columns that are improved together, and how their shares differ."""
 
 NEARBY = (-5, -1, 0, 1, 5)
 """From how many stages on the best combinations are tried here, too."""
@@ -39,7 +39,7 @@ NEAR = 7
 """Powers up to the peak of jammers as near to every eavesdropper as they can be, always kept."""
 
 KEEP = 45
-"""Columns that are kept in every branch."""
+"""Columns that are kept of those that are best."""
 
 LATEST = 8
 """
@@ -54,7 +54,7 @@ ROUND = 16
 """Places on the reachable set's rim that are always kept, where a jammer is silent."""
 
 FRESH, OLD = 5, 15
-"""Columns of every branch that are improved by a compass search, and earlier ones that stay."""
+"""Columns that are improved by a compass search, and earlier ones that stay."""
 
 SILENT = 24
 """Places to be silent at that are kept, beside the fixed ones."""
@@ -117,17 +117,6 @@ class MultiplierSearch:
         self._descent = Descent()
 
     # -- what the present multipliers ask for
-
-    def branches(self) -> list[tuple[Array, Array]]:
-        """Return w0 (B, G) and v (B, G, E) that every UAV's columns have to be good for."""
-        weight, v = self.weight, self.point.shares
-        if self.team.jammers < 2:
-            return [(weight[None], v[None])] * len(self.team.regions)
-        # Of the best combinations with shares that differ from one another.
-        some = self._jammed[-1].take(self._differing(self._jammed[-1], weight, v))
-        parts = np.moveaxis(self._shares(some).clip(1e-4, 1 - 1e-4), 2, 1)
-        return [(weight[None], v[None]), *(
-            (weight * part[..., 0], v * part[..., 1:]) for part in parts)]
 
     def _shares(self, some: Columns) -> Array:
         """Return y_j over the sum of all, y_j = 1 / J + x_j, (J, G, C, 1 + E)."""
@@ -236,15 +225,13 @@ class MultiplierSearch:
 
     def dual(self, tau: float) -> Dual:
         """Return the dual function on the columns that the present multipliers ask for."""
-        branches = self.branches()
         self._latest = [*self._latest, [
-            self._priced(i, *branch) for i, branch in enumerate(branches)]][-LATEST:]
+            self._priced(i) for i in range(len(self.team.regions))]][-LATEST:]
         columns = [Columns.joined([*same]) for same in zip(self.base, self._latest[-1])]
         self._seen, self._candidates = [], (self.point, [])
         for i in range(len(self.team.regions)):
             self._look_for_silence(i)
         if self.team.jammers > 1:
-            # Branches serve to find columns; what counts then is combined.
             some = self.listed(self.weight, self.point.shares)[1]
             self._jammed = [*self._jammed, some][-LATEST:]
             for found, better in zip(self.found[1:], self.apart(
@@ -274,38 +261,29 @@ class MultiplierSearch:
         latest = np.concatenate([place[:, fixed:], new], 1)[:, -SILENT:]
         self.places[i] = np.concatenate([place[:, :fixed], latest], 1)
 
-    def _priced(self, i: int, weights: Array, shares: Array) -> Columns:
+    def _priced(self, i: int) -> Columns:
         """Return the columns of UAV i that are best for the present multipliers."""
-        region = self.team.regions[i]
+        region, table = self.team.regions[i], self.tables[i].power.shape[1]
         # To be silent somewhere else is worth it even where the other UAV sends.
         rim = Columns.of(region, self.places[i], np.zeros(self.places[i].shape[:2]),
                          self.team.copies)
         pool = Columns.joined([self.tables[i], rim, *self.found[i]])
-        chosen: list[Columns] = []
-        fresh: list[Columns] = []
-        for weight, v, value in zip(weights, shares, self.values([i], pool, weights, shares)):
-            few = min(KEEP // 3 if chosen else KEEP, value.shape[1])
-            chosen.append(pool.take(np.argpartition(value, -few, axis=1)[:, -few:]))
-            if len(fresh) < 3:
-                # Of every place of the table only its best power.
-                table = value[:, :self.tables[i].power.shape[1]]
-                places = self.grids[i].shape[1]
-                powers = table.shape[1] // places
-                best = table.reshape(len(table), places, powers).argmax(2)
-                best = np.concatenate(
-                    [best + powers * np.arange(places),
-                     np.broadcast_to(np.arange(table.shape[1], value.shape[1]),
-                                     (len(value), value.shape[1] - table.shape[1]))], 1)
-                listed, worth = pool.take(best), np.take_along_axis(value, best, 1)
-                start = listed.take(_apart(region, listed, worth))
-                fresh.append(self._improved(i, start, weight, v))
-        self.found[i] = [Columns.joined([*self.found[i], *fresh])]
-        extra = self.found[i][0].power.shape[1] - OLD - sum(part.power.shape[1] for part in fresh)
-        if extra > 0:
-            keep = np.arange(extra, self.found[i][0].power.shape[1])
-            self.found[i] = [self.found[i][0].take(np.broadcast_to(
-                keep, (len(pool.power), len(keep))))]
-        return Columns.joined([*chosen, *self.found[i]])
+        value = self.values([i], pool, self.weight[None], self.point.shares[None])[0]
+        few = min(KEEP, value.shape[1])
+        chosen = pool.take(np.argpartition(value, -few, axis=1)[:, -few:])
+        # Of every place of the table only its best power.
+        places = self.grids[i].shape[1]
+        powers = table // places
+        best = value[:, :table].reshape(len(value), places, powers).argmax(2)
+        best = np.concatenate([best + powers * np.arange(places), np.broadcast_to(
+            np.arange(table, value.shape[1]), (len(value), value.shape[1] - table))], 1)
+        listed, worth = pool.take(best), np.take_along_axis(value, best, 1)
+        fresh = self._improved(i, listed.take(_apart(region, listed, worth)), self.weight,
+                               self.point.shares)
+        found = Columns.joined([*self.found[i], fresh])
+        latest = np.arange(found.power.shape[1])[-OLD - FRESH:]
+        self.found[i] = [found.take(np.broadcast_to(latest, (len(value), len(latest))))]
+        return Columns.joined([chosen, *self.found[i]])
 
     def _improved(self, i: int, start: Columns, weight: Array, v: Array) -> Columns:
         """Return columns after a compass search from others, all of them at once."""
