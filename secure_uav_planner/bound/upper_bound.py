@@ -31,8 +31,8 @@ from ..plan.plan import Plan, POWER_TOLERANCE
 MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 3, 2
 """Eavesdroppers that are counted with at most, with up to two jammers and with more."""
 
-FEW_STAGES = {(2, 1): (160, 250), (2, 2): (110, 250), (2, 3): (70, 140), (3, 1): (90, 150),
-              (3, 2): (40, 55)}
+FEW_STAGES = {(2, 1): (160, 300), (2, 2): (110, 280), (2, 3): (70, 150), (3, 1): (90, 170),
+              (3, 2): (40, 60)}
 """
 Stages with several jammers, at first and in the end, by the numbers of jammers and eavesdroppers.
 
