@@ -80,7 +80,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 
     It holds for everything that a Plan accepts, with its tolerances. It does not use zones, a
     geofence or separation: they only lower what plans can reach.
-    The bound is close for at most one jammer, and for two jammers and one eavesdropper; it is
+    The bound is close for at most one jammer, and for several against one eavesdropper; it is
     looser for two or three jammers and several eavesdroppers, and only valid for more jammers.
 
     :param scenario: a Scenario.
