@@ -75,6 +75,15 @@ def test_two_jammers_are_bounded_closely():
         1.1 * plan.rate)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('seed, most', [(6, 1.05), (9, 1.03), (10, 1.08), (12, 1.03)])
+def test_random_missions_of_several_jammers_are_bounded_closely(seed, most):
+    mission = random_mission(seed)
+    plan = solve(mission, objective='guaranteed')
+    bound = upper_bound(mission, objective='guaranteed', plan=plan)
+    assert plan.guaranteed_rate < bound.rate < most * plan.guaranteed_rate
+
+
 def test_with_two_jammers_all_of_two_eavesdroppers_make_the_bound_tighter():
     mission = random_mission(3, slots=6)
     assert len(mission.uavs) == 3 and len(mission.eavesdroppers) == 2
