@@ -225,16 +225,19 @@ class _Run:
 def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
     scenario = run.scenario
-    positions, powers = reference.start(scenario, run.time_left, objective, plan)
+    plan, positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
         return
-    everyone = EavesdropperSubset.of(scenario, objective)
+    most = MOST_EAVESDROPPERS if len(scenario.uavs) < 4 else FEW_EAVESDROPPERS
+    everyone = EavesdropperSubset.of(scenario if plan is None else replace(
+        scenario, eavesdroppers=reference.most_needed(
+            plan, objective, most, lambda: run.time_left)), objective)
     # A few hundred slots tell who counts.
     some = np.unique(np.linspace(1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
     some_positions = positions[:, [0, *some, scenario.slots + 1]]
     leaks = everyone.leaks(scenario, some_positions, powers[:, some - 1])
     order = reference.by_use(scenario, everyone, some_positions, powers[:, some - 1])
-    chosen = everyone.best(leaks, MOST_EAVESDROPPERS if len(order) < 3 else FEW_EAVESDROPPERS)
+    chosen = everyone.best(leaks, most)
     uavs = [0, *order[:MOST_JAMMERS]]
     path, watts = positions[uavs], powers[uavs]
 

@@ -68,23 +68,25 @@ class EavesdropperSubset:
         received = snr * np.maximum(powers, 0.0) / (distance**2 + altitude**2)
         return np.asarray(np.log1p(received[:, 0] / (1.0 + received[:, 1:].sum(1))))
 
-    def best(self, leaks: Array, most: int) -> EavesdropperSubset:
+    def loudest(self, leaks: Array, most: int) -> tuple[int, ...]:
         """
-        Return at most `most` of them.
+        Return the indices of at most `most` of them.
 
         First the one to whom a plan leaks most over all slots, then whoever hears most beyond
         what those chosen hear.
 
         :param leaks: of the plan, (E, N).
         """
-        if len(self.places) <= most:
-            return self
         chosen: list[int] = []
         heard = np.zeros(leaks.shape[1])
-        for _ in range(most):
+        for _ in range(min(most, len(leaks))):
             gain = np.maximum(leaks, heard).sum(1)
             gain[chosen] = -np.inf
             chosen.append(int(gain.argmax()))
             heard = np.maximum(heard, leaks[chosen[-1]])
-        keep = sorted(chosen)
+        return tuple(sorted(chosen))
+
+    def best(self, leaks: Array, most: int) -> EavesdropperSubset:
+        """Return the loudest of them."""
+        keep = list(self.loudest(leaks, most))
         return EavesdropperSubset(self.places[keep], self.radii[keep], self.advantages[keep])

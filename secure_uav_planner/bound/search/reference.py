@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 import math
 
@@ -10,22 +12,22 @@ import numpy as np
 from ..proof.conjugate import Array
 from ..proof.stages import MOST_STAGES
 from ..proof.subset import EavesdropperSubset
-from ...mission.scenario import Scenario
+from ...errors import PlanningError
+from ...mission.scenario import Eavesdropper, Scenario
 from ...optimize import solve
 from ...plan.plan import Plan
 
 
 def start(scenario: Scenario, time_left: float, objective: str,
-          plan: Plan | None) -> tuple[Array, Array]:
-    """Return positions (U, N + 2, 2) and powers (U, N) to start from."""
+          plan: Plan | None) -> tuple[Plan | None, Array, Array]:
+    """Return a plan, if any is found, and positions (U, N + 2, 2) and powers (U, N) to start from."""
     if plan is not None:
-        return plan.positions, plan.powers
+        return plan, plan.positions, plan.powers
     slots = min(scenario.slots, MOST_STAGES)
-    left = None if math.isinf(time_left) else max(time_left / 2, 1e-3)
     try:
         short = scenario if slots == scenario.slots else replace(scenario, slots=slots)
-        found: Plan = solve(short, time_limit=left, objective=objective)  # type: ignore
-        positions, powers = found.positions, found.powers
+        plan = _solved(short, objective, time_left / 2)
+        positions, powers = plan.positions, plan.powers
     except ValueError:
         # A mission that cannot be flown in so few slots.
         start = np.array([[uav.start] for uav in scenario.uavs])
@@ -33,9 +35,49 @@ def start(scenario: Scenario, time_left: float, objective: str,
         positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
         powers = np.array([[uav.average_power] * slots for uav in scenario.uavs])
     if slots == scenario.slots:
-        return positions, powers
+        return plan, positions, powers
     point = np.round(np.linspace(0, slots + 1, scenario.slots + 2)).astype(int)
-    return positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
+    return plan, positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
+
+
+def _solved(scenario: Scenario, objective: str, time_left: float,
+            initial: Plan | None = None) -> Plan:
+    left = None if math.isinf(time_left) else max(time_left, 1e-3)
+    return solve(scenario, time_limit=left, initial=initial,
+                 objective=objective)  # type: ignore[arg-type]
+
+
+def most_needed(plan: Plan, objective: str, most: int,
+                time_left: Callable[[], float]) -> tuple[Eavesdropper, ...]:
+    """
+    Return at most `most` eavesdroppers against whom plans are little better than against all.
+
+    A plan may leak little to somebody just because its jammers see to that. So it is improved
+    without each of them, and those go without whom it gains least, half of what is too many at a
+    time. Where that leaves others than those to whom the plan leaks most, plans against both tell.
+    Measured: by leaks alone a bound is 77% above its plan instead of 20%, by improvements alone
+    another is 27% above it instead of 16%.
+    """
+    everyone = plan.scenario.eavesdroppers
+    kept: tuple[int, ...] = tuple(range(len(everyone)))
+    if len(kept) <= most:
+        return everyone
+    short = replace(plan.scenario, slots=min(plan.scenario.slots, MOST_STAGES))
+
+    def rate(those: tuple[int, ...], initial: Plan | None = None) -> float:
+        against = replace(short, eavesdroppers=tuple(everyone[i] for i in those))
+        return _solved(against, objective, time_left() / 100, initial).rate
+
+    heard = EavesdropperSubset.of(plan.scenario, 'guaranteed')
+    loudest = heard.loudest(heard.leaks(plan.scenario, plan.positions, plan.powers), most)
+    with suppress(PlanningError):
+        while len(kept) > most:
+            rates = [rate((*kept[:i], *kept[i + 1:]), plan) for i in range(len(kept))]
+            spared = np.argsort(rates, kind='stable')[:-(-(len(kept) - most) // 2)]
+            kept = tuple(np.delete(kept, spared).tolist())
+        if kept == loudest or rate(kept) <= rate(loudest):
+            return tuple(everyone[i] for i in kept)
+    return tuple(everyone[i] for i in loudest)
 
 
 def by_use(scenario: Scenario, subset: EavesdropperSubset, positions: Array,
