@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from importlib import import_module
+from itertools import combinations
 import json
 import math
 import warnings
@@ -14,6 +15,7 @@ from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
 from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.bound import upper_bound
+from secure_uav_planner.bound.search.reference import most_needed
 from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
 from secure_uav_planner.errors import PlanFileError, PlanningError
 from secure_uav_planner.mission import OBJECTIVES
@@ -73,6 +75,17 @@ def test_two_jammers_are_bounded_closely():
     plan = solve(mission, objective='guaranteed')
     assert plan.rate < upper_bound(mission, objective='guaranteed', plan=plan).rate < (
         1.1 * plan.rate)
+
+
+@pytest.mark.parametrize('seed', [19, 48])
+def test_the_eavesdroppers_that_count_are_those_against_whom_plans_are_worst(seed):
+    mission = random_mission(seed, slots=12, jammers=3)
+    plan = solve(mission, objective='guaranteed')
+    counted = most_needed(plan, 'guaranteed', 2, lambda: math.inf)
+    rates = {pair: solve(replace(mission, eavesdroppers=pair), objective='guaranteed').rate
+             for pair in combinations(mission.eavesdroppers, 2)}
+    assert len(mission.eavesdroppers) == 3
+    assert rates[counted] <= 1.01 * min(rates.values()) < 0.8 * max(rates.values())
 
 
 @pytest.mark.slow
