@@ -20,7 +20,7 @@ from ...plan.plan import Plan
 
 def start(scenario: Scenario, time_left: float, objective: str,
           plan: Plan | None) -> tuple[Plan | None, Array, Array]:
-    """Return a plan, if any is found, and positions (U, N + 2, 2) and powers (U, N) to start from."""
+    """Return a plan, if there is one, and positions (U, N + 2, 2) and powers (U, N)."""
     if plan is not None:
         return plan, plan.positions, plan.powers
     slots = min(scenario.slots, MOST_STAGES)
