@@ -81,7 +81,7 @@ def test_two_jammers_are_bounded_closely():
 def test_the_eavesdroppers_that_count_are_those_against_whom_plans_are_worst(seed):
     mission = random_mission(seed, slots=12, jammers=3)
     plan = solve(mission, objective='guaranteed')
-    counted = most_needed(plan, 'guaranteed', 2, lambda: math.inf)
+    counted = most_needed(plan, 'guaranteed', 2)
     rates = {pair: solve(replace(mission, eavesdroppers=pair), objective='guaranteed').rate
              for pair in combinations(mission.eavesdroppers, 2)}
     assert len(mission.eavesdroppers) == 3

@@ -192,7 +192,8 @@ class _Run:
     def prove(self, search: MultiplierSearch) -> None:
         """Offer what a search's multipliers prove, in the time that is left."""
         before = time.monotonic()
-        self.offer(certify(search.team, breakpoint_multipliers(search), self.stop).rate)
+        self.offer(certify(
+            search.team, breakpoint_multipliers(search, stop=self.stop), self.stop).rate)
         self._proving = time.monotonic() - before
 
     def offer(self, rate: float) -> None:
@@ -229,9 +230,11 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     if run.stop():
         return
     most = MOST_EAVESDROPPERS if len(scenario.uavs) < 4 else FEW_EAVESDROPPERS
-    everyone = EavesdropperSubset.of(scenario if plan is None else replace(
-        scenario, eavesdroppers=reference.most_needed(
-            plan, objective, most, lambda: run.time_left)), objective)
+    # With more jammers the bound is not close, whoever counts.
+    everyone = EavesdropperSubset.of(
+        scenario if plan is None or len(scenario.uavs) > 1 + MOST_JAMMERS else replace(
+            scenario, eavesdroppers=reference.most_needed(
+                plan, objective, most, run.time_left, run.stop)), objective)
     # A few hundred slots tell who counts.
     some = np.unique(np.linspace(1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
     some_positions = positions[:, [0, *some, scenario.slots + 1]]

@@ -64,12 +64,13 @@ class _Estimates:
         return cls(weights, np.array([shares for shares, _ in found]), *values)
 
 
-def breakpoint_multipliers(search: MultiplierSearch,
-                           tolerance: float = TOLERANCE) -> Multipliers:
+def breakpoint_multipliers(search: MultiplierSearch, tolerance: float = TOLERANCE,
+                           stop: Callable[[], bool] = lambda: False) -> Multipliers:
     """
     Return what the certificate needs, for its own breakpoints of w0.
 
     :param tolerance: what a maximum may be too large, in nats.
+    :param stop: asked now and then; True ends the division into boxes.
     """
     found = _Estimates.of(search)
     team, point = search.team, search.point
@@ -85,7 +86,7 @@ def breakpoint_multipliers(search: MultiplierSearch,
     at = np.nonzero(needed)
     slack = _slack(team, still, joint, found, needed, point.prices[0])
     boxes = share_division(search, at[1], weights[at], shares[at], found.jammed[at],
-                           SLACK / 2 * slack[1:][at])
+                           SLACK / 2 * slack[1:][at], stop)
     worth = boxes.bounds.max((0, 2))
     joint[at] = found.sent[at] + worth
     slack = tolerance + SLACK / len(uavs) * _slack(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,10 @@ SPLITS = {2: 20, 3: 40}
 
 ENOUGH = 2e-3
 """By how much, in nats, a breakpoint may be above what combinations are worth without a cut."""
+
+
+AT_ONCE = 50
+"""Breakpoints between two questions whether to stop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +44,8 @@ class Division:
 
 
 def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: Array,
-                   shares: Array, worth: Array, slack: Array) -> Division:
+                   shares: Array, worth: Array, slack: Array,
+                   stop: Callable[[], bool]) -> Division:
     """
     Return boxes of what the jammers can do, the one with the largest bound cut again and again.
 
@@ -48,6 +54,7 @@ def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: A
     :param shares: v, (M, E).
     :param worth: about what all jammers' terms are worth, (M,).
     :param slack: how much more they may be, (M,).
+    :param stop: asked now and then; True leaves the rest without a cut.
     """
     team = search.team
     m, e, j = len(stage), team.eavesdroppers, team.copies
@@ -58,10 +65,15 @@ def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: A
     if j == 1:
         known[:, 0, 0, 0] = worth
     if j > 1:
-        core.bound_share_boxes({
-            **search.fields(search.candidates), 'stage': stage.astype(np.int64),
-            'weight': weights, 'shares': shares, 'enough': worth + ENOUGH + slack, 'box': box,
-            'side': side, 'at': at, 'theta': theta, 'mean': mean, 'known': known})
+        fields, every = search.fields(search.candidates), {
+            'stage': stage.astype(np.int64), 'weight': weights, 'shares': shares,
+            'enough': worth + ENOUGH + slack, 'box': box, 'side': side, 'at': at, 'theta': theta,
+            'mean': mean, 'known': known}
+        for first in range(0, m, AT_ONCE):
+            if stop():
+                break
+            core.bound_share_boxes({**fields, **{
+                name: array[first:first + AT_ONCE] for name, array in every.items()}})
     splits = box.T, side.T, at.T
     # Not below zero, by rounding either.
     theta, mean = np.swapaxes(theta, 0, 1), np.swapaxes(mean, 0, 1)
