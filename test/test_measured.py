@@ -9,7 +9,7 @@ from secure_uav_planner.apps import measured, study
 from secure_uav_planner.apps.bench import __main__ as bench
 
 ROOT = Path(__file__).resolve().parents[1]
-RATE = re.compile(r'-?\d+\.\d{4}\b')  # In bit/s/Hz; other numbers depend on the machine.
+RATE = re.compile(r'-?\d+\.\d{4}\b(?! s\b)')  # In bit/s/Hz; times depend on the machine.
 
 
 def written():
