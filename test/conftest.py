@@ -121,10 +121,9 @@ def client():
 
 
 @pytest.fixture
-def planner(capfd):
+def planner():
     """Return a planner of the paper's mission in few slots, for quick solves."""
-    with import_module('ros_client').node_here(
-            capfd, 'planner', duration=120.0, slots=40) as planner:
+    with import_module('ros_client').node_here('planner', duration=120.0, slots=40) as planner:
         yield planner
 
 

@@ -24,6 +24,7 @@ from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
@@ -106,49 +107,61 @@ def refusal(capfd, name, **parameters):
 class _Here:
     """A node in this process, as far as it is like a process of its own."""
 
-    def __init__(self, name, capfd):
-        self.name, self.pid, self.ended = name, os.getpid(), None
-        self._capfd, self._text = capfd, ''
-
-    @property
-    def lines(self):
-        self._text += ''.join(self._capfd.readouterr())
-        return self._text.splitlines(keepends=True)
+    def __init__(self, name):
+        self.name, self.pid, self.lines, self.ended = name, os.getpid(), [], None
 
     def poll(self):
         return self.ended
 
 
 @contextmanager
-def node_here(capfd, name, **parameters):
+def _logged_in(lines):
+    """Keep what is logged in this process. With capfd, lines get lost while it is read."""
+    write = rclpy_implementation.rclpy_logging_rcutils_log
+
+    def log(severity, name, message, *place):
+        lines.append(f'[{severity.name}] [{name}]: {message}\n')
+        write(severity, name, message, *place)
+
+    rclpy_implementation.rclpy_logging_rcutils_log = log
+    try:
+        yield
+    finally:
+        rclpy_implementation.rclpy_logging_rcutils_log = write
+
+
+@contextmanager
+def node_here(name, **parameters):
     """
-    Run a node in this process, which takes a tenth of the time; yield what it prints in .lines.
+    Run a node in this process, which takes a tenth of the time; yield what it logs in .lines.
 
     For tests that ask a node of their own; those of processes and of warnings use node_process.
     """
     kind = getattr(import_module(f'secure_uav_planner.ros.{name}_node'), name.title())
-    context, here = Context(), _Here(name, capfd)
+    context, here = Context(), _Here(name)
     _note(here)
     rclpy.init(context=context, args=_ros_args(parameters))
     executor = MultiThreadedExecutor(4, context=context)
-    node = kind(context=context)
-    full_name = node.get_fully_qualified_name()
-    executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
-    thread.start()
-    try:
-        yield here
-    finally:
-        here.ended = 0
-        node.close()
-        executor.shutdown()
-        thread.join(PATIENCE)
-        node.destroy_node()
-        rclpy.shutdown(context=context)
-        # In DDS the next node of this process is the same participant: clients that have not seen
-        # this one end would never find that.
-        wait_for(lambda: not any(full_name in client.node.get_fully_qualified_node_names()
-                                 for client in _clients), what=f'the end of {full_name}')
+    with _logged_in(here.lines):
+        node = kind(context=context)
+        full_name = node.get_fully_qualified_name()
+        executor.add_node(node)
+        thread = threading.Thread(target=executor.spin, daemon=True)
+        thread.start()
+        try:
+            yield here
+        finally:
+            here.ended = 0
+            node.close()
+            executor.shutdown()
+            thread.join(PATIENCE)
+            node.destroy_node()
+            rclpy.shutdown(context=context)
+            # In DDS the next node of this process is the same participant: clients that have not
+            # seen this one end would never find that.
+            wait_for(lambda: not any(
+                full_name in client.node.get_fully_qualified_node_names()
+                for client in _clients), what=f'the end of {full_name}')
 
 
 def stopped(process, number=signal.SIGINT):

@@ -84,11 +84,10 @@ def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file)
 @pytest.mark.parametrize('damage', [
     lambda text: text[:len(text) // 2], lambda text: text.replace('"uav2"', '"other"'),
     lambda text: text.replace('100.0', 'NaN', 1)], ids=['half', 'foreign', 'NaN'])
-def test_a_damaged_plan_file_is_a_warning_and_the_next_plan_replaces_it(
-        client, capfd, file, damage):
+def test_a_damaged_plan_file_is_a_warning_and_the_next_plan_replaces_it(client, file, damage):
     fly_hover_fly(Scenario.paper(104, slots=8)).save(file)
     file.write_text(damage(file.read_text()))
-    with node_here(capfd, 'planner', plan_file=file, **SHORT) as process:
+    with node_here('planner', plan_file=file, **SHORT) as process:
         wait_for(lambda: any('ready' in line for line in process.lines))
         warnings = [line for line in process.lines if 'plan_file' in line]
         assert len(warnings) == 1 and '[WARN]' in warnings[0]
@@ -97,8 +96,8 @@ def test_a_damaged_plan_file_is_a_warning_and_the_next_plan_replaces_it(
     assert Plan.load(file).scenario.slots == 30
 
 
-def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, capfd, tmp_path):
-    with node_here(capfd, 'planner', plan_file=tmp_path / 'no' / 'plan.json', **SHORT) as process:
+def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, tmp_path):
+    with node_here('planner', plan_file=tmp_path / 'no' / 'plan.json', **SHORT) as process:
         client.send_paper()
         assert client.call('planner/plan').success
         with Client('latecomer') as late:
@@ -339,9 +338,9 @@ def test_replay_without_any_clock_answers_and_starts_once_there_is_one(client, f
         assert process.poll() is None
 
 
-def test_a_latched_plan_stays_whole_for_a_subscriber_of_every_moment(client, capfd):
+def test_a_latched_plan_stays_whole_for_a_subscriber_of_every_moment(client):
     """Join again and again while plans are made: a mixture is never all that one gets."""
-    with node_here(capfd, 'planner', **SHORT):
+    with node_here('planner', **SHORT):
         client.send_paper()
         assert client.call('planner/plan').success
         for slots in (10, 20, 40):

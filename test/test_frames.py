@@ -168,16 +168,16 @@ def refused(client, process):
     return wait_for(line, what='the refusal')
 
 
-def test_without_tf2_the_refusal_names_what_to_install(capfd):
+def test_without_tf2_the_refusal_names_what_to_install():
     if find_spec('tf2_ros') is not None:
         pytest.skip('tf2_ros is installed')
-    with node_here(capfd, 'planner', duration=120.0, slots=20) as process, Client() as client:
+    with node_here('planner', duration=120.0, slots=20) as process, Client() as client:
         line = refused(client, process)
         assert "it must be in frame 'map', as the parameter frame_id says" in line
         assert 'or tf2_ros must be installed to transform it; it is not used' in line
 
 
-def test_with_tf2_a_pose_of_another_frame_is_planned_from(capfd):
+def test_with_tf2_a_pose_of_another_frame_is_planned_from():
     if find_spec('tf2_ros') is None:
         pytest.skip('needs tf2_ros, which an installed ROS has')
     from tf2_msgs.msg import TFMessage
@@ -186,7 +186,7 @@ def test_with_tf2_a_pose_of_another_frame_is_planned_from(capfd):
     filled(transform.transform.translation, (100.0, 0.0, 0.0))
     half = math.sqrt(0.5)  # A quarter turn to the left.
     filled(transform.transform.rotation, (0.0, 0.0, half, half), 'xyzw')
-    with node_here(capfd, 'planner', duration=120.0, slots=20) as process, Client() as client:
+    with node_here('planner', duration=120.0, slots=20) as process, Client() as client:
         path = client.listen(Path, 'uav1/path')
         client.send_paper()
         assert 'or tf2 must know how to transform it' in refused(client, process)

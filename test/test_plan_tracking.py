@@ -229,9 +229,9 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
 
 
 @pytest.mark.parametrize('acceleration', [0.0, 2.0])
-def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, capfd, acceleration):
+def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration):
     """It flies with 5 m/s towards -y, on no plan, so that it goes straight on."""
-    with node_here(capfd, 'planner', duration=180.0, slots=90, start_delay=30.0,
+    with node_here('planner', duration=180.0, slots=90, start_delay=30.0,
                    uav1__max_acceleration=acceleration):
         path = client.listen(Path, 'uav1/path')
         uav = Uav(client, 'uav1')
@@ -258,8 +258,8 @@ def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, capfd, accel
             assert np.linalg.norm(change) <= 2.0 * 2.0 + 1e-6
 
 
-def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(client, capfd):
-    with node_here(capfd, 'planner', duration=150.0, slots=75):
+def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(client):
+    with node_here('planner', duration=150.0, slots=75):
         path = client.listen(Path, 'uav1/path')
         status = client.listen(DiagnosticStatus, 'planner/status')
         uav = Uav(client, 'uav1')
@@ -285,8 +285,8 @@ def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(clien
         assert others[0] == pytest.approx(place(again[0]), abs=1e-5)
 
 
-def test_a_plan_that_is_solved_too_late_for_its_start_is_refused(client, capfd):
-    with node_here(capfd, 'planner', duration=150.0, slots=10, start_delay=0.001):
+def test_a_plan_that_is_solved_too_late_for_its_start_is_refused(client):
+    with node_here('planner', duration=150.0, slots=10, start_delay=0.001):
         status = client.listen(DiagnosticStatus, 'planner/status')
         path = client.listen(Path, 'uav1/path')
         client.send_paper()

@@ -353,8 +353,8 @@ def test_the_same_request_again_starts_from_the_last_plan(client, planner):
     assert int(values_of(status[-1])['plan.iterations']) < int(cold['plan.iterations'])
 
 
-def test_the_defaults_are_the_papers_scenario(client, capfd):
-    with node_here(capfd, 'planner'):
+def test_the_defaults_are_the_papers_scenario(client):
+    with node_here('planner'):
         paper = Scenario.paper()
         read = client.get_parameters(
             'planner', 'duration', 'slots', 'reference_snr_db', 'uav2.altitude', 'uav1.start',
@@ -364,8 +364,8 @@ def test_the_defaults_are_the_papers_scenario(client, capfd):
         assert replace(paper, eavesdroppers=(Eavesdropper((200.0, 0.0), 10.0),)) == paper
 
 
-def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client, capfd):
-    with node_here(capfd, 'planner', duration=120.0, slots=60, uav1__max_acceleration=2.0,
+def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client):
+    with node_here('planner', duration=120.0, slots=60, uav1__max_acceleration=2.0,
                    uav2__max_acceleration=2.0):
         path = client.listen(Path, 'uav1/path')
         client.send_paper()
@@ -386,10 +386,9 @@ def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client, cap
         assert '0.1 m/s^2' in refused.message
 
 
-def test_the_bound_follows_the_plan_and_is_part_of_the_status_and_the_file(
-        client, capfd, tmp_path):
+def test_the_bound_follows_the_plan_and_is_part_of_the_status_and_the_file(client, tmp_path):
     file = tmp_path / 'plan.json'
-    with node_here(capfd, 'planner', duration=104.0, slots=12, bound='after', pose_timeout=0.0,
+    with node_here('planner', duration=104.0, slots=12, bound='after', pose_timeout=0.0,
                    plan_file=str(file)):
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.send_paper()
@@ -453,8 +452,7 @@ def test_a_bound_under_way_is_stopped_and_not_reported(monkeypatch, stop):
     assert [given[0] for given in found] == ([small] if stop == 'put' else [])
 
 
-def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(
-        client, capfd, monkeypatch):
+def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(client, monkeypatch):
     held, solved = HeldBound(monkeypatch, 52), []
 
     def watched(scenario, **options):
@@ -464,7 +462,7 @@ def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(
         return solve(scenario, **options)
 
     monkeypatch.setattr('secure_uav_planner.ros.worker.solve', watched)
-    with node_here(capfd, 'planner', bound='after', pose_timeout=0.0, duration=104.0, slots=52):
+    with node_here('planner', bound='after', pose_timeout=0.0, duration=104.0, slots=52):
         client.send_paper()
         assert client.call('planner/plan').success
         wait_for(held.under_way.is_set, what='the bound to be under way')

@@ -95,8 +95,8 @@ def test_frames_of_any_length_are_shown_in_a_few_words(client, planner):
     assert max(map(len, planner.lines)) < 1000
 
 
-def test_every_eavesdropper_is_labelled_with_its_name(client, capfd):
-    with node_here(capfd, 'planner', eavesdroppers='[eve, mallory]', duration=120.0, slots=20):
+def test_every_eavesdropper_is_labelled_with_its_name(client):
+    with node_here('planner', eavesdroppers='[eve, mallory]', duration=120.0, slots=20):
         markers = client.listen(MarkerArray, 'planner/markers')
         client.send_pose('ground_node/pose', 0, 0)
         client.send_estimate('eve/pose', 200, 0)

@@ -167,11 +167,11 @@ def test_a_wrong_parameter_ends_it_with_the_reason(capfd, parameters, reason):
 
 
 def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_moved(
-        packages, client, capfd):
+        packages, client):
     kind = packages('mavros_msgs', 'PositionTarget')
     found = client.listen(kind, 'uav2/mavros/setpoint_raw/local', 1000)
     odometry = client.listen(Odometry, 'uav2/odom', 10)
-    with node_here(capfd, 'relay', stack='mavros', uav2__origin='[1.0, 2.0, 3.0]'):
+    with node_here('relay', stack='mavros', uav2__origin='[1.0, 2.0, 3.0]'):
         source = Source(client, 'uav2')
         source.until(lambda: found)
         target = found[0]
@@ -204,12 +204,12 @@ def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_
 
 
 def test_px4_gets_ned_and_a_stream_that_stops_is_held_without_speed_and_then_ends(
-        packages, client, capfd):
+        packages, client):
     targets = client.listen(packages('px4_msgs', 'TrajectorySetpoint'),
                             'px4_1/fmu/in/trajectory_setpoint', 1000)
     modes = client.listen(packages('px4_msgs', 'OffboardControlMode'),
                           'px4_1/fmu/in/offboard_control_mode', 1000)
-    with node_here(capfd, 'relay', stack='px4', vehicles='[px4_1, px4_2]',
+    with node_here('relay', stack='px4', vehicles='[px4_1, px4_2]',
                    setpoint_timeout=3.0) as process:
         source = Source(client, 'uav1')
         assert not modes  # Nothing keeps PX4 in a mode that nobody flies in.
@@ -274,11 +274,11 @@ def test_a_planner_plans_from_where_px4_says_that_its_vehicle_is(packages, clien
         assert starts == {'uav1': [87.0, 484.0], 'uav2': [110.0, 500.0]}
 
 
-def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packages, client, capfd):
+def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packages, client):
     found = client.listen(packages('as2_msgs', 'TrajectorySetpoints'),
                           'drone0/motion_reference/trajectory', 1000)
     odometry = client.listen(Odometry, 'uav1/odom', 10)
-    with node_here(capfd, 'relay', stack='aerostack2', vehicles='[drone0, drone1]',
+    with node_here('relay', stack='aerostack2', vehicles='[drone0, drone1]',
                    frame_id='earth'):
         source = Source(client, 'uav1')
         source.until(lambda: found)
@@ -301,11 +301,10 @@ def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packag
         assert there.pose.pose.position.y == 8.0 and there.twist.twist.linear.x == 3.0
 
 
-def test_what_is_no_setpoint_or_jumps_is_not_relayed_and_said_once_in_a_while(
-        packages, client, capfd):
+def test_what_is_no_setpoint_or_jumps_is_not_relayed_and_said_once_in_a_while(packages, client):
     found = client.listen(packages('mavros_msgs', 'PositionTarget'),
                           'uav1/mavros/setpoint_raw/local', 1000)
-    with node_here(capfd, 'relay', stack='mavros') as process:
+    with node_here('relay', stack='mavros') as process:
         source = Source(client, 'uav1')
 
         def until_said(text):
@@ -360,10 +359,10 @@ def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(
         assert not any('is not relayed' in line for line in relay.lines)
 
 
-def test_a_second_node_with_the_odometry_of_a_uav_is_warned_of(packages, client, capfd):
+def test_a_second_node_with_the_odometry_of_a_uav_is_warned_of(packages, client):
     odometry = client.listen(Odometry, 'uav1/odom', 10)
     client.node.create_publisher(Odometry, 'uav1/odom', 10)
-    with node_here(capfd, 'relay', stack='mavros') as process:
+    with node_here('relay', stack='mavros') as process:
         reported(client, Odometry, 'uav1/mavros/local_position/odom', lambda message: None,
                  odometry)
         odometry.clear()

@@ -62,9 +62,9 @@ def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(cli
     assert secrecy(flown) > 1.05 * secrecy(first)
 
 
-def test_a_replan_leaves_what_has_been_flown_as_it_was(client, capfd):
+def test_a_replan_leaves_what_has_been_flown_as_it_was(client):
     lead = 5.0
-    with node_here(capfd, 'planner', replan_distance=5.0, replan_lead=lead, duration=120.0,
+    with node_here('planner', replan_distance=5.0, replan_lead=lead, duration=120.0,
                    slots=120):
         paths, powers = received(client)
         client.send_paper()
@@ -84,8 +84,8 @@ def test_a_replan_leaves_what_has_been_flown_as_it_was(client, capfd):
     assert not (old.positions == new.positions).all()
 
 
-def test_a_replan_is_not_made_while_nothing_moves_and_is_made_every_period(client, capfd):
-    with node_here(capfd, 'planner', replan_distance=5.0, duration=120.0, slots=60):
+def test_a_replan_is_not_made_while_nothing_moves_and_is_made_every_period(client):
+    with node_here('planner', replan_distance=5.0, duration=120.0, slots=60):
         paths, _ = received(client)
         client.send_paper()
         assert client.call('planner/plan').success
@@ -98,8 +98,8 @@ def test_a_replan_is_not_made_while_nothing_moves_and_is_made_every_period(clien
         assert client.set_parameters('planner', replan_period=0.0)[0].successful
 
 
-def test_a_changed_error_radius_is_a_reason_to_plan_again(client, capfd):
-    with node_here(capfd, 'planner', replan_distance=5.0, replan_lead=5.0, duration=120.0,
+def test_a_changed_error_radius_is_a_reason_to_plan_again(client):
+    with node_here('planner', replan_distance=5.0, replan_lead=5.0, duration=120.0,
                    slots=60):
         paths, _ = received(client)
         client.send_pose('ground_node/pose', 0, 0)

@@ -144,15 +144,16 @@ def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
     # It fails before the solver begins, or the plan comes when it is to take effect no more.
     bench.now_ns = (START + 1000) * 10**9 if late else 0
     wrong = {} if late else {'method': 'alternating', 'objective': 'worst_case'}
-    moved = {'eavesdropper': (160.0, 0.0), 'replan_distance': 5.0, **wrong}
-    for time, failures in ((30.0, 1), (30.1, 1), (34.9, 1), (35.1, 2), (35.2, 2)):
+    # A lead that a loaded machine keeps, too.
+    moved = {'eavesdropper': (160.0, 0.0), 'replan_distance': 5.0, 'replan_lead': 40.0, **wrong}
+    for time, failures in ((30.0, 1), (30.1, 1), (69.9, 1), (70.1, 2), (70.2, 2)):
         bench.check(time, **moved)
         assert len(bench.refused) == failures, time
     assert all(isinstance(error, LateError if late else OptionError) for error in bench.refused)
     # A new plan, as of a request, ends the wait.
-    bench.replanning.planned(START + 35.3)
+    bench.replanning.planned(START + 70.3)
     bench.now_ns = 0
-    bench.check(35.4, (160.0, 0.0), replan_distance=5.0)
+    bench.check(70.4, (160.0, 0.0), replan_distance=5.0, replan_lead=40.0)
     assert len(bench.published) == 1 and len(bench.refused) == 2
 
 

@@ -39,12 +39,12 @@ def end_of(process):
 
 
 def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logged(
-        client, capfd, plan, file):
+        client, plan, file):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
     watts = client.listen(Float64, 'uav2/setpoint/power', 1000)
     odometry = client.listen(Odometry, 'uav2/odom', 1000)
     rates = client.listen(Float64, 'replay/secrecy_rate', 1000)
-    with node_here(capfd, 'replay', plan_file=file, speed=20.0, rate=50.0,
+    with node_here('replay', plan_file=file, speed=20.0, rate=50.0,
                    true_eavesdropper='[204.0, 3.0]') as process:
         assert client.call('replay/start').success
         line = wait_for(lambda: end_of(process), what='the end of the plan')
@@ -88,9 +88,9 @@ def send(client, plan, start_ns, change=lambda kind, uav, message: None,
         publisher.publish(message)
 
 
-def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, capfd, plan):
+def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, plan):
     poses = client.listen(PoseStamped, 'uav2/setpoint/pose', 1000)
-    with node_here(capfd, 'replay', speed=50.0, true_eavesdropper='[204.0, 3.0]') as process:
+    with node_here('replay', speed=50.0, true_eavesdropper='[204.0, 3.0]') as process:
         answer = client.call('replay/start')
         assert not answer.success and answer.message == 'there is no plan yet'
         send(client, plan, 10**18)
@@ -102,9 +102,9 @@ def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, capf
         assert poses[-1].header.frame_id == 'earth'
 
 
-def test_pause_holds_and_reset_returns(client, capfd, file):
+def test_pause_holds_and_reset_returns(client, file):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_here(capfd, 'replay', plan_file=file, speed=2.0):
+    with node_here('replay', plan_file=file, speed=2.0):
         assert not client.call('replay/pause').success
         client.call('replay/start')
         wait_for(lambda: poses and poses[-1].pose.position.y < 450)
@@ -128,8 +128,8 @@ def test_the_plan_is_drawn_when_asked(file, tmp_path):
         wait_for(lambda: any('goes on without' in line for line in process.lines))
 
 
-def test_it_loops_and_starts_by_itself_when_asked(capfd, file):
-    with node_here(capfd, 'replay', plan_file=file, speed=2000.0, loop='true',
+def test_it_loops_and_starts_by_itself_when_asked(file):
+    with node_here('replay', plan_file=file, speed=2000.0, loop='true',
                    autostart='true') as process:
         wait_for(lambda: sum('end of the plan' in line for line in process.lines) >= 3)
 
@@ -143,9 +143,9 @@ def got(process):
     return sum('got a plan' in line for line in process.lines)
 
 
-def test_autostart_leaves_a_plan_whose_time_has_passed_to_a_start(client, capfd, plan):
+def test_autostart_leaves_a_plan_whose_time_has_passed_to_a_start(client, plan):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_here(capfd, 'replay', autostart='true') as process:
+    with node_here('replay', autostart='true') as process:
         send(client, plan, begins_at(-60.0))
         wait_for_line(process, 'is not started: its time has passed; ~/start plays it')
         assert not client.call('replay/pause').success and not poses
@@ -153,9 +153,9 @@ def test_autostart_leaves_a_plan_whose_time_has_passed_to_a_start(client, capfd,
         wait_for(lambda: poses)
 
 
-def test_with_autostart_a_pause_lasts_through_a_replan_until_a_start(client, capfd, plan):
+def test_with_autostart_a_pause_lasts_through_a_replan_until_a_start(client, plan):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_here(capfd, 'replay', autostart='true') as process:
+    with node_here('replay', autostart='true') as process:
         start_ns = begins_at(3600.0)
         send(client, plan, start_ns)
         wait_for(lambda: len(poses) > 3)
@@ -177,9 +177,9 @@ def elsewhere(kind, uav, message):
             pose.header.frame_id = ''
 
 
-def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, capfd, plan):
+def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, plan):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 10000)
-    with node_here(capfd, 'replay', autostart='true') as process:
+    with node_here('replay', autostart='true') as process:
         start_ns = begins_at(3600.0)
         send(client, plan, start_ns)
         wait_for(lambda: poses)
@@ -198,10 +198,10 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, capfd, p
         wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
 
 
-def test_with_few_setpoints_the_time_of_the_plan_is_still_told_often(client, capfd, file):
+def test_with_few_setpoints_the_time_of_the_plan_is_still_told_often(client, file):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
     times = client.listen(TimeReference, 'plan_time', 1000)
-    with node_here(capfd, 'replay', plan_file=file, rate=0.5):
+    with node_here('replay', plan_file=file, rate=0.5):
         assert client.call('replay/start').success
         wait_for(lambda: len(poses) >= 3)
         stamps = [(pose.header.stamp.sec, pose.header.stamp.nanosec) for pose in poses]
@@ -212,8 +212,8 @@ def test_with_few_setpoints_the_time_of_the_plan_is_still_told_often(client, cap
 
 
 @pytest.mark.parametrize('service', ['pause', 'reset'])
-def test_a_start_that_waits_for_the_rest_of_a_plan_can_be_withdrawn(client, capfd, plan, service):
-    with node_here(capfd, 'replay') as process:
+def test_a_start_that_waits_for_the_rest_of_a_plan_can_be_withdrawn(client, plan, service):
+    with node_here('replay') as process:
         def is_withdrawn():
             # The rest is waited for for two seconds only, which may pass on a busy machine.
             send(client, plan, 10**18, topics=('path',))
@@ -286,8 +286,8 @@ def test_a_missing_file_ends_the_node_with_one_clear_line(tmp_path, capfd):
     assert 'none.json' in refusal(capfd, 'replay', plan_file=tmp_path / 'none.json')
 
 
-def test_the_wrong_eavesdropper_is_refused(client, capfd, file):
-    with node_here(capfd, 'replay', plan_file=file):
+def test_the_wrong_eavesdropper_is_refused(client, file):
+    with node_here('replay', plan_file=file):
         result = client.set_parameters('replay', true_eavesdropper=[1.0])[0]
         assert not result.successful and 'true_eavesdropper' in result.reason
         assert client.set_parameters('replay', true_eavesdropper=[1.0, 2.0])[0].successful
@@ -349,8 +349,8 @@ def of_endless_power(kind, uav, message):
     (climbing, 'the altitude must be constant'), (beyond_numbers, 'coordinates beyond'),
     (of_endless_power, 'values beyond')])
 def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
-        client, capfd, recwarn, plan, change, reason):
-    with node_here(capfd, 'replay') as process:
+        client, recwarn, plan, change, reason):
+    with node_here('replay') as process:
         def refusals():
             # On a busy machine, messages may have to wait for each other.
             return [line for line in process.lines
@@ -370,9 +370,9 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
         wait_for(lambda: sum('got a plan' in line for line in process.lines) == 2)
 
 
-def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, capfd, plan):
+def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
     watts = client.listen(Float64, 'uav1/setpoint/power', 1000)
-    with node_here(capfd, 'replay', speed=50.0) as process:
+    with node_here('replay', speed=50.0) as process:
         send(client, plan, 10**18)
         wait_for(lambda: any('got a plan' in line for line in process.lines))
         lone = messages.power(plan, 0)
@@ -399,15 +399,14 @@ def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
         assert 'matplotlib' not in FilePath(f'/proc/{process.pid}/maps').read_text()
 
 
-def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(
-        client, capfd, tmp_path):
+def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):
     scenario = Scenario.paper(120.0, slots=40)
     scenario = replace(scenario, uavs=tuple(
         replace(uav, max_acceleration=1.5) for uav in scenario.uavs))
     smooth = fly_hover_fly(scenario)
     smooth.save(tmp_path / 'smooth.json')
     found = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
-    with node_here(capfd, 'replay', plan_file=tmp_path / 'smooth.json', speed=2.0, rate=50.0):
+    with node_here('replay', plan_file=tmp_path / 'smooth.json', speed=2.0, rate=50.0):
         assert client.call('replay/start').success
         wait_for(lambda: len(found) > 200)
         assert client.call('replay/pause').success
@@ -476,8 +475,8 @@ def moving(setpoints):
 
 
 def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from_a_file(
-        client, capfd, smooth):
-    with node_here(capfd, 'replay', speed=1.0, rate=50.0) as process:
+        client, smooth):
+    with node_here('replay', speed=1.0, rate=50.0) as process:
         send(client, smooth, 10**18, topics=ALL)
         wait_for(lambda: any('got a plan of 30 slots' in line for line in process.lines))
         assert client.set_parameters('replay', speed=20.0)[0].successful
@@ -501,8 +500,8 @@ def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from
     assert not any('straight' in line for line in process.lines)
 
 
-def test_trajectories_may_come_in_any_order_and_late_ones_still_count(client, capfd, smooth):
-    with node_here(capfd, 'replay') as process:
+def test_trajectories_may_come_in_any_order_and_late_ones_still_count(client, smooth):
+    with node_here('replay') as process:
         def plans():
             return sum('got a plan' in line for line in process.lines)
 
@@ -548,8 +547,8 @@ def of_a_curve_elsewhere(kind, uav, message):
     (too_short, 'uav1/trajectory has 31 points and uav1/path 32'),
     (of_a_curve_elsewhere, "uav1/path is in frame 'earth', uav1/trajectory in 'odom'")])
 def test_trajectories_that_do_not_belong_to_their_paths_are_refused(
-        client, capfd, smooth, change, reason):
-    with node_here(capfd, 'replay') as process:
+        client, smooth, change, reason):
+    with node_here('replay') as process:
         send(client, smooth, 10**18, change, topics=ALL)
         wait_for(lambda: any('not used' in line and reason in line for line in process.lines))
         assert not any('got a plan' in line for line in process.lines)

@@ -136,8 +136,8 @@ def solve(scenario, on_iteration, **options):
 @pytest.mark.parametrize('change, code', [
     ({'duration': 20.0}, 'infeasible'), ({'pose_timeout': 1e-3}, 'pose_stale'),
     ({'frame_id': 'odom'}, 'wrong_frame'), ({'height_tolerance': 0.0}, 'ok')])
-def test_the_code_of_an_outcome_is_that_of_its_error(client, capfd, change, code):
-    with node_here(capfd, 'planner', duration=120.0, slots=20):
+def test_the_code_of_an_outcome_is_that_of_its_error(client, change, code):
+    with node_here('planner', duration=120.0, slots=20):
         status = client.listen(DiagnosticStatus, 'planner/status')
         client.call('planner/plan')
         wait_for(lambda: status and values_of(status[-1])['outcome.code'] == 'pose_missing')

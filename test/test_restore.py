@@ -20,10 +20,9 @@ def file(tmp_path):
 @pytest.mark.parametrize('change', [
     {'status': 'cancelled'}, {'status': 'given'}, {'method': 'x' * 10**5}],
     ids=['cancelled', 'given', 'long name'])
-def test_a_plan_that_is_valid_is_restored_whatever_it_says_of_its_origin(
-        client, capfd, file, change):
+def test_a_plan_that_is_valid_is_restored_whatever_it_says_of_its_origin(client, file, change):
     replace(PLAN, **change).save(file)
-    with node_here(capfd, 'planner', plan_file=file) as process:
+    with node_here('planner', plan_file=file) as process:
         paths = client.listen(Path, 'uav2/path')
         status = client.listen(DiagnosticStatus, 'planner/status')
         wait_for(lambda: paths and status, what='the restored plan')
@@ -42,25 +41,24 @@ def digits(value):
     ('start_ns', 10**30), ('start_ns', 2**63 - 1), ('start_ns', -5), ('start_ns', None),
     ('slots', 10**400), ('status', 'finished'), ('history', 7), ('positions', 'x' * 10**5)],
     ids=lambda value: str(value)[:8] if value != 10**400 else '10**400')
-def test_a_plan_that_cannot_be_published_is_one_short_warning(
-        client, capfd, file, field, value):
+def test_a_plan_that_cannot_be_published_is_one_short_warning(client, file, field, value):
     PLAN.save(file)
     values = json.loads(file.read_text())
     (values['scenario'] if field == 'slots' else values)[field] = '@'
     file.write_text(json.dumps(values).replace('"@"', digits(value)))
-    check_one_warning(client, capfd, file)
+    check_one_warning(client, file)
 
 
 @pytest.mark.parametrize('file', ['/dev/full', '/dev/zero', '/tmp', 'x' * 5000],
                          ids=['full', 'zero', 'folder', 'long name'])
-def test_a_plan_file_that_is_no_regular_file_is_one_short_warning(client, capfd, file):
-    check_one_warning(client, capfd, file)
+def test_a_plan_file_that_is_no_regular_file_is_one_short_warning(client, file):
+    check_one_warning(client, file)
 
 
-def check_one_warning(client, capfd, file):
+def check_one_warning(client, file):
     """Check that the planner has warned once, has published nothing and can plan."""
     paths = client.listen(Path, 'uav1/path')
-    with node_here(capfd, 'planner', plan_file=file, duration=120.0, slots=20) as process:
+    with node_here('planner', plan_file=file, duration=120.0, slots=20) as process:
         warnings = [line for line in process.lines if 'plan_file' in line]
         assert len(warnings) == 1 and '[WARN]' in warnings[0], process.lines
         client.send_paper()
