@@ -1,11 +1,11 @@
 """What the command accepts, and from there to an exit status."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from itertools import takewhile
-import math
 import os
+from pkgutil import resolve_name
 import signal
 import sys
 from typing import Any
@@ -64,9 +64,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
             return _run_node(argv[1], argv[2:])
         parser = make_parser()
-        _offer_completion(parser)
+        if '_ARGCOMPLETE' in os.environ:  # A shell asks for completions.
+            import argcomplete
+            argcomplete.autocomplete(parser)
         options = parser.parse_args(_with_origin(argv))
-        run = _function(options.run)
+        run = resolve_name(f'{__package__}.{options.run}')
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -122,23 +124,8 @@ def _with_origin(argv: Sequence[str]) -> list[str]:
     return found
 
 
-def _function(name: str) -> Callable[[argparse.Namespace], int]:
-    """Return a function of a module of this package, which is imported only now."""
-    module, _, function = name.partition('.')
-    found: Callable[[argparse.Namespace], int] = getattr(
-        import_module(f'.{module}', __package__), function)
-    return found
-
-
 def _tell(text: str) -> None:
     print(f'secure_uav_planner: {text}', file=sys.stderr)
-
-
-def _offer_completion(parser) -> None:
-    """Answer a shell that asks for completions; see argcomplete."""
-    if '_ARGCOMPLETE' in os.environ:
-        import argcomplete
-        argcomplete.autocomplete(parser)
 
 
 def _run_node(name: str, arguments: list[str]) -> int:
@@ -158,30 +145,26 @@ def _run_node(name: str, arguments: list[str]) -> int:
 
 
 def _seconds(text: str, least: str = '') -> float:
-    seconds = _number(text)
-    if not seconds > 0:
+    if not (_is_number(text) and float(text) > 0):
         raise argparse.ArgumentTypeError(
             f'{shown(text)} must be {least}a number above 0, in s and without a unit')
-    return seconds
+    return float(text)
+
+
+def _seconds_or_none(text: str) -> float | None:
+    return None if _is_number(text) and float(text) == 0 else _seconds(text, '0 or ')
 
 
 def _numbers(text: str) -> list[float]:
     return [float(word) for word in text.split()]
 
 
-def _seconds_or_none(text: str) -> float | None:
-    return None if _number(text) == 0 else _seconds(text, '0 or ')
-
-
-def _number(text: str) -> float:
-    return float(text) if _is_number(text) else math.nan
-
-
 def _is_number(text: str) -> bool:
     try:
-        return bool(float(text) or True)
+        float(text)
     except ValueError:
         return False
+    return True
 
 
 def _number_of(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
@@ -191,7 +174,7 @@ def _number_of(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
 _OUT, _PLAN = '-o --out', {'help': 'a plan file, such as out/plan.json'}
 
 _COMMANDS: dict[str, tuple[str, str, str, dict[str, dict[str, Any]]]] = {
-    'plan': ('planning.make_plan', 'plan a mission and write what it needs', """
+    'plan': ('planning:make_plan', 'plan a mission and write what it needs', """
 
 It prints the plan's rates beside those of the baselines and a proven bound of what any plan can
 reach, and writes plan.json, plan.csv, plan.png and plan.html. Ctrl-C ends the search and keeps
@@ -216,20 +199,20 @@ the best plan so far.""", {
                      'plan_<uav>.plan for QGroundControl as well'},
         '--mcap': {'action': 'store_true', 'help': 'write plan.mcap as well, the recording of a '
                    'flight for Foxglove and `ros2 bag`; needs ROS'}}),
-    'check': ('missions.check', 'say all that is wrong with a mission, line by line', '', {
+    'check': ('missions:check', 'say all that is wrong with a mission, line by line', '', {
         'mission': {'help': _MISSION},
         '--autopilot': {'choices': tuple(AUTOPILOTS), 'help': 'compare the speed and acceleration '
                         'of its UAVs with what this autopilot carries by default, and name the '
                         'parameters to change'}}),
-    'new': ('missions.new', 'write an example of a mission with every field explained', '', {
+    'new': ('missions:new', 'write an example of a mission with every field explained', '', {
         'mission': {'help': 'file to write'},
         '--force': {'action': 'store_true', 'help': 'replace a file that is there'}}),
-    'show': ('planning.show', 'draw a saved plan and print its rates', '', {
+    'show': ('planning:show', 'draw a saved plan and print its rates', '', {
         'plan': _PLAN,
         _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) or web page (.html) to '
                'write (default: a .png beside the plan, in place of the one that plan drew '
                'there)'}}),
-    'assess': ('planning.assess_plan', 'say what a saved plan is worth when the world differs', """
+    'assess': ('planning:assess_plan', 'say what a saved plan is worth when the world differs', """
 
 It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It
 prints the secrecy rate of the mission, the outage of its slots and what is delivered in secret
@@ -264,7 +247,7 @@ plan allows for.""", {
                                      'anew (default: 50)'),
         '--mean-gain': {'action': 'store_true',
                         'help': 'draw no lines of sight, but take the mean gain'}}),
-    'sweep': ('campaigns.sweep', 'plan all missions of a campaign', """
+    'sweep': ('campaigns:sweep', 'plan all missions of a campaign', """
 
 A campaign is a mission, fields to vary over lists, ranges or random laws, and methods and
 objectives to compare. Every finished mission is written at once; a campaign that was stopped
@@ -277,7 +260,7 @@ of it, such as too little memory, the same command plans it again.""", {
                    'help': 'processes on this computer (default: as many as there are cores)'},
         '--scheduler': {'metavar': 'ADDRESS', 'help': 'a Dask scheduler, such as tcp://host:8786, '
                         'whose workers are used instead; they need this package'}}),
-    'link-budget': ('missions.link_budget', 'compute reference_snr_db from data sheets', """
+    'link-budget': ('missions:link_budget', 'compute reference_snr_db from data sheets', """
 
 The SNR at 1 m and 1 W in free space: G_t + G_r + 20 log10(c / (4 pi f)) - 10 log10(k T_0 B) - F,
 all in dB, with T_0 = 290 K. The receiver_advantage_db of an eavesdropper is by how much G_r - F
@@ -291,7 +274,7 @@ of its receiver is larger than that of the ground node's.""", {
         '--receive-gain-dbi': _number_of(
             'DBI', "G_r, gain of the ground node's antenna upwards (default: 0)", default=0.0)}),
 }
-"""Of each command: the function `module.name` that runs it, what it does, more, its arguments."""
+"""Of each command: the function `module:name` that runs it, what it does, more, its arguments."""
 
 
 def make_parser() -> argparse.ArgumentParser:
