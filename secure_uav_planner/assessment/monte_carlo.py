@@ -67,13 +67,13 @@ def arguments(data: Mapping[str, Any]) -> dict[str, Any]:
 
     :raises OptionError: naming an unknown field or a wrong value.
     """
-    found = {'draws': 1000, 'seed': 0}
+    defaults = {'draws': 1000, 'seed': 0}
     if not isinstance(data, Mapping):
         raise OptionError(f'assess is {shown(data)}; it must be a mapping with draws, seed and '
                           'fields of World')
-    numbers = {**found, **{name: data[name] for name in found if name in data}}
+    numbers = {name: data.get(name, default) for name, default in defaults.items()}
     _check_numbers(**numbers)
-    world = World.from_dict({name: data[name] for name in data if name not in found})
+    world = World.from_dict({name: data[name] for name in data if name not in defaults})
     return {**numbers, 'world': world}
 
 
@@ -113,9 +113,9 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
     receivers = [np.array([scenario.ground_node]),
                  *drawn.places(scenario, world, draws, seed)]
     advantages = [1.0, *(scenario.receiver_advantages * 10.0 ** (world.receiver_db / 10.0))]
-    errors: Iterator[Any] = repeat(None)
+    errors: Iterator[Any] = repeat(0.0)
     sights: Iterator[Any] = repeat(None)
-    fading: Iterator[Any] = repeat(None)
+    fading: Iterator[Any] = repeat(np.ones((1, 1 + count, 1)))
     if world.tracking_std:
         errors = drawn.tracking_errors(scenario, world, draws, seed)
     if channel.los is not None and world.los_distance is not None:
@@ -127,15 +127,13 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
         channel, cautious=False, rician_k_db=None, outage=None)), 'ground_node')
     slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None], strict=True)
     for (uavs, watts), error, sight, fade in zip(slots, errors, sights, fading):
-        if error is not None:
-            uavs = uavs + error
+        uavs = uavs + error
         rates = []
         for number, (place, advantage) in enumerate(zip(receivers, advantages, strict=True)):
             squared = ((uavs - place)**2).sum(axis=-1)
             gains = link.gain(squared) if sight is None else link.drawn_gain(
                 squared, sight[:, number])
-            received = gains * (advantage * watts)
-            rates.append(rate_of(received if fade is None else received * fade[:, number]))
+            rates.append(rate_of(gains * (advantage * watts) * fade[:, number]))
         leaks = np.stack(rates[1:], axis=-1)
         leak = put_together(leaks) if scenario.colluding else leaks.max(axis=-1)
         yield np.broadcast_to(rates[0] - leak, (draws,)).copy()
