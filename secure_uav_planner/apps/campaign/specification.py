@@ -65,9 +65,7 @@ class Campaign:
             chosen = dict(zip(self.grid, values))
             for sample in range(self.samples):
                 fields = {**chosen, **self._drawn(sample)}
-                mission = self.mission
-                if fields:
-                    mission = copy.deepcopy(mission)
+                mission = copy.deepcopy(self.mission)
                 for name, value in fields.items():
                     for owner, field in _targets(mission, name):
                         owner[field] = value

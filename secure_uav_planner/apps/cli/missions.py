@@ -26,8 +26,9 @@ def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
     """Return what a function loads from a file; if it cannot be read, raise this kind of error."""
     try:
         return load(path)
-    except OSError as error:
-        raise kind(f'{path} cannot be read: {error.strerror or error}') from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise kind(f'{path} cannot be read: {reason}') from None
 
 
 def picture_file(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:

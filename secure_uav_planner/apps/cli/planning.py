@@ -183,13 +183,8 @@ def assess_plan(options: argparse.Namespace) -> int:
     """Assess a plan; return the exit status."""
     plan = loaded(options.plan, Plan.load, PlanFileError)
     file = picture_file(options, '.assess.png', _SUFFIXES[:-1])
-    flown = None
-    if options.flown is not None:
-        try:
-            flown = read_flown(options.flown, plan)
-        except (OSError, UnicodeDecodeError) as error:
-            raise OptionError(f'{options.flown} cannot be read: '
-                              f'{getattr(error, "strerror", None) or error}') from None
+    flown = None if options.flown is None else loaded(
+        options.flown, lambda file: read_flown(file, plan), OptionError)
     found = assess(plan, options.draws, options.seed, _world(options, plan), flown)
     print(assessment_table(found))
     try:
