@@ -30,7 +30,7 @@ def check_claims(plans):
     :param plans: the result of study.plans_of.
     """
     curves = {}  # The Plans by T, in its order, by (radius 0 or not, scheme).
-    for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x):
+    for point, plan in plans.items():
         if point.experiment in ('duration', 'duration, radius 0'):
             key = point.experiment == 'duration', point.scheme
             curves.setdefault(key, {})[point.x] = plan

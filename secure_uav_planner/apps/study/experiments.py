@@ -47,7 +47,7 @@ class Point:
 
 
 def points(quick=False):
-    """Return the Points of the study, or a few of every experiment if quick."""
+    """Return the Points of the study, or a few if quick; those of an experiment ascend in x."""
     paper = Scenario.paper()
     found = []
 
@@ -110,7 +110,7 @@ def run(wanted, folder, jobs=-1, backend=None, scheduler=None):
 
 
 def plans_of(wanted, folder):
-    """Return the Plans of Points that are in a folder, by Point."""
+    """Return the Plans of Points that are in a folder, by Point, in the order of these."""
     found = {point: _loaded(plan_file(folder, point.task['key'])) for point in wanted}
     return {point: plan for point, plan in found.items() if plan is not None}
 

@@ -43,7 +43,6 @@ def write_figures(plans, folder):
         figure.savefig(written[-2], dpi=_DOTS_PER_INCH)
         frame.to_csv(written[-1], index=False, float_format='%.6g')
 
-    plans = dict(sorted(plans.items(), key=lambda entry: entry[0].x))
     rates = pandas.DataFrame([{
         'experiment': point.experiment, 'x': point.x, 'scheme': point.scheme,
         'error_radius_m': plan.scenario.eavesdroppers[0].error_radius,
@@ -80,8 +79,7 @@ def found_in_environments(plans):
         which counts with mean gains; `found_...`, mean and quantiles of the mission's secrecy
         rate, by assess; the mean `outage` of its slots; what is `delivered` in the mean.
     """
-    chosen = [plan for point, plan in sorted(plans.items(), key=lambda entry: entry[0].x)
-              if point.experiment == 'environment']
+    chosen = [plan for point, plan in plans.items() if point.experiment == 'environment']
     rows = []
     for plan in chosen:
         there = Plan(plan.scenario, chosen[0].positions, chosen[0].powers)
