@@ -119,16 +119,15 @@ def _campaign(data: Any, folder: Path, noting: Callable[..., AbstractContextMana
             near = difflib.get_close_matches(str(name), _DEFAULTS, 1)
             hint = f'did you mean {near[0]}?' if near else f'it has {", ".join(_DEFAULTS)}'
             raise OptionError(f'a campaign has no field {shown(name)}; {hint}')
-    values, are_right = {**_DEFAULTS, **data}, True
-    for name, is_right, allowed in _checks(values):
-        are_right &= is_right
+    values = {**_DEFAULTS, **data}
+    wrong = {name: allowed for name, is_right, allowed in _checks(values) if not is_right}
+    for name, allowed in wrong.items():
         with noting(name):
-            if not is_right:
-                raise OptionError(f'{name} is {shown(values[name])}; it must be {allowed}')
+            raise OptionError(f'{name} is {shown(values[name])}; it must be {allowed}')
     mission, grid, laws = None, {}, {}
     with noting('mission'):
         mission = _mission(values['mission'], folder)
-    for name, value in values['vary'].items() if isinstance(values['vary'], dict) else ():
+    for name, value in () if 'vary' in wrong else values['vary'].items():
         with noting('vary', name):
             found = _varied(mission, name, value)
             if isinstance(found, tuple):
@@ -141,7 +140,7 @@ def _campaign(data: Any, folder: Path, noting: Callable[..., AbstractContextMana
                 arguments(values['assess'])
             except OptionError as error:
                 raise OptionError(f'assess: {error}', error.place) from None
-    if mission is None or not are_right:
+    if mission is None or wrong:
         return None
     # Without plans and assess, rows are those of a campaign that has no such fields.
     settings = {name: values[name] for name in (
