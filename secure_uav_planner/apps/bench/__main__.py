@@ -5,7 +5,6 @@ import datetime
 import os
 from pathlib import Path
 import platform
-import statistics
 import sys
 
 import pandas
@@ -43,19 +42,19 @@ def main(arguments=None):
     tables = {}
     for name, rows in _tables(range(options.seed, options.seed + count), options.quick):
         print(f'\n{name}')
-        tables[name] = []
+        measured = []
         for row in rows:
-            tables[name].append(row)
+            measured.append(row)
             print('  ' + ', '.join(
                 f'{column} {value:.4g}' if isinstance(value, float) else f'{column} {value}'
                 for column, value in row.items()), flush=True)
+        tables[name] = pandas.DataFrame(measured)
     summary = (f'Measured on {datetime.date.today().isoformat()} with version {__version__}, '
                f'CasADi {casadi.__version__} and Python {platform.python_version()}, on '
                f'{os.cpu_count()} processors ({platform.machine()}):\n\n{summary_of(tables)}')
     print('\n' + summary)
     (options.out / 'speed.md').write_text(summary, encoding='utf-8')
-    pandas.concat({name: pandas.DataFrame(rows) for name, rows in tables.items()},
-                  names=['table']).to_csv(options.out / 'bench.csv')
+    pandas.concat(tables, names=['table']).to_csv(options.out / 'bench.csv')
     print(f'written to {options.out}')
     return 0
 
@@ -85,13 +84,13 @@ def _tables(seeds, quick):
 
 
 def summary_of(tables):
-    """Return the main results of the tables, rows by name, as a Markdown table and a list."""
-    lines = [_compared(f"the paper's, {row['name']}", [row], statistics.median)
-             for table in ('paper', 'slots') for row in tables[table]]
+    """Return the main results of the tables, DataFrames by name, as a table and a list."""
+    lines = [_compared(f"the paper's, {name}", row, 'median') for table in ('paper', 'slots')
+             for name, row in tables[table].groupby('name', sort=False)]
     for table, of in RANDOM.items():
         rows = tables[table]
-        lines += [_compared(f'{len(rows)} random ones {of}, median', rows, statistics.median),
-                  _compared('the worst of them', rows, min)]
+        lines += [_compared(f'{len(rows)} random ones {of}, median', rows, 'median'),
+                  _compared('the worst of them', rows, 'min')]
     others = [other.upper() for other in measuring.OPPONENTS]
     return markdown_table(
         ('missions', 'planner', *(f'against {other}' for other in others),
@@ -100,20 +99,19 @@ def summary_of(tables):
 
 
 def _compared(name, rows, choose):
-    """Return a line of the summary: the chosen time, ratios and gains of some rows."""
-    times = [row['joint_time'] for row in rows]
+    """Return a line of the summary: the median or worst time, ratios and gains of some rows."""
+    time = rows.joint_time.max() if choose == 'min' else rows.joint_time.median()
     ratios, gains = [], []
     for other in measuring.OPPONENTS:
-        compared = [row for row in rows if f'{other}_ratio' in row]
-        if not compared:
+        if rows[f'{other}_ratio'].isna().all():
             ratios.append('')
             gains.append('')
             continue
-        whole, call = (choose(row[f'{other}_{what}'] for row in compared)
+        whole, call = (_ratio(rows[f'{other}_{what}'].agg(choose))
                        for what in ('ratio', 'ratio_solve'))
-        ratios.append(f'{_ratio(whole)} ({_ratio(call)})')
-        gains.append(f"{choose(row['joint_rate'] - row[f'{other}_rate'] for row in compared):.4f}")
-    return [name, f'{1000 * (max if choose is min else choose)(times):.0f} ms', *ratios, *gains]
+        ratios.append(f'{whole} ({call})')
+        gains.append(f"{(rows.joint_rate - rows[f'{other}_rate']).agg(choose):.4f}")
+    return [name, f'{1000 * time:.0f} ms', *ratios, *gains]
 
 
 def _ratio(value):
@@ -122,22 +120,21 @@ def _ratio(value):
 
 def _facts(tables):
     """Yield what the tables say beside the comparison with other solvers, in sentences."""
-    ratios = [row['alternating_time'] / row['joint_time'] for row in tables['paper']]
+    paper, slots, warm, both = (tables[name] for name in ('paper', 'slots', 'warm', 'objectives'))
+    ratios = paper.alternating_time / paper.joint_time
     yield ("On the paper's missions, its alternating method takes "
-           f'{min(ratios):.0f} to {max(ratios):.0f} times as long.')
-    first, *_, last = tables['slots']
-    yield (f"A process that plans {first['slots']} slots takes {first['peak_memory']:.0f} MB of "
-           f"memory, one that plans {last['slots']} takes {last['peak_memory']:.0f} MB.")
-    ratio, gain = (statistics.median(values) for values in zip(*(
-        (row['warm_ratio'], row['warm_rate'] - row['cold_rate']) for row in tables['warm'])))
-    yield (f"After the eavesdroppers' estimates have moved by 5 m, a solve that starts from the "
-           f'last plan takes {ratio:.0%} of the time of a first one in the median; the rate '
-           f'differs by {gain:+.5f} bit/s/Hz in the median.')
-    ratio = statistics.median(row['objective_ratio'] for row in tables['objectives'])
-    gains = [row['p1_rate'] - row['p2_rate'] for row in tables['objectives']]
-    yield (f'The worst-case objective takes {ratio:.1f} times the processor time of the '
-           f'guaranteed one in the median; the worst-case rate gains '
-           f'{statistics.median(gains):.4f} bit/s/Hz in the median, {min(gains):.4f} at least.')
+           f'{ratios.min():.0f} to {ratios.max():.0f} times as long.')
+    first, last = (slots.iloc[end] for end in (0, -1))
+    yield (f'A process that plans {first.slots} slots takes {first.peak_memory:.0f} MB of '
+           f'memory, one that plans {last.slots} takes {last.peak_memory:.0f} MB.')
+    gain = (warm.warm_rate - warm.cold_rate).median()
+    yield ("After the eavesdroppers' estimates have moved by 5 m, a solve that starts from the "
+           f'last plan takes {warm.warm_ratio.median():.0%} of the time of a first one in the '
+           f'median; the rate differs by {gain:+.5f} bit/s/Hz in the median.')
+    gains = both.p1_rate - both.p2_rate
+    yield (f'The worst-case objective takes {both.objective_ratio.median():.1f} times the '
+           'processor time of the guaranteed one in the median; the worst-case rate gains '
+           f'{gains.median():.4f} bit/s/Hz in the median, {gains.min():.4f} at least.')
 
 
 if __name__ == '__main__':
