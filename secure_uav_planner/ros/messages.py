@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from itertools import pairwise
 import math
-from typing import Any, TypeAlias
+from typing import Any
 
 from builtin_interfaces.msg import Time as Stamp
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -27,13 +27,11 @@ from ..errors import OptionError
 from ..mission.participants import NoFlyZone
 from ..mission.polygons import convex_parts, grown, Vertices
 from ..mission.scenario import Scenario
-from ..output.autopilots import rotation, Setpoint
+from ..output.autopilots import rotation, Setpoint, Vector
 from ..output.drawing import (
     EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, middle_of, NO_FLY_ZONE, uav_color)
 from ..plan.plan import Plan
 from ..plan.playback import Moment
-
-Place: TypeAlias = tuple[float, float, float]
 
 _MOST_POINTS = 1000  # Largest number of points of a path marker.
 
@@ -248,9 +246,10 @@ def of_plan(plan: Plan, frame_id: str) -> Iterator[tuple[str, Any]]:
 def of_moment(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
               ) -> Iterator[tuple[str, Any]]:
     """Yield the messages of a moment of a flight, each behind its topic."""
-    for uav, (x, y), yaw, velocity, acceleration, watts in zip(
+    spheres = []
+    for index, (uav, (x, y), yaw, velocity, acceleration, watts) in enumerate(zip(
             scenario.uavs, moment.positions, moment.headings, moment.velocities,
-            moment.accelerations, moment.powers, strict=True):
+            moment.accelerations, moment.powers, strict=True)):
         place = (x, y, uav.altitude)
         yield f'{uav.name}/setpoint/pose', pose_stamped(frame_id, stamp, *place, yaw)
         yield f'{uav.name}/setpoint/power', float64(watts)
@@ -258,20 +257,11 @@ def of_moment(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
             frame_id, f'{uav.name}/base_link', stamp, place, yaw, velocity)
         yield f'{uav.name}/setpoint/trajectory', trajectory_setpoint(
             uav.name, frame_id, stamp, (place, yaw, velocity, acceleration))
-    yield '~/markers', _moment_markers(scenario, moment, frame_id, stamp)
-
-
-def _moment_markers(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
-                    ) -> MarkerArray:
-    """Return a MarkerArray with a sphere at the position of each UAV, larger for higher power."""
-    found = []
-    for index, (uav, (x, y), watts) in enumerate(
-            zip(scenario.uavs, moment.positions, moment.powers, strict=True)):
-        size = 10.0 + 10.0 * math.sqrt(max(0.0, watts))
-        found.append(_stamped(_marker(
-            'uav', index, Marker.SPHERE, uav_color(index), (size, size, size),
-            (x, y, uav.altitude)), frame_id, stamp))
-    return MarkerArray(markers=found)
+        size = 10.0 + 10.0 * math.sqrt(max(0.0, watts))  # Larger for higher power.
+        spheres.append(_stamped(
+            _marker('uav', index, Marker.SPHERE, uav_color(index), (size, size, size), place),
+            frame_id, stamp))
+    yield '~/markers', MarkerArray(markers=spheres)
 
 
 def _airspace(scenario: Scenario) -> list[Marker]:
@@ -296,14 +286,14 @@ def _airspace(scenario: Scenario) -> list[Marker]:
                              points=rim)] if margin else [])
 
 
-def _edges(vertices: Vertices, floor: float, top: float) -> list[Place]:
+def _edges(vertices: Vertices, floor: float, top: float) -> list[Vector]:
     """Return the edges of a prism as pairs of points."""
     return [place for (x, y), (to_x, to_y) in _sides(vertices) for place in (
         (x, y, floor), (to_x, to_y, floor), (x, y, top), (to_x, to_y, top),
         (x, y, floor), (x, y, top))]
 
 
-def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Place]:
+def _faces(zone: NoFlyZone, floor: float, top: float) -> list[Vector]:
     """Return the walls and the top of a prism as triangles, three points each."""
     walls = [place for (x, y), (to_x, to_y) in _sides(zone.vertices) for place in (
         (x, y, floor), (to_x, to_y, floor), (to_x, to_y, top),
@@ -316,8 +306,8 @@ def _sides(vertices: Vertices) -> Iterator[tuple[Any, Any]]:
     return zip(vertices, vertices[1:] + vertices[:1], strict=True)
 
 
-def _marker(namespace: str, index: int, kind: int, color: str, scale: Place,
-            place: Place = (0.0, 0.0, 0.0), opacity: float = 1.0, points: Sequence[Place] = (),
+def _marker(namespace: str, index: int, kind: int, color: str, scale: Vector,
+            place: Vector = (0.0, 0.0, 0.0), opacity: float = 1.0, points: Sequence[Vector] = (),
             text: str = '') -> Marker:
     red, green, blue = (int(color[at:at + 2], 16) / 255 for at in (1, 3, 5))
     return Marker(
@@ -326,12 +316,12 @@ def _marker(namespace: str, index: int, kind: int, color: str, scale: Place,
         color=ColorRGBA(r=red, g=green, b=blue, a=float(opacity)))
 
 
-def _vector(kind: type, numbers: Place) -> Any:
+def _vector(kind: type, numbers: Vector) -> Any:
     x, y, z = map(float, numbers)
     return kind(x=x, y=y, z=z)
 
 
-def _label(index: int, text: str, place: Place, color: str) -> Marker:
+def _label(index: int, text: str, place: Vector, color: str) -> Marker:
     x, y, z = place
     return _marker('label', index, Marker.TEXT_VIEW_FACING, color, (0.0, 0.0, 20.0),
                    (x, y, z + 20.0), text=text)
