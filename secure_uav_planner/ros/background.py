@@ -19,49 +19,34 @@ class LatestOnlyWorker:
 
     def __init__(self, work: Callable[[Any], None]) -> None:
         self._work = work
-        self._changed = threading.Condition()
-        self._waiting: tuple[Any, threading.Event] | None = None
+        self._turn = threading.Lock()
         self._closed = False
-        self._thread: threading.Thread | None = None
         self.newest: Any = None
 
-    def put(self, item: Any) -> threading.Event:
-        """Queue an item; return an event that is set when it is done, never if it is replaced."""
-        done = threading.Event()
-        with self._changed:
-            if self._closed:
-                return done
-            self.newest, self._waiting = item, (item, done)
-            if self._thread is None:
-                # A daemon thread does not keep a stopped node running.
-                self._thread = threading.Thread(target=self._run, daemon=True, name='latest')
-                self._thread.start()
-            self._changed.notify()
-        return done
+    def put(self, item: Any) -> threading.Thread:
+        """Return the thread in which an item is processed, unless another one replaces it."""
+        self.newest = item
+        # A daemon thread does not keep a stopped node running.
+        thread = threading.Thread(target=self._run, args=(item,), daemon=True, name='latest')
+        thread.start()
+        return thread
 
     def cancel(self) -> None:
         """Note that no item is wanted any more."""
         self.newest = None
 
     def close(self, timeout: float) -> bool:
-        """Start no further item; return whether the thread has ended within the timeout in s."""
-        with self._changed:
-            self._closed, self.newest = True, None
-            self._changed.notify()
-        if self._thread is None:
-            return True
-        self._thread.join(timeout)
-        return not self._thread.is_alive()
+        """Start no further item; return whether the last one has ended within the timeout in s."""
+        self._closed, self.newest = True, None
+        ended = self._turn.acquire(timeout=timeout)
+        if ended:
+            self._turn.release()
+        return ended
 
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._closed)
-                if self._closed:
-                    return
-                (item, done), self._waiting = self._waiting, None
-            self._work(item)
-            done.set()
+    def _run(self, item: Any) -> None:
+        with self._turn:
+            if item is self.newest and not self._closed:
+                self._work(item)
 
 
 class Bounding(LatestOnlyWorker):
@@ -72,8 +57,6 @@ class Bounding(LatestOnlyWorker):
         self._then, self._failed = then, failed
 
     def _bound(self, plan: Plan) -> None:
-        if self.newest is not plan:
-            return
         try:
             bound = upper_bound(plan.scenario, objective=plan.objective, plan=plan,
                                 on_progress=lambda _: self.newest is not plan)

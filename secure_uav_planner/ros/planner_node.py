@@ -223,9 +223,9 @@ class Planner(Node):
             prevents the publication.
         :param restored: whether the plan comes from the plan file.
         """
-        evaluated = self._evaluation.put(plan)
+        evaluation = self._evaluation.put(plan)
         outgoing = dict(messages.of_plan(plan, self._settings['frame_id']))
-        evaluated.wait(_EVALUATION)
+        evaluation.join(_EVALUATION)
         with self._publishing:
             check_still_wanted()
             if not restored:
