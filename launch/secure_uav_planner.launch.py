@@ -67,15 +67,14 @@ def generate_launch_description() -> LaunchDescription:
             condition=IfCondition(NotEqualsSubstitution(stack, '')))])
 
 
-def node(executable: str, context: LaunchContext, parameters: dict | None = None,
-         **options: object) -> Node:
+def node(executable: str, context: LaunchContext, parameters: dict | None = None) -> Node:
     """Return one node of this package, with the parameters of the file and others beside them."""
     files = list(filter(None, [LaunchConfiguration('params_file').perform(context)]))
     return Node(
         package=PACKAGE, executable=executable, namespace=LaunchConfiguration('namespace'),
         parameters=[{'mission_file': LaunchConfiguration('mission_file')}, *files,
                     {'use_sim_time': LaunchConfiguration('use_sim_time'), **(parameters or {})}],
-        output='screen', **options)
+        output='screen')
 
 
 def check_files(context: LaunchContext) -> None:
