@@ -1,6 +1,5 @@
 """A plan and its replay as an MCAP file, which Foxglove and `ros2 bag` open."""
 
-from dataclasses import replace
 import os
 from pathlib import Path
 import re
@@ -46,10 +45,8 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate
     """
     if not rate > 0:
         raise OptionError(f'rate is {shown(rate)}; it must be above 0 Hz')
-    if plan.start_ns is None:
-        plan = replace(plan, start_ns=0)
     with atomic_file(path, binary=True) as file:
-        bag = _Bag(file, plan.start_ns)
+        bag = _Bag(file, plan.start_ns or 0)
         _record_plan(bag, plan, frame_id)
         _record_replay(bag, plan, frame_id, rate)
         bag.finish()
