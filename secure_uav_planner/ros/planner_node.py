@@ -12,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import TimeReference
 
 from . import messages
 from .background import Bounding, LatestOnlyWorker
@@ -21,15 +20,16 @@ from .mission_parameters import airspace_from, channel_from, objective_from, uav
 from .node_parameters import Parameters
 from .parameters import eavesdropper_parameters, PLANNER, uav_parameters, zone_parameters
 from .plan_tracking import check_goes_on, PlanTracking
-from .poses import PoseBook, PoseSubscriptions
+from .poses import Message, PoseBook
 from .replanning import check_in_time, Replanning
 from .scenarios import scenario_from, StartTime
 from .spec import Spec
 from .status import is_evaluated, level_and_text, log_at, State, values
-from .topics import OVERRIDABLE, publishers, SENSOR, serve, TOPICS
+from .topics import publishers, serve, subscribe, TOPICS
 from .worker import Worker
 from ..errors import (
-    brief, ParameterError, PlanFileError, PlanningError, StoppedError, SupersededError, with_type)
+    brief, ParameterError, PlanFileError, PlanningError, PoseError, StoppedError,
+    SupersededError, with_type)
 from ..optimize.rejoin import Rejoin
 from ..optimize.warm_start import similar
 from ..plan.bound import Bound
@@ -41,6 +41,7 @@ _CHECK_PERIOD = 0.1  # Of where the UAVs are, and whether a replan is due.
 _EVALUATION = 0.5  # How long a plan waits for its worst-case rate before publication, in s.
 _SHORTEST_SOLVE = 0.01
 _LONGEST_REASON = 4000
+_MOST_WARNINGS = 5  # Of the poses of each topic, until a valid one arrives.
 
 
 class Planner(Node):
@@ -51,6 +52,7 @@ class Planner(Node):
         self._settings = Parameters(self, PLANNER, _check, _parameters_of_members)
         self._uavs = self._settings['uavs']
         self._poses = PoseBook(Frames(self).moved)
+        self._warned: dict[str, set[str]] = {}  # Of the poses of each topic.
         self._tracking = PlanTracking(self._poses)
         self._state = State()
         self._closed = False
@@ -78,10 +80,12 @@ class Planner(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, callback_group=services, clock=steady)
         self.create_timer(_CHECK_PERIOD, self._on_check, callback_group=checks, clock=steady)
-        self.create_subscription(
-            TimeReference, 'plan_time', self._tracking.hear, SENSOR,
-            callback_group=MutuallyExclusiveCallbackGroup(), qos_overriding_options=OVERRIDABLE)
-        PoseSubscriptions(self, self._settings, self._poses, self._publish_status)
+        topics = dict(TOPICS['planner', 'sub'])
+        subscribe(self, {'plan_time': topics.pop('plan_time')},
+                  lambda _, message: self._tracking.hear(message),
+                  MutuallyExclusiveCallbackGroup(), self._uavs)
+        subscribe(self, topics, self._on_pose, MutuallyExclusiveCallbackGroup(), self._uavs,
+                  self._settings['eavesdroppers'])
 
     def close(self) -> bool:
         """Stop the solve that is under way; return whether nothing is left running."""
@@ -96,6 +100,23 @@ class Planner(Node):
 
     def _now(self) -> float:
         return self._now_ns() * 1e-9
+
+    def _on_pose(self, topic: str, message: Message) -> None:
+        """Keep a valid pose, and warn once of each kind of other ones."""
+        is_first, member = self._poses.get(topic) is None, topic.partition('/')[0]
+        origin = self._settings[f'{member}.origin'] if member in self._uavs else (0.0, 0.0, 0.0)
+        warned = self._warned.setdefault(topic, set())
+        try:
+            self._poses.take(topic, message, self._settings['frame_id'], self._now(), origin)
+        except PoseError as error:
+            reason = brief(error)
+            if reason not in warned and len(warned) < _MOST_WARNINGS:
+                warned.add(reason)
+                self.get_logger().warning(f'{topic}: {reason}; it is not used')
+        else:
+            warned.clear()
+            if is_first:
+                self._publish_status()
 
     # Planning on request
 
@@ -168,13 +189,12 @@ class Planner(Node):
         if isinstance(error, SupersededError):
             self._publish_status()  # The plan that came first has been reported.
             return str(error)
+        level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         if not isinstance(error, PlanningError):
             what = 'replan' if is_replan else 'solve'
             level, reason = DiagnosticStatus.ERROR, f'the {what} failed: {with_type(error)}'
         elif is_replan and isinstance(error, StoppedError):
-            level, reason = DiagnosticStatus.OK, brief(error, _LONGEST_REASON)
-        else:
-            level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
+            level = DiagnosticStatus.OK
         with self._lock:
             text = self._state.refuse(error, reason, level, is_replan)
         log_at(self.get_logger(), level, f'no new plan: {text}')

@@ -9,12 +9,9 @@ from typing import Any, TypeAlias
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.node import Node
 
-from .topics import GROUND_NODE_TOPIC, subscribe, TOPICS, uav_topics
-from ..errors import (
-    brief, PoseError, PoseMissingError, PoseStaleError, shown, WrongFrameError)
+from .topics import GROUND_NODE_TOPIC, uav_topics
+from ..errors import PoseError, PoseMissingError, PoseStaleError, shown, WrongFrameError
 from ..mission.scenario import Array, Point, RANGES
 from ..output.autopilots import rotation
 
@@ -27,9 +24,6 @@ _LEAST_SPACING = 0.02  # Of those that are kept, in s, so that they are few at a
 _KEPT_BEFORE_OLDER = 10.0
 
 Message: TypeAlias = PoseStamped | PoseWithCovarianceStamped | Odometry
-
-_NO_SHIFT = (0.0, 0.0, 0.0)
-_MOST_WARNINGS = 5  # For each topic, until a valid pose arrives on it.
 
 
 @dataclass(frozen=True)
@@ -80,7 +74,7 @@ class PoseBook:
         self._lock = threading.Lock()
 
     def take(self, topic: str, message: Message, frame_id: str, now: float,
-             origin: Sequence[float] = _NO_SHIFT) -> None:
+             origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         """
         Check a pose and keep it, unless a newer one has just come.
 
@@ -189,37 +183,6 @@ class PoseBook:
                 f'{settings["height_tolerance"]:g} m; the ground node and the eavesdroppers must '
                 'be at z = 0 of the frame, above which altitudes count')
         return None
-
-
-class PoseSubscriptions:
-    """Keeps the valid poses of all members, and warns once of each other kind."""
-
-    def __init__(self, node: Node, settings: Any, poses: PoseBook, on_first: Callable[[], None]
-                 ) -> None:
-        self._node, self._settings, self._poses = node, settings, poses
-        self._on_first = on_first  # Called after the first valid pose of a topic.
-        self._warned: dict[str, set[str]] = {}
-        topics = {name: topic for name, topic in TOPICS['planner', 'sub'].items() if '/' in name}
-        subscribe(node, topics, self._take, MutuallyExclusiveCallbackGroup(), settings['uavs'],
-                  settings['eavesdroppers'])
-
-    def _take(self, topic: str, message: Message) -> None:
-        first, member = self._poses.get(topic) is None, topic.partition('/')[0]
-        now = self._node.get_clock().now().nanoseconds * 1e-9
-        origin = (self._settings[f'{member}.origin'] if member in self._settings['uavs']
-                  else _NO_SHIFT)
-        warned = self._warned.setdefault(topic, set())
-        try:
-            self._poses.take(topic, message, self._settings['frame_id'], now, origin)
-        except PoseError as error:
-            reason = brief(error)
-            if reason not in warned and len(warned) < _MOST_WARNINGS:
-                warned.add(reason)
-                self._node.get_logger().warning(f'{topic}: {reason}; it is not used')
-        else:
-            warned.clear()
-            if first:
-                self._on_first()
 
 
 def error_radius(covariance: Array, confidence: float) -> float:
