@@ -65,7 +65,8 @@ class Assembly:
     @property
     def problem(self) -> str:
         """Why the messages that have come do not make a newer plan yet, or an empty string."""
-        return _nothing_on(self._missing()) if self._has_begun() else ''
+        missing = self._missing() if self._has_begun() else []
+        return _nothing_on(missing) if missing else ''
 
     def plan(self, **fields: Any) -> tuple[Plan, str]:
         """

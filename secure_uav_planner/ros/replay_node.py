@@ -88,8 +88,9 @@ class Replay(Node):
     def _on_plan_message(self, topic: str, message: Any) -> None:
         self._assembly.take(topic, message, self.get_clock().now().nanoseconds)
 
-    def _assemble(self) -> str:
-        """Load the plan of the topics; return the reason if that fails, or an empty string."""
+    def _assemble(self) -> None:
+        """Load the plan of the topics, or note why that fails."""
+        starts, self._starts_next = self._starts_next, False
         try:
             ground_node = tuple(self._settings['ground_node'])
             plan, frame_id = self._assembly.plan(
@@ -98,45 +99,40 @@ class Replay(Node):
                 reference_snr_db=self._settings['reference_snr_db'])
         except PlanningError as error:
             reason = self._problem = brief(error)
-            self._starts_next = False
             if reason not in self._warned and len(self._warned) < _MOST_WARNINGS:
                 self._warned.add(reason)
                 self.get_logger().warning(f'the plan of the topics is not used: {reason}')
-            return reason
+            return
         self._problem = ''
         self._warned.clear()
         if self._player.streaming and frame_id != self._frame_id:
-            self._starts_next = False
             self._player.refuse(f'it is in frame {shown(frame_id)} and the setpoints are in '
                                 f'{shown(self._frame_id)}; ~/reset ends them')
-            return ''
-        self._take(plan, frame_id)
+            return
+        self._take(plan, frame_id, starts)
         missing = self._assembly.without_trajectory()
         if missing:
             self.get_logger().warning(brief(
                 f'nothing has come on {", ".join(missing)} that belongs to this plan; it is flown '
                 'straight from point to point'))
-        return ''
 
-    def _take(self, plan: Plan, frame_id: str) -> None:
+    def _take(self, plan: Plan, frame_id: str, starts: bool = False) -> None:
+        """Give a plan to the player, and release it if ~/start was for it or by `autostart`."""
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
                                f'{", ".join(self._uavs)}: {plan.identity}')
         before = self._player.playback
-        # A revision of the flight that is known goes on, or stays paused, as that does.
-        is_new = before is None or before.plan.start_ns != plan.start_ns
-        is_taken = self._player.load(plan)
-        if is_taken:
+        if self._player.load(plan):
             self._frame_id = frame_id
-        is_late = not self._settings['plan_file'] and plan.start_ns is not None and (
-            self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9)
-        if is_taken and self._starts_next:
-            self._start()
-        elif is_taken and is_new and self._settings['autostart'] and is_late:
-            self.get_logger().warning(
-                f'plan {plan.identity} is not started: its time has passed; ~/start plays it')
-        elif is_taken and is_new and self._settings['autostart']:
-            self._start()
-        self._starts_next = False
+            # A revision of the flight that is known goes on, or stays paused, as that does.
+            autostarts = self._settings['autostart'] and (
+                before is None or before.plan.start_ns != plan.start_ns)
+            is_late = not self._settings['plan_file'] and (
+                self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9)
+            if starts or autostarts and not is_late:
+                self._start()
+            elif autostarts:
+                self.get_logger().warning(f'plan {plan.identity} is not started: its time has '
+                                          'passed; ~/start plays it')
         if self._settings['picture_file']:
             self._drawing.put((plan, self._settings['picture_file']))
 
@@ -180,8 +176,9 @@ class Replay(Node):
         return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
 
     def _on_start(self) -> tuple[bool, str]:
-        reason = self._assemble() if self._assembly.is_whole() else (
-            self._assembly.problem or self._problem)
+        if self._assembly.is_whole():
+            self._assemble()
+        reason = self._assembly.problem or self._problem
         self._starts_next = self._assembly.is_arriving()
         try:
             return True, (f'waits for the rest of the plan: {reason}' if self._starts_next
