@@ -385,21 +385,10 @@ class Scenario:
             is wrong.
         """
         from . import formats
-        return formats.read_mission(checked_path(path), formats.Schema(*_neutral()))
+        return formats.read_mission(checked_path(path), cls)
 
 
 def _part(kind: type[Any], data: object, *place: str | int) -> Any:
     """Return an object in a scenario's dictionary."""
     with within(*place):
         return kind(**checked_fields(kind, data))
-
-
-def _neutral() -> tuple[Scenario, dict[str, Any], dict[str, Any]]:
-    """Return a scenario, a member of each list and its parts, which any right value fits."""
-    uav = Uav('uav', (0.0, 0.0), (0.0, 0.0), RANGES['altitude'][0], RANGES['max_speed'][1],
-              RANGES['average_power'][0], RANGES['peak_power'][1], None, None, None)
-    eavesdropper = Eavesdropper((0.0, 0.0))
-    zone = NoFlyZone(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
-    return (Scenario((0.0, 0.0), (eavesdropper,), (uav,), RANGES['duration'][1], slots=1),
-            {'eavesdroppers': eavesdropper, 'uavs': uav, 'no_fly_zones': zone},
-            {'channel': Channel()})

@@ -4,12 +4,12 @@ from collections.abc import Iterable
 import os
 from typing import Any
 
-from .diagnosis import diagnosed, Schema
-from .documents import in_order, Problem, read, refusal, text_of
+from .diagnosis import diagnosed
+from .documents import Problem, read, refusal, text_of
 from ..files import atomic_file
 from ...errors import MissionFileError, ScenarioError, words_of_files
 
-__all__ = ['Schema', 'located', 'read_mission', 'write_mission']
+__all__ = ['located', 'read_mission', 'write_mission']
 
 _HEAD = """\
 # A mission of secure_uav_planner. Positions are (x, y) in m, x east and y north of the origin;
@@ -24,14 +24,14 @@ _OTHERS = {
                        'parameter mission_file names'}
 
 
-def read_mission(path: str | os.PathLike[str], schema: Schema) -> Any:
-    """Return the Scenario in a file; Scenario.load describes it."""
+def read_mission(path: str | os.PathLike[str], kind: type[Any]) -> Any:
+    """Return what is in a file as a `kind`, which is Scenario; Scenario.load describes it."""
     document = read(path)
-    for field, kind in _OTHERS.items():
+    for field, other in _OTHERS.items():
         if _has(document.data, field):
-            raise refusal(path, [Problem(None, f'it is {kind}')])
+            raise refusal(path, [Problem(None, f'it is {other}')])
     with words_of_files():
-        scenario, problems = diagnosed(document, schema)
+        scenario, problems = diagnosed(document, kind)
     if problems:
         error = refusal(path, problems)
         error.rest = scenario
@@ -44,7 +44,7 @@ def located(path: str | os.PathLike[str], error: ScenarioError,
     """Return the error of a file for one of its mission, with its `others` and what is known."""
     document = read(path)
     found = (Problem(document.line(one.place), str(one)) for one in (error, *error.others))
-    return refusal(path, in_order([*map(Problem._make, known), *found]))
+    return refusal(path, [*map(Problem._make, known), *found])
 
 
 def _has(data: Any, field: str) -> bool:

@@ -1,29 +1,14 @@
 """All that is wrong with the values of a mission at once, not only the first."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, MISSING
+from collections.abc import Mapping
+from dataclasses import fields, MISSING
 from typing import Any
 
-from .documents import Document, in_order, Problem
-from ..validation import checked_fields
+from .documents import Document, Problem
+from ..participants import Eavesdropper, NoFlyZone, Uav
+from ..propagation import Channel
+from ..validation import checked_fields, RANGES
 from ...errors import path_of, Place, ScenarioError, shown
-
-
-@dataclass(frozen=True)
-class Schema:
-    """
-    The classes of a mission, each as an instance with limits so wide that any right value fits.
-
-    This package imports none of them, so that Scenario can use it.
-
-    :param members: for each field of the scenario that is a list, such a Uav, Eavesdropper ...
-    :param parts: for each field of the scenario that is an object of its own, such a Channel.
-    """
-
-    scenario: Any
-    members: Mapping[str, Any]
-    parts: Mapping[str, Any]
-
 
 UNITS = {
     'ground_node': 'm', 'position': 'm', 'start': 'm', 'goal': 'm', 'vertices': 'm',
@@ -37,48 +22,58 @@ UNITS = {
 }
 """The unit of every field that has one."""
 
+_MEMBERS = {
+    'eavesdroppers': Eavesdropper((0.0, 0.0)),
+    'uavs': Uav('uav', (0.0, 0.0), (0.0, 0.0), RANGES['altitude'][0], RANGES['max_speed'][1],
+                RANGES['average_power'][0], RANGES['peak_power'][1], None, None, None),
+    'no_fly_zones': NoFlyZone(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))}
+"""For each list of a scenario a member with limits so wide that any right value fits."""
 
-def diagnosed(document: Document, schema: Schema) -> tuple[Any, list[Problem]]:
-    """Return the Scenario, or `rest` of an error, and what is wrong in the order of lines."""
-    work = _Diagnosis(document, schema)
-    scenario = work.scenario()
-    return scenario, in_order([*document.problems, *work.problems])
+
+def diagnosed(document: Document, kind: type[Any]) -> tuple[Any, list[Problem]]:
+    """
+    Return the Scenario, or `rest` of an error, and what is wrong.
+
+    :param kind: the class Scenario, which imports this module.
+    """
+    work = _Diagnosis(document)
+    scenario = work.scenario(kind)
+    return scenario, [*document.problems, *work.problems]
 
 
 class _Diagnosis:
     """Goes through a document, and keeps what is wrong."""
 
-    def __init__(self, document: Document, schema: Schema) -> None:
+    def __init__(self, document: Document) -> None:
         self.problems: list[Problem] = []
         self._document = document
-        self._schema = schema
 
-    def scenario(self) -> Any:
+    def scenario(self, kind: type[Any]) -> Any:
         """Return the Scenario, with wide limits in place of what is wrong, or None."""
-        neutral, data = self._schema.scenario, self._document.data
+        neutral = kind((0.0, 0.0), (_MEMBERS['eavesdroppers'],), (_MEMBERS['uavs'],),
+                       RANGES['duration'][1], slots=1)
+        data = self._document.data
         if data is None:
             self._add((), 'the file is empty; it must have the fields of a mission')
             return None
         known = self._known_fields(neutral, data, (), '')
-        members, parts = self._schema.members, self._schema.parts
         plain = {name: value for name, value in known.items()
-                 if name not in members and name not in parts}
+                 if name not in _MEMBERS and name != 'channel'}
         _, wrong = self._built(neutral, plain, ())
         values = {name: value for name, value in plain.items() if name not in wrong}
         numbers: dict[str | int, list[int]] = {}
-        for name in [name for name in known if name in members]:
-            found = list(self._members(name, known[name]))
+        for name in [name for name in known if name in _MEMBERS]:
+            found = self._members(name, known[name])
             if found or known[name] == []:
-                numbers[name] = [number for number, _ in found]
-                values[name] = tuple(member for _, member in found)
-        for name in known.keys() & parts.keys():
-            part = self._object(parts[name], known[name], (name,))
-            if part is not None:
-                values[name] = part
+                numbers[name] = [*found]
+                values[name] = tuple(found.values())
+        if 'channel' in known:
+            channel = self._object(Channel(), known['channel'], ('channel',))
+            if channel is not None:
+                values['channel'] = channel
         try:
-            missing = (known.keys() | _needed(type(neutral))) - values.keys()
-            scenario = type(neutral)(
-                **values, **{name: getattr(neutral, name) for name in missing})
+            missing = (known.keys() | _needed(kind)) - values.keys()
+            scenario = kind(**values, **{name: getattr(neutral, name) for name in missing})
         except ScenarioError as error:
             for one in (error, *error.others):
                 field, *inner = one.place
@@ -109,15 +104,14 @@ class _Diagnosis:
             self._add(place, f'{owner}{lacking}')
         return known
 
-    def _members(self, field: str, values: Any) -> Iterator[tuple[int, Any]]:
-        """Yield the members of a list with which the mission can be judged, and their numbers."""
+    def _members(self, field: str, values: Any) -> dict[int, Any]:
+        """Return the members of a list with which the mission can be judged, by their numbers."""
         if not isinstance(values, list):
             self._add((field,), f'{field} is {shown(values)}; it must be a list')
-            return
-        for number, data in enumerate(values):
-            member = self._object(self._schema.members[field], data, (field, number))
-            if member is not None:
-                yield number, member
+            return {}
+        found = {number: self._object(_MEMBERS[field], data, (field, number))
+                 for number, data in enumerate(values)}
+        return {number: member for number, member in found.items() if member is not None}
 
     def _object(self, neutral: Any, data: Any, place: Place) -> Any:
         """Return an object, or None if what is wrong with it could hide other things."""

@@ -1,6 +1,6 @@
 """YAML and JSON files as plain values, with the line of each."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import json
 import os
@@ -116,17 +116,13 @@ def read(path: str | os.PathLike[str]) -> Document:
     raise refusal(path, [problem])
 
 
-def refusal(path: str | os.PathLike[str], problems: Sequence[Problem]) -> MissionFileError:
-    """Return the error of a file in which something is wrong; its text is one line."""
+def refusal(path: str | os.PathLike[str], problems: Iterable[Problem]) -> MissionFileError:
+    """Return the error of a file, with its problems by line; its text is one line."""
+    problems = sorted(problems, key=lambda one: one.line or 0)
     line, text = problems[0]
     more = f' (and {len(problems) - 1} more)' if len(problems) > 1 else ''
     where = f'{path}' if line is None else f'{path}:{line}'
     return MissionFileError(f'{where}: {text}{more}', tuple(problems))
-
-
-def in_order(problems: Iterable[Problem]) -> list[Problem]:
-    """Return problems in the order of their lines."""
-    return sorted(problems, key=lambda one: one.line or 0)
 
 
 def text_of(path: str | os.PathLike[str], data: Any) -> str:
