@@ -37,20 +37,15 @@ class Vehicle:
     start_velocity: tuple[float, float] | None = None
     goal_velocity: tuple[float, float] | None = None
 
-    @property
-    def _is_simple(self) -> bool:
-        """Whether the flight of least effort is straight, with a profile of known shape."""
-        ends = (self.start_velocity, self.goal_velocity)
-        return math.isinf(self.max_acceleration) or all(
-            velocity is None or velocity == (0.0, 0.0) for velocity in ends)
-
     def least_effort(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
         """
         Return the least effort of a flight, and one that has it, (N+2, 2) in m from the start.
 
         An effort above 1 says that no flight of N slots, each a step in s, keeps the limits.
         """
-        if self._is_simple:
+        if math.isinf(self.max_acceleration) or all(
+                velocity in (None, (0.0, 0.0))
+                for velocity in (self.start_velocity, self.goal_velocity)):
             return self._straight(slots, step)
         return self._by_clarabel(slots, step)
 

@@ -5,14 +5,9 @@ import math
 from .validation import checked_number
 from ..errors import OptionError, ScenarioError
 
-SPEED_OF_LIGHT = 299792458.0
-"""In m/s."""
-
-BOLTZMANN = 1.380649e-23
-"""In J/K."""
-
-NOISE_TEMPERATURE = 290.0
-"""To which noise figures refer (IEEE), in K."""
+SPEED_OF_LIGHT = 299792458.0  # In m/s.
+BOLTZMANN = 1.380649e-23  # In J/K.
+NOISE_TEMPERATURE = 290.0  # In K, to which noise figures refer (IEEE).
 
 
 def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: float = 0.0,

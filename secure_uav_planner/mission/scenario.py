@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
+from itertools import combinations
 import math
 import os
 from typing import Any, TYPE_CHECKING
@@ -33,6 +34,10 @@ MAX_ZONES = 64
 
 MAX_COUPLINGS = 10**7
 """The most pairs of variables that meet in a slot, slots * (3 uavs)^2: a step takes about 1 s."""
+
+_MEMBERS = {'eavesdroppers': (Eavesdropper, 1, MAX_MEMBERS), 'uavs': (Uav, 1, MAX_MEMBERS),
+            'no_fly_zones': (NoFlyZone, 0, MAX_ZONES)}
+"""The class of the members of each list, and the least and the most of them."""
 
 __all__ = ['Array', 'Channel', 'Eavesdropper', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
            'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'RANGES', 'Scenario', 'Uav',
@@ -93,9 +98,9 @@ class Scenario:
 
     def __post_init__(self) -> None:
         set_checked(self, '', checked_point, 'ground_node')
-        for field, kind in (('eavesdroppers', Eavesdropper), ('uavs', Uav)):
+        for field, members in _MEMBERS.items():
             object.__setattr__(self, field, checked_members(
-                field, getattr(self, field), kind, 1, MAX_MEMBERS))
+                field, getattr(self, field), *members))
         slots = checked_number('', 'slots', self.slots)
         if not slots.is_integer():
             raise ScenarioError(
@@ -103,8 +108,6 @@ class Scenario:
         object.__setattr__(self, 'slots', int(slots))
         set_checked(self, '', checked_number,
                     'duration', 'reference_snr_db', 'separation', 'tracking_margin')
-        object.__setattr__(self, 'no_fly_zones', checked_members(
-            'no_fly_zones', self.no_fly_zones, NoFlyZone, 0, MAX_ZONES))
         set_checked(self, '', checked_polygon, 'geofence', optional=True)
         if not isinstance(self.channel, Channel):
             raise ScenarioError(
@@ -139,13 +142,11 @@ class Scenario:
             for number, most in enumerate(slack):
                 yield from self._of_end(number, field, most)
             close = []
-            for second, other in enumerate(self.uavs):
-                for first, uav in enumerate(self.uavs[:second]):
-                    distance = math.hypot(
-                        math.dist(getattr(uav, field), getattr(other, field)),
-                        uav.altitude - other.altitude)
-                    if distance < self.keep_apart - slack[first] - slack[second]:
-                        close.append((distance, uav.name, other.name))
+            for (uav, most), (other, most_of_other) in combinations(zip(self.uavs, slack), 2):
+                distance = math.hypot(math.dist(getattr(uav, field), getattr(other, field)),
+                                      uav.altitude - other.altitude)
+                if distance < self.keep_apart - most - most_of_other:
+                    close.append((distance, uav.name, other.name))
             if close:
                 distance, *names = min(close)
                 yield ScenarioError(
@@ -308,10 +309,9 @@ class Scenario:
     @cached_property
     def end_velocities(self) -> Array:
         """Velocities at the starts and at the goals, (2, U, 2) in m/s, NaN where they are free."""
-        return read_only([[(math.nan, math.nan) if velocity is None else velocity
-                           for velocity in of_all]
-                          for of_all in zip(*((uav.start_velocity, uav.goal_velocity)
-                                              for uav in self.uavs), strict=True)])
+        free = (math.nan, math.nan)
+        return read_only([[uav.start_velocity or free for uav in self.uavs],
+                          [uav.goal_velocity or free for uav in self.uavs]])
 
     @cached_property
     def max_accelerations(self) -> Array:
@@ -344,8 +344,7 @@ class Scenario:
             wrong value.
         """
         values = checked_fields(cls, data)
-        for field, kind in (('eavesdroppers', Eavesdropper), ('uavs', Uav),
-                            ('no_fly_zones', NoFlyZone)):
+        for field, (kind, *_) in _MEMBERS.items():
             members = values.get(field, ())
             if not isinstance(members, (list, tuple)):
                 raise ScenarioError(f'{field} is {shown(members)}; it must be a list', (field,))

@@ -22,7 +22,7 @@ UNITS = {
 }
 """The unit of every field that has one."""
 
-_MEMBERS = {
+_NEUTRAL = {
     'eavesdroppers': Eavesdropper((0.0, 0.0)),
     'uavs': Uav('uav', (0.0, 0.0), (0.0, 0.0), RANGES['altitude'][0], RANGES['max_speed'][1],
                 RANGES['average_power'][0], RANGES['peak_power'][1], None, None, None),
@@ -50,7 +50,7 @@ class _Diagnosis:
 
     def scenario(self, kind: type[Any]) -> Any:
         """Return the Scenario, with wide limits in place of what is wrong, or None."""
-        neutral = kind((0.0, 0.0), (_MEMBERS['eavesdroppers'],), (_MEMBERS['uavs'],),
+        neutral = kind((0.0, 0.0), (_NEUTRAL['eavesdroppers'],), (_NEUTRAL['uavs'],),
                        RANGES['duration'][1], slots=1)
         data = self._document.data
         if data is None:
@@ -58,11 +58,11 @@ class _Diagnosis:
             return None
         known = self._known_fields(neutral, data, (), '')
         plain = {name: value for name, value in known.items()
-                 if name not in _MEMBERS and name != 'channel'}
+                 if name not in _NEUTRAL and name != 'channel'}
         _, wrong = self._built(neutral, plain, ())
         values = {name: value for name, value in plain.items() if name not in wrong}
         numbers: dict[str | int, list[int]] = {}
-        for name in [name for name in known if name in _MEMBERS]:
+        for name in [name for name in known if name in _NEUTRAL]:
             found = self._members(name, known[name])
             if found or known[name] == []:
                 numbers[name] = [*found]
@@ -109,7 +109,7 @@ class _Diagnosis:
         if not isinstance(values, list):
             self._add((field,), f'{field} is {shown(values)}; it must be a list')
             return {}
-        found = {number: self._object(_MEMBERS[field], data, (field, number))
+        found = {number: self._object(_NEUTRAL[field], data, (field, number))
                  for number, data in enumerate(values)}
         return {number: member for number, member in found.items() if member is not None}
 
