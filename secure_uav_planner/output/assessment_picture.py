@@ -5,7 +5,7 @@ import math
 from matplotlib.figure import Figure
 import numpy as np
 
-from .drawing import EAVESDROPPER, RATE, style_axes
+from .drawing import add_legend, EAVESDROPPER, RATE, style_axes
 
 _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200
@@ -32,7 +32,7 @@ def draw_assessment(assessment):
     draw_missions(missions, assessment)
     for axes in (fan, outages, missions):
         style_axes(axes)
-        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False)
+        add_legend(axes)
     return figure
 
 

@@ -34,6 +34,12 @@ def style_axes(axes):
     axes.spines[['top', 'right']].set_visible(False)
 
 
+def add_legend(axes, *entries, **options):
+    """Draw a legend to the right of axes."""
+    axes.legend(*entries, loc='center left', bbox_to_anchor=(1.0, 0.5), fontsize=9,
+                frameon=False, **options)
+
+
 def receiver_label(eavesdropper):
     """Return the advantage of an Eavesdropper's receiver, such as '+6 dB', '' without one."""
     advantage = eavesdropper.receiver_advantage_db

@@ -43,16 +43,14 @@ def draw_page(plan):
     figure = make_subplots(
         3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns',
         column_widths=[0.42, 0.58], vertical_spacing=0.05, horizontal_spacing=0.08)
-    for trace, row, column in view.still_traces():
+    still, moving = view.still_traces(), view.moving_traces(0)
+    for trace, row, column in still + moving:
         figure.add_trace(trace, row, column)
-    first = len(figure.data)
-    for trace, row, column in view.moving_traces(0):
-        figure.add_trace(trace, row, column)
-    moving = list(range(first, len(figure.data)))
+    numbers = list(range(len(still), len(figure.data)))
     last = plan.scenario.slots + 1
     points = sorted({*np.linspace(0, last, min(last + 1, _MOST_FRAMES)).round().astype(int)})
     figure.frames = [
-        go.Frame(name=str(point), traces=moving, data=[
+        go.Frame(name=str(point), traces=numbers, data=[
             trace for trace, _, _ in view.moving_traces(point)]) for point in points]
     _label_axes(figure, extent_of(plan.scenario, [plan]).T.tolist(), view.peak)
     _add_controls(figure, view, points)

@@ -16,8 +16,9 @@ from matplotlib.transforms import ScaledTranslation
 import numpy as np
 
 from .drawing import (
-    altitudes_of, EAVESDROPPER, energy_label, extent_of, GEOFENCE, GROUND_NODE, is_in_the_way,
-    MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes, uav_color)
+    add_legend, altitudes_of, EAVESDROPPER, energy_label, extent_of, GEOFENCE, GROUND_NODE,
+    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes,
+    uav_color)
 
 _WIDTH = 9.0
 _MAP_WIDTH = 5.95
@@ -34,7 +35,7 @@ _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
 _ZONE_BESIDE = {**_ZONE, 'facecolor': 'none', 'linestyle': ':'}
 _MARGIN = {'facecolor': MARGIN, 'edgecolor': 'none'}
 _FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
-_ROLES = ('transmits', 'jams')
+_HALO = [withStroke(linewidth=2.5, foreground='white')]  # Around texts on the map.
 _NAMES = {
     'fly_hover_fly_constant': 'fly-hover-fly, constant power',
     'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
@@ -63,14 +64,15 @@ def save_picture(plan, path, baselines=()):
 
 def draw_plan(plan, baselines=()):
     """Return a matplotlib Figure of a plan, as save_picture writes it."""
-    tall = _map_height(extent_of(plan.scenario, [plan, *baselines]))
+    extent = extent_of(plan.scenario, [plan, *baselines])
+    tall = _map_height(extent)
     title = (f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
              f'{plan.worst_case_rate:.3f} in the worst case')
     if plan.bound is not None:
         title = '\n'.join([title, *wrap(plan.claim, _TITLE_WIDTH)])
     total = tall + 4.7 + 0.2 * title.count('\n')
     map_axes, power_axes, rate_axes = _axes(total, (4.35, tall), (2.35, 1.4), (0.5, 1.7))
-    draw_map(map_axes, plan, baselines)
+    draw_map(map_axes, plan, extent, baselines)
     draw_powers(power_axes, plan)
     draw_rates(rate_axes, plan, baselines)
     power_axes.tick_params(labelbottom=False)
@@ -115,7 +117,7 @@ def name_of(method):
     return _NAMES.get(method, method)
 
 
-def draw_map(axes, plan, baselines=(), legend=True, extent=None):
+def draw_map(axes, plan, extent, baselines=(), legend=True):
     """
     Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
 
@@ -123,11 +125,10 @@ def draw_map(axes, plan, baselines=(), legend=True, extent=None):
     east: it is rotated by 90 degrees, so that the flight goes from left to right, and has arrows
     to the east and to the north. Baselines are in grey; a legend beside the map explains all.
 
-    :param extent: of the map, by default that of these plans; see extent_of.
+    :param extent: of the map, as extent_of returns it.
     """
     scenario = plan.scenario
-    place_of = _set_up_map(axes, scenario, extent_of(scenario, [plan, *baselines])
-                           if extent is None else extent)
+    place_of = _set_up_map(axes, scenario, extent)
     for other in baselines:
         for path in other.positions:
             axes.plot(*place_of(path).T, color=_GREY, linewidth=0.9, zorder=1)
@@ -181,8 +182,7 @@ def draw_ground(axes, scenario, place_of=np.asarray):
         axes.add_patch(Circle(place, eve.error_radius, fill=False, edgecolor=EAVESDROPPER))
         axes.plot(*place, 'X', **_sign(EAVESDROPPER, 8), zorder=6, label=_plain(name))
         axes.annotate(receiver_label(eve), place, (7, 7), textcoords='offset points', fontsize=8,
-                      color=EAVESDROPPER, zorder=8, path_effects=[
-                          withStroke(linewidth=2.5, foreground='white')])
+                      color=EAVESDROPPER, zorder=8, path_effects=_HALO)
     axes.plot(*place_of(scenario.ground_node), '^', **_sign(GROUND_NODE, 10), zorder=6,
               label='ground node')
 
@@ -205,8 +205,7 @@ def _draw_airspace(axes, scenario, place_of):
         axes.add_patch(Polygon(place_of(zone.vertices), **style, zorder=1.5))
         text = '\n'.join(filter(None, (_plain(name), altitudes_of(zone))))
         axes.annotate(text, place_of(middle_of(zone)), ha='center', va='center', fontsize=7.5,
-                      color='0.25', zorder=8, annotation_clip=True,
-                      path_effects=[withStroke(linewidth=2.5, foreground='white')])
+                      color='0.25', zorder=8, annotation_clip=True, path_effects=_HALO)
 
 
 def power_level(powers, peak):
@@ -224,7 +223,7 @@ def draw_powers(axes, plan):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
                     label='\n'.join(filter(None, (
-                        _label(uav, f' ({_ROLES[index > 0]})'),
+                        _label(uav, ' (jams)' if index else ' (transmits)'),
                         energy_label(plan.energies[index])))))
     limits = {}
     for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
@@ -266,12 +265,7 @@ def _finish(axes, plan, label):
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
     style_axes(axes)
-    _legend(axes)
-
-
-def _legend(axes, *entries, **options):
-    axes.legend(*entries, loc='center left', bbox_to_anchor=(1.0, 0.5), fontsize=9,
-                frameon=False, **options)
+    add_legend(axes)
 
 
 def _sign(color, size):
@@ -344,7 +338,7 @@ def _mark_times(axes, times, points, color, side, labelled):
         labelled.append(place)
         axes.annotate(f'{text} s', place, xytext=(0, 7 * side), textcoords='offset points',
                       ha='center', va='bottom' if side > 0 else 'top', color=color, fontsize=8,
-                      zorder=8, path_effects=[withStroke(linewidth=2.5, foreground='white')])
+                      zorder=8, path_effects=_HALO)
 
 
 def _add_compass(axes, place_of, paths):
@@ -385,5 +379,5 @@ def _explain_map(axes, scenario, ways, baselines=False):
         entries[f'margin of {scenario.tracking_margin:g} m'] = Patch(**_MARGIN)
     if baselines:
         entries['baseline'] = Line2D([], [], color=_GREY, linewidth=0.9)
-    _legend(axes, list(entries.values()), list(entries), handlelength=3,
-            handler_map={tuple: HandlerTuple(ndivide=None, pad=0)})
+    add_legend(axes, list(entries.values()), list(entries), handlelength=3,
+               handler_map={tuple: HandlerTuple(ndivide=None, pad=0)})

@@ -11,7 +11,6 @@ import numpy as np
 from .geodesy import Origin
 from ..mission.files import atomic_file
 from ..model.clearance import CLOSE_DISTANCE
-from ..model.curve import Curve
 from ..plan.plan import Plan
 
 TOLERANCE = 1.0
@@ -77,9 +76,8 @@ def legs(plan: Plan, uav: int) -> Iterator[tuple[tuple[float, float], float | No
     A leg goes on as long as a UAV that flies it straight and with one speed is within TOLERANCE
     of the plan at all times of points. Legs that hardly move have no speed, and their time in s.
     """
-    curve = Curve(plan.scenario, plan.positions)
-    times = np.unique([curve.begin, *plan.times, curve.end])
-    path = curve.at(times).positions[uav]
+    times = np.unique([plan.curve.begin, *plan.times, plan.curve.end])
+    path = plan.curve.at(times).positions[uav]
     first = 0
     while first < len(times) - 1:
         last = _end_of_leg(times, path, first)
