@@ -1,6 +1,6 @@
 """Checks of the fields of what is asked, and of the arguments of functions."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, MISSING
 import difflib
 import math
@@ -67,21 +67,31 @@ def read_only(values: ArrayLike) -> Array:
     return array
 
 
-def checked_fields(kind: type[Any], data: object) -> dict[str, Any]:
-    """Return a mapping as the arguments of a dataclass; raise ScenarioError where it is not."""
+def needed_fields(kind: type[Any]) -> list[str]:
+    """Return the names of the fields of a dataclass that have no default."""
+    return [field.name for field in fields(kind) if field.default is MISSING]
+
+
+def misfits(kind: type[Any], data: object) -> Iterator[ScenarioError]:
+    """Yield why data cannot be the arguments of a dataclass, whatever their values."""
     if not isinstance(data, Mapping):
-        raise ScenarioError(
-            f'{noun_of(kind)} is {shown(data)}; it must be a mapping of fields')
-    known = {field.name: field for field in fields(kind)}
+        yield ScenarioError(f'{noun_of(kind)} is {shown(data)}; it must be a mapping of fields')
+        return
+    known = [field.name for field in fields(kind)]
     for name in data:
         if name not in known:
             near = difflib.get_close_matches(str(name), known, 1)
             hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(known)}'
-            raise ScenarioError(f'{noun_of(kind)} has no field {shown(name)}{hint}', (name,))
-    missing = [name for name, field in known.items() if name not in data
-               and field.default is MISSING and field.default_factory is MISSING]
+            yield ScenarioError(f'{noun_of(kind)} has no field {shown(name)}{hint}', (name,))
+    missing = [name for name in needed_fields(kind) if name not in data]
     if missing:
-        raise ScenarioError(f'{noun_of(kind)} lacks {", ".join(missing)}')
+        yield ScenarioError(f'{noun_of(kind)} lacks {", ".join(missing)}')
+
+
+def checked_fields(kind: type[Any], data: Any) -> dict[str, Any]:
+    """Return a mapping as the arguments of a dataclass; raise ScenarioError where it is not."""
+    for error in misfits(kind, data):
+        raise error
     return dict(data)
 
 

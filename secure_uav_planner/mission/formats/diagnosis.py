@@ -1,13 +1,13 @@
 """All that is wrong with the values of a mission at once, not only the first."""
 
 from collections.abc import Mapping
-from dataclasses import fields, MISSING
+from dataclasses import fields
 from typing import Any
 
 from .documents import Document, Problem
 from ..participants import Eavesdropper, NoFlyZone, Uav
 from ..propagation import Channel
-from ..validation import checked_fields, RANGES
+from ..validation import misfits, needed_fields, RANGES
 from ...errors import path_of, Place, ScenarioError, shown
 
 UNITS = {
@@ -56,7 +56,7 @@ class _Diagnosis:
         if data is None:
             self._add((), 'the file is empty; it must have the fields of a mission')
             return None
-        known = self._known_fields(neutral, data, (), '')
+        known = self._known_fields(kind, data, (), '')
         plain = {name: value for name, value in known.items()
                  if name not in _NEUTRAL and name != 'channel'}
         _, wrong = self._built(neutral, plain, ())
@@ -72,7 +72,7 @@ class _Diagnosis:
             if channel is not None:
                 values['channel'] = channel
         try:
-            missing = (known.keys() | _needed(kind)) - values.keys()
+            missing = {*known, *needed_fields(kind)} - values.keys()
             scenario = kind(**values, **{name: getattr(neutral, name) for name in missing})
         except ScenarioError as error:
             for one in (error, *error.others):
@@ -90,19 +90,14 @@ class _Diagnosis:
     def _add(self, place: Place, text: str) -> None:
         self.problems.append(Problem(self._document.line(place), text))
 
-    def _known_fields(self, neutral: Any, data: Any, place: Place, owner: str) -> dict[str, Any]:
+    def _known_fields(self, kind: type[Any], data: Any, place: Place,
+                      owner: str) -> dict[str, Any]:
         """Return the fields that there are; note the others, and those that are missing."""
-        kind = type(neutral)
+        for error in misfits(kind, data):
+            self._add((*place, *error.place), f'{owner}{error}')
         names = {field.name for field in fields(kind)}
-        if not isinstance(data, dict):
-            self._add(place, f'{owner}{_misfit(kind, data)}')
-            return {}
-        known = {name: value for name, value in data.items() if name in names}
-        for name in data.keys() - names:
-            self._add((*place, name), f'{owner}{_misfit(kind, {name: None})}')
-        if (lacking := _misfit(kind, known)):
-            self._add(place, f'{owner}{lacking}')
-        return known
+        given = data if isinstance(data, dict) else {}
+        return {name: value for name, value in given.items() if name in names}
 
     def _members(self, field: str, values: Any) -> dict[int, Any]:
         """Return the members of a list with which the mission can be judged, by their numbers."""
@@ -116,10 +111,10 @@ class _Diagnosis:
     def _object(self, neutral: Any, data: Any, place: Place) -> Any:
         """Return an object, or None if what is wrong with it could hide other things."""
         before = len(self.problems)
-        known = self._known_fields(neutral, data, place, f'{path_of(place)}: ')
+        known = self._known_fields(type(neutral), data, place, f'{path_of(place)}: ')
         found, wrong = self._built(neutral, known, place)
         # Of a UAV that has its places, altitude and speed, the rest can be neutral.
-        is_judged = place[0] == 'uavs' and _needed(type(neutral)) <= known.keys() - wrong
+        is_judged = place[0] == 'uavs' and {*needed_fields(Uav)} <= known.keys() - wrong
         return found if is_judged or len(self.problems) == before else None
 
     def _built(self, neutral: Any, known: Mapping[str, Any], place: Place) -> tuple[Any, set[str]]:
@@ -131,7 +126,7 @@ class _Diagnosis:
         :return: the object, and the names of the fields that are wrong.
         """
         wrong: set[str] = set()
-        missing = _needed(type(neutral)) - known.keys()
+        missing = {*needed_fields(type(neutral))} - known.keys()
         values = {**known, **{name: getattr(neutral, name) for name in missing}}
         while True:
             try:
@@ -150,20 +145,6 @@ class _Diagnosis:
                     wrong.add(field)
                     value = getattr(neutral, field)
                 values[field] = value
-
-
-def _needed(kind: type[Any]) -> set[str]:
-    """Return the names of the fields of a class that have no default."""
-    return {field.name for field in fields(kind) if field.default is MISSING}
-
-
-def _misfit(kind: type[Any], data: object) -> str:
-    """Return why data cannot be the fields of a class, '' if they can."""
-    try:
-        checked_fields(kind, data)
-    except ScenarioError as error:
-        return str(error)
-    return ''
 
 
 def _unit(place: Place, value: Any, message: str) -> str:
