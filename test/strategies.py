@@ -77,6 +77,11 @@ def limited(draw, uav, slots, step):
     return uav
 
 
+def with_uavs(scenario, **fields):
+    """Return a scenario all of whose UAVs have such fields."""
+    return replace(scenario, uavs=tuple(replace(uav, **fields) for uav in scenario.uavs))
+
+
 def random_powers(scenario, rng):
     """Return feasible powers, some of them zero, (U, N) in W."""
     peaks = np.array([[uav.peak_power] for uav in scenario.uavs])

@@ -13,16 +13,14 @@ from secure_uav_planner import (
 from secure_uav_planner.errors import InfeasibleMissionError, PlanError, ScenarioError
 from secure_uav_planner.mission.kinematics import Vehicle
 from secure_uav_planner.model.grid import Grid
-from strategies import scenarios
+from strategies import scenarios, with_uavs
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.
 
 
 def limited(duration, acceleration, **changes):
     """Return the paper's scenario with both UAVs limited."""
-    scenario = Scenario.paper(float(duration))
-    return replace(scenario, uavs=tuple(
-        replace(uav, max_acceleration=acceleration, **changes) for uav in scenario.uavs))
+    return with_uavs(Scenario.paper(float(duration)), max_acceleration=acceleration, **changes)
 
 
 @pytest.mark.parametrize('acceleration, duration, best_known', [

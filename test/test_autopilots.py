@@ -14,6 +14,7 @@ from secure_uav_planner.errors import OptionError, PoseError
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.output.autopilots import (
     aerostack2, mavros, ned, px4, px4_odometry, Setpoint, STACKS, yaw_ned)
+from strategies import with_uavs
 
 # The columns are east, north and up in north-east-down: a turn, no reflection.
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -135,9 +136,7 @@ def test_aerostack2_gets_whole_setpoints_only(setpoint):
 
 def test_what_px4_gets_of_a_plan_is_one_motion():
     """Position, velocity, acceleration and yaw of a curve still belong together in NED."""
-    scenario = Scenario.paper(120.0, slots=40)
-    scenario = replace(scenario, uavs=tuple(
-        replace(uav, max_acceleration=1.5) for uav in scenario.uavs))
+    scenario = with_uavs(Scenario.paper(120.0, slots=40), max_acceleration=1.5)
     curve = Curve(scenario, fly_hover_fly(scenario).positions)
     step = 1e-4
     times = np.linspace(curve.begin + 1, curve.end - 1, 77)

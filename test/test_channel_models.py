@@ -13,7 +13,7 @@ from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.channel.links import fading_quantiles, link_of
 from secure_uav_planner.model.kernel import core
-from strategies import channels, random_powers, random_sectors
+from strategies import channels, random_powers, random_sectors, with_uavs
 
 SEEDS = st.integers(0, 2**32 - 1)
 # design: duration, environment, P2 rate of a plan for free space in it, and of one made for it
@@ -63,8 +63,7 @@ def test_plans_have_the_reference_rates(duration, los, of_free_space, planned):
 @given(channels(), st.floats(1, 1e4), st.sampled_from(['ground_node', 'eavesdropper']))
 def test_gains_fall_with_the_distance_and_have_the_derivatives_that_are_said(
         model, altitude, receiver):
-    scenario = replace(Scenario.paper(), channel=model, uavs=tuple(
-        replace(uav, altitude=altitude) for uav in Scenario.paper().uavs))
+    scenario = replace(with_uavs(Scenario.paper(), altitude=altitude), channel=model)
     squared = (altitude * np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 40)]))**2
     link = link_of(scenario, receiver)
     gains = link.gain(np.array([squared, squared]))

@@ -17,6 +17,7 @@ from secure_uav_planner.model.limits import is_clear
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions, projection
 from secure_uav_planner.ros.worker import Worker
 import shapely
+from strategies import with_uavs
 
 SAMPLES = 40  # In a slot.
 TOLERANCE = 1e-4  # m
@@ -302,8 +303,7 @@ def test_a_worker_has_progress_and_can_be_cancelled_while_first_flights_are_sear
     {}, {'max_speed': 1e5}, {'max_speed': 1e5, 'max_acceleration': 2.0}])
 @pytest.mark.parametrize('duration', [200.0, 1e6])
 def test_a_zone_that_is_far_away_changes_nothing(duration, fields):
-    scenario = Scenario.paper(duration, slots=100)
-    scenario = replace(scenario, uavs=tuple(replace(uav, **fields) for uav in scenario.uavs))
+    scenario = with_uavs(Scenario.paper(duration, slots=100), **fields)
     zone = NoFlyZone(((2000.0, 2000.0), (2100.0, 2000.0), (2050.0, 2100.0)))
     alone, beside = (solve(one, objective='guaranteed') for one in (
         scenario, replace(scenario, no_fly_zones=(zone,))))

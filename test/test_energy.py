@@ -22,7 +22,7 @@ from secure_uav_planner.ros.mission_parameters import uav_from, values_of
 from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, uav_parameters
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.status import State, values as status_values
-from strategies import scenarios
+from strategies import scenarios, with_uavs
 
 # As it stands in the paper, with its numbers for a UAV of 20 N and a rotor of 0.4 m.
 WEIGHT, DENSITY, AREA, SOLIDITY, TIP, DRAG = 20.0, 1.225, 0.503, 0.05, 120.0, 0.6
@@ -41,8 +41,7 @@ def power_of(speed):
 
 def powered(scenario, **numbers):
     """Return a scenario whose UAVs have a propulsion."""
-    return replace(scenario, uavs=tuple(
-        replace(uav, propulsion=Propulsion(**numbers)) for uav in scenario.uavs))
+    return with_uavs(scenario, propulsion=Propulsion(**numbers))
 
 
 @pytest.fixture(scope='module')

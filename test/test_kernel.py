@@ -25,7 +25,7 @@ from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.starts import several_starts, strictly_feasible
-from strategies import crowded, scenarios
+from strategies import crowded, scenarios, with_uavs
 
 ROOT = Path(__file__).resolve().parents[1]
 COARSE_MU = 1e-3
@@ -67,8 +67,7 @@ LINES = {
         replace(uav, start=(uav.start[0] + 20.0 * number, uav.start[1]),
                 goal=(uav.goal[0] + 20.0 * number, uav.goal[1]), altitude=100.0)
         for number, uav in enumerate(Scenario.paper().uavs))),
-    'free ends': replace(of_city(0, 1), uavs=tuple(
-        replace(uav, start_velocity=None, goal_velocity=None) for uav in of_city(0, 1).uavs))}
+    'free ends': with_uavs(of_city(0, 1), start_velocity=None, goal_velocity=None)}
 
 
 def check_model(grid, x, mu, rng):

@@ -12,7 +12,7 @@ from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.drawing import uav_color
 from secure_uav_planner.output.picture import draw_plan, power_level, save_picture
-from strategies import random_powers, scenarios
+from strategies import random_powers, scenarios, with_uavs
 
 
 @pytest.fixture(scope='module')
@@ -79,8 +79,7 @@ def test_a_turned_map_has_arrows_to_east_and_north_and_others_have_north_up(plan
         assert np.sign(-between[1]) == np.sign(east[1] - origin[1])
         for place in places.values():
             assert axes.bbox.contains(*place)
-    level = replace(mission, uavs=tuple(
-        replace(uav, start=(-500.0, 0.0), goal=(500.0, 0.0)) for uav in mission.uavs))
+    level = with_uavs(mission, start=(-500.0, 0.0), goal=(500.0, 0.0))
     axes = draw_plan(fly_hover_fly(level)).axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ('east (m)', 'north (m)')
     assert not axes.yaxis_inverted() and not axes.xaxis_inverted()
@@ -131,10 +130,8 @@ def test_names_of_any_kind_are_shown_and_stay_within_the_picture(plans, tmp_path
 
 
 def test_one_limit_of_power_has_one_label_and_a_rate_of_zero_cuts_none_off(plans, tmp_path):
-    scenario = plans[0].scenario
-    scenario = replace(scenario, reference_snr_db=0.0, uavs=tuple(
-        replace(uav, peak_power=1.0, average_power=1.0) for uav in scenario.uavs))
-    figure = fly_hover_fly(scenario).plot()
+    scenario = with_uavs(plans[0].scenario, peak_power=1.0, average_power=1.0)
+    figure = fly_hover_fly(replace(scenario, reference_snr_db=0.0)).plot()
     assert [text.get_text() for text in figure.axes[1].texts] == ['peak, average']
     figure.savefig(tmp_path / 'plan.png')
     assert (imread(tmp_path / 'plan.png')[:, :3, :3] == 1).all()

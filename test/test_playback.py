@@ -8,7 +8,7 @@ from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.curve import Curve, flown
 from secure_uav_planner.plan.playback import Playback
-from strategies import scenarios
+from strategies import scenarios, with_uavs
 
 
 @pytest.fixture
@@ -73,8 +73,7 @@ def test_the_curve_is_smooth_and_keeps_its_limits_at_any_time(scenario, seed):
 
 
 def test_a_uav_at_rest_leaves_its_start_and_reaches_its_goal_half_a_slot_beyond_the_points():
-    scenario = replace(Scenario.paper(200), uavs=tuple(
-        replace(uav, max_acceleration=2.0) for uav in Scenario.paper(200).uavs))
+    scenario = with_uavs(Scenario.paper(200), max_acceleration=2.0)
     plan = fly_hover_fly(scenario)
     curve = Curve(scenario, plan.positions)
     assert (curve.begin, curve.end) == (-0.5, 201.5)

@@ -13,20 +13,16 @@ from secure_uav_planner.model import channel
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player, POSITION_JUMP
 from secure_uav_planner.plan.tracking import departing
+from strategies import with_uavs
 
 BEGIN = 10**18
 SECOND = 10**9
 STEP = 0.2  # s between setpoints
 
 
-def limited(scenario, acceleration=2.0, **fields):
-    return replace(scenario, uavs=tuple(
-        replace(uav, max_acceleration=acceleration, **fields) for uav in scenario.uavs))
-
-
 @pytest.fixture(scope='module', params=[None, 2.0], ids=['unlimited', '2 m/s^2'])
 def plan(request):
-    scenario = limited(Scenario.paper(130.0, slots=65), request.param)
+    scenario = with_uavs(Scenario.paper(130.0, slots=65), max_acceleration=request.param)
     return replace(fly_hover_fly(scenario, 'optimised'), start_ns=BEGIN)
 
 
@@ -241,7 +237,8 @@ def test_a_clock_that_jumps_moves_nobody(plan, jump):
 
 
 def test_a_goal_that_is_passed_at_speed_is_reached_at_rest():
-    scenario = limited(Scenario.paper(140.0, slots=70), goal_velocity=None, start_velocity=None)
+    scenario = with_uavs(Scenario.paper(140.0, slots=70), max_acceleration=2.0,
+                         goal_velocity=None, start_velocity=None)
     plan = replace(fly_hover_fly(scenario), start_ns=BEGIN)
     assert np.linalg.norm(Playback(plan).at(Playback(plan).duration).velocities) > 1.0
     bench = Bench(plan)

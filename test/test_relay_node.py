@@ -19,6 +19,7 @@ from ros_client import (
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
+from strategies import with_uavs
 from test_security import policy_of, used
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -340,10 +341,8 @@ def test_what_is_no_setpoint_or_jumps_is_not_relayed_and_said_once_in_a_while(pa
 
 def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(
         packages, client, tmp_path):
-    scenario = Scenario.paper(slots=16)
-    scenario = replace(scenario, duration=8.0, uavs=tuple(
-        replace(uav, goal=(100.0, 460.0), max_acceleration=4.0) for uav in scenario.uavs))
-    fly_hover_fly(scenario).save(tmp_path / 'plan.json')
+    scenario = with_uavs(Scenario.paper(slots=16), goal=(100.0, 460.0), max_acceleration=4.0)
+    fly_hover_fly(replace(scenario, duration=8.0)).save(tmp_path / 'plan.json')
     found = client.listen(packages('mavros_msgs', 'PositionTarget'),
                           'uav1/mavros/setpoint_raw/local', 1000)
     # However slow this machine is, the stream has not ended in between.

@@ -19,6 +19,7 @@ from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64
+from strategies import with_uavs
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 
@@ -400,9 +401,7 @@ def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
 
 
 def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):
-    scenario = Scenario.paper(120.0, slots=40)
-    scenario = replace(scenario, uavs=tuple(
-        replace(uav, max_acceleration=1.5) for uav in scenario.uavs))
+    scenario = with_uavs(Scenario.paper(120.0, slots=40), max_acceleration=1.5)
     smooth = fly_hover_fly(scenario)
     smooth.save(tmp_path / 'smooth.json')
     found = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)

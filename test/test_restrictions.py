@@ -10,7 +10,7 @@ from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.optimize.alternating.powers import PowerProblem
 from secure_uav_planner.optimize.alternating.trajectory import TrajectoryProblem
-from strategies import random_powers, scenarios
+from strategies import random_powers, scenarios, with_uavs
 
 
 def rate(scenario, positions, powers):
@@ -68,8 +68,7 @@ def test_the_trajectory_restriction_never_promises_more_than_the_rate_gains(
     rng = np.random.default_rng(seed)
     count, slots = len(scenario.uavs), scenario.slots
     # Any place is within reach of any other, so that the restriction is seen everywhere.
-    scenario = replace(scenario, uavs=tuple(
-        replace(uav, max_speed=1e4, max_acceleration=None) for uav in scenario.uavs))
+    scenario = with_uavs(scenario, max_speed=1e4, max_acceleration=None)
     local = rng.uniform(-400, 400, (count, slots + 2, 2))
     if inside:  # the error disc, and one jammer exactly above its centre
         eve = scenario.eavesdroppers[0]

@@ -15,6 +15,7 @@ from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.plan.tracking import (
     departing, deviation, expected, GAIN, predicted, Sighting, Track)
+from strategies import with_uavs
 
 LEAD, TOLERANCE = 2.0, 1.0
 
@@ -22,9 +23,8 @@ LEAD, TOLERANCE = 2.0, 1.0
 @pytest.fixture(scope='module', params=[None, 2.0], ids=['unlimited', '2 m/s^2'])
 def plan(request):
     """Return a plan of a minute more than the flight needs, for both kinds of vehicle."""
-    scenario = Scenario.paper(160.0, slots=80)
-    uavs = tuple(replace(uav, max_acceleration=request.param) for uav in scenario.uavs)
-    return replace(solve(replace(scenario, uavs=uavs)), start_ns=10**18)
+    scenario = with_uavs(Scenario.paper(160.0, slots=80), max_acceleration=request.param)
+    return replace(solve(scenario), start_ns=10**18)
 
 
 def sighting_at(playback, time, offset, gust=(0.0, 0.0), uav=0):

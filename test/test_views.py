@@ -12,7 +12,7 @@ from secure_uav_planner import Bound, fly_hover_fly, Plan, Scenario, solve, uppe
 from secure_uav_planner.errors import MissingPackageError, OptionError, PlanError
 from secure_uav_planner.output.spreadsheet import COLUMNS
 from secure_uav_planner.plan.playback import Playback
-from strategies import scenarios
+from strategies import scenarios, with_uavs
 from test_cli import environment
 
 PNG = b'\x89PNG'
@@ -21,12 +21,6 @@ PNG = b'\x89PNG'
 @pytest.fixture(scope='module')
 def plan():
     return fly_hover_fly(Scenario.paper(120.0, slots=12))
-
-
-def limited(scenario):
-    """Return a scenario whose UAVs have a limit of acceleration."""
-    return replace(scenario, uavs=tuple(
-        replace(uav, max_acceleration=2.0) for uav in scenario.uavs))
 
 
 def test_a_plan_and_its_mission_plot_themselves_without_pyplot(plan, tmp_path):
@@ -59,7 +53,7 @@ def test_the_map_of_any_mission_has_all_who_take_part(scenario):
 
 def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
     pytest.importorskip('pandas')
-    for scenario in (plan.scenario, limited(plan.scenario)):
+    for scenario in (plan.scenario, with_uavs(plan.scenario, max_acceleration=2.0)):
         flight = fly_hover_fly(scenario)
         table = flight.to_dataframe()
         assert tuple(table.columns) == COLUMNS

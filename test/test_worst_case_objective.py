@@ -17,7 +17,7 @@ from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.method import improve
 from secure_uav_planner.optimize.joint.worst_places import WorstPlaces
 from secure_uav_planner.optimize.search import Search
-from strategies import scenarios
+from strategies import scenarios, with_uavs
 
 
 @pytest.mark.parametrize('duration, radius, best_known', [
@@ -78,9 +78,7 @@ def test_with_known_places_both_objectives_are_one():
 
 
 def test_a_limit_of_acceleration_holds_with_it_and_a_warm_start_is_never_lost():
-    scenario = Scenario.paper(120.0, 30.0)
-    scenario = replace(scenario, uavs=tuple(
-        replace(uav, max_acceleration=2.0) for uav in scenario.uavs))
+    scenario = with_uavs(Scenario.paper(120.0, 30.0), max_acceleration=2.0)
     plan = solve(scenario, objective='worst_case')
     assert plan.worst_case_rate > solve(scenario, objective='guaranteed').worst_case_rate + 1e-3
     again = solve(scenario, objective='worst_case', initial=plan)
