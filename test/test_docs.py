@@ -3,7 +3,6 @@
 from dataclasses import fields
 from importlib import import_module
 import inspect
-import os
 from pathlib import Path
 import re
 import shlex
@@ -32,6 +31,7 @@ from secure_uav_planner.ros.parameters import (
     zone_parameters)
 from secure_uav_planner.ros.planner_node import Planner
 from secure_uav_planner.ros.replay_node import Replay
+from test_cli import environment
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -167,7 +167,7 @@ class Walkthrough:
         process = subprocess.Popen(
             [sys.executable, '-m', 'secure_uav_planner', 'node', name, *arguments],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=self.folder,
-            env=environment())
+            env=environment(PYTHONUNBUFFERED='1'))
         self.nodes[name] = process
         # What starts by itself has done its work when it says so.
         word = 'end of the plan' if 'autostart:=true' in arguments else 'ready'
@@ -329,12 +329,6 @@ class Walkthrough:
                     'share/secure_uav_planner/config/paper.yaml'), value
             else:
                 assert option in ('--enclave', '--log-level'), option
-
-
-def environment():
-    """Return the variables of a process elsewhere, which finds the package here all the same."""
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
-    return {**os.environ, 'PYTHONUNBUFFERED': '1', 'PYTHONPATH': path}
 
 
 def kind_of(name):

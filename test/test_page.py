@@ -1,5 +1,6 @@
 """The page of a plan, in a real browser."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -64,8 +65,11 @@ def plan():
     return fly_hover_fly(Scenario.paper(200, slots=40), 'optimised')
 
 
-def started(folder):
-    """Return a browser that keeps what it needs in a folder."""
+@contextmanager
+def browser_in(folder):
+    """Give a browser that keeps what it needs in a folder, or skip the test without one."""
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip('needs chromium and chromedriver: apt install chromium chromium-driver')
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     for flag in ('headless', 'no-sandbox', 'disable-gpu', 'disable-dev-shm-usage',
@@ -73,23 +77,23 @@ def started(folder):
                  'no-first-run', 'window-size=1400,900', f'user-data-dir={folder / "profile"}'):
         options.add_argument(f'--{flag}')
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
-    return webdriver.Chrome(options=options, service=Service(DRIVER))
+    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+    try:
+        yield driver
+    finally:
+        driver.quit()
 
 
 @pytest.fixture(scope='module')
 def browser(plan, tmp_path_factory):
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip('needs chromium and chromedriver: apt install chromium chromium-driver')
     folder = tmp_path_factory.mktemp('page')
-    save_page(plan, folder / 'plan.html')
-    city = fly_hover_fly(CITY, 'constant')
-    save_page(city.with_bound(upper_bound(CITY, plan=city, time_limit=1.0)), folder / 'city.html')
-    driver = started(folder)
-    try:
+    with browser_in(folder) as driver:
+        save_page(plan, folder / 'plan.html')
+        city = fly_hover_fly(CITY, 'constant')
+        city = city.with_bound(upper_bound(CITY, plan=city, time_limit=1.0))
+        save_page(city, folder / 'city.html')
         open_page(driver, folder / 'plan.html')
         yield driver
-    finally:
-        driver.quit()
 
 
 @pytest.fixture(params=['plan', 'city'])

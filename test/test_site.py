@@ -55,14 +55,9 @@ def site(folder):
 @pytest.fixture(scope='module')
 def browser(tmp_path_factory):
     pytest.importorskip('selenium')
-    from test_page import CHROMIUM, DRIVER, started
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip('needs chromium and chromedriver: apt install chromium chromium-driver')
-    driver = started(tmp_path_factory.mktemp('browser'))
-    try:
+    from test_page import browser_in
+    with browser_in(tmp_path_factory.mktemp('browser')) as driver:
         yield driver
-    finally:
-        driver.quit()
 
 
 @pytest.mark.parametrize('width', [360, 1024, 1920])

@@ -20,6 +20,7 @@ from secure_uav_planner.apps.campaign.tasks import plan_file
 from secure_uav_planner.apps.study.claims import check_claims, write_claims
 from secure_uav_planner.apps.study.experiments import sources
 from secure_uav_planner.apps.study.figures import found_in_environments, write_figures
+from test_cli import environment
 
 pytestmark = pytest.mark.slow
 
@@ -234,8 +235,7 @@ def test_interrupted_it_keeps_what_is_finished_and_leaves_neither_process_nor_tr
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
         # As in a terminal, wherever the tests run: what a script runs with & ignores it.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(
-            [str(ROOT), os.environ.get('PYTHONPATH', '')])})
+        env=environment())
     try:
         until = time.monotonic() + 600
         while len(list(tmp_path.glob('plans/*.json'))) < 3 and time.monotonic() < until:
