@@ -130,12 +130,11 @@ def set_checked(item: object, owner: str, check: Callable[[str, str, Any], Any],
             object.__setattr__(item, name, check(owner, name, value))
 
 
-def checked_name(what: str, name: object) -> str:
-    """Return a non-empty string, or raise ScenarioError."""
+def checked_name(what: str, name: object) -> None:
+    """Raise ScenarioError unless a name is a string that is not empty."""
     if not isinstance(name, str) or not name:
         raise ScenarioError(
             f'{what} name is {shown(name)}; it must be text that is not empty', ('name',))
-    return name
 
 
 def _number(value: Any) -> float:
@@ -233,11 +232,10 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
     return array
 
 
-def checked_callback(name: str, value: Any) -> Any:
-    """Return an argument that can be called, or None; raise OptionError for anything else."""
+def checked_callback(name: str, value: object) -> None:
+    """Raise OptionError unless an argument can be called, or is None."""
     if value is not None and not callable(value):
         raise OptionError(f'{name} is {shown(value)}; it must be callable, or None', (name,))
-    return value
 
 
 def checked_time_limit(time_limit: Any) -> float | None:

@@ -10,6 +10,14 @@ WIDTH = 1000  # Of a window in pixels, below which it is narrow.
 HEIGHT = 560  # That the page has at least, in pixels.
 _LINE = 46  # Characters that fit into a line of a phone.
 _MAP, _PLOT, _TITLE, _GAP, _ENTRY = 350, 170, 55, 25, 29  # Heights in pixels.
+STYLE = (
+    '<meta name="viewport" content="width=device-width, initial-scale=1"><style>'
+    f'#plan {{ min-height: {HEIGHT}px; }} '
+    # The tools beside the title are for a mouse.
+    f'@media (max-width: {WIDTH - 1}px) {{ body {{ margin: 0; }} '
+    '.modebar-container { display: none; } }</style>')
+"""What the head of the page needs."""
+
 _SCRIPT = """
 <script>
 (() => {
@@ -28,16 +36,6 @@ _SCRIPT = """
   fit();
 })();
 </script>"""
-
-
-def style():
-    """Return what the head of the page needs."""
-    return (
-        '<meta name="viewport" content="width=device-width, initial-scale=1"><style>'
-        f'#plan {{ min-height: {HEIGHT}px; }} '
-        # The tools beside the title are for a mouse.
-        f'@media (max-width: {WIDTH - 1}px) {{ body {{ margin: 0; }} '
-        '.modebar-container { display: none; } }</style>')
 
 
 def script(figure, claim):

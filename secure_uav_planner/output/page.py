@@ -31,7 +31,7 @@ def save_page(plan, path):
         full_html=False, include_plotlyjs=True, auto_play=False, default_height='96vh',
         div_id='plan', config={'displaylogo': False, 'responsive': True})
     document = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE}'
-                f'</title><link rel="icon" href="data:,">{narrow.style()}</head><body>\n'
+                f'</title><link rel="icon" href="data:,">{narrow.STYLE}</head><body>\n'
                 f'{drawn}\n{narrow.script(figure, plan.claim)}\n</body></html>\n')
     with atomic_file(path) as file:
         file.write(document)

@@ -104,7 +104,7 @@ def read(path: str | os.PathLike[str]) -> Document:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         words = ', '.join(filter(None, (error.context, error.problem)))
-        problem = Problem(mark and mark.line + 1, f'{words}'.replace('\n', ' '))
+        problem = Problem(mark and mark.line + 1, words.replace('\n', ' '))
     except yaml.reader.ReaderError as error:
         problem = Problem(None, f'{error.reason} at character {error.position}')
     except RecursionError:
@@ -161,7 +161,7 @@ def _of_json(text: str) -> Document:
     try:
         # Most of JSON is YAML, which tells the lines.
         known = _of_yaml(text)
-    except (yaml.YAMLError, ValueError, MissionFileError):
+    except (yaml.YAMLError, ValueError):
         known = Document(None, {})
     problems = known.problems or tuple(
         Problem(None, f'{shown(name)} comes twice') for name in twice)
@@ -180,12 +180,11 @@ class _Reader:
     def value(self, node: yaml.Node, place: Place) -> Any:
         """Return the value of a node that is at a place."""
         self._count += 1
-        line = node.start_mark.line + 1
         if self._count > MOST_VALUES or len(place) > _MOST_LEVELS:
             raise yaml.MarkedYAMLError(
                 problem=f'it must have at most {MOST_VALUES} values in {_MOST_LEVELS} levels',
                 problem_mark=node.start_mark)
-        self.lines.setdefault(place, line)
+        self.lines.setdefault(place, node.start_mark.line + 1)
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, place)
         if isinstance(node, yaml.SequenceNode):
