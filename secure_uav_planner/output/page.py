@@ -43,7 +43,7 @@ def draw_page(plan):
     figure = make_subplots(
         3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns',
         column_widths=[0.42, 0.58], vertical_spacing=0.05, horizontal_spacing=0.08)
-    still, moving = view.still_traces(), view.moving_traces(0)
+    still, moving = [*view.still_traces()], [*view.moving_traces(0)]
     for trace, row, column in still + moving:
         figure.add_trace(trace, row, column)
     numbers = list(range(len(still), len(figure.data)))
@@ -76,55 +76,54 @@ class _View:
         self.places = np.pad(places, ((1, 1), (0, 0)), mode='edge')
 
     def still_traces(self):
-        """Return the traces that do not move, each with its row and column."""
+        """Yield the traces that do not move, each with its row and column."""
         plan, times = self.plan, self.plan.times.tolist()
-        traces = [(trace, 1, 1) for trace in _airspace_traces(plan.scenario)]
+        for trace in _airspace_traces(plan.scenario):
+            yield trace, 1, 1
         angle = np.linspace(0, 2 * np.pi, 73)
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         for index, eve in enumerate(plan.scenario.eavesdroppers):
-            traces.append((_scatter(
+            yield _scatter(
                 eve.position + eve.error_radius * circle, fill='toself', mode='lines',
                 line={'color': EAVESDROPPER, 'width': 1}, legendgroup='disc',
-                showlegend=index == 0, name="eavesdropper's disc", hoverinfo='skip'), 1, 1))
+                showlegend=index == 0, name="eavesdropper's disc", hoverinfo='skip'), 1, 1
             if receiver_label(eve):
-                traces.append((_scatter(
+                yield _scatter(
                     [eve.position], text=[receiver_label(eve)], mode='text',
                     textfont={'color': EAVESDROPPER}, legendgroup='disc', showlegend=False,
-                    hoverinfo='skip'), 1, 1))
-        traces.append((_scatter(
+                    hoverinfo='skip'), 1, 1
+        yield _scatter(
             [plan.scenario.ground_node], mode='markers', name='ground node',
-            marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE}), 1, 1))
+            marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE}), 1, 1
         for index, (uav, path) in enumerate(zip(plan.scenario.uavs, plan.positions)):
             line = {'color': uav_color(index), 'width': 2, 'dash': _DASHES[index % 4]}
             shared = {'mode': 'lines', 'line': line, 'legendgroup': uav.name}
-            traces.append((_scatter(
+            yield _scatter(
                 path, text=[f'{time:g} s, {watts:.3g} W'
                             for time, watts in zip(times, self.powers[index])],
-                name=f'{uav.name} ({"jams" if index else "transmits"})', **shared), 1, 1))
+                name=f'{uav.name} ({"jams" if index else "transmits"})', **shared), 1, 1
             # Zero has no logarithm: slots without power are gaps.
             watts = [power if power > 0 else None for power in self.powers[index].tolist()]
-            traces.append((go.Scatter(
+            yield go.Scatter(
                 x=times, y=watts, name=uav.name, showlegend=False, connectgaps=False,
-                **{**shared, 'line': {**line, 'shape': 'hv'}}), 1, 2))
+                **{**shared, 'line': {**line, 'shape': 'hv'}}), 1, 2
         for values, dash, width, name, row in (
                 (self.worst, 'dash', 1.5, 'worst case', 2),
                 (self.guaranteed, 'solid', 2.5, 'guaranteed', 2),
                 (self.worst_delivered, 'dash', 1.5, 'worst case', 3),
                 (self.delivered, 'solid', 2.5, 'guaranteed', 3)):
-            traces.append((go.Scatter(
+            yield go.Scatter(
                 x=times, y=values.tolist(), mode='lines', name=f'{name} rate', legendgroup=name,
                 showlegend=row == 2, line={
                     'color': RATE, 'width': width, 'dash': dash,
-                    'shape': 'hv' if row == 2 else 'linear'}), row, 2))
-        return traces
+                    'shape': 'hv' if row == 2 else 'linear'}), row, 2
 
     def moving_traces(self, point):
-        """Return the moving traces at a point, each with its row and column."""
+        """Yield the moving traces at a point, each with its row and column."""
         plan, time = self.plan, float(self.plan.times[point])
-        traces = []
         for index, uav in enumerate(plan.scenario.uavs):
             watts = float(self.powers[index, point])
-            traces.append((_scatter(
+            yield _scatter(
                 plan.positions[index, point][None], mode='markers', name=uav.name,
                 legendgroup=uav.name, showlegend=False, text=[f'{watts:.3g} W'], marker={
                     'color': uav_color(index), 'symbol': _SYMBOLS[index % len(_SYMBOLS)],
@@ -132,17 +131,14 @@ class _View:
                     # the same position are drawn one inside the other.
                     'size': float((17 if index == 0 else 10)
                                   + 2 * np.log1p(1000 * watts / self.peak)),
-                    'line': {'color': 'white', 'width': 1.5}}), 1, 1))
-            traces.append((self._dot(time, watts if watts > 0 else None, uav_color(index),
-                                     uav.name), 1, 2))
-        traces.append((_scatter(
+                    'line': {'color': 'white', 'width': 1.5}}), 1, 1
+            yield _dot(time, watts if watts > 0 else None, uav_color(index), uav.name), 1, 2
+        yield _scatter(
             self.places[point][None], mode='markers', name='worst-case eavesdropper', marker={
                 'symbol': 'x', 'size': 10, 'color': EAVESDROPPER,
-                'line': {'color': 'white', 'width': 1}}), 1, 1))
-        for value, name, row in ((self.guaranteed, 'guaranteed', 2),
-                                 (self.delivered, 'guaranteed', 3)):
-            traces.append((self._dot(time, float(value[point]), RATE, name), row, 2))
-        return traces
+                'line': {'color': 'white', 'width': 1}}), 1, 1
+        for values, row in ((self.guaranteed, 2), (self.delivered, 3)):
+            yield _dot(time, float(values[point]), RATE, 'guaranteed'), row, 2
 
     def readout(self, point):
         """Return the text of the slider at a point, in one line."""
@@ -155,12 +151,6 @@ class _View:
         return (f'{time:.1f} s:  {watts};  guaranteed now {self.guaranteed[point]:.2f}, so far '
                 f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
 
-    @staticmethod
-    def _dot(x, y, color, group):
-        return go.Scatter(x=[x], y=[y], mode='markers', legendgroup=group, showlegend=False,
-                          hoverinfo='skip', cliponaxis=False,
-                          marker={'color': color, 'size': 9})
-
 
 def _scatter(places, **options):
     """Return the trace of places, (K, 2)."""
@@ -168,30 +158,34 @@ def _scatter(places, **options):
     return go.Scatter(x=x, y=y, **options)
 
 
+def _dot(x, y, color, group):
+    return go.Scatter(x=[x], y=[y], mode='markers', legendgroup=group, showlegend=False,
+                      hoverinfo='skip', cliponaxis=False, marker={'color': color, 'size': 9})
+
+
 def _airspace_traces(scenario):
-    """Return zones and fence with their margin, filled where a UAV flies at a zone's altitudes."""
-    traces = [_scatter(
-        rim, mode='lines', fill='toself', line={'width': 0}, fillcolor=MARGIN, hoverinfo='skip',
-        legendgroup='margin', showlegend=index == 0,
-        name=f'margin of {scenario.tracking_margin:g} m')
-        for index, rim in enumerate(rims(scenario))]
+    """Yield zones and fence with their margin, filled where a UAV flies at a zone's altitudes."""
+    for index, rim in enumerate(rims(scenario)):
+        yield _scatter(
+            rim, mode='lines', fill='toself', line={'width': 0}, fillcolor=MARGIN,
+            hoverinfo='skip', legendgroup='margin', showlegend=index == 0,
+            name=f'margin of {scenario.tracking_margin:g} m')
     for index, (zone, name) in enumerate(zip(scenario.no_fly_zones, scenario.zone_names)):
         near = is_in_the_way(zone, scenario)
-        traces.append(_scatter(
+        yield _scatter(
             [*zone.vertices, zone.vertices[0]], mode='lines', fill='toself' if near else 'none',
             line={'color': NO_FLY_ZONE, 'width': 1.5, 'dash': 'solid' if near else 'dot'},
             legendgroup='zone', showlegend=index == 0, name='no-fly zone', hoveron='fills',
-            text=', '.join(filter(None, (name, altitudes_of(zone)))), hoverinfo='text'))
+            text=', '.join(filter(None, (name, altitudes_of(zone)))), hoverinfo='text')
     if scenario.no_fly_zones:
-        traces.append(_scatter(
+        yield _scatter(
             [middle_of(zone) for zone in scenario.no_fly_zones], mode='text',
             text=list(scenario.zone_names), textfont={'size': 10, 'color': GEOFENCE},
-            showlegend=False, hoverinfo='skip'))
+            showlegend=False, hoverinfo='skip')
     if scenario.geofence is not None:
-        traces.append(_scatter(
+        yield _scatter(
             [*scenario.geofence, scenario.geofence[0]], mode='lines', name='geofence',
-            hoverinfo='name', line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'}))
-    return traces
+            hoverinfo='name', line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'})
 
 
 def _watts(power):
