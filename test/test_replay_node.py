@@ -371,6 +371,15 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
         wait_for(lambda: sum('got a plan' in line for line in process.lines) == 2)
 
 
+def test_a_start_says_why_the_messages_that_have_come_make_no_plan(client, plan):
+    with node_here('replay') as process:
+        send(client, plan, 10**18, of_endless_power)
+        wait_for(lambda: any('values beyond' in line for line in process.lines))
+        answer = client.call('replay/start')
+        assert not answer.success
+        assert 'there is no plan yet' in answer.message and 'values beyond' in answer.message
+
+
 def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
     watts = client.listen(Float64, 'uav1/setpoint/power', 1000)
     with node_here('replay', speed=50.0) as process:
