@@ -65,6 +65,9 @@ SLOTS_A_STAGE, FEWEST = 4, 20
 ITERATIONS = (5, 12)
 """Newton steps on the same columns, with at most one jammer and with more."""
 
+FIRST_CERTIFICATE = 0.7
+"""Share of a time limit that is kept for the first certificate."""
+
 LONGER = 1.5
 """How many times longer a stage's certificate may take than on coarse stages, if time is short."""
 
@@ -104,13 +107,13 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     checked_callback('on_progress', on_progress)
     if plan is not None:
         checked_plan(plan, scenario)
-    run = _Run(scenario, started, limit, on_progress)
+    run = _Run(started, limit, on_progress)
     run.offer(plain_bound(scenario))
     # Where nothing but infinity is true, or where the plain bound is nothing, no search helps.
     if 0 < run.rate < math.inf:
         # Whatever is not a number on the way makes a bound infinite, never wrong; see boxes.
         with np.errstate(all='ignore'):
-            _search(run, objective, plan)
+            _search(run, scenario, objective, plan)
     return Bound(scenario, run.rate, objective, ignored_limits(scenario),
                  time.monotonic() - started, run.outcome)
 
@@ -142,50 +145,38 @@ def plain_bound(scenario: Scenario) -> float:
 
 def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
-    has = {
-        'separation': bool(getattr(scenario, 'separation', None)),
-        'no_fly_zones': bool(getattr(scenario, 'no_fly_zones', None)),
-        'geofence': bool(getattr(scenario, 'geofence', None)),
-    }
-    return tuple(name for name, given in has.items() if given)
+    return tuple(name for name in ('separation', 'no_fly_zones', 'geofence')
+                 if getattr(scenario, name))
 
 
 class _Run:
     """The clock, the callback and the best bound of one call."""
 
-    def __init__(self, scenario: Scenario, started: float, limit: float | None,
+    def __init__(self, started: float, limit: float | None,
                  on_progress: Callable[[Progress], bool | None] | None) -> None:
-        self.scenario, self.rate, self.status = scenario, math.inf, ''
-        self._started, self._limit, self._on_progress = started, limit, on_progress
+        self.rate, self.status, self.limited = math.inf, '', limit is not None
+        self._started, self._on_progress = started, on_progress
+        self._deadline = math.inf if limit is None else started + limit
+        self._proving = 0.0 if limit is None else FIRST_CERTIFICATE * limit
         self._number = 0
         self._reported = started
-        self._proving = 0.0
         self._late = False
 
     @property
     def time_left(self) -> float:
         """Time until the deadline in s, infinite without one."""
-        if self._limit is None:
-            return math.inf
-        return self._limit - (time.monotonic() - self._started)
+        return self._deadline - time.monotonic()
 
-    @property
-    def limited(self) -> bool:
-        """Return whether there is a deadline."""
-        return self._limit is not None
-
-    def keeping(self, share: float, times: float = 0.0) -> Callable[[], bool]:
+    def keeping(self, times: float) -> Callable[[], bool]:
         """
         Return what tells a search to end while there is time for its certificate.
 
-        :param share: of the whole time that is kept.
         :param times: how much longer than the last certificate the next one may take.
         """
         def stop() -> bool:
-            if self._limit is not None and not self.status:
-                if self.time_left <= max(share * self._limit, times * self._proving):
-                    self._late = True
-                    return True
+            if not self.status and self.time_left <= times * self._proving:
+                self._late = True
+                return True
             return self.stop()
         return stop
 
@@ -223,9 +214,8 @@ class _Run:
         return bool(self.status)
 
 
-def _search(run: _Run, objective: str, plan: Plan | None) -> None:
+def _search(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
-    scenario = run.scenario
     plan, positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
         return
@@ -252,7 +242,7 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     first, last = (min(slots, most) for most in (
         FEW_STAGES[len(uavs) - 1, len(chosen.places)] if jam else (MOST_STAGES, MOST_STAGES)))
     coarse = max(-(-first // SLOTS_A_STAGE), min(first, FEWEST))
-    search = MultiplierSearch(*level(coarse), None, run.keeping(0.7))
+    search = MultiplierSearch(*level(coarse), None, run.keeping(1.0))
     _follow(search, COARSE)
     if run.limited:
         run.prove(search)
@@ -260,7 +250,7 @@ def _search(run: _Run, objective: str, plan: Plan | None) -> None:
     for count, schedule in [(first, FIRST), (last, LAST)] if jam else [(first, FINE)]:
         team, initial = level(count)
         finer = MultiplierSearch(team, initial, _finer(search, team.stages, initial.weight),
-                                 run.keeping(0.0, LONGER * count / coarse))
+                                 run.keeping(LONGER * count / coarse))
         if finer.stop():
             break
         search, proven = finer, False
