@@ -28,12 +28,12 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .boxes import Index, Terms
 from .chords import interpolated, on_chords, over_pieces
 from .conjugate import Array, mixing, softplus
-from .jammer_shares import corners, over_boxes, share_boxes
-from .multipliers import Multipliers
+from .jammer_shares import corners, Division, over_boxes, share_boxes
 from .potential import Potential
 from .reachable_set import ReachableSet
 from .rounding import margin
@@ -45,6 +45,44 @@ FLOOR = 1e-6
 
 EVERY_POWER = np.array([[-np.inf], [np.inf]])
 """Both ends of the logarithms of powers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """
+    What the certificate is made from: any numbers are valid, good ones make it tight.
+
+    :param slope: u of every UAV's potential, (U, G + 1, 2) in nats per unit of its set.
+    :param bend: S of every UAV's potential, (U, G + 1, 3) in nats per unit^2.
+    :param turn: w of every UAV, (U, G + 1, 2) in nats per unit.
+    :param prices: lam, (U,) in nats per W, not negative.
+    :param helpers: lam of the helpers, in nats per W.
+    :param weights: w0 at the breakpoints, rising, (K, G), within (0, 1].
+    :param shares: v at the breakpoints, (K, G, E), not negative, with a sum of at most w0.
+    :param needed: whether a breakpoint has maxima of its own, (K, G), the last one always; the
+        others are put on the chords of their neighbours.
+    :param boxes: of the jammers' shares and powers, at each of the M breakpoints that are needed,
+        in the order of np.nonzero(needed).
+    :param still: what the terms come close to where nothing is sent, (U, G) in nats.
+    :param known: the same of the transmitter at the breakpoints, (K, G).
+    :param slack: what the maxima may be too large, where nothing is sent and at every breakpoint,
+        (K + 1, G) in nats.
+    :param corner_slack: the same for every jammer at the corners of the boxes, (B, M, V).
+    """
+
+    slope: Array
+    bend: Array
+    turn: Array
+    prices: Array
+    helpers: Array
+    weights: Array
+    shares: Array
+    needed: NDArray[np.bool_]
+    boxes: Division
+    still: Array
+    known: Array
+    slack: Array
+    corner_slack: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +132,7 @@ def certify(team: Team, given: Multipliers,
     k, g = np.nonzero(given.needed)
     joint = np.zeros(weights.shape)
     joint[k, g] = _maxima(team, potentials[0], 0, still[0], g, weights[k, g], shares[k, g],
-                          prices[0], given.known[0][k, g], given.slack[k + 1, g], stop)
+                          prices[0], given.known[k, g], given.slack[k + 1, g], stop)
     joint += team.spill * weights + sum(
         (_help(region, shares.sum(-1), price)
          for region, price in zip(team.helpers, helper_prices)),
@@ -123,8 +161,8 @@ def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still:
             stage: Index, weights: Array, shares: Array, given: Multipliers,
             stop: Callable[[], bool]) -> Array:
     """Return what the jammers' terms are at most together, (M,): lemma 8."""
-    simplices, powers, exists = share_boxes(given.splits, team.eavesdroppers, team.jammers)
-    rho, theta = corners(simplices), corners(given.theta).sum(3)
+    simplices, powers, exists = share_boxes(given.boxes.splits, team.eavesdroppers, team.jammers)
+    rho, theta = corners(simplices), corners(given.boxes.theta).sum(3)
     theta = np.concatenate([theta, 1.0 - theta.sum(-1, keepdims=True)], -1)
     if not ((theta >= 0) & (theta <= 1)).all():
         raise AssertionError('theta must be from 0 to 1 in every box')
@@ -135,9 +173,9 @@ def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still:
     for j in range(team.jammers):
         values[at] += _maxima(
             team, potentials[j + 1], j + 1, still[j + 1], stage[m], weights[m] * theta[at][:, j],
-            shares[m] * rho[at][:, :, j], prices[j + 1], given.known[j + 1][at],
+            shares[m] * rho[at][:, :, j], prices[j + 1], given.boxes.known[j][at],
             given.corner_slack[at], stop, powers[:, box, m, j])
-    return np.asarray(over_boxes(values, rho, given.mean, shares).max((0, 2)))
+    return np.asarray(over_boxes(values, rho, given.boxes.mean, shares).max((0, 2)))
 
 
 def _help(region: ReachableSet, total: Array, price: float) -> Array:

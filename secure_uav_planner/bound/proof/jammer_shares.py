@@ -23,6 +23,7 @@ a corner of its simplex.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -32,6 +33,25 @@ from .conjugate import Array
 
 Splits = tuple[NDArray[np.int64], NDArray[np.int64], Array]
 """Which box is cut, -1 for none, along which side, and where: (S, M) each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Division:
+    """
+    The boxes at M breakpoints of w0, and the multipliers in each; any values are valid.
+
+    :param splits: what the boxes are, see share_boxes.
+    :param theta: the shares of all jammers but the last one at the ground node: the sum over the
+        eavesdroppers of what belongs to the corners of their simplices, (B, M, E, J, J - 1).
+    :param mean: q of every box up to a factor, (B, M, E, J).
+    :param known: what every jammer's term comes close to at the corners of the boxes,
+        (J, B, M, V) in nats.
+    """
+
+    splits: Splits
+    theta: Array
+    mean: Array
+    known: Array
 
 
 def share_boxes(splits: Splits, eavesdroppers: int,

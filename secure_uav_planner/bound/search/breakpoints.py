@@ -12,9 +12,9 @@ from .descent import golden
 from .division import share_division
 from .dual import curved, parties, unpacked
 from .multiplier_search import MultiplierSearch
+from ..proof.certificate import Multipliers
 from ..proof.chords import interpolated, neighbours, on_chords, over_pieces, pieces
 from ..proof.conjugate import Array, entropy, transmit_power
-from ..proof.multipliers import Multipliers
 from ..proof.team import Team
 
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
@@ -33,69 +33,44 @@ SLACK = 0.5
 """Share of what a node's maximum could be too large without raising its stage's bound."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Estimates:
-    """
-    About what the terms are worth at breakpoints of w0, by columns.
-
-    :param weights: w0, (K, G).
-    :param shares: v, (K, G, E).
-    :param sent: the transmitter's term, (K, G).
-    :param jammed: those of all jammers, (K, G).
-    """
-
-    weights: Array
-    shares: Array
-    sent: Array
-    jammed: Array
-
-    @classmethod
-    def of(cls, search: MultiplierSearch) -> _Estimates:
-        """Return those of a search's multipliers, for all breakpoints of the certificate."""
-        if not search.seen:
-            search.dual(0.01)
-        count, uavs = len(search.team.stages.count), len(search.team.regions)
-        weights = np.sort([*(np.full(count, w0) for w0 in BREAKPOINTS), search.weight], axis=0)
-        found = [_shares(search, weight) for weight in weights]
-        values = np.zeros((2, *weights.shape))
-        for number, party in enumerate(parties(uavs)):
-            values[number] = [of_party[number] for _, of_party in found]
-            values[number] += _constant(search, party)
-        return cls(weights, np.array([shares for shares, _ in found]), *values)
-
-
-def breakpoint_multipliers(search: MultiplierSearch, tolerance: float = TOLERANCE,
+def breakpoint_multipliers(search: MultiplierSearch,
                            stop: Callable[[], bool] = lambda: False) -> Multipliers:
     """
     Return what the certificate needs, for its own breakpoints of w0.
 
-    :param tolerance: what a maximum may be too large, in nats.
     :param stop: asked now and then; True ends the division into boxes.
     """
-    found = _Estimates.of(search)
-    team, point = search.team, search.point
-    uavs, weights, shares = range(len(team.regions)), found.weights, found.shares
+    team, point, uavs = search.team, search.point, range(len(search.team.regions))
+    weights = np.sort([*(np.full(len(search.weight), w0) for w0 in BREAKPOINTS), search.weight],
+                      axis=0)
+    found = [_shares(search, weight) for weight in weights]
+    shares = np.array([v for v, _ in found])
+    # About what the terms of the transmitter and of all jammers are worth.
+    worth = np.zeros((2, *weights.shape))
+    for number, party in enumerate(parties(len(uavs))):
+        worth[number] = [terms[number] for _, terms in found]
+        worth[number] += _constant(search, party)
+    known, jammed = worth
     still = np.array([search.values([i], search.silent(i))[0].max(1) + _constant(search, [i])
                       for i in uavs])
-    needed, joint = np.ones(weights.shape, bool), found.sent + found.jammed
-    most = _over(team, still, joint, found, needed, point.prices[0])[1] + SPARED
+    estimates = _Estimates(team, point.prices[0], weights, shares, still.sum(0))
+    needed, joint = np.ones(weights.shape, bool), known + jammed
+    most = estimates.over(joint, needed)[1] + SPARED
     for k in range(len(needed) - 1):
         trial = needed.copy()
         trial[k] = False
-        needed[k] = ~(_over(team, still, joint, found, trial, point.prices[0])[1] <= most)
+        needed[k] = ~(estimates.over(joint, trial)[1] <= most)
     at = np.nonzero(needed)
-    slack = _slack(team, still, joint, found, needed, point.prices[0])
-    boxes = share_division(search, at[1], weights[at], shares[at], found.jammed[at],
-                           SLACK / 2 * slack[1:][at], stop)
-    worth = boxes.bounds.max((0, 2))
-    joint[at] = found.sent[at] + worth
-    slack = tolerance + SLACK / len(uavs) * _slack(
-        team, still, joint, found, needed, point.prices[0])
-    slope, bend, turn = unpacked(point.potentials.transpose(1, 0, 2))
+    slack = estimates.slack(joint, needed)[1:][at]
+    boxes, bounds = share_division(search, at[1], weights[at], shares[at], jammed[at],
+                                   SLACK / 2 * slack, stop)
+    worst = bounds.max((0, 2))
+    joint[at] = known[at] + worst
+    slack = TOLERANCE + SLACK / len(uavs) * estimates.slack(joint, needed)
     return Multipliers(
-        slope, bend, turn, point.prices, weights, shares, boxes.splits, boxes.theta, boxes.mean,
-        _helpers(search), (found.sent, *boxes.known), still, needed, slack,
-        slack[1:][at][:, None] + SLACK / len(uavs) * (worth[:, None] - boxes.bounds))
+        *unpacked(point.potentials.transpose(1, 0, 2)), point.prices, _helpers(search), weights,
+        shares, needed, boxes, still, known, slack,
+        slack[1:][at][:, None] + SLACK / len(uavs) * (worst[:, None] - bounds))
 
 
 def _constant(search: MultiplierSearch, uavs: list[int]) -> Array | float:
@@ -105,35 +80,54 @@ def _constant(search: MultiplierSearch, uavs: list[int]) -> Array | float:
     return np.asarray(sum(search.potential(uav).constant() for uav in uavs))
 
 
-def _over(team: Team, still: Array, joint: Array, found: _Estimates, needed: NDArray[np.bool_],
-          price: float) -> tuple[Array, Array]:
-    """Return about the bounds of all pieces of w0, (PIECES, K, G), and of the stages, (G,)."""
-    silent, weights = still.sum(0), found.weights
-    joint = interpolated(joint[None], silent, weights, needed)[0]
-    total = on_chords(weights, found.shares, needed).sum(-1)
-    value = over_pieces(team, silent, joint, weights, total, price)
-    return value, np.maximum(silent, value.max((0, 1)))
+@dataclass(frozen=True, eq=False)
+class _Estimates:
+    """
+    About what the certificate will find, from what the terms are worth at the breakpoints of w0.
 
+    :param team: the UAVs.
+    :param price: lam of the transmitter.
+    :param weights: w0, (K, G).
+    :param shares: v, (K, G, E).
+    :param silent: all terms where nothing is sent, (G,).
+    """
 
-def _slack(team: Team, still: Array, joint: Array, found: _Estimates, needed: NDArray[np.bool_],
-           price: float) -> Array:
-    """Return by how much silence and every breakpoint could be higher for nothing, (K + 1, G)."""
-    weights = found.weights
-    value, best = _over(team, still, joint, found, needed, price)
-    # A breakpoint that is too high lifts the pieces on both sides, the less the farther they are.
-    slack = np.concatenate([(best - still.sum(0))[None], np.full(weights.shape, np.inf)])
-    column = np.arange(weights.shape[1])
-    at = np.concatenate([0 * weights[:1], weights])
-    below, above = neighbours(needed)
-    x = pieces()[:, None]
-    for k in range(len(weights)):
-        low, high = at[below[k], column], at[above[k], column]
-        share = (at[k] + (at[k + 1] - at[k]) * x - low) / np.maximum(high - low, 1e-300)
-        gap = best - value[:, k]
-        for number, part in ((below[k], 1 - share[:-1]), (above[k], share[1:])):
-            room = (gap / np.maximum(part, 1e-9)).min(0)
-            slack[number, column] = np.minimum(slack[number, column], room)
-    return slack
+    team: Team
+    price: float
+    weights: Array
+    shares: Array
+    silent: Array
+
+    def over(self, joint: Array, needed: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """
+        Return about the bounds of all pieces of w0, (PIECES, K, G), and of the stages, (G,).
+
+        :param joint: all terms at the breakpoints, (K, G).
+        :param needed: whether each is one, (K, G).
+        """
+        joint = interpolated(joint[None], self.silent, self.weights, needed)[0]
+        total = on_chords(self.weights, self.shares, needed).sum(-1)
+        value = over_pieces(self.team, self.silent, joint, self.weights, total, self.price)
+        return value, np.maximum(self.silent, value.max((0, 1)))
+
+    def slack(self, joint: Array, needed: NDArray[np.bool_]) -> Array:
+        """Return by how much silence and every breakpoint could be higher, (K + 1, G)."""
+        weights = self.weights
+        value, best = self.over(joint, needed)
+        # One that is too high lifts the pieces on both sides, the less the farther they are.
+        slack = np.concatenate([(best - self.silent)[None], np.full(weights.shape, np.inf)])
+        column = np.arange(weights.shape[1])
+        at = np.concatenate([0 * weights[:1], weights])
+        below, above = neighbours(needed)
+        x = pieces()[:, None]
+        for k in range(len(weights)):
+            low, high = at[below[k], column], at[above[k], column]
+            share = (at[k] + (at[k + 1] - at[k]) * x - low) / np.maximum(high - low, 1e-300)
+            gap = best - value[:, k]
+            for number, part in ((below[k], 1 - share[:-1]), (above[k], share[1:])):
+                room = (gap / np.maximum(part, 1e-9)).min(0)
+                slack[number, column] = np.minimum(slack[number, column], room)
+        return slack
 
 
 def _shares(search: MultiplierSearch, weight: Array) -> tuple[Array, list[Array]]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .multiplier_search import MultiplierSearch
 from ..proof.conjugate import Array, mixing
-from ..proof.jammer_shares import corners, over_boxes, share_boxes, Splits
+from ..proof.jammer_shares import corners, Division, over_boxes, share_boxes
 from ...model.kernel import core
 
 SPLITS = {2: 20, 3: 40}
@@ -19,33 +18,13 @@ SPLITS = {2: 20, 3: 40}
 ENOUGH = 2e-3
 """By how much, in nats, a breakpoint may be above what combinations are worth without a cut."""
 
-
 AT_ONCE = 50
 """Breakpoints between two questions whether to stop."""
 
 
-@dataclass(frozen=True, eq=False)
-class Division:
-    """
-    The boxes at M breakpoints.
-
-    :param splits: (S, M) each.
-    :param theta: by the corners of the simplices, (B, M, E, J, J - 1).
-    :param mean: q up to a factor, (B, M, E, J).
-    :param known: what every jammer's term is worth at the corners of the boxes, (J, B, M, V).
-    :param bounds: over the boxes, at every corner, (B, M, V) in nats.
-    """
-
-    splits: Splits
-    theta: Array
-    mean: Array
-    known: Array
-    bounds: Array
-
-
 def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: Array,
                    shares: Array, worth: Array, slack: Array,
-                   stop: Callable[[], bool]) -> Division:
+                   stop: Callable[[], bool]) -> tuple[Division, Array]:
     """
     Return boxes of what the jammers can do, the one with the largest bound cut again and again.
 
@@ -55,6 +34,7 @@ def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: A
     :param worth: about what all jammers' terms are worth, (M,).
     :param slack: how much more they may be, (M,).
     :param stop: asked now and then; True leaves the rest without a cut.
+    :return: the boxes, and about the bounds over them at every corner, (B, M, V) in nats.
     """
     team = search.team
     m, e, j = len(stage), team.eavesdroppers, team.copies
@@ -82,5 +62,5 @@ def share_division(search: MultiplierSearch, stage: NDArray[np.intp], weights: A
     simplices, _, exists = share_boxes(splits, e, j)
     values = known.sum(0) - weights[:, None] * mixing(np.moveaxis(corners(theta).sum(3), -1, 0))
     bounds = over_boxes(values, corners(simplices), mean, shares)
-    return Division(splits, theta[..., :-1], mean, known,
-                    np.where(exists[:, :, None], bounds, -np.inf))
+    return (Division(splits, theta[..., :-1], mean, known),
+            np.where(exists[:, :, None], bounds, -np.inf))
