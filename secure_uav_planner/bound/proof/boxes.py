@@ -105,5 +105,4 @@ class Terms:
         :param centre: (2,), or (3,) with log p.
         :param half: half the sides, alike.
         """
-        value, bound = core.bound_box(self.fields, function, centre, half)
-        return value, bound
+        return core.bound_box(self.fields, function, centre, half)

@@ -134,9 +134,7 @@ def certify(team: Team, given: Multipliers,
     joint[k, g] = _maxima(team, potentials[0], 0, still[0], g, weights[k, g], shares[k, g],
                           prices[0], given.known[k, g], given.slack[k + 1, g], stop)
     joint += team.spill * weights + sum(
-        (_help(region, shares.sum(-1), price)
-         for region, price in zip(team.helpers, helper_prices)),
-        np.zeros(weights.shape))
+        _help(region, shares.sum(-1), price) for region, price in zip(team.helpers, helper_prices))
     if team.jammers:
         joint[k, g] += _jammed(team, potentials, prices, still, g, weights[k, g], shares[k, g],
                                given, stop)

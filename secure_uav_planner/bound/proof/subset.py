@@ -16,6 +16,12 @@ RAYS = 16
 """Points on every disc's circle, to choose from; its centre is one more."""
 
 
+def circle(count: int) -> Array:
+    """Return points on the unit circle at equal angles, (count, 2)."""
+    angle = np.arange(count) * 2 * np.pi / count
+    return np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
 @dataclass(frozen=True, eq=False)
 class EavesdropperSubset:
     """
@@ -42,11 +48,10 @@ class EavesdropperSubset:
         radii = np.array([eve.error_radius for eve in scenario.eavesdroppers])
         if objective == 'guaranteed':
             return cls(places, radii, scenario.receiver_advantages)
-        angle = np.arange(RAYS) * 2 * np.pi / RAYS
-        circle = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], -1)])
+        offsets = np.concatenate([[[0.0, 0.0]], circle(RAYS)])
         # A little inside, so that rounding puts no point outside.
         within = np.maximum(radii * (1 - 1e-9) - 1e-15 * np.abs(places).max(1), 0.0)
-        points = [place + reach * circle if reach > 0 else place[None]
+        points = [place + reach * offsets if reach > 0 else place[None]
                   for place, reach in zip(places, within)]
         every = np.concatenate(points)
         copies = [len(some) for some in points]

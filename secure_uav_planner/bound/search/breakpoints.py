@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .descent import golden
 from .division import share_division
 from .dual import curved, parties, unpacked
 from .multiplier_search import MultiplierSearch
@@ -51,7 +50,7 @@ def breakpoint_multipliers(search: MultiplierSearch,
         worth[number] = [terms[number] for _, terms in found]
         worth[number] += _constant(search, party)
     known, jammed = worth
-    still = np.array([search.values([i], search.silent(i))[0].max(1) + _constant(search, [i])
+    still = np.array([search.values([i], search.silent(i)).max(1) + _constant(search, [i])
                       for i in uavs])
     estimates = _Estimates(team, point.prices[0], weights, shares, still.sum(0))
     needed, joint = np.ones(weights.shape, bool), known + jammed
@@ -144,7 +143,7 @@ def _shares(search: MultiplierSearch, weight: Array) -> tuple[Array, list[Array]
     # Those that are best at the present v join before every sweep: else v makes use of it that
     # others are missing. Measured: with one list a mission of one jammer is 24% above its plan
     # instead of 5%, others are the same.
-    every = [(search.values(party, columns, weight[None], none[None])[0], columns.leaks)
+    every = [(search.values(party, columns, weight, none), columns.leaks)
              for party, columns in zip(parties(len(team.regions)), search.listed(weight, v))]
     chosen = [np.zeros((len(v), 0), int) for _ in every]
     row = np.arange(len(v))[:, None]
@@ -165,14 +164,29 @@ def _shares(search: MultiplierSearch, weight: Array) -> tuple[Array, list[Array]
             base + _dot(leaks, v), -min(FEW, base.shape[1]), 1)[:, -FEW:]], 1)
             for few, (base, leaks) in zip(chosen, every)]
         share = v / np.maximum(v.sum(-1, keepdims=True), 1e-300)
-        v = share * golden(along(none, share), 0 * weight, weight)[:, None]
+        v = share * _golden(along(none, share), 0 * weight, weight)[:, None]
         for e in range(count if sweep < SWEEPS[1] - 1 else 0):
             for f in range(e):
                 way = np.zeros_like(v)
                 way[:, e], way[:, f] = 1.0, -1.0
-                moved = golden(along(v, way), -v[:, e], v[:, f])[:, None]
+                moved = _golden(along(v, way), -v[:, e], v[:, f])[:, None]
                 v = np.maximum(v + way * moved, 0.0)
     return v, [(base + _dot(leaks, v)).max(1) for base, leaks in every]
+
+
+def _golden(value: Callable[[Array], Array], low: Array, high: Array, steps: int = 20) -> Array:
+    """Return the minimisers of convex functions, one of each stage, by golden section."""
+    gold = (5**0.5 - 1) / 2
+    x1, x2 = high - gold * (high - low), low + gold * (high - low)
+    f1, f2 = value(x1), value(x2)
+    for _ in range(steps):
+        left = f1 < f2
+        low, high = np.where(left, low, x1), np.where(left, x2, high)
+        new = np.where(left, high - gold * (high - low), low + gold * (high - low))
+        f = value(new)
+        x1, x2, f1, f2 = (np.where(left, new, x2), np.where(left, x1, new),
+                          np.where(left, f, f2), np.where(left, f1, f))
+    return (low + high) / 2
 
 
 def _helpers(search: MultiplierSearch) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..proof.conjugate import Array
 from ..proof.reachable_set import ReachableSet
+from ..proof.subset import circle
 
 RINGS = (0.01, 0.03, 0.1, 0.3)
 """Radii of rings of places about a plan's, in the set's units; twelve places on each."""
@@ -132,9 +133,7 @@ def grid(region: ReachableSet, along: int, across: int) -> Array:
 
 def rings(region: ReachableSet, centre: Array) -> Array:
     """Return places about others (G, 2), those too, as far as they are in the reachable set."""
-    angle = np.arange(12) * np.pi / 6
-    circle = np.stack([np.cos(angle), np.sin(angle)], -1)
-    offset = np.concatenate([[[0.0, 0.0]], *(radius * circle for radius in RINGS)])
+    offset = np.concatenate([[[0.0, 0.0]], *(radius * circle(12) for radius in RINGS)])
     place = centre[:, None] + offset
     stage = np.arange(len(place))[:, None]
     return np.asarray(np.where(region.inside(place, stage)[..., None], place, centre[:, None]))

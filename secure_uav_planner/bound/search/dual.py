@@ -149,18 +149,6 @@ class Dual:
                 hess[:, three, three] += factor[:, None, None] * second
         return value, (grad.reshape(count, -1), hess)
 
-    def _maxima(self, uavs: Sequence[int], point: DualPoint, columns: Columns,
-                weights: Array, shares: Array, second: bool) -> tuple[Array, Array, Array]:
-        """Return the smoothed maxima over columns, (B, G), and their derivatives."""
-        size = shares.shape[-1] + len(uavs) * (2 * point.potentials.shape[2] + 1)
-        value = np.empty(weights.shape)
-        slope, hessian = (np.empty(weights.shape + more if second else 0)
-                          for more in ((size,), (size, size)))
-        core.bound_smooth_maxima(
-            _fields(self.team, uavs, point, columns, weights, shares, self.tau),
-            value, slope, hessian)
-        return value, slope, hessian
-
     def _stages(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
         """Return value, gradient and Hessian of the stages' smoothed maxima."""
         u, p = point.potentials.shape[1:]
@@ -176,10 +164,15 @@ class Dual:
         lists = [(1, [i], some, none) for i, some in enumerate(self.silent)]
         lists += [(0, uavs, some, sent) for uavs, some in zip(parties(u), self.columns)]
         for k, uavs, columns, (weight, v) in lists:
-            value, slope, bend = self._maxima(uavs, point, columns, weight[None], v[None], second)
+            which = self._unknowns(uavs, point)
+            own = len(which)
+            value, slope, bend = (np.empty((1, g, *more) if second or not more else 0)
+                                  for more in ((), (own,), (own, own)))
+            core.bound_smooth_maxima(column_fields(
+                self.team, uavs, point, columns, weight[None], v[None], self.tau),
+                value, slope, bend)
             values[k] += value[0]
             if second:
-                which = self._unknowns(uavs, point)
                 grads[k][:, which] += slope[0]
                 bends[k][:, which[:, None], which] += bend[0]
         top = values.max(0)
@@ -222,9 +215,14 @@ class Dual:
         return value, grad, hess
 
 
-def _fields(team: Team, uavs: Sequence[int], point: DualPoint, columns: Columns, weights: Array,
-            shares: Array, tau: float = 1e-9) -> dict[str, Any]:
-    """Return what the kernel reads: columns of some UAVs, potentials, branches of (w0, v)."""
+def column_fields(team: Team, uavs: Sequence[int], point: DualPoint, columns: Columns,
+                  weights: Array, shares: Array, tau: float = 1e-9) -> dict[str, Any]:
+    """
+    Return what the kernel reads: columns of some UAVs, potentials, branches of (w0, v).
+
+    :param weights: w0 of these UAVs, (B, G).
+    :param shares: their v, (B, G, E).
+    """
     potentials = point.potentials[:, uavs]
     fields = {
         'place': columns.place, 'power': columns.power, 'ground': columns.ground,
@@ -234,30 +232,6 @@ def _fields(team: Team, uavs: Sequence[int], point: DualPoint, columns: Columns,
     width = potentials.shape[2]
     return {**{name: np.ascontiguousarray(array, float) for name, array in fields.items()},
             'curved': curved(width), 'turns': width in (4, 7), 'tau': tau}
-
-
-def column_values(team: Team, uavs: Sequence[int], point: DualPoint, columns: Columns,
-                  weights: Array | None = None, shares: Array | None = None) -> Array:
-    """
-    Return what columns of some UAVs are worth, (B, G, C) in nats.
-
-    :param weights: w0 of these UAVs, (B, G); by default one branch where nothing is sent.
-    :param shares: their v, (B, G, E).
-    """
-    if weights is None or shares is None:
-        weights = np.zeros((1, len(columns.ground)))
-        shares = np.zeros(weights.shape + columns.leaks.shape[2:])
-    found = np.empty(weights.shape + columns.ground.shape[1:])
-    core.bound_column_values(_fields(team, uavs, point, columns, weights, shares), found)
-    return found
-
-
-def best_column(team: Team, uavs: Sequence[int], point: DualPoint, columns: Columns,
-                weights: Array, shares: Array) -> NDArray[np.int64]:
-    """Return which column is worth most, (B, G); see column_values."""
-    found = np.empty(weights.shape, np.int64)
-    core.bound_best_column(_fields(team, uavs, point, columns, weights, shares), found)
-    return found
 
 
 def curved(width: int) -> bool:

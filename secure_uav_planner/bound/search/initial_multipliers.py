@@ -75,9 +75,5 @@ def _spread(team: Team, power: Array, on: NDArray[np.bool_]) -> Array:
     if not on.any():
         return np.repeat([[region.average] for region in team.regions], power.shape[1], axis=1)
     loud = np.flatnonzero(on)
-    right = np.searchsorted(loud, np.arange(len(on))).clip(0, len(loud) - 1)
-    left = np.maximum(right - 1, 0)
-    stage = np.arange(len(on))
-    nearest = np.where(np.abs(loud[left] - stage) <= np.abs(loud[right] - stage), loud[left],
-                       loud[right])
-    return np.asarray(power[:, nearest])
+    nearest = np.abs(loud - np.arange(len(on))[:, None]).argmin(1)
+    return np.asarray(power[:, loud[nearest]])

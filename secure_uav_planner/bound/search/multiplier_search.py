@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from . import columns as candidates
 from .columns import Columns
-from .descent import Descent
-from .dual import best_column, column_values, curved, Dual, unpacked
+from .dual import column_fields, curved, Dual, unpacked
 from .initial_multipliers import InitialMultipliers
 from .newton import DualPoint
 from ..proof.conjugate import Array
 from ..proof.potential import Potential
 from ..proof.reachable_set import ReachableSet
+from ..proof.subset import circle
 from ..proof.team import Team
 from ...model.kernel import core
 
@@ -64,6 +64,9 @@ FRESH, OLD = 5, 15
 SILENT = 24
 """Places to be silent at that are kept, beside the fixed ones."""
 
+LONGEST = 1e4
+"""Damping at which a Newton step is given up."""
+
 
 class MultiplierSearch:
     """
@@ -104,12 +107,12 @@ class MultiplierSearch:
             self.grids.append(place)
             self.near.append(Columns.product(region, people[:, 1:], np.tile(
                 region.peak * np.geomspace(1e-4, 1.0, NEAR), (count, 1)), team.copies))
-            rim = region.farthest(_compass(ROUND)[None])
+            rim = region.farthest(circle(ROUND)[None])
             self.base.append(Columns.joined([
                 Columns.product(region, coarse, few, team.copies),
                 Columns.of(region, rim, np.zeros(rim.shape[:2]), team.copies)]))
             self.places.append(np.concatenate(
-                [region.farthest(_compass(candidates.RIM)[None]),
+                [region.farthest(circle(candidates.RIM)[None]),
                  candidates.grid(region, *candidates.STILL)], 1))
         self.found: list[list[Columns]] = [[] for _ in team.regions]
         self._latest: list[list[Columns]] = []
@@ -119,7 +122,7 @@ class MultiplierSearch:
             self._jammed.append(Columns.together(self.apart(
                 initial.places[1:, :, None], initial.powers[1:, :, None])))
         self._candidates: tuple[DualPoint, list[Columns]] = self.point, []
-        self._descent = Descent()
+        self._damping = 1e-6
 
     # -- what the present multipliers ask for
 
@@ -131,7 +134,7 @@ class MultiplierSearch:
     def _differing(self, some: Columns, weight: Array, v: Array) -> NDArray[np.intp]:
         """Return the indices of the best combinations whose shares differ, (G, MODES)."""
         shares, row = np.moveaxis(self._shares(some), 0, -1), np.arange(len(v))
-        worth = self.values([*range(1, len(self.team.regions))], some, weight[None], v[None])[0]
+        worth = self.values([*range(1, len(self.team.regions))], some, weight, v)
         chosen = []
         for _ in range(min(MODES, worth.shape[1])):
             chosen.append(worth.argmax(1))
@@ -139,10 +142,20 @@ class MultiplierSearch:
             worth[apart < APART] = -np.inf
         return np.stack(chosen, 1)
 
-    def values(self, uavs: Sequence[int], columns: Columns, weights: Array | None = None,
-               shares: Array | None = None) -> Array:
-        """Return what columns of some UAVs are worth now, (B, G, C); see column_values."""
-        return column_values(self.team, uavs, self.point, columns, weights, shares)
+    def values(self, uavs: Sequence[int], columns: Columns, weight: Array | None = None,
+               v: Array | None = None) -> Array:
+        """
+        Return what columns of some UAVs are worth now, (G, C) in nats.
+
+        :param weight: w0 of these UAVs, (G,); by default nothing is sent.
+        :param v: of these UAVs, (G, E).
+        """
+        if weight is None or v is None:
+            weight, v = np.zeros(len(columns.ground)), np.zeros(columns.leaks.shape[::2])
+        found = np.empty((1, *columns.ground.shape))
+        core.bound_column_values(column_fields(
+            self.team, uavs, self.point, columns, weight[None], v[None]), found)
+        return np.asarray(found[0])
 
     @property
     def seen(self) -> list[Columns]:
@@ -167,8 +180,10 @@ class MultiplierSearch:
         weights, shares = (np.array(part) for part in zip(*(
             (self.weight * theta, v * rho) for theta in THETAS
             for rho in product(RHOS[v.shape[-1]], repeat=v.shape[-1]))))
-        return Columns.joined([self.near[uav], columns.take(best_column(
-            self.team, [uav], self.point, columns, weights, shares).T)])
+        best = np.empty(weights.shape, np.int64)
+        core.bound_best_column(
+            column_fields(self.team, [uav], self.point, columns, weights, shares), best)
+        return Columns.joined([self.near[uav], columns.take(best.T)])
 
     def listed(self, weight: Array, v: Array) -> list[Columns]:
         """Return good columns of the transmitter and of all jammers at w0 (G,) and v (G, E)."""
@@ -203,7 +218,7 @@ class MultiplierSearch:
 
     def _base(self, columns: list[Columns]) -> list[Array]:
         """Return what columns of all jammers are worth where nothing is sent, (G, C) each."""
-        return [self.values([j], some)[0] for j, some in enumerate(columns, 1)]
+        return [self.values([j], some) for j, some in enumerate(columns, 1)]
 
     def fields(self, columns: list[Columns]) -> dict[str, Any]:
         """Return what the kernel reads of all jammers and their columns."""
@@ -260,7 +275,7 @@ class MultiplierSearch:
             new = region.farthest(pull[:, None])
         else:
             pool = self.silent(i)
-            start = pool.take(_apart(region, pool, self.values([i], pool)[0]))
+            start = pool.take(_apart(region, pool, self.values([i], pool)))
             new = self._improved(i, start, pool.ground[:, 0], pool.leaks[:, 0]).place
         fixed = candidates.RIM + candidates.STILL[0] * candidates.STILL[1]
         latest = np.concatenate([place[:, fixed:], new], 1)[:, -SILENT:]
@@ -273,7 +288,7 @@ class MultiplierSearch:
         rim = Columns.of(region, self.places[i], np.zeros(self.places[i].shape[:2]),
                          self.team.copies)
         pool = Columns.joined([self.tables[i], rim, *self.found[i]])
-        value = self.values([i], pool, self.weight[None], self.point.shares[None])[0]
+        value = self.values([i], pool, self.weight, self.point.shares)
         few = min(KEEP, value.shape[1])
         chosen = pool.take(np.argpartition(value, -few, axis=1)[:, -few:])
         # Of every place of the table only its best power.
@@ -309,7 +324,7 @@ class MultiplierSearch:
                                region.peak)
             flat = Columns.of(region, trial.reshape(count, -1, 2), watts.reshape(count, -1),
                               self.team.copies)
-            value = self.values([i], flat, weight[None], v[None])[0]
+            value = self.values([i], flat, weight, v)
             pick = value.reshape(count, many, -1).argmax(-1)[..., None]
             place = np.take_along_axis(trial, pick[..., None], 2)[:, :, 0]
             power = np.take_along_axis(watts, pick, 2)[..., 0]
@@ -337,15 +352,34 @@ class MultiplierSearch:
         for _ in range(iterations):
             if self.stop():
                 break
-            value, derivatives = dual.derivatives(self.point)
-            self.point, slope = self._descent.damped(dual, self.point, value, derivatives)
-            if -slope < 1e-3 * tau * self.team.stages.slots**0.5:
+            if -self._descend(dual) < 1e-3 * tau * self.team.stages.slots**0.5:
                 break
 
+    def _descend(self, dual: Dual) -> float:
+        """
+        Take a Newton step once it pays, and return the slope along it, 0 where none does.
 
-def _compass(count: int) -> Array:
-    angle = np.arange(count) * 2 * np.pi / count
-    return np.stack([np.cos(angle), np.sin(angle)], -1)
+        The dual function is flat in many directions and sharp in others, see
+        DualDerivatives.step. The damping is carried on from step to step.
+        """
+        value, derivatives = dual.derivatives(self.point)
+        while self._damping < LONGEST:
+            try:
+                step = derivatives.step(self._damping)
+            except np.linalg.LinAlgError:
+                self._damping *= 100
+                continue
+            step = step.within(self.point, dual.room(self.point.shares))
+            slope = min(derivatives.slope(step), 0.0)
+            for length, factor in ((1.0, 0.1), (0.3, 1.0), (0.1, 1.0)):
+                trial = self.point.moved(step, length)
+                if dual.value(trial) < value + 0.1 * length * slope:
+                    self._damping = max(factor * self._damping, 1e-9)
+                    self.point = trial
+                    return slope
+            self._damping *= 10
+        self._damping = 1.0
+        return 0.0
 
 
 def _apart(region: ReachableSet, pool: Columns, value: Array) -> NDArray[np.intp]:

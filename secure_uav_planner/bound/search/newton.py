@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -29,6 +29,17 @@ class DualPoint:
         """Return this point moved along a step."""
         return DualPoint(self.potentials + length * step.potentials,
                          self.shares + length * step.shares, self.prices + length * step.prices)
+
+    def within(self, point: DualPoint, room: Array) -> DualPoint:
+        """Return this step cut back so that every slot's v, room and prices stay positive."""
+        with np.errstate(divide='ignore', invalid='ignore'):
+            total = -self.shares.sum(-1)
+            most = np.minimum(
+                np.where(self.shares < 0, -point.shares / self.shares, np.inf).min(-1),
+                np.where(total < 0, -room / total, np.inf))
+            prices = np.where(self.prices < 0, -point.prices / self.prices, np.inf)
+        return replace(self, shares=self.shares * np.minimum(1.0, 0.9 * most)[..., None],
+                       prices=self.prices * np.minimum(1.0, 0.9 * prices))
 
 
 @dataclass(frozen=True, eq=False)
