@@ -178,10 +178,7 @@ def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still:
 
 def _help(region: ReachableSet, total: Array, price: float) -> Array:
     """Return max over p of s log(1 + b p) - lam p, b the gain from the nearest place, (K, G)."""
-    gain = np.max([region.log_gain + advantage - np.log(
-        (region.nearest(place) + radius)**2 + region.altitude**2)
-        for place, radius, advantage in zip(
-            region.eavesdroppers, region.radii, region.log_advantages)], axis=0)
+    gain = region.largest_gain()
     power = np.clip(total / max(price, 1e-300) - np.exp(-gain), 0.0, region.peak)
     return np.asarray(total * softplus(gain + np.log(np.maximum(power, 1e-300)))
                       - price * power + price * POWER_TOLERANCE)

@@ -167,6 +167,14 @@ class ReachableSet:
         nearest = np.maximum(from_start, from_goal) - 4 * COORDINATE_ROUNDING
         return np.asarray(np.maximum(nearest, 0.0))
 
+    def largest_gain(self) -> Array:
+        """Return at least the logarithm of a jammer's gain to any eavesdropper, (G,)."""
+        return np.asarray(np.max([
+            self.log_gain + advantage - np.log(
+                (self.nearest(place) + radius)**2 + self.altitude**2)
+            for place, radius, advantage in zip(
+                self.eavesdroppers, self.radii, self.log_advantages)], axis=0))
+
     def drawn_in(self, place: Array, stage: NDArray[np.integer[Any]]) -> Array:
         """Return places (..., 2) drawn into one disc and then into the other, if they can be."""
         for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):

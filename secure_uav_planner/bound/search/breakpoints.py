@@ -1,4 +1,4 @@
-"""What the certificate needs from a search: breakpoints of w0, each with its own v."""
+"""What the certificate needs from a search: breakpoints of w0, each with its own v and boxes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .division import share_division
 from .dual import curved, parties, unpacked
 from .multiplier_search import MultiplierSearch
 from ..proof.certificate import Multipliers
 from ..proof.chords import interpolated, neighbours, on_chords, over_pieces, pieces
-from ..proof.conjugate import Array, entropy, transmit_power
+from ..proof.conjugate import Array, entropy, mixing, transmit_power
+from ..proof.jammer_shares import corners, Division, over_boxes, share_boxes
 from ..proof.team import Team
+from ...model.kernel import core
 
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Breakpoints w0 of the certificate, beside the one that the search has used."""
@@ -30,6 +31,15 @@ SPARED = 1e-4
 
 SLACK = 0.5
 """Share of what a node's maximum could be too large without raising its stage's bound."""
+
+SPLITS = {2: 20, 3: 40}
+"""How often that is cut at most at a breakpoint, by the number of jammers."""
+
+ENOUGH = 2e-3
+"""By how much, in nats, a breakpoint may be above what combinations are worth without a cut."""
+
+AT_ONCE = 50
+"""Breakpoints between two questions whether to stop."""
 
 
 def breakpoint_multipliers(search: MultiplierSearch,
@@ -61,8 +71,8 @@ def breakpoint_multipliers(search: MultiplierSearch,
         needed[k] = ~(estimates.over(joint, trial)[1] <= most)
     at = np.nonzero(needed)
     slack = estimates.slack(joint, needed)[1:][at]
-    boxes, bounds = share_division(search, at[1], weights[at], shares[at], jammed[at],
-                                   SLACK / 2 * slack, stop)
+    boxes, bounds = _divided(search, at[1], weights[at], shares[at], jammed[at],
+                             SLACK / 2 * slack, stop)
     worst = bounds.max((0, 2))
     joint[at] = known[at] + worst
     slack = TOLERANCE + SLACK / len(uavs) * estimates.slack(joint, needed)
@@ -127,6 +137,49 @@ class _Estimates:
                 room = (gap / np.maximum(part, 1e-9)).min(0)
                 slack[number, column] = np.minimum(slack[number, column], room)
         return slack
+
+
+def _divided(search: MultiplierSearch, stage: NDArray[np.intp], weights: Array, shares: Array,
+             worth: Array, slack: Array, stop: Callable[[], bool]) -> tuple[Division, Array]:
+    """
+    Return boxes of what the jammers can do, the one with the largest bound cut again and again.
+
+    :param stage: of every breakpoint, (M,).
+    :param weights: w0, (M,).
+    :param shares: v, (M, E).
+    :param worth: about what all jammers' terms are worth, (M,).
+    :param slack: how much more they may be, (M,).
+    :param stop: asked now and then; True leaves the rest without a cut.
+    :return: the boxes, and about the bounds over them at every corner, (B, M, V) in nats.
+    """
+    team = search.team
+    m, e, j = len(stage), team.eavesdroppers, team.copies
+    count = SPLITS.get(j, 0)
+    box, side = np.full((m, count), -1), np.zeros((m, count), np.int64)
+    at, theta = np.zeros((m, count)), np.zeros((m, count + 1, e, j, j)) + 1 / (j * e)
+    mean, known = np.ones((m, count + 1, e, j)), np.zeros((m, count + 1, j, j**e))
+    if j == 1:
+        known[:, 0, 0, 0] = worth
+    else:
+        fields, every = search.fields(search.candidates), {
+            'stage': stage.astype(np.int64), 'weight': weights, 'shares': shares,
+            'enough': worth + ENOUGH + slack, 'box': box, 'side': side, 'at': at, 'theta': theta,
+            'mean': mean, 'known': known}
+        for first in range(0, m, AT_ONCE):
+            if stop():
+                break
+            core.bound_share_boxes({**fields, **{
+                name: array[first:first + AT_ONCE] for name, array in every.items()}})
+    splits = box.T, side.T, at.T
+    # Not below zero, by rounding either.
+    theta, mean = np.swapaxes(theta, 0, 1), np.swapaxes(mean, 0, 1)
+    theta = theta * (1 - 1e-9) + 1e-9 / (j * e)
+    known = known.transpose(2, 1, 0, 3)
+    simplices, _, exists = share_boxes(splits, e, j)
+    values = known.sum(0) - weights[:, None] * mixing(np.moveaxis(corners(theta).sum(3), -1, 0))
+    bounds = over_boxes(values, corners(simplices), mean, shares)
+    return (Division(splits, theta[..., :-1], mean, known),
+            np.where(exists[:, :, None], bounds, -np.inf))
 
 
 def _shares(search: MultiplierSearch, weight: Array) -> tuple[Array, list[Array]]:
@@ -195,10 +248,7 @@ def _helpers(search: MultiplierSearch) -> Array:
     s = search.point.shares.sum(-1)
     prices = []
     for region in team.helpers:
-        gain = np.exp(region.log_gain) / np.min([
-            ((region.nearest(place) + radius)**2 + region.altitude**2) / np.exp(advantage)
-            for place, radius, advantage in zip(
-                region.eavesdroppers, region.radii, region.log_advantages)], axis=0)
+        gain = np.exp(region.largest_gain())
         low, high = 1e-12, 1e12
         for _ in range(80):
             price = (low * high)**0.5
