@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .conjugate import Array
-from .rounding import COORDINATE_ROUNDING, position_tolerance
+from .rounding import COORDINATE_ROUNDING, end_tolerance
 from .stages import Stages
 from .subset import EavesdropperSubset
 from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
@@ -88,8 +88,8 @@ class ReachableSet:
         length = float(np.hypot(*offset))
         along = offset / length if length > 1e-9 * unit else np.array([1.0, 0.0])
         axes = np.array([along, [-along[1], along[0]]])
-        tolerance, ends = position_tolerance(scenario)
-        step = float(scenario.max_step[index]) + tolerance
+        ends = end_tolerance(scenario)
+        step = float(scenario.max_step[index]) + POSITION_TOLERANCE
         turn, end_turns, end_moves = _turns(scenario, index, step)
         number = np.arange(1, scenario.slots + 2)
         ramps = np.hypot(*end_moves.T)[:, None] + end_turns[:, None] + (number - 1) * turn

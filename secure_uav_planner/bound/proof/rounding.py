@@ -41,17 +41,17 @@ COORDINATE_ROUNDING = 1e-12
 """Share by which discs are widened, against the rounding of squares that are compared."""
 
 
-def position_tolerance(scenario: Scenario) -> tuple[float, float]:
+def end_tolerance(scenario: Scenario) -> float:
     """
-    Return by how much a step may be too long, and how far an end may be off, both in m.
+    Return how far an end may be off, in m.
 
-    The ends' tolerance is one of each coordinate, hence the factor; and coordinates that are
-    compared in a UAV's own frame are off by a few eps of the mission's extent.
+    The tolerance is one of each coordinate, hence the factor; and coordinates that are compared in
+    a UAV's own frame are off by a few eps of the mission's extent.
     """
     places = [scenario.ground_node, *(eve.position for eve in scenario.eavesdroppers),
               *(uav.start for uav in scenario.uavs), *(uav.goal for uav in scenario.uavs)]
     extent = float(np.abs(places).max())
-    return POSITION_TOLERANCE, 1.5 * POSITION_TOLERANCE + 1e-13 * extent
+    return 1.5 * POSITION_TOLERANCE + 1e-13 * extent
 
 
 def margin(altitude: float, size: np.ndarray) -> np.ndarray:

@@ -99,7 +99,7 @@ class Dual:
             (bar / shares**2)[:, :, None] * np.eye(e) + (ROOM_BARRIER / room**2)[:, None, None])
         return value, DualDerivatives(
             stage, stages, *edges, slots * (self.average - PRICE_BARRIER / prices),
-            slots * PRICE_BARRIER / prices**2, point.potentials.shape, self.count / self.tau)
+            slots * PRICE_BARRIER / prices**2, self.count / self.tau)
 
     def _edges(self, point: DualPoint) -> tuple[float, tuple[Array, Array]]:
         """Return value, gradient and Hessian of what is outside the stages: what ends cost."""

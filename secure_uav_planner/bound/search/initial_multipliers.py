@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..proof.conjugate import Array, sigmoid
 from ..proof.team import Team
@@ -45,7 +44,10 @@ class InitialMultipliers:
                            for region, path in zip(team.regions, positions)])
         power = np.maximum(powers[:, middle - 1], 0.0)
         on = power[0] > AUDIBLE * team.regions[0].average
-        watts = _spread(team, power, on)
+        watts = np.repeat([[region.average] for region in team.regions], len(on), axis=1)
+        if on.any():
+            loud = np.flatnonzero(on)
+            watts = power[:, loud[np.abs(loud - np.arange(len(on))[:, None]).argmin(1)]]
         ground, heard = [], []
         for region, place, p in zip(team.regions, places, watts):
             far, away = region.log_squares(place)
@@ -68,12 +70,3 @@ class InitialMultipliers:
         share = share / share.sum(-1, keepdims=True) + 0.02
         share /= share.sum(-1, keepdims=True)
         return cls(places, watts, weight, total[:, None] * share, prices)
-
-
-def _spread(team: Team, power: Array, on: NDArray[np.bool_]) -> Array:
-    """Return powers (U, G) in which every silent stage has those of the nearest that is not."""
-    if not on.any():
-        return np.repeat([[region.average] for region in team.regions], power.shape[1], axis=1)
-    loud = np.flatnonzero(on)
-    nearest = np.abs(loud - np.arange(len(on))[:, None]).argmin(1)
-    return np.asarray(power[:, loud[nearest]])

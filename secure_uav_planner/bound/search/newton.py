@@ -53,7 +53,6 @@ class DualDerivatives:
     :param edges: its Hessian, (G + 1, U P, U P).
     :param price: gradient of what belongs to the prices alone, (U,).
     :param prices: its Hessian's diagonal, (U,).
-    :param shape: of DualPoint.potentials.
     :param sharpness: how many slots a stage has, divided by the temperature, (G,).
     """
 
@@ -63,7 +62,6 @@ class DualDerivatives:
     edges: Array
     price: Array
     prices: Array
-    shape: tuple[int, ...]
     sharpness: Array
 
     def slope(self, step: DualPoint) -> float:
@@ -132,4 +130,4 @@ class DualDerivatives:
         x = (-answer[:, u] - answer[:, :u] @ prices).reshape(count + 1, up)
         other = np.concatenate([x[:-1], x[1:], np.broadcast_to(prices, (count, u))], 1)
         shares = -solved[..., -1] - np.matmul(solved[..., :-1], other[..., None])[..., 0]
-        return DualPoint(x.reshape(self.shape), shares, prices)
+        return DualPoint(x.reshape(count + 1, u, -1), shares, prices)

@@ -29,8 +29,7 @@ def start(scenario: Scenario, time_left: float, objective: str,
         return plan, plan.positions, plan.powers
     slots = min(scenario.slots, MOST_STAGES)
     try:
-        short = scenario if slots == scenario.slots else replace(scenario, slots=slots)
-        plan = _solved(short, objective, time_left / 2)
+        plan = _solved(replace(scenario, slots=slots), objective, time_left / 2)
         positions, powers = plan.positions, plan.powers
     except ValueError:
         # A mission that cannot be flown in so few slots.
@@ -38,8 +37,6 @@ def start(scenario: Scenario, time_left: float, objective: str,
         goal = np.array([[uav.goal] for uav in scenario.uavs])
         positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
         powers = np.array([[uav.average_power] * slots for uav in scenario.uavs])
-    if slots == scenario.slots:
-        return plan, positions, powers
     point = np.round(np.linspace(0, slots + 1, scenario.slots + 2)).astype(int)
     return plan, positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
 
@@ -92,8 +89,6 @@ def most_needed(plan: Plan, objective: str, most: int, time_left: float = math.i
 def by_use(scenario: Scenario, subset: EavesdropperSubset, positions: Array,
            powers: Array) -> tuple[int, ...]:
     """Return the jammers' indices, those first whose absence would leak most."""
-    if len(scenario.uavs) == 1:
-        return ()
     harm = []
     for i in range(1, len(scenario.uavs)):
         without = powers.copy()
