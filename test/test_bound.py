@@ -172,6 +172,12 @@ def test_a_bound_cut_short_is_a_bound(limit, plan):
     assert bound.status in ('time_limit', 'converged')
 
 
+@pytest.mark.parametrize('limit', [1e-4, 1e-3, 1e-2])
+def test_a_bound_for_which_no_plan_is_found_in_time_is_a_bound(limit):
+    bound = upper_bound(random_city_mission(0, slots=60, slack=0.5), time_limit=limit)
+    assert bound.status == 'time_limit' and 0 < bound.rate < math.inf
+
+
 def test_an_infinite_time_limit_is_none():
     few = replace(PAPER, slots=4)
     bound = upper_bound(few, objective='guaranteed', time_limit=math.inf)

@@ -31,8 +31,8 @@ def start(scenario: Scenario, time_left: float, objective: str,
     try:
         plan = _solved(replace(scenario, slots=slots), objective, time_left / 2)
         positions, powers = plan.positions, plan.powers
-    except ValueError:
-        # A mission that cannot be flown in so few slots.
+    except PlanningError:
+        # A mission that cannot be flown in so few slots, or not be planned in so little time.
         start = np.array([[uav.start] for uav in scenario.uavs])
         goal = np.array([[uav.goal] for uav in scenario.uavs])
         positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
