@@ -2,8 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
-#include <condition_variable>
-#include <exception>
+#include <future>
 #include <thread>
 
 namespace kernel {
@@ -98,39 +97,19 @@ void Starts::on_all_cores(double final, const std::function<void()>& wait) {
     const std::size_t count = std::min<std::size_t>(
         states_.size(), std::max(1u, std::thread::hardware_concurrency()));
     worker(count - 1);
-    std::mutex mutex;
-    std::condition_variable done;
-    std::size_t running = count;
-    std::exception_ptr error;
-    std::vector<std::thread> threads;
-    const auto run = [&](std::size_t number) {
-        std::exception_ptr problem;
-        try {
-            work(number, final);
-        } catch (...) {  // Such as a lack of memory.
-            problem = std::current_exception();
-            stop_ = true;
-        }
-        const std::lock_guard<std::mutex> lock(mutex);
-        if (problem) error = problem;
-        --running;
-        done.notify_one();
-    };
+    // Where this throws, what runs ends first: these join their threads.
+    std::vector<std::future<void>> running;
     try {
-        for (std::size_t number = 0; number < count; ++number) threads.emplace_back(run, number);
-        std::unique_lock<std::mutex> lock(mutex);
-        while (!done.wait_for(lock, LOOK, [&] { return running == 0; })) {
-            lock.unlock();
-            wait();
-            lock.lock();
+        for (std::size_t number = 0; number < count; ++number)
+            running.push_back(std::async(std::launch::async, &Starts::work, this, number, final));
+        for (std::future<void>& one : running) {
+            while (one.wait_for(LOOK) != std::future_status::ready) wait();
+            one.get();
         }
     } catch (...) {
         stop_ = true;
-        for (std::thread& thread : threads) thread.join();
         throw;
     }
-    for (std::thread& thread : threads) thread.join();
-    if (error) std::rethrow_exception(error);
 }
 
 }  // namespace kernel
