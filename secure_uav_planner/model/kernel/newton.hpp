@@ -100,16 +100,18 @@ public:
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             p_.limits[l]->find_slopes(here.limits[l], path_.data(), slopes_[l]);
 
-        double length = 0.0;
-        const bool at_end = line_search(state, here, mu, stop, length);
+        double slope = 0.0;
+        for (std::size_t i = 0; i < gradient_.size(); ++i) slope += step_[i] * gradient_[i];
+        const double length = line_search(state, here, mu, slope, stop);
         if (stop) return Outcome::stopped;
-        move_duals(state, here, mu, at_end);
-        double along = 0.0;
-        for (std::size_t i = 0; i < gradient_.size(); ++i) along += step_[i] * gradient_[i];
-        if (length > 0.0) std::copy(there_.begin(), there_.end(), state.x);
-        if (at_end) std::swap(here, trial_);
+        const bool moved = length > 0.0;
+        move_duals(state, here, mu, moved);
+        if (moved) {
+            std::copy(there_.begin(), there_.end(), state.x);
+            std::swap(here, trial_);
+        }
         state.known = true;
-        update_mu(state, length, -along / (double(slots_) * mu), final);
+        update_mu(state, length, -slope / (double(slots_) * mu), final);
         return solved ? Outcome::stepped : Outcome::failed;
     }
 
@@ -406,20 +408,18 @@ private:
         return -sum / double(slots_);
     }
 
-    // Find where to go along the step, `there_` and how far that is; whether `trial_` is what is
-    // there. First every power is stopped at its own limit and every flight at its own, which goes
-    // much farther than stopping all at the first limit; then all go plainly along the step.
-    bool line_search(const State& state, const Evaluation& here, double mu,
-                     const std::atomic<bool>& stop, double& length) {
-        const std::size_t variables = gradient_.size();
+    // Return how far to go along the step, with `there_` and its evaluation `trial_`, or 0.
+    //
+    // First every power is stopped at its own limit and every flight at its own, which goes much
+    // farther than stopping all at the first limit; then all go plainly along the step.
+    double line_search(const State& state, const Evaluation& here, double mu, double slope,
+                       const std::atomic<bool>& stop) {
         const int U = uavs();
-        double slope = 0.0;
-        for (std::size_t i = 0; i < variables; ++i) slope += step_[i] * gradient_[i];
         const double uniform = longest_step(state, here);
         const double enough = here.value + ROUNDING * std::fabs(here.value);
         const double lowest = std::max(1.0 - BOUNDARY, 1.0 / POWER_FACTOR);
         for (int trial = 0; trial < CLIPPED_TRIALS + UNIFORM_TRIALS; ++trial) {
-            if (stop) return false;
+            if (stop) return 0.0;
             const bool clipped = trial < CLIPPED_TRIALS;
             const double by = clipped ? std::ldexp(1.0, -trial)
                 : uniform * std::ldexp(1.0, CLIPPED_TRIALS - trial);
@@ -440,18 +440,14 @@ private:
                             expected += gradient_[i + j] * (there_[i + j] - x[j]);
                     }
             } else {
-                for (std::size_t i = 0; i < variables; ++i)
+                for (std::size_t i = 0; i < there_.size(); ++i)
                     there_[i] = state.x[i] + by * step_[i];
             }
             if (!(expected < 0.0)) continue;
             evaluate(there_.data(), mu, trial_);
-            if (trial_.value <= enough + ARMIJO * expected) {
-                length = by;
-                return true;
-            }
+            if (trial_.value <= enough + ARMIJO * expected) return by;
         }
-        length = 0.0;
-        return false;
+        return 0.0;
     }
 
     // The Newton step of a dual, whose part of the longest step it takes into account.
@@ -464,7 +460,6 @@ private:
     // Move the duals along with the step, as far as they stay positive.
     void move_duals(State& state, const Evaluation& here, double mu, bool moved) {
         const int U = uavs();
-        const double slots = double(slots_);
         double by = 1.0;
         for (std::size_t l = 0; l < p_.limits.size(); ++l) {
             const Reals& slacks = here.limits[l].slacks;
@@ -487,7 +482,7 @@ private:
         for (int u = 0; u < U; ++u) {
             const double slack = here.mean_slacks[u];
             mean_moves_[u] =
-                move_of(state.mean_duals[u], slack, mean_change(u), slots * mu, by);
+                move_of(state.mean_duals[u], slack, mean_change(u), double(slots_) * mu, by);
         }
         rates_.find_moves(state, here, step_.data(), by);
         rates_.move(state, by);
