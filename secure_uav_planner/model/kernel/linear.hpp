@@ -55,14 +55,7 @@ std::ptrdiff_t factor_band(const double* band, double* factor, std::ptrdiff_t co
 
 // Whether any of some numbers is not finite.
 inline bool any_infinite(const double* numbers, std::size_t count) {
-    double sums[8] = {};
-    std::size_t i = 0;
-    for (; i + 8 <= count; i += 8)
-        for (int lane = 0; lane < 8; ++lane) sums[lane] += numbers[i + lane] * 0.0;
-    for (; i < count; ++i) sums[0] += numbers[i] * 0.0;
-    double sum = 0.0;
-    for (const double one : sums) sum += one;
-    return sum != 0.0;
+    return !std::all_of(numbers, numbers + count, [](double one) { return std::isfinite(one); });
 }
 
 // The first half of solving by the factor of a band, for several right sides (columns + below,

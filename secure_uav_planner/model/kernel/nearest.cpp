@@ -22,7 +22,6 @@ Point from_edge(Point begin, Point end, Point to) {
 Line least_shift(const Point* places, int count, const Point* polygon, int corners) {
     Line best{{0.0, 0.0}, 0.0};
     double most = -std::numeric_limits<double>::infinity();
-    bool first = true;
     const auto try_along = [&](Point along) {
         const double length = std::sqrt(dot(along, along));
         const double over = 1.0 / std::max(length, 1e-300);
@@ -30,10 +29,9 @@ Line least_shift(const Point* places, int count, const Point* polygon, int corne
         const double offset = farthest(polygon, corners, normal);
         const double least = length <= 1e-12 ? -std::numeric_limits<double>::infinity()
             : nearest(places, count, normal) - offset;
-        if (!first && !(least > most)) return;
+        if (!(least > most)) return;
         best = {normal, offset};
         most = least;
-        first = false;
     };
     for (int v = 0; v < corners; ++v) try_along(polygon[(v + 1) % corners] - polygon[v]);
     for (int k = 0; k < count; ++k) try_along(places[(k + 1) % count] - places[k]);
