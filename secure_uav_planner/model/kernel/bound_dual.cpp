@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <stdexcept>
 #include <vector>
 
 #include "array.hpp"
@@ -42,8 +41,7 @@ public:
           weights_(given, "weights", branches_ * stages_),
           shares_(given, "shares", branches_ * stages_ * eavesdroppers_),
           features_(eavesdroppers_ + uavs_ * (2 * width_ + 1)) {
-        if (width_ != base_ + (turns_ ? 2 : 0) || uavs_ > kUavs)
-            throw std::invalid_argument("wrong array: potentials");
+        kernel::expect(width_ == base_ + (turns_ ? 2 : 0) && uavs_ <= kUavs, "potentials");
     }
 
     // Call `found` for every stage and branch, with all columns' values listed, and the best one.
@@ -251,7 +249,7 @@ private:
     std::size_t base_;
     bool turns_;
     double tau_;
-    Array<double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_, price_,
+    Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_, price_,
         weights_, shares_;
     std::size_t features_;
     std::vector<double> potential_, worth_, row_;
@@ -262,7 +260,7 @@ void smooth_maxima(const py::dict& given, const py::buffer& value, const py::buf
                    const py::buffer& hessian) {
     Columns columns(given);
     const std::size_t count = columns.entries(), f = columns.features();
-    const bool second = slope.request().size > 0;
+    const bool second = kernel::size_of(slope) > 0;
     const Array<double> values(value, "value", count);
     const Array<double> first(slope, "slope", second ? count * f : 0);
     const Array<double> bend(hessian, "hessian", second ? count * f * f : 0);

@@ -45,7 +45,7 @@ struct Expansion {
 class Pair {
 public:
     explicit Pair(const Pairs& pairs) : pairs_(pairs), uavs_(pairs.uavs) {
-        for (Reals* numbers : {&x_, &y_, &jamming_, &dx_, &dy_, &distance_}) numbers->resize(uavs_);
+        for (Reals* numbers : {&x_, &y_, &jamming_}) numbers->resize(uavs_);
     }
     virtual ~Pair() = default;
 
@@ -62,8 +62,6 @@ public:
         radius_ = pairs_.radius[pair];
         doubt_ = ULPS * (radius_ + std::sqrt(farthest));
     }
-
-    double radius() const { return radius_; }
 
     Found nearest() const { return found(x_[0], y_[0]); }
 
@@ -136,8 +134,7 @@ protected:
     const Pairs& pairs_;
     const int uavs_;
     double noise_ = 0.0, radius_ = 0.0, doubt_ = 0.0;
-    Reals x_, y_, jamming_;             // Of the pair.
-    mutable Reals dx_, dy_, distance_;  // Of a place, while it is examined.
+    Reals x_, y_, jamming_;  // Of the pair.
 
 private:
     static void take_better(Found& best, const Found& other) {
@@ -221,7 +218,9 @@ private:
 // In free space.
 class FreeSpacePair final : public Pair {
 public:
-    explicit FreeSpacePair(const Pairs& pairs) : Pair(pairs) { loss_.resize(uavs_); }
+    explicit FreeSpacePair(const Pairs& pairs) : Pair(pairs) {
+        for (Reals* numbers : {&dx_, &dy_, &distance_, &loss_}) numbers->resize(uavs_);
+    }
 
 protected:
     double value_at(double x, double y) const override {
@@ -232,23 +231,15 @@ protected:
     }
 
     Derivatives derivatives_at(double x, double y) const override {
-        for (int u = 0; u < uavs_; ++u) {
-            dx_[u] = x - x_[u];
-            dy_[u] = y - y_[u];
-            loss_[u] = loss(dx_[u] * dx_[u] + dy_[u] * dy_[u], u);
-        }
+        go_to(x, y);
         return derivatives();
     }
 
     Expansion expanded(double x, double y, double ball) const override {
-        const double* altitudes = pairs_.squared_altitudes;
-        for (int u = 0; u < uavs_; ++u) {
-            dx_[u] = x - x_[u];
-            dy_[u] = y - y_[u];
-            const double squared = dx_[u] * dx_[u] + dy_[u] * dy_[u];
-            distance_[u] = std::sqrt(squared);
-            loss_[u] = loss(squared, u);
-        }
+        const Reals& altitudes = pairs_.squared_altitudes;
+        go_to(x, y);
+        for (int u = 0; u < uavs_; ++u)
+            distance_[u] = std::sqrt(dx_[u] * dx_[u] + dy_[u] * dy_[u]);
         const double best = loss(square(std::max(distance_[0] - ball, 0.0)), 0);
         double first = noise_ * best, third = 0.0;
         double doubtful = noise_, weights = noise_, slopes = 0.0;
@@ -285,13 +276,21 @@ private:
         return FreeSpace::loss(squared, pairs_.squared_altitudes[u]);
     }
 
-    // At a place whose offsets from the UAVs are in dx, dy and loss.
-    static Derivatives derivatives(int uavs, const double* dx, const double* dy,
-                                   const double* loss, const double* jamming, double noise) {
-        double sum = noise, isotropic = noise, slope_x = 0.0, slope_y = 0.0;
+    void go_to(double x, double y) const {
+        for (int u = 0; u < uavs_; ++u) {
+            dx_[u] = x - x_[u];
+            dy_[u] = y - y_[u];
+            loss_[u] = loss(dx_[u] * dx_[u] + dy_[u] * dy_[u], u);
+        }
+    }
+
+    // At the place gone to.
+    Derivatives derivatives() const {
+        const double *dx = dx_.data(), *dy = dy_.data(), *loss = loss_.data();
+        double sum = noise_, isotropic = noise_, slope_x = 0.0, slope_y = 0.0;
         double xx = 0.0, xy = 0.0, yy = 0.0;
-        for (int j = 1; j < uavs; ++j) {
-            const double weight = jamming[j] / loss[j], ratio = loss[0] / loss[j];
+        for (int j = 1; j < uavs_; ++j) {
+            const double weight = jamming_[j] / loss[j], ratio = loss[0] / loss[j];
             // Half the gradient of D_0 / D_j is (x - q_0 - (D_0 / D_j) (x - q_j)) / D_j.
             const double along_x = weight * (dx[0] - ratio * dx[j]);
             const double along_y = weight * (dy[0] - ratio * dy[j]);
@@ -304,15 +303,11 @@ private:
             xy += along_x * shift_y + along_y * shift_x;
             yy += along_y * shift_y;
         }
-        return {loss[0] * sum, 2.0 * (noise * dx[0] + slope_x), 2.0 * (noise * dy[0] + slope_y),
+        return {loss[0] * sum, 2.0 * (noise_ * dx[0] + slope_x), 2.0 * (noise_ * dy[0] + slope_y),
                 2.0 * (isotropic - 2.0 * xx), -2.0 * xy, 2.0 * (isotropic - 2.0 * yy)};
     }
 
-    Derivatives derivatives() const {
-        return derivatives(uavs_, dx_.data(), dy_.data(), loss_.data(), jamming_.data(), noise_);
-    }
-
-    mutable Reals loss_;  // Of a place, as the distances.
+    mutable Reals dx_, dy_, distance_, loss_;  // Of the place gone to; distances of an expansion.
 };
 
 // With a PathLoss. The derivatives of a term g_j / g_0 are its products with those of the
@@ -425,7 +420,7 @@ private:
     const PathLoss& channel_;
 };
 
-std::unique_ptr<Pair> pair_of(const Pairs& pairs) {
+std::unique_ptr<Pair> make_pair(const Pairs& pairs) {
     if (pairs.channel) return std::make_unique<PathLossPair>(pairs);
     return std::make_unique<FreeSpacePair>(pairs);
 }
@@ -434,7 +429,7 @@ std::unique_ptr<Pair> pair_of(const Pairs& pairs) {
 class Search {
 public:
     Search(const Pairs& pairs, const Proof& proof)
-        : pair_of_(pair_of(pairs)), pair_(*pair_of_), pairs_(pairs), proof_(proof) {}
+        : pair_(make_pair(pairs)), pairs_(pairs), proof_(proof) {}
 
     // Examine the pairs from one to before another, all of one slot; return how many sectors
     // that took.
@@ -444,8 +439,8 @@ public:
         for (std::size_t pair = begin; pair < end; ++pair) alive_.push_back(pair);
         for (const bool likely : {false, true}) {
             for (const std::size_t pair : alive_) {
-                pair_.choose(pair);
-                offer(pair, likely ? pair_.likely() : pair_.nearest());
+                pair_->choose(pair);
+                offer(pair, likely ? pair_->likely() : pair_->nearest());
             }
             const double enough = leak_of(least_.v) + proof_.tolerance;
             alive_.erase(std::remove_if(alive_.begin(), alive_.end(), [&](std::size_t pair) {
@@ -453,10 +448,9 @@ public:
             }), alive_.end());
         }
         double leak = 0.0;
-        for (std::size_t pair = begin, next = 0; pair < end; ++pair) {
-            if (next < alive_.size() && alive_[next] == pair) ++next;
-            else leak = std::max(leak, proof_.most[pair]);
-        }
+        for (std::size_t pair = begin; pair < end; ++pair)
+            if (!std::binary_search(alive_.begin(), alive_.end(), pair))
+                leak = std::max(leak, proof_.most[pair]);
         level_.clear();
         for (const std::size_t pair : alive_)
             level_.push_back({pair, 0.0, pairs_.radius[pair], 0.0, PI,
@@ -493,9 +487,9 @@ private:
         Found best = least_;
         std::size_t from = best_, chosen = pairs_.count;
         for (Sector& sector : level_) {
-            if (sector.pair != chosen) pair_.choose(chosen = sector.pair);
+            if (sector.pair != chosen) pair_->choose(chosen = sector.pair);
             Found at;
-            const double bound = pair_.least_in(sector, at);
+            const double bound = pair_->least_in(sector, at);
             // A part has no smaller v than the whole. What is no number proves nothing.
             if (bound > sector.bound) sector.bound = bound;
             if (at.v < best.v) {
@@ -504,8 +498,8 @@ private:
             }
         }
         if (!(best.v < least_.v)) return;
-        pair_.choose(from);
-        offer(from, pair_.descend(best));
+        pair_->choose(from);
+        offer(from, pair_->descend(best));
     }
 
     // Add the parts of a sector to the next level: of a disc its inner half and six more.
@@ -537,8 +531,7 @@ private:
         }
     }
 
-    std::unique_ptr<Pair> pair_of_;
-    Pair& pair_;
+    std::unique_ptr<Pair> pair_;
     const Pairs& pairs_;
     const Proof& proof_;
     Found least_{};
@@ -550,7 +543,7 @@ private:
 }  // namespace
 
 Found bound_sector(const Pairs& pairs, Sector& sector) {
-    const std::unique_ptr<Pair> pair = pair_of(pairs);
+    const std::unique_ptr<Pair> pair = make_pair(pairs);
     pair->choose(sector.pair);
     Found at;
     sector.bound = std::max(sector.bound, pair->least_in(sector, at));
@@ -558,7 +551,7 @@ Found bound_sector(const Pairs& pairs, Sector& sector) {
 }
 
 void likely_places(const Pairs& pairs, double* v, double* x, double* y) {
-    const std::unique_ptr<Pair> pair = pair_of(pairs);
+    const std::unique_ptr<Pair> pair = make_pair(pairs);
     for (std::size_t i = 0; i < pairs.count; ++i) {
         pair->choose(i);
         const Found found = pair->likely();

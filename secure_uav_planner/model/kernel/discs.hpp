@@ -14,6 +14,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 
 #include "channel.hpp"
 #include "limit.hpp"
@@ -24,16 +25,16 @@ namespace kernel {
 constexpr double TOLERANCE = 8e-7;
 
 // Pairs of a slot and an eavesdropper, P of them, with places relative to the centre of its disc,
-// in m. Arrays of the caller.
+// in m.
 struct Pairs {
     std::size_t count;
     int uavs;
-    const double *x, *y;              // Of the UAVs, (U, P).
-    const double* squared_altitudes;  // H^2, (U).
-    const double* noise;              // 1 / p_0, divided by the SNR at unit distance, (P).
-    const double* radius;             // Of the disc, (P).
-    const double* jamming;            // p_j / p_0, times the ratio of those, (U - 1, P).
-    const PathLoss* channel;          // Of the U links, with an SNR of 1, or null in free space.
+    Reals x, y;               // Of the UAVs, (U, P).
+    Reals squared_altitudes;  // H^2, (U).
+    Reals noise;              // 1 / p_0, divided by the SNR at unit distance, (P).
+    Reals radius;             // Of the disc, (P).
+    Reals jamming;            // p_j / p_0, times the ratio of those, (U - 1, P).
+    std::shared_ptr<const PathLoss> channel;  // With an SNR of 1, or null in free space.
 };
 
 // A sector of a ring around the centre of a disc: r in [inner, outer], |angle - middle| <= half.

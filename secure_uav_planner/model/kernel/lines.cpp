@@ -5,15 +5,10 @@
 
 namespace kernel {
 
-void LineLimit::set_subjects(std::vector<int> first, std::vector<int> second,
-                             std::vector<char> ignored) {
-    first_ = std::move(first);
-    second_ = std::move(second);
-    ignored_ = std::move(ignored);
-}
-
-// The points that vary in a control point of a subject, at most six.
-int LineLimit::parts(std::size_t point, std::size_t subject, int corner, Part* found) const {
+// The points that vary in one of all subjects' control points (M, G, K), at most six.
+int LineLimit::parts(std::size_t number, Part* found) const {
+    const std::size_t corner = number % tracks_.corners, piece = number / tracks_.corners;
+    const std::size_t point = piece / subjects(), subject = piece % subjects();
     int count = 0;
     const auto add = [&](int track, double sign) {
         const std::size_t tracks = tracks_.uav.size();
@@ -25,8 +20,8 @@ int LineLimit::parts(std::size_t point, std::size_t subject, int corner, Part* f
                                   variable(point + place - 1, tracks_.uav[track]),
                                   sign * weights[place]};
     };
-    add(first_[subject], 1.0);
-    if (!second_.empty()) add(second_[subject], -1.0);
+    add(tracks_.first[subject], 1.0);
+    if (!tracks_.second.empty()) add(tracks_.second[subject], -1.0);
     return count;
 }
 
@@ -34,15 +29,13 @@ int LineLimit::bandwidth() const {
     Part found[6];
     std::ptrdiff_t coupling = 0;  // How many slots apart the points of a c are.
     const int variables = 3 * uavs_;
-    for (std::size_t i = 0; i < ignored_.size(); ++i) {
-        const std::size_t piece = i / tracks_.corners;
-        const int count = parts(piece / subjects(), piece % subjects(),
-                                int(i % tracks_.corners), found);
+    for (std::size_t i = 0; i < tracks_.ignored.size(); ++i) {
+        const int count = parts(i, found);
         for (int one = 0; one < count; ++one)
             for (int other = 0; other < one; ++other)
                 coupling = std::max(coupling, std::abs(found[one].slot - found[other].slot));
     }
-    if (!second_.empty()) return int(1 + coupling) * variables - 2;
+    if (!tracks_.second.empty()) return int(1 + coupling) * variables - 2;
     return coupling ? int(coupling) * variables + 1 : variables - 1;
 }
 
@@ -67,9 +60,9 @@ void LineLimit::control_points(const Reals& weights, std::size_t point, const do
 // What lines are about around a point, (G, K), of the tracks' control points.
 void LineLimit::subjects_of(const Point* points, Point* found) const {
     for (std::size_t subject = 0; subject < subjects(); ++subject) {
-        const Point* first = points + first_[subject] * tracks_.corners;
+        const Point* first = points + tracks_.first[subject] * tracks_.corners;
         const Point* second =
-            second_.empty() ? nullptr : points + second_[subject] * tracks_.corners;
+            tracks_.second.empty() ? nullptr : points + tracks_.second[subject] * tracks_.corners;
         for (int corner = 0; corner < tracks_.corners; ++corner)
             *found++ = second ? first[corner] - second[corner] : first[corner];
     }
@@ -106,7 +99,8 @@ void LineLimit::find_slacks(const double* path, Terms& found) const {
         for (std::size_t subject = 0; subject < subjects(); ++subject) {
             const Line& line = found.lines->of[point * subjects() + subject];
             for (int corner = 0; corner < tracks_.corners; ++corner, ++i, ++places)
-                found.slacks[i] = ignored_[i] ? 1.0 : dot(line.normal, *places) - line.offset;
+                found.slacks[i] =
+                    tracks_.ignored[i] ? 1.0 : dot(line.normal, *places) - line.offset;
         }
     });
 }
@@ -121,7 +115,7 @@ void LineLimit::find_slopes(const Terms& here, const double* moves, Slopes& foun
             const std::size_t piece = point * subjects() + subject;
             const Line& line = here.lines->of[piece];
             for (int corner = 0; corner < tracks_.corners; ++corner, ++i, ++moves_of) {
-                found.slacks[i] = ignored_[i] ? 0.0 : dot(line.normal, *moves_of);
+                found.slacks[i] = tracks_.ignored[i] ? 0.0 : dot(line.normal, *moves_of);
                 if (!moved.empty())
                     moved[piece] = std::max(moved[piece], std::sqrt(dot(*moves_of, *moves_of)));
             }
@@ -132,12 +126,10 @@ void LineLimit::find_slopes(const Terms& here, const double* moves, Slopes& foun
 void LineLimit::add_gradient(const Terms& here, double mu, double* gradient) const {
     Part found[6];
     for (std::size_t i = 0; i < count(); ++i) {
-        if (ignored_[i]) continue;
-        const std::size_t piece = i / tracks_.corners;
-        const Point normal = here.lines->of[piece].normal;
+        if (tracks_.ignored[i]) continue;
+        const Point normal = here.lines->of[i / tracks_.corners].normal;
         const double force = mu / here.slacks[i];
-        const int count = parts(piece / subjects(), piece % subjects(),
-                                int(i % tracks_.corners), found);
+        const int count = parts(i, found);
         for (int part = 0; part < count; ++part) {
             double* at = gradient + found[part].variable;
             at[0] -= force * found[part].weight * normal.x;
@@ -162,10 +154,10 @@ void LineLimit::shorten(const Terms& here, const Slopes& step, double share,
             if (moved[piece] * least > room)
                 least = std::min(least, room / std::max(moved[piece], 1e-300));
         }
-        double& one = longest[tracks_.uav[first_[subject]]];
+        double& one = longest[tracks_.uav[tracks_.first[subject]]];
         one = std::min(one, least);
-        if (second_.empty()) continue;
-        double& other = longest[tracks_.uav[second_[subject]]];
+        if (tracks_.second.empty()) continue;
+        double& other = longest[tracks_.uav[tracks_.second[subject]]];
         other = std::min(other, least);
     }
 }
@@ -174,14 +166,12 @@ void LineLimit::shorten(const Terms& here, const Slopes& step, double share,
 void LineLimit::add_curvature(const Terms& here, const Reals& duals, const Band& band) const {
     Part found[6];
     for (std::size_t i = 0; i < count(); ++i) {
-        if (ignored_[i]) continue;
-        const std::size_t piece = i / tracks_.corners;
-        const Point normal = here.lines->of[piece].normal;
+        if (tracks_.ignored[i]) continue;
+        const Point normal = here.lines->of[i / tracks_.corners].normal;
         const double ratio = duals[i] / here.slacks[i];
         const double xx = ratio * normal.x * normal.x, xy = ratio * normal.x * normal.y;
         const double yy = ratio * normal.y * normal.y;
-        const int count = parts(piece / subjects(), piece % subjects(),
-                                int(i % tracks_.corners), found);
+        const int count = parts(i, found);
         for (int one = 0; one < count; ++one)
             for (int other = 0; other < count; ++other) {
                 if (found[one].variable < found[other].variable) continue;

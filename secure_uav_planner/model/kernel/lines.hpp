@@ -10,12 +10,15 @@
 
 namespace kernel {
 
-// The control points of pieces of curves, T tracks of K points each; see limits/tracks.py.
+// The control points of pieces of curves, T tracks of K points each, and what G subjects are made
+// of: the track of one UAV, or that less the one of another; see limits/tracks.py.
 struct Tracks {
-    std::size_t slots = 0;          // N = M - 2.
-    int uavs = 0, corners = 0;      // U, K.
-    std::vector<int> uav;           // (T).
-    Reals weights, all, constant;   // (M, T, K, 3), (M, T, K, 3), (M, T, K, 2).
+    std::size_t slots = 0;             // N = M - 2.
+    int uavs = 0, corners = 0;         // U, K.
+    std::vector<int> uav;              // (T).
+    Reals weights, all, constant;      // (M, T, K, 3), (M, T, K, 3), (M, T, K, 2).
+    std::vector<int> first, second;    // Tracks of every subject, (G), or empty.
+    std::vector<char> ignored;         // Control points that do not vary, (M, G, K).
 };
 
 // c = normal . p - offset of every control point p of G subjects; 1 where p does not vary.
@@ -26,12 +29,9 @@ public:
     explicit LineLimit(Tracks tracks)
         : Limit(tracks.slots, tracks.uavs), tracks_(std::move(tracks)) {}
 
-    // Of what each subject is made: the track of one UAV, or that less the one of another.
-    void set_subjects(std::vector<int> first, std::vector<int> second,
-                      std::vector<char> ignored);
     std::size_t pieces() const { return points() * subjects(); }  // M * G.
 
-    std::size_t count() const override { return ignored_.size(); }  // M * G * K.
+    std::size_t count() const override { return tracks_.ignored.size(); }  // M * G * K.
     int bandwidth() const override;
     bool chooses() const override { return true; }
     void choose(const double* path, Lines& lines) const override;
@@ -47,7 +47,7 @@ protected:
     // Choose the lines around a point; places (G, K) are the subjects' control points.
     virtual void choose_at(std::size_t point, const Point* places, Lines& lines) const = 0;
     std::size_t points() const { return slots_ + 2; }
-    std::size_t subjects() const { return first_.size(); }
+    std::size_t subjects() const { return tracks_.first.size(); }
     int corners() const { return tracks_.corners; }
 
 private:
@@ -57,7 +57,7 @@ private:
         double weight;
     };
 
-    int parts(std::size_t point, std::size_t subject, int corner, Part* found) const;
+    int parts(std::size_t number, Part* found) const;
     void control_points(const Reals& weights, std::size_t point, const double* path,
                         Point* found) const;
     void subjects_of(const Point* points, Point* found) const;
@@ -65,8 +65,6 @@ private:
     void around_points(bool moves, const double* path, Function function) const;
 
     Tracks tracks_;
-    std::vector<int> first_, second_;  // (G), or empty.
-    std::vector<char> ignored_;        // (M, G, K).
 };
 
 }  // namespace kernel

@@ -1,14 +1,10 @@
 // What Python sees of the kernel.
-//
-// Arrays come by the buffer protocol, so that any NumPy will do.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <algorithm>
 #include <cstdint>
-#include <stdexcept>
-#include <string>
 
+#include "array.hpp"
 #include "clearances.hpp"
 #include "discs.hpp"
 #include "norm.hpp"
@@ -20,91 +16,59 @@ void add_bound_boxes(py::module_& module);  // bound_boxes.cpp
 void add_bound_dual(py::module_& module);   // bound_dual.cpp
 void add_bound_shares(py::module_& module);  // bound_shares.cpp
 
+using kernel::Array;
+using kernel::expect;
 using kernel::Reals;
+using kernel::size_of;
 
 namespace {
 
-// Whatever Python hands over is checked, so that nothing here reads beyond an array.
-void expect(bool right, const char* name) {
-    if (!right) throw std::invalid_argument(std::string("wrong array: ") + name);
+// From a dict with arrays by name, or from the array itself.
+template <typename Given>
+Reals reals(const Given& given, const char* name, std::size_t size) {
+    const Array<const double> found(given, name, size);
+    return Reals(found.data(), found.data() + size);
 }
 
-// A contiguous array of Python's, kept as long as this is.
-template <typename T>
-class View {
-public:
-    View(const py::buffer& given, const char* name, bool writable = false)
-        : info_(given.request(writable)) {
-        py::ssize_t stride = sizeof(T);
-        bool right = info_.itemsize == stride && py::detail::compare_buffer_info<T>::compare(info_);
-        for (py::ssize_t axis = info_.ndim - 1; axis >= 0; --axis) {
-            right = right && (info_.strides[axis] == stride || info_.shape[axis] < 2);
-            stride *= info_.shape[axis];
-        }
-        expect(right, name);
-    }
-    T* data() const { return static_cast<T*>(info_.ptr); }
-    std::size_t size() const { return std::size_t(info_.size); }
-    std::size_t axes() const { return std::size_t(info_.ndim); }
-    std::size_t shape(std::size_t axis) const { return std::size_t(info_.shape[axis]); }
-
-private:
-    py::buffer_info info_;
-};
-
-Reals reals(const py::handle& given, std::size_t size, const char* name) {
-    const View<double> view(given.cast<py::buffer>(), name);
-    expect(view.size() == size, name);
-    return Reals(view.data(), view.data() + size);
-}
-
-std::vector<char> flags(const py::handle& given, std::size_t size, const char* name) {
-    const Reals found = reals(given, size, name);
+std::vector<char> flags(const py::dict& given, const char* name, std::size_t size) {
+    const Reals found = reals(given, name, size);
     return std::vector<char>(found.begin(), found.end());
 }
 
-kernel::Receivers receivers_of(const kernel::Problem& problem, const py::handle& positions,
-                               const py::handle& edge) {
-    const std::size_t uavs = problem.uavs;
-    kernel::Receivers found;
-    const std::size_t entries = View<double>(edge.cast<py::buffer>(), "edge").size();
-    expect(entries >= 2 * uavs && entries % uavs == 0, "edge");
-    found.edge = reals(edge, entries, "edge");
-    found.count = int(entries / uavs);
-    const std::size_t all = 2 * std::size_t(found.count);
-    const bool per_slot = View<double>(positions.cast<py::buffer>(), "positions").axes() == 3;
-    found.stride = per_slot ? int(all) : 0;
-    found.positions = reals(positions, per_slot ? all * problem.slots : all, "positions");
-    return found;
-}
-
-std::shared_ptr<kernel::NormLimit> norm_of(const py::dict& given) {
-    const std::size_t uavs = View<double>(given["square"].cast<py::buffer>(), "square").size();
-    const std::size_t slots = given["slots"].cast<std::size_t>();
-    const int order = given["order"].cast<int>();
-    expect((order == 1 || order == 2) && uavs && slots, "order, square, slots");
-    return std::make_shared<kernel::NormLimit>(
-        slots, order, reals(given["square"], uavs, "square"),
-        flags(given["ignored"], (slots + order) * uavs, "ignored"),
-        reals(given["end_moves"], 4 * uavs, "end_moves"));
-}
-
-std::vector<int> integers(const py::handle& given, std::size_t size, int below,
-                          const char* name) {
-    const Reals found = reals(given, size, name);
+std::vector<int> integers(const py::dict& given, const char* name, std::size_t size, int below) {
+    const Reals found = reals(given, name, size);
     for (const double number : found) expect(number >= 0.0 && number < below, name);
     return std::vector<int>(found.begin(), found.end());
 }
 
-std::vector<kernel::Point> points(const py::handle& given, std::size_t size, const char* name) {
-    const Reals found = reals(given, 2 * size, name);
+std::vector<kernel::Point> points(const py::dict& given, const char* name, std::size_t size) {
+    const Reals found = reals(given, name, 2 * size);
     std::vector<kernel::Point> points;
     for (std::size_t i = 0; i < size; ++i) points.push_back({found[2 * i], found[2 * i + 1]});
     return points;
 }
 
-std::size_t size_of(const py::dict& given, const char* name) {
-    return View<double>(given[name].cast<py::buffer>(), name).size();
+kernel::Receivers receivers_of(const kernel::Problem& problem, const py::dict& given) {
+    const std::size_t uavs = problem.uavs, entries = size_of(given, "edge");
+    expect(entries >= 2 * uavs && entries % uavs == 0, "edge");
+    kernel::Receivers found;
+    found.edge = reals(given, "edge", entries);
+    found.count = int(entries / uavs);
+    const std::size_t all = 2 * std::size_t(found.count);
+    const bool per_slot = given["positions"].cast<py::buffer>().request().ndim == 3;
+    found.stride = per_slot ? int(all) : 0;
+    found.positions = reals(given, "positions", per_slot ? all * problem.slots : all);
+    return found;
+}
+
+std::shared_ptr<kernel::NormLimit> norm_of(const py::dict& given) {
+    const std::size_t uavs = size_of(given, "square");
+    const std::size_t slots = given["slots"].cast<std::size_t>();
+    const int order = given["order"].cast<int>();
+    expect((order == 1 || order == 2) && uavs && slots, "order, square, slots");
+    return std::make_shared<kernel::NormLimit>(
+        slots, order, reals(given, "square", uavs),
+        flags(given, "ignored", (slots + order) * uavs), reals(given, "end_moves", 4 * uavs));
 }
 
 kernel::Tracks tracks_of(const py::dict& given) {
@@ -113,89 +77,77 @@ kernel::Tracks tracks_of(const py::dict& given) {
     found.uavs = given["uavs"].cast<int>();
     found.corners = given["corners"].cast<int>();
     expect(found.corners >= 1 && found.corners <= 3, "corners");
-    const std::size_t tracks = size_of(given, "uav");
-    const std::size_t size = (found.slots + 2) * tracks * found.corners;
-    found.uav = integers(given["uav"], tracks, found.uavs, "uav");
-    found.weights = reals(given["weights"], 3 * size, "weights");
-    found.all = reals(given["all"], 3 * size, "all");
-    found.constant = reals(given["constant"], 2 * size, "constant");
+    const std::size_t tracks = size_of(given, "uav"), subjects = size_of(given, "first");
+    const std::size_t points = found.slots + 2, size = points * tracks * found.corners;
+    found.uav = integers(given, "uav", tracks, found.uavs);
+    found.weights = reals(given, "weights", 3 * size);
+    found.all = reals(given, "all", 3 * size);
+    found.constant = reals(given, "constant", 2 * size);
     for (std::size_t i = 0; i < found.weights.size(); ++i) {
         const std::ptrdiff_t slot =
             std::ptrdiff_t(i / (3 * tracks * found.corners)) + std::ptrdiff_t(i % 3) - 2;
         expect(found.weights[i] == 0.0 || (slot >= 0 && slot < std::ptrdiff_t(found.slots)),
                "weights");
     }
-    return found;
-}
-
-// Make a LineLimit of some kind with what is its own; `make` takes the tracks.
-template <typename Make>
-auto lines_of(const py::dict& given, Make make) {
-    kernel::Tracks tracks = tracks_of(given);
-    const std::size_t subjects = size_of(given, "first"), corners = tracks.corners;
-    const std::size_t entries = (tracks.slots + 2) * subjects * corners;
-    const int count = int(tracks.uav.size());
-    std::vector<int> second;
-    if (!given["second"].is_none()) second = integers(given["second"], subjects, count, "second");
-    auto found = make(std::move(tracks), subjects, corners);
-    found->set_subjects(integers(given["first"], subjects, count, "first"), std::move(second),
-                        flags(given["ignored"], entries, "ignored"));
+    found.first = integers(given, "first", subjects, int(tracks));
+    if (!given["second"].is_none())
+        found.second = integers(given, "second", subjects, int(tracks));
+    found.ignored = flags(given, "ignored", points * subjects * found.corners);
     return found;
 }
 
 std::shared_ptr<kernel::ZoneLimit> zones_of(const py::dict& given) {
-    return lines_of(given, [&](kernel::Tracks tracks, std::size_t subjects, std::size_t corners) {
-        const View<double> polygons(given["polygons"].cast<py::buffer>(), "polygons");
-        expect(polygons.axes() == 4 && polygons.shape(3) == 2 && corners >= 2, "polygons");
-        const std::size_t uavs = polygons.shape(0), most = polygons.shape(1);
-        const std::size_t vertices = polygons.shape(2), lines = uavs ? subjects / uavs : 0;
-        expect(vertices >= 1 && lines >= 1 && lines <= most && uavs * lines == subjects,
-               "polygons");
-        return std::make_shared<kernel::ZoneLimit>(
-            std::move(tracks), points(given["polygons"], uavs * most * vertices, "polygons"),
-            int(uavs), int(most), int(vertices), int(lines));
-    });
+    kernel::Tracks tracks = tracks_of(given);
+    const Array<const double> polygons(given["polygons"].cast<py::buffer>(), "polygons");
+    expect(polygons.axes() == 4 && polygons.shape(3) == 2 && tracks.corners >= 2, "polygons");
+    const std::size_t uavs = polygons.shape(0), most = polygons.shape(1);
+    const std::size_t vertices = polygons.shape(2), subjects = tracks.first.size();
+    const std::size_t lines = uavs ? subjects / uavs : 0;
+    expect(vertices >= 1 && lines >= 1 && lines <= most && uavs * lines == subjects, "polygons");
+    return std::make_shared<kernel::ZoneLimit>(
+        std::move(tracks), points(given, "polygons", uavs * most * vertices), int(uavs),
+        int(most), int(vertices), int(lines));
 }
 
 std::shared_ptr<kernel::SeparationLimit> separation_of(const py::dict& given) {
-    return lines_of(given, [&](kernel::Tracks tracks, std::size_t subjects, std::size_t corners) {
-        expect(corners >= 2 && !given["second"].is_none(), "second");
-        return std::make_shared<kernel::SeparationLimit>(
-            std::move(tracks), reals(given["radii"], subjects, "radii"));
-    });
+    kernel::Tracks tracks = tracks_of(given);
+    const std::size_t subjects = tracks.first.size();
+    expect(tracks.corners >= 2 && tracks.second.size() == subjects, "second");
+    return std::make_shared<kernel::SeparationLimit>(
+        std::move(tracks), reals(given, "radii", subjects));
 }
 
 std::shared_ptr<kernel::FenceLimit> fence_of(const py::dict& given) {
-    return lines_of(given, [&](kernel::Tracks tracks, std::size_t subjects, std::size_t) {
-        const std::vector<kernel::Point> normals = points(given["normals"], subjects, "normals");
-        const Reals offsets = reals(given["offsets"], subjects, "offsets");
-        std::vector<kernel::Line> sides;
-        for (std::size_t i = 0; i < subjects; ++i) sides.push_back({normals[i], offsets[i]});
-        return std::make_shared<kernel::FenceLimit>(std::move(tracks), std::move(sides));
-    });
+    kernel::Tracks tracks = tracks_of(given);
+    const std::size_t subjects = tracks.first.size();
+    const std::vector<kernel::Point> normals = points(given, "normals", subjects);
+    const Reals offsets = reals(given, "offsets", subjects);
+    std::vector<kernel::Line> sides;
+    for (std::size_t i = 0; i < subjects; ++i) sides.push_back({normals[i], offsets[i]});
+    return std::make_shared<kernel::FenceLimit>(std::move(tracks), std::move(sides));
 }
 
 // Copy the lines that a limit chooses for a path.
 void choose_lines(const kernel::LineLimit& limit, const py::buffer& path,
                   const py::buffer& normals, const py::buffer& offsets) {
-    const View<double> points(path, "path");
-    const View<double> normal(normals, "normals", true), offset(offsets, "offsets", true);
+    const Array<const double> points(path, "path");
     expect(points.axes() == 3 && points.shape(2) == 2
                && limit.fits(points.shape(0) - 2, int(points.shape(1))), "path");
-    expect(normal.size() == 2 * limit.pieces() && offset.size() == limit.pieces(), "normals");
+    const Array<double> normal(normals, "normals", 2 * limit.pieces());
+    const Array<double> offset(offsets, "offsets", limit.pieces());
     kernel::Lines lines;
     limit.choose(points.data(), lines);
     for (std::size_t i = 0; i < lines.of.size(); ++i) {
-        normal.data()[2 * i] = lines.of[i].normal.x;
-        normal.data()[2 * i + 1] = lines.of[i].normal.y;
-        offset.data()[i] = lines.of[i].offset;
+        normal[2 * i] = lines.of[i].normal.x;
+        normal[2 * i + 1] = lines.of[i].normal.y;
+        offset[i] = lines.of[i].offset;
     }
 }
 
 // All that a limit answers for a path and moves of its points, for tests to compare.
 py::dict answers(const kernel::Limit& limit, const py::buffer& path, const py::buffer& moves,
                  double share) {
-    const View<double> at(path, "path"), by(moves, "moves");
+    const Array<const double> at(path, "path"), by(moves, "moves");
     expect(at.axes() == 3 && at.shape(2) == 2, "path");
     const std::size_t slots = at.shape(0) - 2, uavs = at.shape(1), size = 3 * uavs * slots;
     expect(limit.fits(slots, int(uavs)) && by.size() == at.size(), "path, moves");
@@ -218,7 +170,7 @@ py::dict answers(const kernel::Limit& limit, const py::buffer& path, const py::b
     Reals x(size + height);
     for (std::size_t i = 0; i < slots * uavs; ++i)
         for (int axis = 0; axis < 2; ++axis)
-            x[3 * i + 1 + axis] = by.data()[2 * (i + uavs) + axis];
+            x[3 * i + 1 + axis] = by[2 * (i + uavs) + axis];
     for (std::size_t column = 0; column < size; ++column) {
         slope += gradient[column] * x[column];
         for (int down = 0; down < height; ++down)
@@ -237,19 +189,19 @@ py::dict answers(const kernel::Limit& limit, const py::buffer& path, const py::b
 
 std::shared_ptr<kernel::FreeSpace> free_space(const py::buffer& snr,
                                               const py::buffer& squared_altitudes) {
-    const std::size_t links = View<double>(snr, "snr").size();
+    const std::size_t links = size_of(snr);
     return std::make_shared<kernel::FreeSpace>(
-        reals(snr, links, "snr"), reals(squared_altitudes, links, "squared_altitudes"));
+        reals(snr, "snr", links), reals(squared_altitudes, "squared_altitudes", links));
 }
 
 std::shared_ptr<kernel::PathLoss> path_loss(const py::buffer& snr,
                                             const py::buffer& squared_altitudes,
                                             const py::buffer& losses, double exponent, double a,
                                             double b) {
-    const std::size_t links = View<double>(snr, "snr").size();
+    const std::size_t links = size_of(snr);
     return std::make_shared<kernel::PathLoss>(
-        reals(snr, links, "snr"), reals(squared_altitudes, links, "squared_altitudes"),
-        reals(losses, links, "losses"), exponent, a, b);
+        reals(snr, "snr", links), reals(squared_altitudes, "squared_altitudes", links),
+        reals(losses, "losses", links), exponent, a, b);
 }
 
 // Bounds of the derivatives of log gain, for tests.
@@ -268,9 +220,9 @@ py::tuple gain(const kernel::Channel& channel, std::size_t link, double squared)
 kernel::Places places_of(const kernel::Problem& problem, const py::dict& given) {
     const std::size_t places = problem.receivers.count - 1;
     kernel::Places found;
-    found.followed = flags(given["followed"], problem.slots * places, "followed");
-    found.offsets = reals(given["offsets"], problem.slots * places * 2, "offsets");
-    found.radii = reals(given["radii"], places, "radii");
+    found.followed = flags(given, "followed", problem.slots * places);
+    found.offsets = reals(given, "offsets", problem.slots * places * 2);
+    found.radii = reals(given, "radii", places);
     return found;
 }
 
@@ -280,18 +232,15 @@ kernel::Problem problem_of(const py::dict& given) {
     found.uavs = given["uavs"].cast<int>();
     expect(found.slots >= 1 && found.uavs >= 1, "slots, uavs");
     const std::size_t uavs = found.uavs;
-    const auto array = [&given](const char* name, std::size_t size) {
-        return reals(given[name], size, name);
-    };
-    found.starts = array("starts", 2 * uavs);
-    found.goals = array("goals", 2 * uavs);
-    found.fixed = flags(given["fixed"], uavs, "fixed");
-    found.peaks = array("peaks", uavs);
+    found.starts = reals(given, "starts", 2 * uavs);
+    found.goals = reals(given, "goals", 2 * uavs);
+    found.fixed = flags(given, "fixed", uavs);
+    found.peaks = reals(given, "peaks", uavs);
     for (const py::handle limit : given["limits"].cast<py::list>()) {
         found.limits.push_back(limit.cast<std::shared_ptr<kernel::Limit>>());
         expect(found.limits.back()->fits(found.slots, found.uavs), "limits");
     }
-    found.receivers = receivers_of(found, given["positions"], given["edge"]);
+    found.receivers = receivers_of(found, given);
     found.channel = given["channel"].cast<std::shared_ptr<kernel::Channel>>();
     expect(found.channel->links() == found.receivers.edge.size(), "channel");
     found.colluding = given["colluding"].cast<bool>();
@@ -305,16 +254,27 @@ void look_for_signals() {
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 
-// Starts with the arrays of Python in which they are.
+// The arrays of Python in which starts are.
+struct Held {
+    Held(const kernel::Problem& problem, const py::buffer& x_given, const py::buffer& mu_given,
+         const py::buffer& finished_given)
+        : x(x_given, "x"), mu(mu_given, "mu"), finished(finished_given, "finished", mu.size()) {
+        expect(mu.size() > 0, "mu");
+        expect(x.axes() == 4 && x.shape(0) == mu.size() && x.shape(1) == problem.slots
+                   && x.shape(2) == std::size_t(problem.uavs) && x.shape(3) == 3, "x");
+    }
+    Array<double> x, mu;
+    Array<bool> finished;
+};
+
 class Barrier {
 public:
     Barrier(const py::dict& problem, const py::buffer& x, const py::buffer& mu,
             const py::buffer& finished)
-        : starts_(problem_of(problem)) {
-        hold(x, mu, finished);
-        const std::size_t size = x_->size() / mu_->size();
-        for (std::size_t s = 0; s < mu_->size(); ++s)
-            starts_.add(x_->data() + s * size, mu_->data() + s, finished_->data() + s);
+        : starts_(problem_of(problem)), held_(starts_.problem(), x, mu, finished) {
+        const std::size_t size = held_.x.size() / held_.mu.size();
+        for (std::size_t s = 0; s < held_.mu.size(); ++s)
+            starts_.add(&held_.x[s * size], &held_.mu[s], &held_.finished[s]);
     }
 
     py::tuple advance(int steps, double final, const py::function& check) {
@@ -331,19 +291,18 @@ public:
     }
 
     void rates(const py::buffer& found) {
-        const View<double> view(found, "rates", true);
-        expect(view.size() == starts_.count(), "rates");
+        const Array<double> rates(found, "rates", starts_.count());
         const py::gil_scoped_release release;
-        starts_.rates(view.data());
+        starts_.rates(rates.data());
     }
 
     // See Newton::model; values (S), gradients (S, N, U, 3) and hessians (S, N, 3 U, 3 U).
     void model(const py::buffer& values, const py::buffer& gradients,
                const py::buffer& hessians) {
-        const View<double> value(values, "values", true), gradient(gradients, "gradients", true);
-        const View<double> hessian(hessians, "hessians", true);
-        expect(value.size() == starts_.count() && gradient.size() == x_->size()
-                   && hessian.size() == 3 * starts_.problem().uavs * x_->size(), "gradients");
+        const std::size_t size = held_.x.size();
+        const Array<double> value(values, "values", starts_.count());
+        const Array<double> gradient(gradients, "gradients", size);
+        const Array<double> hessian(hessians, "hessians", 3 * starts_.problem().uavs * size);
         starts_.model(value.data(), gradient.data(), hessian.data());
     }
 
@@ -351,73 +310,49 @@ public:
         const kernel::Problem& problem = starts_.problem();
         const std::size_t size = problem.receivers.positions.size();
         expect(!problem.places.followed.empty(), "places");
-        starts_.exchange(places_of(problem, places), reals(positions, size, "positions"));
+        starts_.exchange(places_of(problem, places), reals(positions, "positions", size));
     }
 
     void keep(const py::buffer& chosen, const py::buffer& x, const py::buffer& mu,
               const py::buffer& finished) {
-        const View<std::int64_t> view(chosen, "chosen");
-        std::vector<std::size_t> indices(view.data(), view.data() + view.size());
+        const Array<const std::int64_t> found(chosen, "chosen");
+        const std::vector<std::size_t> indices(found.data(), found.data() + found.size());
         for (const std::size_t index : indices) expect(index < starts_.count(), "chosen");
         // Before anything is released: the starts are still in the arrays of before.
-        expect(View<double>(mu, "mu").size() == indices.size(), "chosen");
-        hold(x, mu, finished);
-        starts_.keep(indices, x_->data(), mu_->data(), finished_->data());
+        Held held(starts_.problem(), x, mu, finished);
+        expect(held.mu.size() == indices.size(), "chosen");
+        starts_.keep(indices, held.x.data(), held.mu.data(), held.finished.data());
+        held_ = std::move(held);
     }
 
 private:
-    void hold(const py::buffer& x, const py::buffer& mu, const py::buffer& finished) {
-        const kernel::Problem& problem = starts_.problem();
-        auto new_x = std::make_unique<View<double>>(x, "x", true);
-        auto new_mu = std::make_unique<View<double>>(mu, "mu", true);
-        auto new_finished = std::make_unique<View<bool>>(finished, "finished", true);
-        expect(new_mu->size() > 0 && new_finished->size() == new_mu->size(), "mu, finished");
-        expect(new_x->axes() == 4 && new_x->shape(0) == new_mu->size()
-                   && new_x->shape(1) == problem.slots
-                   && new_x->shape(2) == std::size_t(problem.uavs) && new_x->shape(3) == 3, "x");
-        x_ = std::move(new_x);
-        mu_ = std::move(new_mu);
-        finished_ = std::move(new_finished);
-    }
-
     kernel::Starts starts_;
-    std::unique_ptr<View<double>> x_, mu_;
-    std::unique_ptr<View<bool>> finished_;
+    Held held_;
 };
 
-// Pairs in the arrays of Python.
-class PairsView {
-public:
-    explicit PairsView(const py::dict& given)
-        : x_(given["x"].cast<py::buffer>(), "x"), y_(given["y"].cast<py::buffer>(), "y"),
-          squared_altitudes_(given["squared_altitudes"].cast<py::buffer>(), "squared_altitudes"),
-          noise_(given["noise"].cast<py::buffer>(), "noise"),
-          radius_(given["radius"].cast<py::buffer>(), "radius"),
-          jamming_(given["jamming"].cast<py::buffer>(), "jamming"),
-          channel_(given.contains("channel")
-                   ? given["channel"].cast<std::shared_ptr<kernel::PathLoss>>() : nullptr) {
-        const std::size_t count = noise_.size(), uavs = squared_altitudes_.size();
-        expect(uavs >= 1 && radius_.size() == count, "radius");
-        expect(x_.size() == count * uavs && y_.size() == count * uavs, "x, y");
-        expect(jamming_.size() == count * (uavs - 1), "jamming");
-        expect(!channel_ || channel_->links() == uavs, "channel");
+kernel::Pairs pairs_of(const py::dict& given) {
+    const std::size_t count = size_of(given, "noise");
+    const std::size_t uavs = size_of(given, "squared_altitudes");
+    expect(uavs >= 1, "squared_altitudes");
+    kernel::Pairs found;
+    found.count = count;
+    found.uavs = int(uavs);
+    found.x = reals(given, "x", count * uavs);
+    found.y = reals(given, "y", count * uavs);
+    found.squared_altitudes = reals(given, "squared_altitudes", uavs);
+    found.noise = reals(given, "noise", count);
+    found.radius = reals(given, "radius", count);
+    found.jamming = reals(given, "jamming", count * (uavs - 1));
+    if (given.contains("channel")) {
+        found.channel = given["channel"].cast<std::shared_ptr<kernel::PathLoss>>();
+        expect(found.channel->links() == uavs, "channel");
     }
-    kernel::Pairs pairs() const {
-        return {noise_.size(), int(squared_altitudes_.size()), x_.data(), y_.data(),
-                squared_altitudes_.data(), noise_.data(), radius_.data(), jamming_.data(),
-                channel_.get()};
-    }
-
-private:
-    View<double> x_, y_, squared_altitudes_, noise_, radius_, jamming_;
-    std::shared_ptr<const kernel::PathLoss> channel_;
-};
+    return found;
+}
 
 void likely_places(const py::dict& given, const py::buffer& found) {
-    const PairsView view(given);
-    const kernel::Pairs pairs = view.pairs();
-    const View<double> places(found, "found", true);
-    expect(places.size() == 3 * pairs.count, "found");
+    const kernel::Pairs pairs = pairs_of(given);
+    const Array<double> places(found, "found", 3 * pairs.count);
     const py::gil_scoped_release release;
     double* v = places.data();
     kernel::likely_places(pairs, v, v + pairs.count, v + 2 * pairs.count);
@@ -426,34 +361,31 @@ void likely_places(const py::dict& given, const py::buffer& found) {
 // Find a bound of v in one sector of every pair, and v at a place of it; (P) each.
 void bound_sectors(const py::dict& given, const py::dict& sectors, const py::buffer& bounds,
                    const py::buffer& values) {
-    const PairsView view(given);
-    const kernel::Pairs pairs = view.pairs();
-    const View<double> bound(bounds, "bounds", true), value(values, "values", true);
-    expect(bound.size() == pairs.count && value.size() == pairs.count, "bounds, values");
-    const auto array = [&](const char* name) { return reals(sectors[name], pairs.count, name); };
-    const Reals inner = array("inner"), outer = array("outer");
-    const Reals middle = array("middle"), half = array("half");
+    const kernel::Pairs pairs = pairs_of(given);
+    const Array<double> bound(bounds, "bounds", pairs.count);
+    const Array<double> value(values, "values", pairs.count);
+    const Reals inner = reals(sectors, "inner", pairs.count);
+    const Reals outer = reals(sectors, "outer", pairs.count);
+    const Reals middle = reals(sectors, "middle", pairs.count);
+    const Reals half = reals(sectors, "half", pairs.count);
     for (std::size_t i = 0; i < pairs.count; ++i) {
         kernel::Sector sector{i, inner[i], outer[i], middle[i], half[i], 0.0};
-        value.data()[i] = kernel::bound_sector(pairs, sector).v;
-        bound.data()[i] = sector.bound;
+        value[i] = kernel::bound_sector(pairs, sector).v;
+        bound[i] = sector.bound;
     }
 }
 
 void prove(const py::dict& given, const py::buffer& slot, const py::buffer& most,
-           std::int64_t most_sectors, double tolerance, const py::buffer& leaks, const py::buffer& pair,
-           const py::buffer& place) {
-    const PairsView view(given);
-    const kernel::Pairs pairs = view.pairs();
-    const View<std::int64_t> slots(slot, "slot");
-    const View<double> mosts(most, "most"), leak(leaks, "leaks", true);
-    const View<std::int64_t> of_pair(pair, "pair", true);
-    const View<double> places(place, "place", true);
-    expect(slots.size() == pairs.count && mosts.size() == pairs.count, "slot, most");
-    expect(of_pair.size() == leak.size() && places.size() == 2 * leak.size(), "pair, place");
+           std::int64_t most_sectors, double tolerance, const py::buffer& leaks,
+           const py::buffer& pair, const py::buffer& place) {
+    const kernel::Pairs pairs = pairs_of(given);
+    const Array<const std::int64_t> slots(slot, "slot", pairs.count);
+    const Array<const double> mosts(most, "most", pairs.count);
+    const Array<double> leak(leaks, "leaks");
+    const Array<std::int64_t> of_pair(pair, "pair", leak.size());
+    const Array<double> places(place, "place", 2 * leak.size());
     for (std::size_t i = 0; i < pairs.count; ++i)
-        expect(slots.data()[i] >= (i ? slots.data()[i - 1] : 0)
-                   && std::size_t(slots.data()[i]) < leak.size(), "slot");
+        expect(slots[i] >= (i ? slots[i - 1] : 0) && std::size_t(slots[i]) < leak.size(), "slot");
     const kernel::Proof proof{slots.data(), mosts.data(), most_sectors, tolerance,
                               leak.data(), of_pair.data(), places.data()};
     const py::gil_scoped_release release;
