@@ -39,19 +39,20 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
-#include <stdexcept>
 #include <vector>
 
 #include "array.hpp"
 
 namespace py = pybind11;
 using kernel::Array;
+using kernel::expect;
 using kernel::size_of;
 
 namespace {
 
 constexpr double kBoxRounding = 1e-14;  // Share by which the halves of a box are widened.
 constexpr double kTiny = 1e-300;
+constexpr double kHuge = std::numeric_limits<double>::infinity();
 constexpr std::size_t kMost = 200000;   // Boxes of a tree that a function may still begin with.
 
 // The value and slopes of a function at a box's centre, numbers such that
@@ -105,8 +106,7 @@ public:
           weight_(given, "weight", count_), shares_(given, "shares", count_ * eavesdroppers_),
           powers_(given, "powers", 2 * count_) {
         for (std::size_t k = 0; k < count_; ++k)
-            if (stage_[k] < 0 || std::size_t(stage_[k]) >= stages_)
-                throw std::invalid_argument("wrong array: stage");
+            expect(stage_[k] >= 0 && std::size_t(stage_[k]) < stages_, "stage");
     }
 
     std::size_t size() const { return count_; }
@@ -158,6 +158,23 @@ public:
             transmitter(box, rho, parts);
         }
         potential(stage, box, rho, parts[eavesdroppers_ + 1]);
+    }
+
+    // The expansion of function k in a box.
+    Expansion sum(std::size_t k, const Expansion* parts) const {
+        Expansion f = parts[eavesdroppers_ + 1];
+        for (std::size_t part = 0; part <= eavesdroppers_; ++part) {
+            const double factor = this->factor(k, part);
+            const Expansion& one = parts[part];
+            f.value += factor * one.value;
+            f.ga += factor * one.ga;
+            f.gb += factor * one.gb;
+            f.gp += factor * one.gp;
+            f.ka += factor * one.ka;
+            f.kb += factor * one.kb;
+            f.kp += factor * one.kp;
+        }
+        return f;
     }
 
     // The most that function f is in a box, for log p from `low` to `high` beyond the centre's, as
@@ -363,10 +380,10 @@ private:
     std::size_t count_, stages_, eavesdroppers_;
     double altitude_, distance_, price_, log_gain_;
     bool jams_;
-    Array<double> ground_, places_, radii_, log_advantages_, from_start_, to_goal_, corner_, low_,
-        high_, slope_, bend_, tilt_, margin_;
-    Array<std::int64_t> stage_;
-    Array<double> weight_, shares_, powers_;
+    Array<const double> ground_, places_, radii_, log_advantages_, from_start_, to_goal_, corner_,
+        low_, high_, slope_, bend_, tilt_, margin_;
+    Array<const std::int64_t> stage_;
+    Array<const double> weight_, shares_, powers_;
 };
 
 // The boxes of a stage.
@@ -379,34 +396,11 @@ public:
     std::size_t stage() const { return stage_; }
     bool is_full() const { return boxes_.size() > kMost; }
 
-    // The expansion of function k in a box.
-    Expansion sum(std::size_t k, std::size_t number) const {
-        const std::size_t count = terms_.parts();
-        Expansion f = parts_[number * count + count - 1];
-        for (std::size_t part = 0; part + 1 < count; ++part) {
-            const double factor = terms_.factor(k, part);
-            const Expansion& one = parts_[number * count + part];
-            f.value += factor * one.value;
-            f.ga += factor * one.ga;
-            f.gb += factor * one.gb;
-            f.gp += factor * one.gp;
-            f.ka += factor * one.ka;
-            f.kb += factor * one.kb;
-            f.kp += factor * one.kp;
-        }
-        return f;
-    }
-
-    double bound(const Expansion& f, std::size_t number, double low, double high,
-                 double enough) const {
-        return terms_.bound(stage_, boxes_[number], f, low, high, enough);
-    }
-
     // An upper bound of the largest value of function k: no more than a value that it reaches,
     // or the known one, and the tolerance, unless the budget ends.
     double maximum(std::size_t k, double known, double tolerance, double budget) {
-        double enough = known + tolerance, found = -std::numeric_limits<double>::infinity();
-        queue_.assign(1, {0, std::numeric_limits<double>::infinity()});
+        double enough = known + tolerance, found = -kHuge;
+        queue_.assign(1, {0, kHuge});
         for (std::size_t head = 0; head < queue_.size(); ++head) {
             const std::size_t number = queue_[head].number;
             const Box& box = boxes_[number];
@@ -422,7 +416,7 @@ public:
             const bool ended = double(head) >= budget;
             // Written so that a NaN is never dropped.
             if (!(bound <= enough) && !(ended && std::isfinite(bound))) {
-                const Expansion f = sum(k, number);
+                const Expansion f = terms_.sum(k, parts(number));
                 if (box.inside && low <= 0 && high >= 0)
                     enough = std::max(enough, f.value + tolerance);
                 bound = terms_.bound(stage_, box, f, low, high, enough);
@@ -451,11 +445,13 @@ private:
         return limit - middle + sign * 4e-16 * (std::abs(limit) + std::abs(middle));
     }
 
+    Expansion* parts(std::size_t number) { return &parts_[number * terms_.parts()]; }
+
     void add(const Box& box) {
         boxes_.push_back(box);
         boxes_.back().halves = 0;
         parts_.resize(boxes_.size() * terms_.parts());
-        terms_.expand(stage_, boxes_.back(), &parts_[(boxes_.size() - 1) * terms_.parts()]);
+        terms_.expand(stage_, boxes_.back(), parts(boxes_.size() - 1));
     }
 
     // Halve a box along the side that makes function k's bound largest.
@@ -463,7 +459,7 @@ private:
         // Where terms cancel, or a box sticks out of the set, it is their sizes that count.
         double size[3] = {};
         for (std::size_t part = 0; part < terms_.parts(); ++part) {
-            const Expansion& one = parts_[number * terms_.parts() + part];
+            const Expansion& one = parts(number)[part];
             const double factor = terms_.factor(k, part), bends[3] = {one.ka, one.kb, one.kp};
             for (int i = 0; i < 3; ++i) size[i] += factor * std::abs(bends[i]);
         }
@@ -499,16 +495,14 @@ private:
 void maxima(const py::dict& given, const py::buffer& functions, const py::buffer& known,
             const py::buffer& tolerance, double budget) {
     const Terms terms(given);
-    const std::size_t count = std::size_t(functions.request().size);
-    const Array<std::int64_t> some(functions, "functions", count);
+    const Array<const std::int64_t> some(functions, "functions");
     const Array<double> best(known, "known", terms.size());
-    const Array<double> tolerances(tolerance, "tolerance", terms.size());
-    for (std::size_t i = 0; i < count; ++i)
-        if (some[i] < 0 || std::size_t(some[i]) >= terms.size())
-            throw std::invalid_argument("wrong array: functions");
+    const Array<const double> tolerances(tolerance, "tolerance", terms.size());
+    for (std::size_t i = 0; i < some.size(); ++i)
+        expect(some[i] >= 0 && std::size_t(some[i]) < terms.size(), "functions");
     const py::gil_scoped_release release;
     std::unique_ptr<Tree> tree;
-    for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t i = 0; i < some.size(); ++i) {
         const std::size_t k = std::size_t(some[i]);
         if (!tree || tree->stage() != terms.stage(k) || tree->is_full())
             tree = std::make_unique<Tree>(terms, terms.stage(k), terms.whole(terms.stage(k)));
@@ -520,18 +514,19 @@ void maxima(const py::dict& given, const py::buffer& functions, const py::buffer
 py::tuple box(const py::dict& given, std::size_t function, const py::buffer& centre,
               const py::buffer& half) {
     const Terms terms(given);
-    if (function >= terms.size()) throw std::invalid_argument("function");
-    const Array<double> middle(centre, "centre", terms.dimensions());
-    const Array<double> sides(half, "half", terms.dimensions());
+    expect(function < terms.size(), "function");
+    const Array<const double> middle(centre, "centre", terms.dimensions());
+    const Array<const double> sides(half, "half", terms.dimensions());
     Box box{};
     for (int i = 0; i < terms.dimensions(); ++i) {
         box.centre[i] = middle[i];
         box.half[i] = sides[i];
     }
-    const Tree tree(terms, terms.stage(function), box);
-    const Expansion f = tree.sum(function, 0);
-    return py::make_tuple(
-        f.value, tree.bound(f, 0, -box.half[2], box.half[2], -std::numeric_limits<double>::infinity()));
+    std::vector<Expansion> parts(terms.parts());
+    const std::size_t stage = terms.stage(function);
+    terms.expand(stage, box, parts.data());
+    const Expansion f = terms.sum(function, parts.data());
+    return py::make_tuple(f.value, terms.bound(stage, box, f, -box.half[2], box.half[2], -kHuge));
 }
 
 }  // namespace
