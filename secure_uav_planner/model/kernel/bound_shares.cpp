@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <stdexcept>
 #include <tuple>
 #include <vector>
 
@@ -16,6 +15,7 @@
 
 namespace py = pybind11;
 using kernel::Array;
+using kernel::expect;
 using kernel::size_of;
 
 namespace {
@@ -81,8 +81,7 @@ public:
           from_start_(given, "from_start", jammers_ * stages_),
           to_goal_(given, "to_goal", jammers_ * stages_),
           width_(given, "width", jammers_ * stages_) {
-        if (jammers_ > kJammers || listeners_ < 1 || listeners_ > kListeners)
-            throw std::invalid_argument("wrong array: radii");
+        expect(jammers_ <= kJammers && listeners_ >= 1 && listeners_ <= kListeners, "radii");
         corners_ = 1;
         for (std::size_t e = 0; e < listeners_; ++e) corners_ *= jammers_;
         for (std::size_t corner = 0; corner < corners_; ++corner) {
@@ -142,17 +141,18 @@ public:
 
     // Drop columns that are there twice.
     void drop_copies() {
+        const auto key = [](const Column& one) {
+            return std::make_tuple(one.power, one.place[0], one.place[1]);
+        };
+        const auto before = [&](const Column& one, const Column& two) {
+            return key(one) < key(two);
+        };
+        const auto same = [&](const Column& one, const Column& two) {
+            return key(one) == key(two);
+        };
         for (std::size_t j = 0; j < jammers_; ++j) {
-            const auto key = [](const Column& one) {
-                return std::make_tuple(one.power, one.place[0], one.place[1]);
-            };
             std::vector<Column>& all = own_[j];
-            std::sort(all.begin(), all.end(), [&](const Column& one, const Column& two) {
-                return key(one) < key(two);
-            });
-            const auto same = [&](const Column& one, const Column& two) {
-                return key(one) == key(two);
-            };
+            std::sort(all.begin(), all.end(), before);
             all.erase(std::unique(all.begin(), all.end(), same), all.end());
         }
     }
@@ -399,7 +399,6 @@ private:
     void extend(Box& box) {
         double w[kListeners + 1];
         for (std::size_t j = 0; j < jammers_; ++j) {
-            std::vector<Column> fresh;
             for (std::size_t corner = 0; corner < corners_; ++corner) {
                 if (part_[corner] < kActive) continue;
                 for (const double sign : {-1.0, 1.0}) {
@@ -409,10 +408,9 @@ private:
                     const auto worth = [&](const Column& one) { return this->worth(j, one, w); };
                     const double before = worth(column);
                     improve(j, box.low[j], std::min(box.high[j], peak_[j]), 1.0, worth, column);
-                    if (worth(column) > before + 1e-5) fresh.push_back(column);
+                    if (worth(column) > before + 1e-5) box.extra[j].push_back(column);
                 }
             }
-            box.extra[j].insert(box.extra[j].end(), fresh.begin(), fresh.end());
         }
     }
 
@@ -450,7 +448,7 @@ private:
 
     // Make theta affine in the shares, not negative.
     void make_affine(Box& box) {
-        double factor = 1.0;
+        double factor = 1.0, means[kJammers];
         for (std::size_t j = 0; j < jammers_; ++j) {
             double middle = 0.0, part[kListeners][kJammers] = {};
             for (std::size_t corner = 0; corner < corners_; ++corner) {
@@ -465,15 +463,13 @@ private:
                 least += *std::min_element(part[e], part[e] + jammers_) - middle;
             }
             if (middle + least < 0) factor = std::min(factor, (1 - 1e-9) * middle / -least);
-            theta_[0][j] = middle;
+            means[j] = middle;
         }
-        double middle[kJammers];
-        std::copy(theta_[0], theta_[0] + jammers_, middle);
         for (std::size_t e = 0; e < listeners_; ++e)
             for (std::size_t i = 0; i < jammers_; ++i)
                 for (std::size_t j = 0; j < jammers_; ++j)
                     box.theta[e][i][j] = factor * box.theta[e][i][j]
-                                         + middle[j] / double(listeners_);
+                                         + means[j] / double(listeners_);
         for (std::size_t corner = 0; corner < corners_; ++corner)
             for (std::size_t j = 0; j < jammers_; ++j) {
                 theta_[corner][j] = 0.0;
@@ -570,8 +566,9 @@ private:
     }
 
     std::size_t stages_, jammers_, listeners_, corners_, columns_;
-    Array<double> place_, power_, base_, pull_, people_, radii_, gain_, altitude_, distance_,
-        price_, peak_, from_start_, to_goal_, width_;
+    Array<double> place_, power_;
+    Array<const double> base_, pull_, people_, radii_, gain_, altitude_, distance_, price_, peak_,
+        from_start_, to_goal_, width_;
     std::size_t stage_ = 0, which_[kCorners][kListeners];
     double weight_ = 0, v_[kListeners] = {};
     std::vector<Column> own_[kJammers], listed_[kJammers];
@@ -586,16 +583,17 @@ void share_boxes(const py::dict& given) {
     const std::size_t count = size_of(given, "stage"), e = problem.listeners();
     const std::size_t splits = size_of(given, "at") / std::max<std::size_t>(count, 1);
     const std::size_t boxes = splits + 1, corners = problem.corners(), j = problem.jammers();
-    const Array<std::int64_t> stage(given, "stage", count), which(given, "box", count * splits),
+    const Array<const std::int64_t> stage(given, "stage", count);
+    const Array<const double> weight(given, "weight", count), shares(given, "shares", count * e),
+        enough(given, "enough", count);
+    const Array<std::int64_t> which(given, "box", count * splits),
         side(given, "side", count * splits);
-    const Array<double> weight(given, "weight", count), shares(given, "shares", count * e),
-        enough(given, "enough", count), at(given, "at", count * splits),
+    const Array<double> at(given, "at", count * splits),
         theta(given, "theta", count * boxes * e * j * j),
         means(given, "mean", count * boxes * e * j),
         known(given, "known", count * boxes * j * corners);
     for (std::size_t m = 0; m < count; ++m)
-        if (stage[m] < 0 || std::size_t(stage[m]) >= problem.stages())
-            throw std::invalid_argument("wrong array: stage");
+        expect(stage[m] >= 0 && std::size_t(stage[m]) < problem.stages(), "stage");
     const py::gil_scoped_release release;
     for (std::size_t m = 0; m < count; ++m) {
         problem.begin(std::size_t(stage[m]), weight[m], &shares[m * e]);
@@ -628,7 +626,7 @@ void share_boxes(const py::dict& given) {
 // Improve combinations of columns in every stage; their places and log p are written over.
 void improve_together(const py::dict& given) {
     Problem problem(given);
-    const Array<double> weight(given, "weight", problem.stages()),
+    const Array<const double> weight(given, "weight", problem.stages()),
         shares(given, "shares", problem.stages() * problem.listeners());
     const py::gil_scoped_release release;
     for (std::size_t g = 0; g < problem.stages(); ++g) {
