@@ -43,8 +43,8 @@ public:
         const std::size_t n = slots_, v = 3 * count_;
         below_ = p_.bandwidth();
         lines_.resize(p_.limits.size());
-        slopes_.resize(p_.limits.size());
-        dual_moves_.resize(p_.limits.size());
+        slopes_.resize(p_.limits.size() + 1);
+        dual_moves_.resize(p_.limits.size() + 1);
         chooses_ = std::any_of(p_.limits.begin(), p_.limits.end(),
                                [](const auto& limit) { return limit->chooses(); });
         gradient_.resize(n * v);
@@ -57,7 +57,6 @@ public:
         convex_.resize(n);
         flights_.resize(count_);
         space_.resize(v * (2 * v + 4));
-        peak_moves_.resize(n * count_ * 2);
         mean_moves_.resize(count_);
     }
 
@@ -69,36 +68,26 @@ public:
             state.duals.push_back(terms.slacks);
             for (double& dual : state.duals.back()) dual = mu / dual;
         }
-        const int U = uavs();
-        state.peak_duals.resize(std::size_t(slots_) * U * 2);
-        for (std::size_t n = 0; n < slots_; ++n)
-            for (int u = 0; u < U; ++u)
-                for (int side = 0; side < 2; ++side)
-                    state.peak_duals[(n * U + u) * 2 + side] = mu / peak_slack(
-                        state.x[(n * U + u) * 3], u, side);
-        state.mean_duals.resize(U);
-        for (int u = 0; u < U; ++u)
-            state.mean_duals[u] = double(slots_) * mu / state.here.mean_slacks[u];
+        for (const double slack : state.here.mean_slacks)
+            state.mean_duals.push_back(double(slots_) * mu / slack);
     }
 
     Outcome iterate(State& state, double final, const std::atomic<bool>& stop) override {
         const double mu = *state.mu;
         Evaluation& here = state.here;
         look(state);
-        if (chooses_) clip_duals(state, here, state.x, mu);
+        if (chooses_) clip_duals(state, here, mu);
         if (stop) return Outcome::stopped;
         rates_.model(state, here, mu, gradient_.data(), hessian_.data());
         if (stop) return Outcome::stopped;
-        add_gradient_of_limits(state.x, here, mu, gradient_.data());
+        add_gradient_of_limits(here, mu, gradient_.data());
         fix(gradient_.data());
         assemble(state, here);
         if (stop) return Outcome::stopped;
         const bool solved = newton_step(state, here, stop);
         if (stop) return Outcome::stopped;
         if (!solved) std::fill(step_.begin(), step_.end(), 0.0);
-        follow_path(step_.data(), false);
-        for (std::size_t l = 0; l < p_.limits.size(); ++l)
-            p_.limits[l]->find_slopes(here.limits[l], path_.data(), slopes_[l]);
+        find_slopes(here);
 
         double slope = 0.0;
         for (std::size_t i = 0; i < gradient_.size(); ++i) slope += step_[i] * gradient_[i];
@@ -120,17 +109,13 @@ public:
     double model(State& state, double* gradient, double* hessian) override {
         look(state);
         rates_.model(state, state.here, *state.mu, gradient, hessian);
-        add_gradient_of_limits(state.x, state.here, *state.mu, gradient);
+        add_gradient_of_limits(state.here, *state.mu, gradient);
         return state.here.value;
     }
 
 private:
     int uavs() const { return UAVS ? UAVS : count_; }
     int size() const { return 3 * uavs(); }
-
-    double peak_slack(double power, int u, int side) const {
-        return side ? 1.0 - power / p_.peaks[u] : power;
-    }
 
     // The points of flights from start to goal, or of a change of them, (N + 2, U, 2).
     void follow_path(const double* x, bool ends) {
@@ -148,8 +133,8 @@ private:
 
     // Choose the lines for a step.
     void choose_lines(const double* x, Evaluation& found) {
-        found.limits.resize(p_.limits.size());
-        trial_.limits.resize(p_.limits.size());
+        found.limits.resize(p_.limits.size() + 1);
+        trial_.limits.resize(p_.limits.size() + 1);
         if (chooses_) follow_path(x, true);
         for (std::size_t l = 0; l < p_.limits.size(); ++l) {
             if (p_.limits[l]->chooses()) p_.limits[l]->choose(path_.data(), lines_[l]);
@@ -184,28 +169,45 @@ private:
         found.value = std::isfinite(value) ? value : INFINITE;
     }
 
-    // Find all slacks but those of the peaks.
     void find_slacks(const double* x, Evaluation& found) {
         const int U = uavs();
         follow_path(x, true);
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             p_.limits[l]->find_slacks(path_.data(), found.limits[l]);
+        Reals& peaks = found.limits.back().slacks;
+        peaks.resize(slots_ * U * 2);
         found.mean_slacks.assign(U, 0.0);
         for (std::size_t n = 0; n < slots_; ++n)
-            for (int u = 0; u < U; ++u) found.mean_slacks[u] += x[(n * U + u) * 3];
+            for (int u = 0; u < U; ++u) {
+                const std::size_t i = n * U + u;
+                const double power = x[3 * i];
+                peaks[2 * i] = power;
+                peaks[2 * i + 1] = 1.0 - power / p_.peaks[u];
+                found.mean_slacks[u] += power;
+            }
         for (double& sum : found.mean_slacks) sum = 1.0 - sum / double(slots_);
     }
 
-    void evaluate(const double* x, double mu, Evaluation& found) {
+    // Find the directional derivatives of the limits' and the peaks' slacks along the step.
+    void find_slopes(const Evaluation& here) {
         const int U = uavs();
+        follow_path(step_.data(), false);
+        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+            p_.limits[l]->find_slopes(here.limits[l], path_.data(), slopes_[l]);
+        Reals& peaks = slopes_.back().slacks;
+        peaks.resize(slots_ * U * 2);
+        for (std::size_t i = 0; i < slots_ * U; ++i) {
+            peaks[2 * i] = step_[3 * i];
+            peaks[2 * i + 1] = -step_[3 * i] / p_.peaks[i % U];
+        }
+    }
+
+    void evaluate(const double* x, double mu, Evaluation& found) {
         double value = rates_.evaluate(x, mu, found);
         find_slacks(x, found);
         LogSum limits;
         add_logarithms(found, false, limits);
-        for (std::size_t n = 0; n < slots_; ++n)
-            for (int u = 0; u < U; ++u)
-                for (int side = 0; side < 2; ++side)
-                    limits.add(peak_slack(x[(n * U + u) * 3], u, side));
+        for (const double slack : found.limits.back().slacks) limits.add(slack);
         value -= mu * limits.total();
         for (const double slack : found.mean_slacks)
             value -= double(slots_) * mu * std::log(slack);
@@ -221,16 +223,16 @@ private:
                     change[(n * U + u) * 3 + 1] = change[(n * U + u) * 3 + 2] = 0.0;
     }
 
-    void add_gradient_of_limits(const double* x, const Evaluation& here, double mu,
-                                double* gradient) const {
+    void add_gradient_of_limits(const Evaluation& here, double mu, double* gradient) const {
         const int U = uavs(), V = size();
+        const Reals& peaks = here.limits.back().slacks;
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             p_.limits[l]->add_gradient(here.limits[l], mu, gradient);
         for (std::size_t n = 0; n < slots_; ++n)
             for (int u = 0; u < U; ++u) {
-                const double power = x[(n * U + u) * 3];
+                const double* slacks = &peaks[(n * U + u) * 2];
                 gradient[n * V + 3 * u] += mu / here.mean_slacks[u]  // (N mu / c) / N
-                    - mu / power + mu / peak_slack(power, u, 1) / p_.peaks[u];
+                    - mu / slacks[0] + mu / slacks[1] / p_.peaks[u];
             }
     }
 
@@ -248,11 +250,11 @@ private:
                     }
             add_block(n, hessian);
             for (int u = 0; u < U; ++u) {
-                const double power = state.x[(n * U + u) * 3];
-                const double* dual = &state.peak_duals[(n * U + u) * 2];
+                const double* slacks = &here.limits.back().slacks[(n * U + u) * 2];
+                const double* duals = &state.duals.back()[(n * U + u) * 2];
                 double* at = &band_[(n * V + 3 * u) * height];
-                at[0] += dual[0] / power
-                    + dual[1] / peak_slack(power, u, 1) / (p_.peaks[u] * p_.peaks[u]);
+                at[0] += duals[0] / slacks[0]
+                    + duals[1] / slacks[1] / (p_.peaks[u] * p_.peaks[u]);
                 if (p_.fixed[u]) at[height] = at[2 * height] = 1.0;
             }
         }
@@ -461,54 +463,35 @@ private:
     void move_duals(State& state, const Evaluation& here, double mu, bool moved) {
         const int U = uavs();
         double by = 1.0;
-        for (std::size_t l = 0; l < p_.limits.size(); ++l) {
+        for (std::size_t l = 0; l < state.duals.size(); ++l) {
             const Reals& slacks = here.limits[l].slacks;
             dual_moves_[l].resize(slacks.size());
             for (std::size_t i = 0; i < slacks.size(); ++i)
                 dual_moves_[l][i] =
                     move_of(state.duals[l][i], slacks[i], slopes_[l].slacks[i], mu, by);
         }
-        for (std::size_t n = 0; n < slots_; ++n)
-            for (int u = 0; u < U; ++u) {
-                const std::size_t i = n * U + u;
-                const double power = state.x[3 * i], change = step_[3 * i];
-                for (int side = 0; side < 2; ++side) {
-                    const double slack = peak_slack(power, u, side);
-                    peak_moves_[2 * i + side] =
-                        move_of(state.peak_duals[2 * i + side], slack,
-                                side ? -change / p_.peaks[u] : change, mu, by);
-                }
-            }
-        for (int u = 0; u < U; ++u) {
-            const double slack = here.mean_slacks[u];
-            mean_moves_[u] =
-                move_of(state.mean_duals[u], slack, mean_change(u), double(slots_) * mu, by);
-        }
+        for (int u = 0; u < U; ++u)
+            mean_moves_[u] = move_of(state.mean_duals[u], here.mean_slacks[u], mean_change(u),
+                                     double(slots_) * mu, by);
         rates_.find_moves(state, here, step_.data(), by);
         rates_.move(state, by);
         const auto go = [by](Reals& duals, const Reals& moves) {
             for (std::size_t i = 0; i < duals.size(); ++i) duals[i] += by * moves[i];
         };
-        for (std::size_t l = 0; l < p_.limits.size(); ++l) go(state.duals[l], dual_moves_[l]);
-        go(state.peak_duals, peak_moves_);
+        for (std::size_t l = 0; l < state.duals.size(); ++l) go(state.duals[l], dual_moves_[l]);
         go(state.mean_duals, mean_moves_);
-        clip_duals(state, moved ? trial_ : here, moved ? there_.data() : state.x, mu);
+        clip_duals(state, moved ? trial_ : here, mu);
     }
 
     // Keep the duals near their central values for some slacks.
-    void clip_duals(State& state, const Evaluation& now, const double* x, double mu) const {
-        const int U = uavs();
+    void clip_duals(State& state, const Evaluation& now, double mu) const {
         const auto clip = [](double& dual, double target) {
             dual = std::min(std::max(dual, target / DUAL_RANGE), target * DUAL_RANGE);
         };
-        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+        for (std::size_t l = 0; l < state.duals.size(); ++l)
             for (std::size_t i = 0; i < state.duals[l].size(); ++i)
                 clip(state.duals[l][i], mu / now.limits[l].slacks[i]);
-        for (std::size_t i = 0; i < slots_ * U; ++i)
-            for (int side = 0; side < 2; ++side)
-                clip(state.peak_duals[2 * i + side],
-                     mu / peak_slack(x[3 * i], int(i % U), side));
-        for (int u = 0; u < U; ++u)
+        for (int u = 0; u < uavs(); ++u)
             clip(state.mean_duals[u], double(slots_) * mu / now.mean_slacks[u]);
     }
 
@@ -534,9 +517,10 @@ private:
     int below_;  // Rows of the band below its diagonal.
     Evaluation trial_;
     Reals gradient_, step_, there_, hessian_, band_, factor_, right_, space_, flights_;
-    Reals path_, peak_moves_, mean_moves_;
+    Reals path_, mean_moves_;
     bool chooses_;  // Whether any limit does.
-    // Of every Limit: the lines of this step, its directional derivatives, and the duals' steps.
+    // Of every Limit the lines of this step; of these and, last, of the peaks the directional
+    // derivatives and the duals' steps.
     std::vector<Lines> lines_;
     std::vector<Slopes> slopes_;
     std::vector<Reals> dual_moves_;

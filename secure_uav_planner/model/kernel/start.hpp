@@ -39,7 +39,7 @@ struct Evaluation {
     Reals squared, distance;        // The guarantee's d^2, and d with its kink rounded, (N, K, U).
     Reals total, interference;      // (N, K).
     Reals leaks, largest;           // (N, E), (N); of one eavesdropper not kept.
-    std::vector<Terms> limits;      // Of every Limit.
+    std::vector<Terms> limits;      // Of every Limit, and last of the peaks, (N, U, 2).
     Reals mean_slacks;              // Of the average powers, (U).
     double without_lines = 0.0;     // The value without the limits that choose lines.
 };
@@ -50,10 +50,10 @@ struct State {
     double* mu = nullptr;      // Likewise.
     bool* finished = nullptr;  // Likewise.
     int age = 0;
-    std::vector<Reals> duals;        // Of the slacks of every Limit.
-    Reals peak_duals, mean_duals;    // (N, U, 2), (U).
-    Reals shares;                    // Duals of the leaks, (N, E), or empty before the first step.
-    bool known = false;              // Whether `here` is the evaluation at x and mu.
+    std::vector<Reals> duals;  // Of the slacks of every Limit, and last of the peaks.
+    Reals mean_duals;          // (U).
+    Reals shares;              // Duals of the leaks, (N, E), or empty before the first step.
+    bool known = false;        // Whether `here` is the evaluation at x and mu.
     Evaluation here;
 };
 
