@@ -473,8 +473,7 @@ private:
         for (int u = 0; u < U; ++u)
             mean_moves_[u] = move_of(state.mean_duals[u], here.mean_slacks[u], mean_change(u),
                                      double(slots_) * mu, by);
-        rates_.find_moves(state, here, step_.data(), by);
-        rates_.move(state, by);
+        rates_.move(state, here, step_.data(), by);
         const auto go = [by](Reals& duals, const Reals& moves) {
             for (std::size_t i = 0; i < duals.size(); ++i) duals[i] += by * moves[i];
         };

@@ -27,8 +27,8 @@ inline double rate_of(double received, double interference) {
 }
 
 // Find two rows (2, V) whose outer products, added up, are what the Hessian of a leak gains as its
-// place follows the UAVs. `mixed`, (V, 2), is the leak's derivative by variables and place, `slope`
-// that by the place.
+// place follows the UAVs. `mixed`, (V, 2), is the leak's derivative by variables and place,
+// `slope` that by the place.
 //
 // For f(x) = max_w g(x, w) it is -g_xw g_ww^-1 g_wx at the worst place w, which is on top of g_xx;
 // for a place on the edge of its disc, that along the edge, whose curvature counts too. Without
@@ -222,15 +222,11 @@ public:
         }
     }
 
-    // Find the Newton step of the leaks' duals for a step of x, and lower how far duals may go.
-    void find_moves(const State& state, const Evaluation& here, const double* step, double& by) {
-        if (several_)
-            for (std::size_t n = 0; n < slots_; ++n) move_leaks(state, here, n, step, by);
-    }
-
-    // Move the leaks' duals, whose sum is 1 in every slot.
-    void move(State& state, double by) const {
+    // Move the leaks' duals, whose sum is 1 in every slot, along with a step of x; lower how far
+    // duals may go.
+    void move(State& state, const Evaluation& here, const double* step, double& by) {
         if (!several_) return;
+        for (std::size_t n = 0; n < slots_; ++n) find_moves(state, here, n, step, by);
         for (std::size_t n = 0; n < slots_; ++n) {
             double sum = 0.0;
             for (int e = 0; e < eves_; ++e)
@@ -416,8 +412,8 @@ private:
             for (int k = 0; k <= j; ++k) hessian[j * V + k] -= mean[j] * mean[k];
     }
 
-    // The Newton step of the leaks' duals in a slot.
-    void move_leaks(const State& state, const Evaluation& here, std::size_t n,
+    // Find the Newton step of the leaks' duals in a slot.
+    void find_moves(const State& state, const Evaluation& here, std::size_t n,
                     const double* step, double& by) {
         const int V = size();
         double central = 0.0, ratios = 0.0, risen = 0.0;
