@@ -8,8 +8,7 @@ and How (2015) do. Flights of many slots are found on a coarse grid first.
 """
 
 from collections.abc import Iterator
-from importlib import import_module
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,9 @@ _MOST_POINTS = 4000  # with so many points of all UAVs.
 _COARSE_SHARE = 0.05  # Of the slack that flights on a coarse grid leave at least.
 _REFINEMENT = 4  # Factor of slots to the next grid, where flights are not found on a coarse one.
 _SMOOTH_ENDS = 20  # Points over which smoothing begins.
+
+_Rows: TypeAlias = tuple[list[tuple[NDArray[np.intp], NDArray[np.intp], Array]], Array]
+"""Rows of a map A x + b into a cone: (row, column, value) of A as arrays, and b."""
 
 
 def flights_near(scenario: Scenario, positions: Array, check: Check,
@@ -189,20 +191,21 @@ class _Projection:
         Variables are displacements from the base in steps, the excess of speed and acceleration,
         and what lacks to lines.
         """
-        clarabel: Any = import_module('clarabel')  # Here, for few missions need it.
+        import clarabel  # Here, for few missions need it.
         step, size = self._step, 2 * self._grid.slots * len(group)
         # The column of the first coordinate of every point that varies, or -1.
         columns: NDArray[np.intp] = np.full(base.shape[:2], -1)
         columns[1:-1, group] = 2 * np.arange(size // 2).reshape(-1, len(group))
-        rows = _Rows(size + 2)
         excess, lack = size, size + 1
         # Neither is negative.
-        rows.add([(np.arange(2), np.array([excess, lack]), np.ones(2))], np.zeros(2))
-        cones = [clarabel.NonnegativeConeT(
-            2 + self._add_lines(rows, columns, group, base, lines, lack))]
-        cones += [clarabel.SecondOrderConeT(3)] * self._add_norms(
-            rows, columns, group, base, excess)
-        matrix, right = rows.built()
+        signs = [(np.arange(2), np.array([excess, lack]), np.ones(2))], np.zeros(2)
+        plain = [signs, *self._line_rows(columns, group, base, lines, lack)]
+        norms = list(self._cone_rows(columns, group, base, excess))
+        plain_rows, norm_rows = (sum(len(constants) for _, constants in rows)
+                                 for rows in (plain, norms))
+        cones = [clarabel.NonnegativeConeT(plain_rows),
+                 *[clarabel.SecondOrderConeT(3)] * (norm_rows // 3)]
+        matrix, right = _put_together([*plain, *norms], size + 2)
         weight = 1.0 / max(size, 1)
         cost = scipy.sparse.csc_array(scipy.sparse.diags(
             np.append(np.full(size, weight), [0.0, 0.0])))
@@ -225,7 +228,7 @@ class _Projection:
 
     def _solved_unless(self, signals: list[int], *problem: Any) -> Array | None:
         """Return the solution that Clarabel finds, or None, also once there are signals."""
-        clarabel: Any = import_module('clarabel')
+        import clarabel
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         raised: list[BaseException] = []
@@ -250,10 +253,10 @@ class _Projection:
             raise raised[0]
         return answer if np.isfinite(answer).all() else None
 
-    def _add_lines(self, rows: '_Rows', columns: NDArray[np.intp], group: NDArray[np.intp],
-                   base: Array, chosen: list[Lines], lack: int) -> int:
-        """Add a row for every control point near a line that the group moves; return how many."""
-        count, step = 0, self._step
+    def _line_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
+                   chosen: list[Lines], lack: int) -> Iterator[_Rows]:
+        """Give for each limit a row for every control point near a line that the group moves."""
+        step = self._step
         for limit, lines in zip(self._lines, chosen, strict=True):
             weights, uav = limit.tracks.weights, limit.tracks.uav
             ends = [tracks for tracks in (limit.first, limit.second) if tracks is not None]
@@ -278,14 +281,12 @@ class _Projection:
                     used, column = used[column >= 0], column[column >= 0]
                     for axis in (0, 1):
                         entries.append((used, column + axis, weight[used] * normal[used, axis]))
-            rows.add(entries, slacks[at] - _CLEARANCE)
-            count += len(point)
-        return count
+            yield entries, slacks[at] - _CLEARANCE
 
-    def _add_norms(self, rows: '_Rows', columns: NDArray[np.intp], group: NDArray[np.intp],
-                   base: Array, excess: int) -> int:
-        """Add a cone for every difference of the group's points with a limit; return how many."""
-        count, unit = 0, self._grid.length * self._step
+    def _cone_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
+                   excess: int) -> Iterator[_Rows]:
+        """Give for each limit three rows, a cone, for every difference of the group's points."""
+        unit = self._grid.length * self._step
         positions = self._grid.positions_of(base)
         for limit in self._norms:
             found, longest = limit.differences(positions) / unit, limit.longest / unit
@@ -300,31 +301,18 @@ class _Projection:
                 for axis in (0, 1):
                     entries.append((number[inside] + 1 + axis, column + axis,
                                     np.full(len(inside), weight)))
-            constant = np.zeros((len(uav), 3))
-            constant[:, 0] = longest[uav] * self._efforts[uav]
-            constant[:, 1:] = found[uav, place]
-            rows.add(entries, constant.ravel())
-            count += len(uav)
-        return count
+            constants = np.zeros((len(uav), 3))
+            constants[:, 0] = longest[uav] * self._efforts[uav]
+            constants[:, 1:] = found[uav, place]
+            yield entries, constants.ravel()
 
 
-class _Rows:
-    """Rows of a map A x + b into a cone, as they are added."""
-
-    def __init__(self, columns: int) -> None:
-        self._columns, self._count = columns, 0
-        self._parts: list[tuple[Array, Array, Array]] = []
-        self._constants: list[Array] = []
-
-    def add(self, entries: list[Any], constants: Array) -> None:
-        """Add rows by (row, column, value) as arrays, rows from the first of these, and b."""
-        self._parts += [(row + self._count, column, value) for row, column, value in entries]
-        self._constants.append(constants)
-        self._count += len(constants)
-
-    def built(self) -> tuple[Any, Array]:
-        """Return -A and b, as Clarabel wants them."""
-        row, column, value = (np.concatenate(part) for part in zip(*self._parts, strict=True))
-        matrix = scipy.sparse.csc_matrix(
-            (-value, (row, column)), shape=(self._count, self._columns))
-        return matrix, np.concatenate(self._constants)
+def _put_together(rows: list[_Rows], columns: int) -> tuple[Any, Array]:
+    """Return -A and b, as Clarabel wants them."""
+    parts, count = [], 0
+    for entries, constants in rows:
+        parts += [(row + count, column, value) for row, column, value in entries]
+        count += len(constants)
+    row, column, value = (np.concatenate(part) for part in zip(*parts, strict=True))
+    matrix = scipy.sparse.csc_matrix((-value, (row, column)), shape=(count, columns))
+    return matrix, np.concatenate([constants for _, constants in rows])
