@@ -47,11 +47,6 @@ class Search:
         if parent is None:
             self.report('start')
 
-    @property
-    def time_left(self) -> float:
-        """Time until the deadline in s, infinite without one."""
-        return self.termination.time_left
-
     def stop_reason(self) -> Status | None:
         """Return the status in which the search must end now, or None."""
         return self.termination.reason()

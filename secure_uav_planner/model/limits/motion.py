@@ -49,13 +49,8 @@ class AccelerationLimit(NormLimit):
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
         self.absent[[0, -1]] |= np.isnan(scenario.end_velocities[..., 0])
-        # The moves before the start and after the goal, (U, 2, 2) in m.
-        self._outer_moves = self.grid.slot_duration * np.nan_to_num(
-            np.swapaxes(scenario.end_velocities, 0, 1))
-
-    @property
-    def _end_moves(self) -> Array:
-        return np.moveaxis(self._outer_moves, 0, 1) / self.grid.length
+        # The moves before the start and after the goal, (2, U, 2) in m.
+        self._end_moves = self.grid.slot_duration * np.nan_to_num(scenario.end_velocities)
 
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
@@ -72,13 +67,11 @@ class AccelerationLimit(NormLimit):
 
     def differences(self, positions: Array) -> Array:
         """Return the second differences, (U, N+2, 2)."""
-        moves = np.diff(positions, axis=1)
-        return np.diff(np.concatenate(
-            [self._outer_moves[:, :1], moves, self._outer_moves[:, 1:]], axis=1), axis=1)
+        first, last = self._end_moves[:, :, None]
+        return np.diff(np.concatenate([first, np.diff(positions, axis=1), last], axis=1), axis=1)
 
     def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
         import cvxpy as cp
-        moves = path[1:] - path[:-1]
-        first, last = (self._outer_moves[uav, [end]] * scale for end in (0, 1))
-        moves = cp.vstack([first, moves, last])
+        first, last = self._end_moves[:, [uav]] * scale
+        moves = cp.vstack([first, path[1:] - path[:-1], last])
         return moves[1:] - moves[:-1]

@@ -35,6 +35,7 @@ class NormLimit(Limit):
         self.longest = self._longest()
         self.absent: NDArray[np.bool_] = np.tile(
             ~np.isfinite(self.longest), (self.grid.slots + 1 + self.lead, 1))
+        self._end_moves: Array = np.zeros((2, len(self.longest), 2))
 
     @property
     def compiled(self) -> Any:
@@ -43,12 +44,7 @@ class NormLimit(Limit):
         return core.NormLimit({
             'slots': self.grid.slots, 'order': len(self.stencil) - 1, 'square': radius**2,
             'ignored': (self.absent | self.grid.fixed).astype(float),
-            'end_moves': np.ascontiguousarray(self._end_moves)})
-
-    @property
-    def _end_moves(self) -> Array:
-        """Return the moves before the start and after the goal in the grid's unit, (2, U, 2)."""
-        return np.zeros((2, len(self.longest), 2))
+            'end_moves': self._end_moves / self.grid.length})
 
     @abstractmethod
     def _longest(self) -> Array:

@@ -38,7 +38,7 @@ def alternate(search: Search) -> Status:
             reason = search.stop_reason()
             if reason is not None:
                 return reason
-            if _compile_time(problem, powers) > search.time_left:
+            if _compile_time(problem, powers) > search.termination.time_left:
                 return 'time_limit'
             solved &= _step(search, problem)
         if search.rate - before < TOLERANCE:
@@ -60,7 +60,8 @@ def _compile_time(problem: _Problem, powers: PowerProblem) -> float:
 def _step(search: Search, problem: _Problem) -> bool:
     """Solve a restriction at the present iterate; return whether the solver succeeded."""
     local = getattr(search, problem.block)
-    answer, seconds = problem.solve(search.positions, search.powers, search.time_left)
+    answer, seconds = problem.solve(
+        search.positions, search.powers, search.termination.time_left)
     search.solver_time += seconds
     if answer is not None:
         # The restriction is cautious: go further along its step while the true rate rises.

@@ -169,16 +169,15 @@ def _smooth_fly_hover_fly(uav: Uav, place: Array, scenario: Scenario) -> Array:
     start, goal = np.array(uav.start), np.array(uav.goal)
     step = uav.max_speed * duration
     width = math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * duration))
-    if width > slots:
+    first, last = (np.array(velocity or (0.0, 0.0)) * duration
+                   for velocity in (uav.start_velocity, uav.goal_velocity))
+    begin, end = start + first * (width - 1) / 2, goal - last * (width - 1) / 2
+    if width > slots or math.dist(begin, end) > (slots + 2 - width) * step:
         return start + uav.vehicle.least_effort(slots, duration)[1]
-    ends = [np.zeros(2) if velocity is None else np.array(velocity) * duration
-            for velocity in (uav.start_velocity, uav.goal_velocity)]
-    begin, end = start + ends[0] * (width - 1) / 2, goal - ends[1] * (width - 1) / 2
-    if math.dist(begin, end) > (slots + 2 - width) * step:
-        return start + uav.vehicle.least_effort(slots, duration)[1]
-    moves = np.diff(_fly_hover_fly(begin, end, place, step, slots + 1 - width), axis=0)
-    moves = np.concatenate([[ends[0]] * (width - 1), moves, [ends[1]] * (width - 1)]
-                           ) if width > 1 else moves
+    moves = np.concatenate([
+        np.tile(first, (width - 1, 1)),
+        np.diff(_fly_hover_fly(begin, end, place, step, slots + 1 - width), axis=0),
+        np.tile(last, (width - 1, 1))])
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
     means = (sums[width:] - sums[:-width]) / width
     points = start + np.concatenate([np.zeros((1, 2)), np.cumsum(means, axis=0)])

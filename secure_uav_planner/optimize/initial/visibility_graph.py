@@ -174,7 +174,7 @@ def _into(place: Array, normals: Array, offsets: Array) -> Array:
     """Return a place moved into half-planes, by projections in turn."""
     for _ in range(100):
         beyond = normals @ place - offsets
-        if not len(beyond) or beyond.max() <= 0:
+        if (beyond <= 0).all():
             break
         worst = int(beyond.argmax())
         place = place - beyond[worst] * normals[worst]

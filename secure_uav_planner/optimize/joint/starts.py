@@ -191,11 +191,11 @@ def interior(grid: Grid, positions: Array, share: float, check: Check,
     :param share: by which to go into the interior.
     :param other_way: whether UAVs that meet pass each other on another side than the nearest.
     """
-    if not grid.fixed.all() and not is_open(grid.scenario):
-        return projected(grid, positions, share, check, other_way)
     flights = resampled_flights(positions, grid.slots)
     if grid.fixed.all():
         return flights
+    if not is_open(grid.scenario):
+        return projected(grid, positions, share, check, other_way)
     return inside_limits(grid, flights + share * (reference_flight(grid) - flights))
 
 
