@@ -51,8 +51,6 @@ def energies(scenario: Scenario, curve: Curve) -> tuple[Energy | None, ...]:
             joules = propulsion.power(speeds[index]) * _WEIGHTS * (curve.piece / 2)
             hovers = speeds[index] < slow
             sums[index] += joules[hovers].sum(), joules[~hovers].sum()
-    found: list[Energy | None] = [None] * len(scenario.uavs)
-    for index, _, _ in members:
-        hovering, flying = sums[index].tolist()
-        found[index] = Energy(hovering + flying, hovering, flying)
-    return tuple(found)
+    return tuple(
+        None if uav.propulsion is None else Energy(hovering + flying, hovering, flying)
+        for uav, (hovering, flying) in zip(scenario.uavs, sums.tolist(), strict=True))

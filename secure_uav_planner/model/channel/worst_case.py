@@ -1,6 +1,6 @@
 """The worst case: the place in the discs where the leak is largest, proven in every slot."""
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -38,7 +38,7 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     """
     positions, powers = checked_flight(scenario, positions, powers)
     powers = np.maximum(powers, 0.0)
-    leak, _ = _worst_leaks(scenario, positions[:, 1:-1], powers)
+    leak, _ = _by_chunks(_worst_leaks, scenario, positions[:, 1:-1], powers)
     return np.maximum(ground_rates(scenario, positions, powers) - leak,
                       guaranteed_rates(scenario, positions, powers))
 
@@ -50,7 +50,8 @@ def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Ar
     Of eavesdroppers that collude, it is the place of the one that leaks most.
     """
     positions, powers = checked_flight(scenario, positions, powers)
-    _, places = _worst_leaks(scenario, positions[:, 1:-1], np.maximum(powers, 0.0))
+    _, places = _by_chunks(
+        _worst_leaks, scenario, positions[:, 1:-1], np.maximum(powers, 0.0))
     return places
 
 
@@ -69,17 +70,19 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array,
     count = len(checked_kind('scenario', scenario, Scenario).uavs)
     powers = np.maximum(checked_array('powers', powers, (count, None)), 0.0)
     uav_positions = checked_array('uav_positions', uav_positions, (*powers.shape, 2))
-    leaks, places = zip(*(
-        _likely_leaks(scenario, uav_positions[:, chunk], powers[:, chunk])
-        for chunk in _chunks(scenario, powers)), strict=True)
-    return np.concatenate(places).swapaxes(0, 1), np.concatenate(leaks).T
+    leaks, places = _by_chunks(_likely_leaks, scenario, uav_positions, powers)
+    return places.swapaxes(0, 1), leaks.T
 
 
-def _chunks(scenario: Scenario, powers: Array) -> Iterator[slice]:
-    """Yield slices of the slots that are examined together."""
+def _by_chunks(examine: Callable[[Scenario, Array, Array], tuple[Array, Array]],
+               scenario: Scenario, uav_positions: Array,
+               powers: Array) -> tuple[Array, Array]:
+    """Return the leaks and places that a function finds, which gets some slots at a time."""
     size = max(1, _AT_ONCE // (len(scenario.eavesdroppers) * len(powers)))
-    for first in range(0, powers.shape[1], size):
-        yield slice(first, first + size)
+    leaks, places = zip(*(
+        examine(scenario, uav_positions[:, first:first + size], powers[:, first:first + size])
+        for first in range(0, powers.shape[1], size)), strict=True)
+    return np.concatenate(leaks), np.concatenate(places)
 
 
 def _likely_leaks(scenario: Scenario, uav_positions: Array,
@@ -101,14 +104,6 @@ def _likely_leaks(scenario: Scenario, uav_positions: Array,
 def _worst_leaks(scenario: Scenario, uav_positions: Array,
                  powers: Array) -> tuple[Array, Array]:
     """Return what the leak of every slot does not exceed, (N,), and a place of it, (N, 2)."""
-    found = [_worst_leaks_of_chunk(scenario, uav_positions[:, chunk], powers[:, chunk])
-             for chunk in _chunks(scenario, powers)]
-    leaks, places = zip(*found, strict=True)
-    return np.concatenate(leaks), np.concatenate(places)
-
-
-def _worst_leaks_of_chunk(scenario: Scenario, uav_positions: Array,
-                          powers: Array) -> tuple[Array, Array]:
     offsets = _offsets(scenario, uav_positions)
     most = _guaranteed_leaks(scenario, offsets, powers)
     leaks = put_together(most) if scenario.colluding else most.max(axis=1)
