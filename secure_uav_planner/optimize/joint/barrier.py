@@ -54,7 +54,7 @@ class Barrier:
     def exchange(self, places: WorstPlaces, worse: bool) -> None:
         """Go on with places that have been exchanged; `worse` ones need further steps."""
         self._core.exchange(
-            _places(places), np.ascontiguousarray(places.receivers.positions, float))
+            _plain(**places.compiled), np.ascontiguousarray(places.receivers.positions, float))
         if worse:
             self.finished[:] = False
 
@@ -88,14 +88,10 @@ def _problem(grid: Grid, receivers: Receivers, places: WorstPlaces | None) -> di
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
         'limits': [limit for limit in limits if limit is not None],
         'channel': receivers.link.compiled(*receivers.edge.shape),
-        'places': None if places is None else _places(places),
+        'places': None if places is None else _plain(**places.compiled),
         **_plain(starts=grid.starts, goals=grid.goals, fixed=grid.fixed,
                  peaks=grid.scenario.peak_powers / grid.power,
                  positions=receivers.positions, edge=receivers.edge)}
-
-
-def _places(places: WorstPlaces) -> dict[str, Array]:
-    return _plain(followed=places.followed, offsets=places.offsets, radii=places.radii)
 
 
 def _plain(**arrays: NDArray[Any]) -> dict[str, Array]:

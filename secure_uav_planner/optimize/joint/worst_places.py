@@ -72,20 +72,17 @@ class WorstPlaces:
         return bool(worse.any())
 
     @property
-    def radii(self) -> Array:
-        """Radii of the discs of all places, (E P,) in units of the grid."""
-        return np.repeat(
-            self._scenario.error_radii / self._grid.length, self._places.shape[2])
+    def compiled(self) -> dict[str, NDArray[Any]]:
+        """
+        Return what the kernel asks for, by the names of problem.hpp.
 
-    @property
-    def offsets(self) -> Array:
-        """All places from the centres of their discs, (N, E P, 2) in its units."""
-        return self._by_slots(self._places - self._centres[:, None, None]) / self._grid.length
-
-    @property
-    def followed(self) -> NDArray[np.bool_]:
-        """Whether a place moves along with the UAVs, (N, E P)."""
-        return self._by_slots(self._largest) & (self.radii > 0)
+        These are the radii of the discs of all places, (E P,) in units of the grid, the places
+        from the centres of their discs, (N, E P, 2), and which move along with the UAVs, (N, E P).
+        """
+        radii = np.repeat(self._scenario.error_radii / self._grid.length, self._places.shape[2])
+        offsets = self._by_slots(self._places - self._centres[:, None, None]) / self._grid.length
+        return {'radii': radii, 'offsets': offsets,
+                'followed': self._by_slots(self._largest) & (radii > 0)}
 
     def _worst(self, x: Array) -> tuple[Array, Array]:
         """Return the worst places (E, N, 2) in m, and their leaks (E, N) in nats."""
