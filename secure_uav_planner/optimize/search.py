@@ -61,14 +61,12 @@ class Search:
         # What stays the same stays so to the last bit.
         if positions is None:
             positions = self.positions
-            powers = (self.powers if powers is None else
-                      repaired_powers(self.scenario, positions, powers))
         else:
-            positions, repaired_by = repaired(
-                self.scenario, positions, self.powers if powers is None else powers)
-            powers = self.powers if powers is None else repaired_by
+            positions, _ = repaired(self.scenario, positions, self.powers)
             if not is_clear(self.scenario, positions):
                 return 0.0
+        powers = (self.powers if powers is None else
+                  repaired_powers(self.scenario, positions, powers))
         powers, rates = without_losing_slots(
             self.scenario, positions, powers, self.objective)
         rate = float(rates.mean())

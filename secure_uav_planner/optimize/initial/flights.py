@@ -61,8 +61,7 @@ def route(scenario: Scenario, uav: int, place: Array, out: int = 0,
     legs = ways[0][out], ways[1][back]
     count = scenario.slots + 1
     # Slots that a leg takes longer because of the acceleration to full speed and back.
-    lag = 0.0 if one.max_acceleration is None else (
-        one.max_speed / one.max_acceleration / scenario.slot_duration)
+    lag = one.max_speed / one.vehicle.max_acceleration / scenario.slot_duration
     reach = (count - 2 * lag) * step
     if _length(legs[0]) + _length(legs[1]) > reach:
         turned = _turned_back(graph, legs[0], goal, reach)
@@ -107,9 +106,8 @@ def direct_flights(scenario: Scenario, check: Check) -> Iterator[Array]:
 
 def _least_effort(uav: Uav, length: float, scenario: Scenario) -> Array:
     """Return distances flown along a way, (N+2,) in m."""
-    limited = uav.max_acceleration is not None
     vehicle = Vehicle((length, 0.0), uav.max_speed, uav.vehicle.max_acceleration,
-                      *((0.0, 0.0) if limited else None,) * 2)
+                      start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0))
     return vehicle.least_effort(scenario.slots, scenario.slot_duration)[1][:, 0]
 
 

@@ -54,10 +54,9 @@ def _flights_around(scenario: Scenario, hover: Array, check: Check) -> Array:
     refuse(scenario, check)
 
 
-def constant_powers(scenario: Scenario, transmitting: float = 1.0, jamming: float = 1.0,
-                    slots: int | None = None) -> Array:
-    """Return shares of the average powers in every slot, N by default the scenario's, (U, N)."""
+def constant_powers(scenario: Scenario, transmitting: float = 1.0,
+                    jamming: float = 1.0) -> Array:
+    """Return shares of the average powers in every slot, (U, N) in W."""
     shares = np.full(len(scenario.uavs), jamming)
     shares[0] = transmitting
-    return np.repeat((shares * scenario.average_powers)[:, None],
-                     scenario.slots if slots is None else slots, axis=1)
+    return np.repeat((shares * scenario.average_powers)[:, None], scenario.slots, axis=1)

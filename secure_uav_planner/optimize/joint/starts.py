@@ -6,8 +6,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..initial import (
-    Check, constant_powers, flights_to, fly_hover_fly_positions, free_places, projected, route,
-    settled)
+    Check, flights_to, fly_hover_fly_positions, free_places, projected, route, settled)
 from ..search import powers_without_jamming
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
@@ -122,7 +121,7 @@ def _with_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     shares = np.full((len(flights), uavs, 1), _ON)
     shares[:, 1:, 0] = _log_uniform(rng, JAMMING, (len(flights), uavs - 1))
     shares[1::4, 1:] = MORE_JAMMING
-    powers = constant_powers(scenario, slots=grid.slots) * shares
+    powers = np.repeat(shares * scenario.average_powers[:, None], grid.slots, axis=-1)
     mu = _log_uniform(rng, MU, (len(flights),))
     mu[1::2] = CLOSE_MU
     for number in range(3, len(flights), 4):
