@@ -81,11 +81,9 @@ class PathLoss(FreeSpace):
     los: tuple[float, float] = (1.0, 1.0)
 
     def gain(self, squared: Array) -> Array:
-        """Return the gain over the noise power at squared horizontal distances."""
         return self._in_sight(squared) * self._mean(self._probability(squared))
 
     def drawn_gain(self, squared: Array, numbers: Array) -> Array:
-        """Return the gain, with a line of sight where a number in [0, 1) is below its chance."""
         return self._in_sight(squared) * np.where(
             numbers < self._probability(squared), 1.0, self.losses)
 
@@ -101,13 +99,11 @@ class PathLoss(FreeSpace):
             + (1 - self.losses) * steeper)
 
     def taken(self, receivers: NDArray[np.intp]) -> 'PathLoss':
-        """Return the link of arrays (K, U) to some of its receivers."""
         snr = np.asarray(self.reference_snr)
         losses = np.broadcast_to(self.losses, snr.shape)
         return replace(self, reference_snr=snr[receivers], losses=losses[receivers])
 
     def compiled(self, receivers: int, uavs: int) -> Any:
-        """Return the kernel's form of the links from every UAV to every receiver."""
         losses = np.ascontiguousarray(np.broadcast_to(self.losses, (receivers, uavs)), float)
         return core.PathLoss(*self._arrays(receivers, uavs), losses, self.exponent, *self.los)
 
@@ -124,10 +120,8 @@ class PathLoss(FreeSpace):
         return 1 / (1 + a * np.exp(-b * (elevation - a)))
 
 
-Receiver = Literal['ground_node', 'eavesdropper']
-
-
-def link_of(scenario: Scenario, receiver: Receiver, axes: int = 1) -> FreeSpace:
+def link_of(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper'],
+            axes: int = 1) -> FreeSpace:
     """
     Return the link of a scenario's UAVs to the ground node, or to an eavesdropper, in m and W.
 
