@@ -36,10 +36,6 @@ class Grid:
         """Return the grid of a scenario's own slots; a UAV with a single flight is fixed."""
         return cls(scenario, scenario.slots, scenario.efforts > 1 - _NO_SLACK)
 
-    def with_fixed_positions(self) -> 'Grid':
-        """Return the same grid with the positions of all UAVs fixed."""
-        return replace(self, fixed=np.ones_like(self.fixed))
-
     def divided(self, slots: int) -> 'Grid':
         """Return the same flight divided into another number of slots."""
         return replace(self, slots=slots)

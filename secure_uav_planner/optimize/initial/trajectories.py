@@ -1,6 +1,7 @@
 """Fly-hover-fly with constant powers, Section IV: the baseline, and where the methods start."""
 
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 
@@ -44,10 +45,8 @@ def _known_flights(_scenario: Scenario) -> list[Array]:
 
 def _flights_around(scenario: Scenario, hover: Array, check: Check) -> Array:
     places = free_places(scenario, hover, check)
-    found = flights_near(scenario, flights_to(scenario, places, check=check), check)
-    if found is not None:
-        return found
-    for flights in direct_flights(scenario, check):
+    wanted = flights_to(scenario, places, check=check)
+    for flights in chain([wanted], direct_flights(scenario, check)):
         found = flights_near(scenario, flights, check)
         if found is not None:
             return found

@@ -40,9 +40,9 @@ class VisibilityGraph:
                 distance + coarseness, join_style='mitre')
             coarseness *= 2
         self._parts = shapely.get_parts(enlarged)
-        self._solid = _prepared(solid.buffer(-_ROUNDING))
-        self._enlarged = _prepared(enlarged.buffer(-max(_ROUNDING, distance / 100),
-                                                   join_style='mitre'))
+        self._solid = solid.buffer(-_ROUNDING)
+        self._enlarged = enlarged.buffer(-max(_ROUNDING, distance / 100), join_style='mitre')
+        shapely.prepare([self._solid, self._enlarged])
         corners = shapely.get_coordinates(enlarged)
         self._normals, self._offsets = airspace_of(scenario).hull
         self._corners: Array = corners[(corners @ self._normals.T <= self._offsets).all(axis=1)]
@@ -179,11 +179,6 @@ def _into(place: Array, normals: Array, offsets: Array) -> Array:
         worst = int(beyond.argmax())
         place = place - beyond[worst] * normals[worst]
     return place
-
-
-def _prepared(shape: Any) -> Any:
-    shapely.prepare(shape)
-    return shape
 
 
 def _graph(places: Array, edges: tuple[Any, Any]) -> Any:

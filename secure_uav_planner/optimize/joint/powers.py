@@ -5,6 +5,8 @@ Powers have local optima, which differ in how much the jammers send. The levels 
 by side, on a grid of few slots and then on finer ones.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from .starts import strictly_feasible
@@ -28,7 +30,7 @@ def improve_powers(stepper: Stepper, least: float = 0.0) -> Status:
     """
     search = stepper.search
     search.try_less_jamming()
-    stepper.grid = stepper.grid.with_fixed_positions()
+    stepper.grid = replace(stepper.grid, fixed=np.ones_like(stepper.grid.fixed))
     grid = stepper.grid.divided(min(stepper.grid.slots, COARSE_SLOTS))
     levels = [constant_powers(search.scenario, 1.0, share) for share in LEVELS]
     barrier = stepper.barrier(grid, np.array([
