@@ -110,7 +110,7 @@ class NormLimit(Limit):
         for uav, (path, most) in enumerate(zip(
                 variables.paths, self.longest.tolist(), strict=True)):
             counted = np.flatnonzero(~self.absent[:, uav])
-            if np.isfinite(most) and len(counted):
+            if len(counted):
                 found = self._of_expression(path, uav, variables.scale)
                 constraints.append(cp.norm(found[counted], axis=1) <= most * variables.scale)
         return constraints

@@ -1,7 +1,7 @@
 """Flights to hovering places and on to the goals, also around what may not be entered."""
 
 from collections.abc import Iterator
-from itertools import product
+from itertools import islice, product
 import math
 
 import numpy as np
@@ -96,12 +96,9 @@ def direct_flights(scenario: Scenario, check: Check) -> Iterator[Array]:
         check()
         found = (direct(scenario, uav, way) for way in range(MOST_WAYS))
         ways.append([flight for flight in found if flight is not None])
-    if not all(ways):
-        return
-    yield np.stack([found[0] for found in ways])
-    if len(ways) <= 3:
-        for chosen in list(product(*ways))[1:]:
-            yield np.stack(chosen)
+    # Of many UAVs, there are too many combinations: only the shortest ways together.
+    for chosen in islice(product(*ways), None if len(ways) <= 3 else 1):
+        yield np.stack(chosen)
 
 
 def _least_effort(uav: Uav, length: float, scenario: Scenario) -> Array:

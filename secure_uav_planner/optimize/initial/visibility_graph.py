@@ -110,12 +110,10 @@ class VisibilityGraph:
         """Return places with some more, these last, and the edges between all."""
         known = len(self._corners)
         places = np.concatenate([self._corners, extra])
-        first = np.tile(np.arange(known), len(extra))
-        second = np.repeat(known + np.arange(len(extra)), known)
-        if len(extra) > 1:
-            to_last = known + np.arange(len(extra) - 1)
-            first = np.append(first, to_last)
-            second = np.append(second, np.full(len(to_last), len(places) - 1))
+        first, second = np.triu_indices(len(places), 1)
+        # From corners to the others, and from all places to the last.
+        new = (second >= known) & ((first < known) | (second == len(places) - 1))
+        first, second = first[new], second[new]
         seen = self._sees(places[first], places[second])
         return places, (np.append(self._edges[0], first[seen]),
                         np.append(self._edges[1], second[seen]))
