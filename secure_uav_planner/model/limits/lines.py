@@ -51,11 +51,10 @@ class LineLimit(Limit):
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
         self.tracks, self.first, self.second, self._obstacles = self._subjects()
-        weights = np.abs(self.tracks.weights).max(axis=-1)
-        varies = weights[:, self.first]
+        still: NDArray[np.bool_] = np.all(self.tracks.weights == 0, axis=-1)
+        self.ignored = still[:, self.first]
         if self.second is not None:
-            varies = np.maximum(varies, weights[:, self.second])
-        self.ignored: NDArray[np.bool_] = varies == 0
+            self.ignored &= still[:, self.second]
 
     @abstractmethod
     def _subjects(self) -> Subjects:

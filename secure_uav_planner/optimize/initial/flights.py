@@ -30,12 +30,7 @@ def flights_to(scenario: Scenario, hover: Array,
     for number, (uav, place) in enumerate(zip(scenario.uavs, hover, strict=True)):
         check()
         around = route(scenario, number, place, *(ways[number] if ways else ()))
-        if around is None:
-            around = (_smooth_fly_hover_fly(uav, place, scenario)
-                      if uav.max_acceleration is not None else
-                      _fly_hover_fly(np.array(uav.start), np.array(uav.goal), place,
-                                     float(scenario.max_step[number]), scenario.slots))
-        positions[number] = around
+        positions[number] = _fly_hover_fly(scenario, uav, place) if around is None else around
     if np.isfinite(scenario.max_accelerations).any() and is_open(scenario):
         positions, _ = repaired(scenario, positions, np.zeros((len(positions), scenario.slots)))
     return positions
@@ -138,8 +133,8 @@ def _at(way: Array, flown: Array) -> Array:
     return np.stack([np.interp(flown, known, column) for column in way.T], axis=-1)
 
 
-def _fly_hover_fly(start: Array, goal: Array, place: Array, step: float, slots: int) -> Array:
-    """Return the points of one UAV, (N+2, 2)."""
+def _straight(start: Array, goal: Array, place: Array, step: float, slots: int) -> Array:
+    """Return the points of a UAV without a limit of acceleration, (N+2, 2)."""
     turn = _turning_place(start, goal, place, (slots + 1) * step)
     points = np.empty((slots + 2, 2))
     points[:] = start + (turn - start)
@@ -153,16 +148,18 @@ def _fly_hover_fly(start: Array, goal: Array, place: Array, step: float, slots: 
     return points
 
 
-def _smooth_fly_hover_fly(uav: Uav, place: Array, scenario: Scenario) -> Array:
+def _fly_hover_fly(scenario: Scenario, uav: Uav, place: Array) -> Array:
     """
-    Return the points of a UAV with a limit of acceleration, (N+2, 2).
+    Return the points of a UAV that flies straight to its hovering place and on, (N+2, 2).
 
-    A mean of its velocities over some slots makes it accelerate evenly for so long. Where it
-    turns without hovering this is not enough, which is left to the repair.
+    Where it has a limit, a mean of its velocities over some slots makes it accelerate evenly for
+    so long. Where it turns without hovering this is not enough, which is left to the repair.
     """
     slots, duration = scenario.slots, scenario.slot_duration
     start, goal = np.array(uav.start), np.array(uav.goal)
     step = uav.max_speed * duration
+    if uav.max_acceleration is None:
+        return _straight(start, goal, place, step, slots)
     width = math.ceil(uav.max_speed / (uav.vehicle.max_acceleration * duration))
     first, last = (np.array(velocity or (0.0, 0.0)) * duration
                    for velocity in (uav.start_velocity, uav.goal_velocity))
@@ -171,7 +168,7 @@ def _smooth_fly_hover_fly(uav: Uav, place: Array, scenario: Scenario) -> Array:
         return start + uav.vehicle.least_effort(slots, duration)[1]
     moves = np.concatenate([
         np.tile(first, (width - 1, 1)),
-        np.diff(_fly_hover_fly(begin, end, place, step, slots + 1 - width), axis=0),
+        np.diff(_straight(begin, end, place, step, slots + 1 - width), axis=0),
         np.tile(last, (width - 1, 1))])
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
     means = (sums[width:] - sums[:-width]) / width

@@ -124,22 +124,23 @@ class _Projection:
         :param inside: UAVs that stay where they are as long as the others leave them room, (U,).
         """
         base = target = self._path(positions)
-        lines = None if inside is not None else [
-            limit.turned_lines(base, lines, other_way, self._check)
-            for limit, lines in zip(self._lines, self._chosen_lines(base), strict=True)]
-        inside = np.full(len(positions), False) if inside is None else inside
+        lines = self._chosen_lines(base)
+        if inside is None:
+            inside = np.full(len(positions), False)
+            lines = [limit.turned_lines(base, chosen, other_way, self._check)
+                     for limit, chosen in zip(self._lines, lines, strict=True)]
         for _ in range(_ROUNDS):
-            lines = self._chosen_lines(base) if lines is None else lines
             for group in self._groups(~inside):
                 self._check()
                 answer = self._moved(group, base, target, lines)
                 if answer is None:
                     return None
                 base = answer
-            lines, found = None, self._grid.positions_of(base)
+            found = self._grid.positions_of(base)
             inside = self.inside(found)
             if inside.all():
                 return found
+            lines = self._chosen_lines(base)
         return None
 
     def _chosen_lines(self, base: Array) -> list[Lines]:
