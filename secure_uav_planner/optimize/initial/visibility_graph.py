@@ -110,10 +110,10 @@ class VisibilityGraph:
         """Return places with some more, these last, and the edges between all."""
         known = len(self._corners)
         places = np.concatenate([self._corners, extra])
-        first, second = np.triu_indices(len(places), 1)
-        # From corners to the others, and from all places to the last.
-        new = (second >= known) & ((first < known) | (second == len(places) - 1))
-        first, second = first[new], second[new]
+        more = np.arange(known, len(places))
+        # From the corners to each of these, and from these to the last.
+        first = np.append(np.tile(np.arange(known), len(more)), more[:-1])
+        second = np.append(np.repeat(more, known), np.full(len(more) - 1, more[-1]))
         seen = self._sees(places[first], places[second])
         return places, (np.append(self._edges[0], first[seen]),
                         np.append(self._edges[1], second[seen]))
