@@ -219,9 +219,6 @@ def test_what_is_no_array_of_the_problem_is_refused():
     for wrong in (x[:, :4], x[:, :, :1], x[..., :2], x[0], x[:0]):
         with pytest.raises((ValueError, IndexError)):
             Barrier(grid, wrong, 0.1)
-    barrier = Barrier(grid, x, mu)
-    with pytest.raises(IndexError):
-        barrier.keep(np.array([len(x)]))
 
 
 def test_numbers_that_are_none_fail_and_cost_nothing_but_their_own_start():
@@ -233,9 +230,8 @@ def test_numbers_that_are_none_fail_and_cost_nothing_but_their_own_start():
     barrier.advance(1, 1e-3)
     assert (barrier.x[[0, 2]] != x[[0, 2]]).any(axis=(1, 2, 3)).all()
     assert np.array_equal(barrier.x[1], x[1], equal_nan=True)
-    barrier.keep(np.array([1]))
     with pytest.raises(NumericalError):
-        barrier.advance(1, 1e-3)
+        Barrier(grid, x[1:2], mu[1:2]).advance(1, 1e-3)
 
 
 # Where the kernel is not there or does not fit

@@ -254,27 +254,20 @@ void look_for_signals() {
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 
-// The arrays of Python in which starts are.
-struct Held {
-    Held(const kernel::Problem& problem, const py::buffer& x_given, const py::buffer& mu_given,
-         const py::buffer& finished_given)
-        : x(x_given, "x"), mu(mu_given, "mu"), finished(finished_given, "finished", mu.size()) {
-        expect(mu.size() > 0, "mu");
-        expect(x.axes() == 4 && x.shape(0) == mu.size() && x.shape(1) == problem.slots
-                   && x.shape(2) == std::size_t(problem.uavs) && x.shape(3) == 3, "x");
-    }
-    Array<double> x, mu;
-    Array<bool> finished;
-};
-
+// Starts in arrays of Python.
 class Barrier {
 public:
-    Barrier(const py::dict& problem, const py::buffer& x, const py::buffer& mu,
+    Barrier(const py::dict& given, const py::buffer& x, const py::buffer& mu,
             const py::buffer& finished)
-        : starts_(problem_of(problem)), held_(starts_.problem(), x, mu, finished) {
-        const std::size_t size = held_.x.size() / held_.mu.size();
-        for (std::size_t s = 0; s < held_.mu.size(); ++s)
-            starts_.add(&held_.x[s * size], &held_.mu[s], &held_.finished[s]);
+        : starts_(problem_of(given)), x_(x, "x"), mu_(mu, "mu"),
+          finished_(finished, "finished", mu_.size()) {
+        const kernel::Problem& problem = starts_.problem();
+        expect(mu_.size() > 0, "mu");
+        expect(x_.axes() == 4 && x_.shape(0) == mu_.size() && x_.shape(1) == problem.slots
+                   && x_.shape(2) == std::size_t(problem.uavs) && x_.shape(3) == 3, "x");
+        const std::size_t size = x_.size() / mu_.size();
+        for (std::size_t s = 0; s < mu_.size(); ++s)
+            starts_.add(&x_[s * size], &mu_[s], &finished_[s]);
     }
 
     py::tuple advance(int steps, double final, const py::function& check) {
@@ -299,7 +292,7 @@ public:
     // See Newton::model; values (S), gradients (S, N, U, 3) and hessians (S, N, 3 U, 3 U).
     void model(const py::buffer& values, const py::buffer& gradients,
                const py::buffer& hessians) {
-        const std::size_t size = held_.x.size();
+        const std::size_t size = x_.size();
         const Array<double> value(values, "values", starts_.count());
         const Array<double> gradient(gradients, "gradients", size);
         const Array<double> hessian(hessians, "hessians", 3 * starts_.problem().uavs * size);
@@ -313,21 +306,10 @@ public:
         starts_.exchange(places_of(problem, places), reals(positions, "positions", size));
     }
 
-    void keep(const py::buffer& chosen, const py::buffer& x, const py::buffer& mu,
-              const py::buffer& finished) {
-        const Array<const std::int64_t> found(chosen, "chosen");
-        const std::vector<std::size_t> indices(found.data(), found.data() + found.size());
-        for (const std::size_t index : indices) expect(index < starts_.count(), "chosen");
-        // Before anything is released: the starts are still in the arrays of before.
-        Held held(starts_.problem(), x, mu, finished);
-        expect(held.mu.size() == indices.size(), "chosen");
-        starts_.keep(indices, held.x.data(), held.mu.data(), held.finished.data());
-        held_ = std::move(held);
-    }
-
 private:
     kernel::Starts starts_;
-    Held held_;
+    Array<double> x_, mu_;
+    Array<bool> finished_;
 };
 
 kernel::Pairs pairs_of(const py::dict& given) {
@@ -431,6 +413,5 @@ PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
         .def("advance", &Barrier::advance)
         .def("rates", &Barrier::rates)
         .def("model", &Barrier::model)
-        .def("exchange", &Barrier::exchange)
-        .def("keep", &Barrier::keep);
+        .def("exchange", &Barrier::exchange);
 }

@@ -27,19 +27,6 @@ void Starts::add(double* x, double* mu, bool* finished) {
     worker(0).begin(state);
 }
 
-void Starts::keep(const std::vector<std::size_t>& chosen, double* x, double* mu,
-                  bool* finished) {
-    std::vector<State> kept;
-    for (const std::size_t index : chosen) {
-        kept.push_back(states_.at(index));
-        State& state = kept.back();
-        state.x = x + (kept.size() - 1) * variables();
-        state.mu = mu + kept.size() - 1;
-        state.finished = finished + kept.size() - 1;
-    }
-    states_ = std::move(kept);
-}
-
 void Starts::rates(double* found) {
     for (const State& state : states_) *found++ = worker(0).rate(state);
 }

@@ -24,8 +24,6 @@ public:
 
     // Add a start whose arrays stay where they are; see State.
     void add(double* x, double* mu, bool* finished);
-    // Go on with some of them only, whose arrays are elsewhere now.
-    void keep(const std::vector<std::size_t>& chosen, double* x, double* mu, bool* finished);
     // Take up to so many steps from every start, as many as are short together, and tell how many.
     // `wait` is called now and then meanwhile, if it takes long; what it throws ends the step of
     // the starts that have not gone it.

@@ -45,12 +45,6 @@ class Barrier:
         self._core = core.Barrier(
             _problem(grid, receivers, places), self.x, self.mu, self.finished)
 
-    def keep(self, chosen: NDArray[np.intp]) -> None:
-        """Go on with some of the starts only, given as an index array."""
-        self.x, self.mu = self.x[chosen], self.mu[chosen]
-        self.finished = self.finished[chosen]
-        self._core.keep(np.ascontiguousarray(chosen, np.int64), self.x, self.mu, self.finished)
-
     def exchange(self, places: WorstPlaces, worse: bool) -> None:
         """Go on with places that have been exchanged; `worse` ones need further steps."""
         self._core.exchange(
