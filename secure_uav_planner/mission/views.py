@@ -5,9 +5,9 @@ Rooms further down make the views, with packages that are optional. The package 
 `offer`, and they are imported when they are asked for.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any
 
 from ..errors import MissingPackageError
@@ -26,18 +26,13 @@ def offer(package: str, **homes: str) -> None:
 def view(name: str, *arguments: Any, **options: Any) -> Any:
     """Return a view of these arguments, or raise MissingPackageError naming what it needs."""
     with naming_what_is_missing():
-        return _maker(name)(*arguments, **options)
+        return resolve_name(_homes[name])(*arguments, **options)
 
 
 def check_view(name: str) -> None:
     """Import what makes a view, before the work that it will show; raise as view does."""
     with naming_what_is_missing():
-        _maker(name)
-
-
-def _maker(name: str) -> Callable[..., Any]:
-    module, _, function = _homes[name].partition(':')
-    return getattr(import_module(module), function)
+        resolve_name(_homes[name])
 
 
 @contextmanager

@@ -39,6 +39,7 @@ def solve_by_ipopt(scenario, positions, powers):
     :param powers: of the start, (U, N) in W.
     """
     ca = imported_casadi()
+    most_leaked = _largest_leaks(scenario, positions, powers)
     started = time.perf_counter()
     slots, uavs = scenario.slots, len(scenario.uavs)
     x, y, power = variables = [ca.SX.sym(name, slots, uavs) for name in 'xyp']
@@ -55,7 +56,7 @@ def solve_by_ipopt(scenario, positions, powers):
         variables.append(largest)
         left += [leak - largest for leak in leaks]
         right.append(np.zeros(slots * len(leaks)))
-        guess.append(_largest_leaks(scenario, positions, powers))
+        guess.append(most_leaked)
     solver = ca.nlpsol('solver', 'ipopt', {
         'x': ca.vertcat(*map(ca.vec, variables)), 'f': ca.sum1(largest - ground) / slots,
         'g': ca.vertcat(*left)}, {
@@ -81,6 +82,7 @@ def solve_by_fatrop(scenario, positions, powers):
     rate. The arguments are those of solve_by_ipopt.
     """
     ca = imported_casadi()
+    most_leaked = _largest_leaks(scenario, positions, powers)
     started = time.perf_counter()
     slots, uavs, eves = scenario.slots, len(scenario.uavs), len(scenario.eavesdroppers)
     size = 4 * uavs + (eves > 1)  # of a stage, but for the moves to the next one.
@@ -121,7 +123,7 @@ def solve_by_fatrop(scenario, positions, powers):
     before = np.cumsum(powers, axis=1) - powers
     guess = np.concatenate([
         positions[:, 1:-1, 0] / UNIT, positions[:, 1:-1, 1] / UNIT, before / slots, powers,
-        *([_largest_leaks(scenario, positions, powers)[None]] if eves > 1 else []),
+        *([most_leaked[None]] if eves > 1 else []),
         np.diff(positions[:, 1:, 0]) / UNIT, np.diff(positions[:, 1:, 1]) / UNIT]).T
     low, high = np.full(guess.shape, -np.inf), np.full(guess.shape, np.inf)
     of_powers = slice(3 * uavs, 4 * uavs)
