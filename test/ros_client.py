@@ -10,7 +10,6 @@ from contextlib import contextmanager
 import gc
 from importlib import import_module
 import os
-from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -19,6 +18,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from processes import environment, ROOT
 import pytest
 from rcl_interfaces.srv import GetParameters
 import rclpy
@@ -57,14 +57,12 @@ def wait_for(condition, patience=PATIENCE, what='the condition'):
 @contextmanager
 def node_process(name, *arguments, namespace=None, **parameters):
     """Run a node in its own process; yield the process, with its output in .lines."""
-    root = str(Path(__file__).parents[1])
-    command = [sys.executable, f'{root}/scripts/{name}', *_ros_args(parameters)]
+    command = [sys.executable, str(ROOT / 'scripts' / name), *_ros_args(parameters)]
     if namespace:
         command += ['-r', f'__ns:={namespace}']
     process = subprocess.Popen(
         [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env={**os.environ, 'PYTHONUNBUFFERED': '1',
-             'PYTHONPATH': os.pathsep.join([root, os.environ.get('PYTHONPATH', '')])})
+        env=environment(PYTHONUNBUFFERED='1'))
     process.name, process.lines = name, []
     _note(process)
     reader = threading.Thread(target=lambda: process.lines.extend(process.stdout), daemon=True)

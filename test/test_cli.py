@@ -16,6 +16,7 @@ import sys
 import threading
 
 import numpy as np
+from processes import environment
 import pytest
 from secure_uav_planner import Channel, fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
 from secure_uav_planner.apps.cli.main import EXIT_STATUSES, main, make_parser
@@ -41,12 +42,6 @@ def planned(tmp_path_factory):
         cwd=folder, capture_output=True, text=True, timeout=PATIENCE, env=environment())
     assert done.returncode == 0, done.stdout + done.stderr
     return folder, done.stdout
-
-
-def environment(**variables):
-    """Return the variables of a process elsewhere, which finds the package here all the same."""
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
-    return {**os.environ, 'PYTHONPATH': path, **variables}
 
 
 def test_a_plan_is_written_with_all_that_belongs_to_it(planned):

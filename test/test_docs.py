@@ -13,6 +13,7 @@ import sys
 import threading
 from typing import NamedTuple
 
+from processes import environment
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -31,7 +32,6 @@ from secure_uav_planner.ros.parameters import (
     zone_parameters)
 from secure_uav_planner.ros.planner_node import Planner
 from secure_uav_planner.ros.replay_node import Replay
-from test_cli import environment
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -12,6 +12,7 @@ import time
 
 import joblib
 from matplotlib.image import imread
+from processes import environment
 import pytest
 from secure_uav_planner import Plan
 from secure_uav_planner.apps import study
@@ -20,7 +21,6 @@ from secure_uav_planner.apps.campaign.tasks import plan_file
 from secure_uav_planner.apps.study.claims import check_claims, write_claims
 from secure_uav_planner.apps.study.experiments import sources
 from secure_uav_planner.apps.study.figures import found_in_environments, write_figures
-from test_cli import environment
 
 pytestmark = pytest.mark.slow
 

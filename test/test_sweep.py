@@ -11,13 +11,14 @@ import subprocess
 import sys
 import time
 
+from processes import environment
 import pytest
 from secure_uav_planner import METHODS, Plan, Scenario, solve
 from secure_uav_planner.apps.campaign.results import draw_figure, save_tables
 from secure_uav_planner.apps.campaign.specification import load_campaign
 from secure_uav_planner.apps.cli.main import main
 from secure_uav_planner.errors import MissionFileError
-from test_cli import environment, limited, MODULE, PATIENCE
+from test_cli import limited, MODULE, PATIENCE
 
 CAMPAIGN = """
 mission: mission.yaml

@@ -6,6 +6,7 @@ import sys
 
 from hypothesis import given, settings
 import numpy as np
+from processes import environment
 import pytest
 import secure_uav_planner
 from secure_uav_planner import Bound, fly_hover_fly, Plan, Scenario, solve, upper_bound
@@ -13,7 +14,6 @@ from secure_uav_planner.errors import MissingPackageError, OptionError, PlanErro
 from secure_uav_planner.output.spreadsheet import COLUMNS
 from secure_uav_planner.plan.playback import Playback
 from strategies import scenarios, with_uavs
-from test_cli import environment
 
 PNG = b'\x89PNG'
 

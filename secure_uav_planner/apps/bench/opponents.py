@@ -39,7 +39,7 @@ def solve_by_ipopt(scenario, positions, powers):
     :param powers: of the start, (U, N) in W.
     """
     ca = imported_casadi()
-    most_leaked = _largest_leaks(scenario, positions, powers)
+    most_leaked = _largest_leaks(scenario, positions, powers)  # Of the start: it is not timed.
     started = time.perf_counter()
     slots, uavs = scenario.slots, len(scenario.uavs)
     x, y, power = variables = [ca.SX.sym(name, slots, uavs) for name in 'xyp']
@@ -82,7 +82,7 @@ def solve_by_fatrop(scenario, positions, powers):
     rate. The arguments are those of solve_by_ipopt.
     """
     ca = imported_casadi()
-    most_leaked = _largest_leaks(scenario, positions, powers)
+    most_leaked = _largest_leaks(scenario, positions, powers)  # Of the start: it is not timed.
     started = time.perf_counter()
     slots, uavs, eves = scenario.slots, len(scenario.uavs), len(scenario.eavesdroppers)
     size = 4 * uavs + (eves > 1)  # of a stage, but for the moves to the next one.
