@@ -280,7 +280,7 @@ def test_a_search_that_is_cut_short_still_bounds():
 
 MISSIONS = [{'seed': 1}, {'seed': 2, 'eavesdroppers': 2}, {'seed': 3, 'jammers': 0},
             {'seed': 4, 'jammers': 2}, {'seed': 7, 'jammers': 2, 'eavesdroppers': 2},
-            {'seed': 8, 'jammers': 2, 'eavesdroppers': 3}, {'seed': 5, 'slots': 1},
+            {'seed': 8, 'jammers': 2, 'eavesdroppers': 4}, {'seed': 5, 'slots': 1},
             {'seed': 6, 'jammers': 3}, {'seed': 9, 'jammers': 3, 'eavesdroppers': 2},
             {'seed': 10, 'jammers': 4}]
 
@@ -591,6 +591,26 @@ def test_logarithms_of_shares_that_are_too_small_are_noticed(monkeypatch):
     monkeypatch.setattr(jammer_shares, 'over_boxes', lambda values, rho, mean, shares: right(
         values, rho, mean, shares) - 0.3 * shares.sum(-1)[:, None])
     assert any(lemma_8_fails(seed, 1, 3) for seed in range(100))
+
+
+def test_rows_that_are_found_again_are_the_same():
+    rng = np.random.default_rng(1)
+    rows = rng.choice([-np.inf, 0.0, 1e-3, np.nextafter(1e-3, 1), 70.0, np.inf], (4000, 5))
+    first, which = jammer_shares.distinct(rows)
+    np.testing.assert_array_equal(rows[first[which]], rows)
+    assert len(first) < len(rows)
+
+
+def test_an_eavesdropper_that_counts_without_being_listened_for_is_noticed(monkeypatch):
+    options = {'seed': 9, 'jammers': 2, 'eavesdroppers': 4}
+    assert worst(options) <= 0
+    right = np.put_along_axis
+
+    def wrong(array, index, value, axis):
+        # All keep their v, although only the jammers' leaks to the listeners are bounded.
+        right(array, np.arange(array.shape[1])[None] if array.dtype == bool else index, value, axis)
+    monkeypatch.setattr(certificate.np, 'put_along_axis', wrong)
+    assert worst(options) > 0
 
 
 def test_helpers_that_do_not_help_are_noticed(monkeypatch):

@@ -28,11 +28,11 @@ from ..mission.validation import (
 from ..plan.bound import Bound, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
 
-MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 3, 2
-"""Eavesdroppers that are counted with at most, with up to two jammers and with more."""
+MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 4, 3
+"""Eavesdroppers that are counted with at most, with several jammers and with fewer."""
 
-FEW_STAGES = {(2, 1): (160, 300), (2, 2): (110, 280), (2, 3): (70, 150), (3, 1): (90, 170),
-              (3, 2): (40, 60)}
+FEW_STAGES = {(2, 1): (160, 300), (2, 2): (110, 280), (2, 3): (70, 130), (2, 4): (60, 110),
+              (3, 1): (90, 170), (3, 2): (40, 60), (3, 3): (40, 50), (3, 4): (30, 45)}
 """
 Stages with several jammers, at first and in the end, by the numbers of jammers and eavesdroppers.
 
@@ -219,7 +219,7 @@ def _search(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) ->
     plan, positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
         return
-    most = MOST_EAVESDROPPERS if len(scenario.uavs) < 4 else FEW_EAVESDROPPERS
+    most = MOST_EAVESDROPPERS if len(scenario.uavs) > 2 else FEW_EAVESDROPPERS
     # With more jammers the bound is not close, whoever counts.
     everyone = EavesdropperSubset.of(
         scenario if plan is None or len(scenario.uavs) > 1 + MOST_JAMMERS else replace(

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from .boxes import Index, Terms
 from .chords import interpolated, on_chords, over_pieces
 from .conjugate import Array, mixing, softplus
-from .jammer_shares import corners, Division, over_boxes, share_boxes
+from .jammer_shares import corners, distinct, Division, over_boxes, share_boxes
 from .potential import Potential
 from .reachable_set import ReachableSet
 from .rounding import margin
@@ -67,7 +67,6 @@ class Multipliers:
     :param known: the same of the transmitter at the breakpoints, (K, G).
     :param slack: what the maxima may be too large, where nothing is sent and at every breakpoint,
         (K + 1, G) in nats.
-    :param corner_slack: the same for every jammer at the corners of the boxes, (B, M, V).
     """
 
     slope: Array
@@ -82,7 +81,6 @@ class Multipliers:
     still: Array
     known: Array
     slack: Array
-    corner_slack: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,11 +123,14 @@ def certify(team: Team, given: Multipliers,
     shares = np.maximum(given.shares, 0.0)
     total = shares.sum(-1, keepdims=True)
     shares = shares * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
+    k, g = np.nonzero(given.needed)
+    counted = np.zeros(shares[k, g].shape, bool)
+    np.put_along_axis(counted, given.boxes.listeners, True, 1)
+    shares[k, g] = np.where(counted, shares[k, g], 0.0)
     shares = on_chords(weights, shares, given.needed)
     # A jammer's silence is part of all of its maxima, the transmitter's only of one.
     still = [_still(potential, price, known, given.slack.min(0) if i else given.slack[0], stop)
              for i, (potential, price, known) in enumerate(zip(potentials, prices, given.still))]
-    k, g = np.nonzero(given.needed)
     joint = np.zeros(weights.shape)
     joint[k, g] = _maxima(team, potentials[0], 0, still[0], g, weights[k, g], shares[k, g],
                           prices[0], given.known[k, g], given.slack[k + 1, g], stop)
@@ -159,21 +160,31 @@ def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still:
             stage: Index, weights: Array, shares: Array, given: Multipliers,
             stop: Callable[[], bool]) -> Array:
     """Return what the jammers' terms are at most together, (M,): lemma 8."""
-    simplices, powers, exists = share_boxes(given.boxes.splits, team.eavesdroppers, team.jammers)
-    rho, theta = corners(simplices), corners(given.boxes.theta).sum(3)
-    theta = np.concatenate([theta, 1.0 - theta.sum(-1, keepdims=True)], -1)
-    if not ((theta >= 0) & (theta <= 1)).all():
-        raise AssertionError('theta must be from 0 to 1 in every box')
+    division = given.boxes
+    simplices, powers, exists = share_boxes(
+        division.splits, division.listeners.shape[1], team.jammers)
+    rho, theta = corners(simplices), corners(division.theta).sum(3)
+    if not ((theta >= 0) & (theta <= 1) & (np.abs(theta.sum(-1, keepdims=True) - 1) < 1e-9)).all():
+        raise AssertionError('theta must be from 0 to 1 in every box, with the sum 1')
     values = np.where(exists[:, :, None], -weights[:, None] * mixing(np.moveaxis(theta, -1, 0)),
                       -np.inf)
     at = np.nonzero(np.broadcast_to(exists[:, :, None], values.shape))
     box, m, _ = at
     for j in range(team.jammers):
+        own, part, within = rho[at][:, :, j], weights[m] * theta[at][:, j], powers[:, box, m, j]
+        # Boxes have corners in common.
+        first, which = distinct(np.column_stack([m, part, *within, own]))
+        some, v = m[first], np.zeros((len(first), team.eavesdroppers))
+        listeners = division.listeners[some]
+        np.put_along_axis(v, listeners, own[first] * np.take_along_axis(
+            shares[some], listeners, 1), 1)
+        slack = np.full(len(first), np.inf)
+        np.minimum.at(slack, which, division.slack[at])
         values[at] += _maxima(
-            team, potentials[j + 1], j + 1, still[j + 1], stage[m], weights[m] * theta[at][:, j],
-            shares[m] * rho[at][:, :, j], prices[j + 1], given.boxes.known[j][at],
-            given.corner_slack[at], stop, powers[:, box, m, j])
-    return np.asarray(over_boxes(values, rho, given.boxes.mean, shares).max((0, 2)))
+            team, potentials[j + 1], j + 1, still[j + 1], stage[some], part[first], v,
+            prices[j + 1], division.known[j][at][first], slack, stop, within[:, first])[which]
+    heard = np.take_along_axis(shares, division.listeners, 1)
+    return np.asarray(over_boxes(values, rho, division.mean, heard).max((0, 2)))
 
 
 def _help(region: ReachableSet, total: Array, price: float) -> Array:

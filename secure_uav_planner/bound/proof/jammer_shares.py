@@ -40,18 +40,22 @@ class Division:
     """
     The boxes at M breakpoints of w0, and the multipliers in each; any values are valid.
 
+    :param listeners: the eavesdroppers that count there, (M, E'); for all others v is 0.
     :param splits: what the boxes are, see share_boxes.
-    :param theta: the shares of all jammers but the last one at the ground node: the sum over the
-        eavesdroppers of what belongs to the corners of their simplices, (B, M, E, J, J - 1).
-    :param mean: q of every box up to a factor, (B, M, E, J).
+    :param theta: the shares of all jammers at the ground node: the sum over the listeners of what
+        belongs to the corners of their simplices, (B, M, E', J, J).
+    :param mean: q of every box up to a factor, (B, M, E', J).
     :param known: what every jammer's term comes close to at the corners of the boxes,
         (J, B, M, V) in nats.
+    :param slack: what it may be too large there, (B, M, V) in nats.
     """
 
+    listeners: NDArray[np.int64]
     splits: Splits
     theta: Array
     mean: Array
     known: Array
+    slack: Array
 
 
 def share_boxes(splits: Splits, eavesdroppers: int,
@@ -90,6 +94,18 @@ def share_boxes(splits: Splits, eavesdroppers: int,
         powers[0, new, column, jammer] = middle
         powers[1, old, column, jammer] = middle
     return simplices, powers, exists
+
+
+def distinct(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return where each different row of (n, k) is first, and of every row which one it is."""
+    key = np.zeros(len(rows))
+    for column, factor in zip(rows.T, np.sqrt(np.arange(2, 2 + rows.shape[1]))):
+        key += factor * np.where(np.isinf(column), np.sign(column) * 1e3, column)
+    _, first, which = np.unique(key, return_index=True, return_inverse=True)
+    # Rows that differ only by rounding may have the same key.
+    other = np.flatnonzero((rows[first[which]] != rows).any(1))
+    which[other] = len(first) + np.arange(len(other))
+    return np.concatenate([first, other]), which
 
 
 def corners(simplices: Array) -> Array:

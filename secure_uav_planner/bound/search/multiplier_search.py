@@ -37,7 +37,7 @@ FEW = ([0, 4], [0, 1, 4, 7, 9, 10, 11, 12])
 """Of a jammer's powers those that are kept at the coarse places: alone, and among several."""
 
 THETAS = (0.0, 0.05, 0.2, 0.5, 0.8, 1.0)
-RHOS = {1: (0.0, 0.1, 0.5, 0.9, 1.0), 2: (0.0, 1.0), 3: (0.0, 1.0)}
+RHOS = {1: (0.0, 0.1, 0.5, 0.9, 1.0), 2: (0.0, 1.0), 3: (0.0, 1.0), 4: (0.0, 1.0)}
 """For each of these theta and rho the best column of a jammer is kept."""
 
 NEAR = 7

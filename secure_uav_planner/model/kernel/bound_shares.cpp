@@ -1,5 +1,5 @@
 // Lemma 8's boxes: how the shares and the powers of several jammers are divided. See bound/proof,
-// jammer_shares.py, for what they are, and bound/search, division.py, for the arrays.
+// jammer_shares.py, for what they are, and bound/search, breakpoints.py, for the arrays.
 //
 // What is found here may be bad, never wrong: the certificate computes every bound anew.
 #include <pybind11/pybind11.h>
@@ -8,7 +8,11 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <memory>
+#include <numeric>
+#include <set>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "array.hpp"
@@ -20,199 +24,72 @@ using kernel::size_of;
 
 namespace {
 
-constexpr std::size_t kJammers = 3;     // At most.
-constexpr std::size_t kListeners = 3;   // Eavesdroppers at most.
-constexpr std::size_t kCorners = 27;    // Of a box of shares, at most.
-constexpr int kRounds = 16;             // Of a search for a better place and power.
-constexpr double kFinest = 0.02;        // Share of its first steps at which such a search ends.
-constexpr int kSweeps = 3;               // Of one jammer after the other.
-constexpr double kFaint = 20.0;          // Of log p below the peak, where jammers are sought.
-constexpr int kHalvings = 14;           // Of the interval in which the best theta are.
-constexpr int kMixing = 25;             // Of a search for the corners that make up the bound.
-constexpr double kAside = 0.02;         // On both sides of the best theta columns are improved.
-constexpr double kActive = 0.03;              // Part of a corner from which it counts.
-constexpr double kExact = 1e-4;         // In nats.
+constexpr std::size_t kJammers = 3;         // At most.
+constexpr std::size_t kReceivers = 9;       // The ground node and all eavesdroppers, at most.
+constexpr std::size_t kListeners = 3;       // Eavesdroppers in boxes, at most.
+constexpr std::size_t kCorners = 27;        // Of a box of shares, at most.
+constexpr int kRounds = 16;                 // Of a search for a better place and power.
+constexpr double kFinest = 0.02;            // Share of its first steps at which such a search ends.
+constexpr int kSweeps = 3;                  // Of one jammer after the other.
+constexpr double kFaint = 20.0;             // Of log p below the peak, where jammers are sought.
+constexpr int kMixing = 25;                 // Of a search for the corners that make up the bound.
+constexpr double kActive = 0.03;            // Part of a corner from which it counts.
+constexpr double kExact = 5e-4;             // In nats.
+constexpr int kHalvings = 14;               // Of the interval in which the best theta are.
+constexpr int kOften = 4;                   // Cuts after which new theta are looked for.
+constexpr double kWorth = 0.02;             // By how much they lower the bound at least, in nats.
 constexpr double kHuge = std::numeric_limits<double>::infinity();
 
-// A jammer's place, log p and p, its worth without the rates, and at the receivers J x and, once
-// it is among the columns, log(1 + J x).
+// A jammer's place, log p and p, its worth without the rates, and J x at the receivers.
 struct Column {
-    double place[2], power, watts, base, received[kListeners + 1], heard[kListeners + 1];
+    double place[2], power, watts, base, received[kReceivers];
 };
 
-// A piece of the maximum over columns as a function of theta: the column that is best up to `end`.
-struct Piece {
-    std::size_t column;
-    double end;
-};
-
-struct Cut {
-    std::size_t first, second;  // Corners of a simplex of shares; of powers both are 0.
-    double at;
-};
-
-struct Box {
-    double share[kListeners][kJammers][kJammers];  // At the corners of every simplex.
-    double low[kJammers], high[kJammers];          // Of log p.
-    double theta[kListeners][kJammers][kJammers];  // What every simplex's corners add to theta.
-    double mean[kListeners][kJammers];             // The shares at which the bound is attained.
-    double known[kJammers][kCorners];
-    double bound;
-    Cut cut[kListeners + kJammers];
-    bool useful[kListeners + kJammers];
-    std::vector<Column> extra[kJammers];
-};
-
-class Problem {
+// What all jammers of a mission can do.
+class Jammers {
 public:
-    explicit Problem(const py::dict& given)
+    explicit Jammers(const py::dict& given)
         : stages_(given["stages"].cast<std::size_t>()), jammers_(size_of(given, "altitude")),
-          listeners_(size_of(given, "radii") / jammers_ - 1),
+          receivers_(size_of(given, "radii") / jammers_),
           columns_(size_of(given, "power") / (jammers_ * stages_)),
           place_(given, "place", 2 * jammers_ * stages_ * columns_),
           power_(given, "power", jammers_ * stages_ * columns_),
           base_(given, "base", jammers_ * stages_ * columns_),
           pull_(given, "pull", 2 * jammers_ * stages_),
-          people_(given, "people", 2 * jammers_ * (listeners_ + 1)),
-          radii_(given, "radii", jammers_ * (listeners_ + 1)),
-          gain_(given, "gain", jammers_ * (listeners_ + 1)),
+          people_(given, "people", 2 * jammers_ * receivers_),
+          radii_(given, "radii", jammers_ * receivers_),
+          gain_(given, "gain", jammers_ * receivers_),
           altitude_(given, "altitude", jammers_), distance_(given, "distance", jammers_),
           price_(given, "price", jammers_), peak_(given, "peak", jammers_),
           from_start_(given, "from_start", jammers_ * stages_),
           to_goal_(given, "to_goal", jammers_ * stages_),
           width_(given, "width", jammers_ * stages_) {
-        expect(jammers_ <= kJammers && listeners_ >= 1 && listeners_ <= kListeners, "radii");
-        corners_ = 1;
-        for (std::size_t e = 0; e < listeners_; ++e) corners_ *= jammers_;
-        for (std::size_t corner = 0; corner < corners_; ++corner) {
-            std::size_t rest = corner;
-            for (std::size_t e = listeners_; e-- > 0; rest /= jammers_)
-                which_[corner][e] = rest % jammers_;
-        }
+        expect(jammers_ <= kJammers && receivers_ > 1 && receivers_ <= kReceivers, "radii");
     }
 
     std::size_t jammers() const { return jammers_; }
-    std::size_t listeners() const { return listeners_; }
-    std::size_t corners() const { return corners_; }
+    std::size_t eavesdroppers() const { return receivers_ - 1; }
     std::size_t stages() const { return stages_; }
-
-    // Take up a stage with w0 and v.
-    void begin(std::size_t stage, double weight, const double* v) {
-        stage_ = stage;
-        weight_ = weight;
-        std::copy(v, v + listeners_, v_);
-        for (std::size_t j = 0; j < jammers_; ++j) {
-            own_[j].resize(columns_);
-            for (std::size_t c = 0; c < columns_; ++c) {
-                const std::size_t at = (j * stages_ + stage) * columns_ + c;
-                own_[j][c] = {{place_[2 * at], place_[2 * at + 1]}, power_[at],
-                              std::exp(power_[at]), base_[at], {}, {}};
-                hear(j, own_[j][c]);
-            }
-        }
-    }
-
-    // Move all jammers' columns with the same number to where they are worth more together.
-    void improve_together(std::size_t number) {
-        for (int sweep = 0; sweep < kSweeps; ++sweep)
-            for (std::size_t j = 0; j < jammers_; ++j) {
-                double noise[kListeners + 1];
-                for (std::size_t r = 0; r <= listeners_; ++r) {
-                    noise[r] = 1.0;
-                    for (std::size_t i = 0; i < jammers_; ++i)
-                        if (i != j) noise[r] += own_[i][number].received[r] / double(jammers_);
-                }
-                const auto worth = [&](const Column& one) {
-                    double value = one.base - price_[j] * one.watts;
-                    for (std::size_t r = 0; r <= listeners_; ++r)
-                        value += (r ? v_[r - 1] : -weight_)
-                            * std::log(noise[r] + one.received[r] / double(jammers_));
-                    return value;
-                };
-                improve(j, peak_[j] - kFaint, peak_[j], std::pow(0.3, sweep), worth,
-                        own_[j][number]);
-                const std::size_t at = (j * stages_ + stage_) * columns_ + number;
-                std::copy(own_[j][number].place, own_[j][number].place + 2, &place_[2 * at]);
-                power_[at] = own_[j][number].power;
-            }
-    }
-
     std::size_t columns() const { return columns_; }
+    double price(std::size_t j) const { return price_[j]; }
+    double peak(std::size_t j) const { return peak_[j]; }
 
-    // Drop columns that are there twice.
-    void drop_copies() {
-        const auto key = [](const Column& one) {
-            return std::make_tuple(one.power, one.place[0], one.place[1]);
-        };
-        const auto before = [&](const Column& one, const Column& two) {
-            return key(one) < key(two);
-        };
-        const auto same = [&](const Column& one, const Column& two) {
-            return key(one) == key(two);
-        };
-        for (std::size_t j = 0; j < jammers_; ++j) {
-            std::vector<Column>& all = own_[j];
-            std::sort(all.begin(), all.end(), before);
-            all.erase(std::unique(all.begin(), all.end(), same), all.end());
+    // The columns of a jammer in a stage.
+    std::vector<Column> of(std::size_t j, std::size_t stage) const {
+        std::vector<Column> found(columns_);
+        for (std::size_t c = 0; c < columns_; ++c) {
+            const std::size_t at = (j * stages_ + stage) * columns_ + c;
+            found[c] = {{place_[2 * at], place_[2 * at + 1]}, power_[at], std::exp(power_[at]),
+                        base_[at], {}};
+            receive(j, found[c]);
         }
+        return found;
     }
 
-    Box whole() {
-        Box box{};
-        for (std::size_t e = 0; e < listeners_; ++e)
-            for (std::size_t j = 0; j < jammers_; ++j) box.share[e][j][j] = 1.0;
-        std::fill(box.low, box.low + jammers_, -kHuge);
-        std::fill(box.high, box.high + jammers_, kHuge);
-        fit_well(box);
-        return box;
-    }
-
-    // Cut a box as lowers it most, keep one part, return the other: false where nothing helps.
-    bool split(Box& box, Box& rest, std::int64_t* side, double* at) {
-        Box best;
-        double score = kHuge;
-        list(box);
-        for (std::size_t s = 0; s < listeners_ + jammers_; ++s) {
-            if (!box.useful[s]) continue;
-            const Cut& cut = box.cut[s];
-            Box part[2] = {box, box};
-            if (s < listeners_) {
-                for (std::size_t j = 0; j < jammers_; ++j) {
-                    const double first = box.share[s][cut.first][j];
-                    const double moved = std::max(
-                        first + cut.at * (box.share[s][cut.second][j] - first), 0.0);
-                    part[0].share[s][cut.second][j] = part[1].share[s][cut.first][j] = moved;
-                }
-            } else {
-                part[0].high[s - listeners_] = part[1].low[s - listeners_] = cut.at;
-            }
-            for (Box& one : part) {
-                if (s >= listeners_) list(one);
-                fit(one);
-            }
-            const double more = std::max(part[0].bound, part[1].bound)
-                                + 1e-3 * std::min(part[0].bound, part[1].bound);
-            if (!(more < score)) continue;
-            score = more;
-            best = std::move(part[0]);
-            rest = std::move(part[1]);
-            const std::size_t edges = jammers_ * jammers_;
-            *side = std::int64_t(s < listeners_ ? s * edges + cut.first * jammers_ + cut.second
-                                                : listeners_ * (edges - 1) + s);
-            *at = cut.at;
-        }
-        if (score == kHuge) return false;
-        box = std::move(best);
-        fit_well(box);
-        fit_well(rest);
-        return true;
-    }
-
-private:
     void receive(std::size_t j, Column& column) const {
         const double square = altitude_[j] * altitude_[j];
-        for (std::size_t r = 0; r <= listeners_; ++r) {
-            const std::size_t at = j * (listeners_ + 1) + r;
+        for (std::size_t r = 0; r < receivers_; ++r) {
+            const std::size_t at = j * receivers_ + r;
             const double x = column.place[0] - people_[2 * at];
             const double y = column.place[1] - people_[2 * at + 1];
             const double d = std::sqrt(x * x + y * y) + radii_[at];
@@ -220,150 +97,14 @@ private:
         }
     }
 
-    void hear(std::size_t j, Column& column) const {
-        receive(j, column);
-        for (std::size_t r = 0; r <= listeners_; ++r)
-            column.heard[r] = std::log(1 + column.received[r]);
-    }
-
-    // The weights of what receivers hear of jammer j at a corner.
-    void weights(const Box& box, std::size_t j, std::size_t corner, double theta,
-                 double* w) const {
-        w[0] = -weight_ * theta;
-        for (std::size_t e = 0; e < listeners_; ++e)
-            w[e + 1] = v_[e] * box.share[e][which_[corner][e]][j];
-    }
-
-    double worth(std::size_t j, const Column& column, const double* w) const {
-        double value = column.base - price_[j] * column.watts;
-        for (std::size_t r = 0; r <= listeners_; ++r)
-            if (w[r] != 0) value += w[r] * std::log(1 + column.received[r]);
-        return value;
-    }
-
-    // List the columns with their powers drawn into a box, those that the ground hears best first.
-    void list(const Box& box) {
-        for (std::size_t j = 0; j < jammers_; ++j) {
-            std::vector<Column>& all = listed_[j];
-            all = own_[j];
-            all.insert(all.end(), box.extra[j].begin(), box.extra[j].end());
-            for (Column& column : all) {
-                const double power = std::min(std::max(column.power, box.low[j]),
-                                              std::min(box.high[j], peak_[j]));
-                if (power == column.power) continue;
-                column.power = power;
-                column.watts = std::exp(power);
-                hear(j, column);
-            }
-            std::sort(all.begin(), all.end(), [](const Column& one, const Column& two) {
-                return one.heard[0] > two.heard[0];
-            });
-        }
-    }
-
-    // Find the maxima over columns at all corners as functions of theta.
-    void tabulate(const Box& box) {
-        double w[kListeners + 1];
-        for (std::size_t j = 0; j < jammers_; ++j) {
-            const std::vector<Column>& all = listed_[j];
-            cost_.resize(all.size());
-            for (std::size_t c = 0; c < all.size(); ++c)
-                cost_[c] = all[c].base - price_[j] * all[c].watts;
-            for (std::size_t corner = 0; corner < corners_; ++corner) {
-                weights(box, j, corner, 0.0, w);
-                std::vector<Piece>& pieces = pieces_[j][corner];
-                std::vector<double>& value = value_[j][corner];
-                value.resize(all.size());
-                pieces.clear();
-                // Lines with falling slopes: each is best up to where the next one is better.
-                for (std::size_t c = 0; c < all.size(); ++c) {
-                    double sum = cost_[c];
-                    for (std::size_t r = 1; r <= listeners_; ++r) sum += w[r] * all[c].heard[r];
-                    value[c] = sum;
-                    while (!pieces.empty()) {
-                        const std::size_t last = pieces.back().column;
-                        // They meet where theta is the first over the second.
-                        const double less = value[last] - sum, steeper = std::max(
-                            weight_ * (all[last].heard[0] - all[c].heard[0]), 1e-300);
-                        if (less >= steeper) break;
-                        const double begin =
-                            pieces.size() > 1 ? pieces[pieces.size() - 2].end : 0.0;
-                        if (less > begin * steeper) {
-                            pieces.back().end = less / steeper;
-                            pieces.push_back({c, 1.0});
-                            break;
-                        }
-                        pieces.pop_back();
-                    }
-                    if (pieces.empty()) pieces.push_back({c, 1.0});
-                }
-            }
-        }
-    }
-
-    std::size_t best(std::size_t j, std::size_t corner, double theta) const {
-        for (const Piece& piece : pieces_[j][corner])
-            if (theta <= piece.end) return piece.column;
-        return pieces_[j][corner].back().column;
-    }
-
-    double maximum(std::size_t j, std::size_t corner, double theta) const {
-        const std::size_t c = best(j, corner, theta);
-        return value_[j][corner][c] - weight_ * theta * listed_[j][c].heard[0];
-    }
-
-    // The theta that minimise F at a corner: log theta - heard is the same for all jammers.
-    void best_theta(std::size_t corner, double* theta) const {
-        // One theta is at least 1 / J, and one at most that, and the noise at least 1.
-        double most = 1.0;
-        for (std::size_t j = 0; j < jammers_; ++j)
-            most = std::max(most, 1.0 + listed_[j].front().received[0]);
-        double high = -std::log(double(jammers_)), low = high - std::log(most);
-        for (int k = 0; k < kHalvings; ++k) {
-            const double level = std::exp((low + high) / 2);
-            double sum = 0.0;
-            for (std::size_t j = 0; j < jammers_; ++j) {
-                double begin = 0.0;
-                for (const Piece& piece : pieces_[j][corner]) {
-                    theta[j] = std::max(level * (1.0 + listed_[j][piece.column].received[0]), begin);
-                    begin = piece.end;
-                    if (theta[j] <= begin) break;
-                }
-                theta[j] = std::min(theta[j], 1.0);
-                sum += theta[j];
-            }
-            (sum < 1.0 ? low : high) = (low + high) / 2;
-        }
-        double sum = 0.0;
-        for (std::size_t j = 0; j < jammers_; ++j) sum += theta[j];
-        for (std::size_t j = 0; j < jammers_; ++j) theta[j] /= sum;
-    }
-
-    // Draw a place into one disc and then into the other; return whether it is in both.
-    bool draw_in(std::size_t j, double* place) const {
-        const double radius[2] = {from_start_[j * stages_ + stage_], to_goal_[j * stages_ + stage_]};
-        const auto excess = [&](int disc) {
-            const double along = place[0] - disc * distance_[j];
-            return (along * along + place[1] * place[1]) / (radius[disc] * radius[disc]);
-        };
-        for (int disc = 0; disc < 2; ++disc) {
-            const double much = excess(disc);
-            if (much <= 1.0) continue;
-            const double part = (1 - 1e-9) / std::sqrt(much), middle = disc * distance_[j];
-            place[0] = middle + part * (place[0] - middle);
-            place[1] *= part;
-        }
-        return excess(0) <= 1.0;
-    }
-
     // Move a column to where it is worth more, with log p between two ends.
     template <typename Worth>
-    void improve(std::size_t j, double least, double most, double share, const Worth& worth,
-                 Column& column) const {
-        double step = share * width_[j * stages_ + stage_] / 12, ratio = share * 0.4;
+    void improve(std::size_t j, std::size_t stage, double least, double most, double share,
+                 const Worth& worth, Column& column) const {
+        double step = share * width_[j * stages_ + stage] / 12, ratio = share * 0.4;
         const double least_step = kFinest * step, least_ratio = kFinest * ratio;
         double top = worth(column);
-        const double* pull = &pull_[2 * (j * stages_ + stage_)];
+        const double* pull = &pull_[2 * (j * stages_ + stage)];
         for (int round = 0; round < kRounds; ++round) {
             Column next = column;
             for (int move = 0; move < 6; ++move) {
@@ -372,7 +113,7 @@ private:
                 if (move < 4) {
                     const int axis = move / 2;
                     trial.place[axis] += sign * step;
-                    if (!draw_in(j, trial.place)) continue;
+                    if (!draw_in(j, stage, trial.place)) continue;
                     for (int i = 0; i < 2; ++i)
                         trial.base += pull[i] * (trial.place[i] - column.place[i]);
                 } else {
@@ -392,111 +133,409 @@ private:
             column = next;
             if (step < least_step && ratio < least_ratio) break;
         }
-        hear(j, column);
     }
 
-    // Add what is better than the columns at the corners.
-    void extend(Box& box) {
-        double w[kListeners + 1];
-        for (std::size_t j = 0; j < jammers_; ++j) {
-            for (std::size_t corner = 0; corner < corners_; ++corner) {
-                if (part_[corner] < kActive) continue;
-                for (const double sign : {-1.0, 1.0}) {
-                    const double theta = aside(j, corner, sign);
-                    Column column = listed_[j][best(j, corner, theta)];
-                    weights(box, j, corner, theta, w);
-                    const auto worth = [&](const Column& one) { return this->worth(j, one, w); };
-                    const double before = worth(column);
-                    improve(j, box.low[j], std::min(box.high[j], peak_[j]), 1.0, worth, column);
-                    if (worth(column) > before + 1e-5) box.extra[j].push_back(column);
+    // Move all jammers' columns with the same number to where they are worth more together.
+    void improve_together(std::size_t stage, double weight, const double* v) {
+        std::vector<Column> own[kJammers];
+        for (std::size_t j = 0; j < jammers_; ++j) own[j] = of(j, stage);
+        for (std::size_t number = 0; number < columns_; ++number)
+            for (int sweep = 0; sweep < kSweeps; ++sweep)
+                for (std::size_t j = 0; j < jammers_; ++j) {
+                    double noise[kReceivers];
+                    for (std::size_t r = 0; r < receivers_; ++r) {
+                        noise[r] = 1.0;
+                        for (std::size_t i = 0; i < jammers_; ++i)
+                            if (i != j) noise[r] += own[i][number].received[r] / double(jammers_);
+                    }
+                    const auto worth = [&](const Column& one) {
+                        double value = one.base - price_[j] * one.watts;
+                        for (std::size_t r = 0; r < receivers_; ++r)
+                            value += (r ? v[r - 1] : -weight)
+                                * std::log(noise[r] + one.received[r] / double(jammers_));
+                        return value;
+                    };
+                    Column& one = own[j][number];
+                    improve(j, stage, peak_[j] - kFaint, peak_[j], std::pow(0.3, sweep), worth,
+                            one);
+                    const std::size_t at = (j * stages_ + stage) * columns_ + number;
+                    std::copy(one.place, one.place + 2, &place_[2 * at]);
+                    power_[at] = one.power;
                 }
-            }
+    }
+
+private:
+    // Draw a place into one disc and then into the other; return whether it is in both.
+    bool draw_in(std::size_t j, std::size_t stage, double* place) const {
+        const double radius[2] = {from_start_[j * stages_ + stage], to_goal_[j * stages_ + stage]};
+        const auto excess = [&](int disc) {
+            const double along = place[0] - disc * distance_[j];
+            return (along * along + place[1] * place[1]) / (radius[disc] * radius[disc]);
+        };
+        for (int disc = 0; disc < 2; ++disc) {
+            const double much = excess(disc);
+            if (much <= 1.0) continue;
+            const double part = (1 - 1e-9) / std::sqrt(much), middle = disc * distance_[j];
+            place[0] = middle + part * (place[0] - middle);
+            place[1] *= part;
+        }
+        return excess(0) <= 1.0;
+    }
+
+    std::size_t stages_, jammers_, receivers_, columns_;
+    Array<double> place_, power_;
+    Array<const double> base_, pull_, people_, radii_, gain_, altitude_, distance_, price_, peak_,
+        from_start_, to_goal_, width_;
+};
+
+// Columns of one jammer, with what each costs, and log(1 + J x) at the ground node and elsewhere.
+struct List {
+    std::vector<Column> all;
+    std::vector<double> own, ground, heard[kListeners];
+};
+
+// A piece of the maximum over columns as a function of theta: the column that is best up to `end`.
+struct Piece {
+    std::size_t column;
+    double end;
+};
+
+// Columns of all jammers, with log p in an interval each.
+struct Lists {
+    double low[kJammers], high[kJammers];
+    List of[kJammers];
+};
+
+struct Cut {
+    std::size_t first, second;  // Corners of a simplex of shares; else both are 0.
+    double at;
+};
+
+struct Box {
+    double share[kListeners][kJammers][kJammers];  // At the corners of every simplex.
+    double theta[kListeners][kJammers][kJammers];  // What every simplex's corners add to theta.
+    std::shared_ptr<Lists> lists;
+    double mean[kListeners][kJammers];             // The shares at which the bound is attained.
+    double known[kJammers][kCorners];
+    std::uint32_t best[kJammers][kCorners];        // The columns that are worth that.
+    double part[kCorners];                         // Of the corners in what attains the bound.
+    double bound;
+    int cuts;                                      // So far.
+    Cut cut[kListeners + kJammers];
+    bool useful[kListeners + kJammers];
+};
+
+// The division at one breakpoint.
+class Division {
+public:
+    Division(const Jammers& jammers, std::size_t stage, double weight, std::size_t listeners,
+             const double* v, const std::int64_t* listening)
+        : all_(jammers), stage_(stage), jammers_(jammers.jammers()), listeners_(listeners),
+          weight_(weight), v_(v), who_(listening) {
+        corners_ = 1;
+        for (std::size_t e = 0; e < listeners_; ++e) corners_ *= jammers_;
+        for (std::size_t corner = 0; corner < corners_; ++corner) {
+            std::size_t rest = corner;
+            for (std::size_t e = listeners_; e-- > 0; rest /= jammers_)
+                which_[corner][e] = rest % jammers_;
         }
     }
 
-    double aside(std::size_t j, std::size_t corner, double sign) const {
-        return std::min(std::max(theta_[corner][j] + sign * kAside, 0.0), 1.0);
-    }
+    std::size_t corners() const { return corners_; }
 
-    // Fit a box, and again with better columns.
-    void fit_well(Box& box) {
-        list(box);
+    Box whole() const {
+        Box box{};
+        for (std::size_t e = 0; e < listeners_; ++e)
+            for (std::size_t j = 0; j < jammers_; ++j) box.share[e][j][j] = 1.0;
+        const double each = 1.0 / double(jammers_ * listeners_);
+        std::fill(&box.theta[0][0][0], &box.theta[0][0][0] + sizeof box.theta / sizeof each, each);
+        box.lists = std::make_shared<Lists>();
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            box.lists->low[j] = -kHuge;
+            box.lists->high[j] = kHuge;
+            std::set<std::tuple<double, double, double>> seen;
+            for (const Column& one : all_.of(j, stage_))
+                if (seen.insert({one.power, one.place[0], one.place[1]}).second)
+                    add(j, box.lists->of[j], one);
+        }
+        std::fill(box.part, box.part + corners_, 1.0 / double(corners_));
         fit(box);
+        turn(box, -kHuge);
         extend(box);
-        list(box);
-        fit(box);
+        turn(box, kWorth);
+        return box;
     }
 
-    // Find theta, the bound and the cuts of a box by the columns that are listed.
-    void fit(Box& box) {
-        tabulate(box);
-        for (std::size_t corner = 0; corner < corners_; ++corner)
-            best_theta(corner, theta_[corner]);
-        make_affine(box);
-        for (std::size_t corner = 0; corner < corners_; ++corner) {
-            values_[corner] = weight_ * std::log(double(jammers_));
-            for (std::size_t j = 0; j < jammers_; ++j) {
-                const double theta = theta_[corner][j];
-                box.known[j][corner] = maximum(j, corner, theta);
-                values_[corner] += box.known[j][corner];
-                if (theta > 0) values_[corner] += weight_ * theta * std::log(theta);
+    // Cut a box as lowers it most, keep one part, return the other: false where nothing helps.
+    bool split(Box& box, Box& rest, std::int64_t* side, double* at) const {
+        Box best;
+        double score = kHuge;
+        for (std::size_t s = 0; s < listeners_ + jammers_; ++s) {
+            if (!box.useful[s]) continue;
+            const Cut& cut = box.cut[s];
+            Box part[2] = {box, box};
+            if (s < listeners_) {
+                for (std::size_t j = 0; j < jammers_; ++j) {
+                    const double first = box.share[s][cut.first][j];
+                    const double moved = std::max(
+                        first + cut.at * (box.share[s][cut.second][j] - first), 0.0);
+                    part[0].share[s][cut.second][j] = part[1].share[s][cut.first][j] = moved;
+                    const double theta = box.theta[s][cut.first][j];
+                    part[0].theta[s][cut.second][j] = part[1].theta[s][cut.first][j] =
+                        theta + cut.at * (box.theta[s][cut.second][j] - theta);
+                }
+                fit(part[0], s, cut.second);
+                fit(part[1], s, cut.first);
+            } else {
+                const std::size_t j = s - listeners_;
+                draw(part[0], j, box.lists->low[j], cut.at);
+                draw(part[1], j, cut.at, box.lists->high[j]);
+                for (Box& one : part) fit(one);
             }
+            const double more = std::max(part[0].bound, part[1].bound)
+                                + 1e-3 * std::min(part[0].bound, part[1].bound);
+            if (!(more < score)) continue;
+            score = more;
+            best = std::move(part[0]);
+            rest = std::move(part[1]);
+            const std::size_t edges = jammers_ * jammers_;
+            *side = std::int64_t(s < listeners_ ? s * edges + cut.first * jammers_ + cut.second
+                                                : listeners_ * (edges - 1) + s);
+            *at = cut.at;
+        }
+        if (score == kHuge) return false;
+        box = std::move(best);
+        for (Box* one : {&box, &rest}) {
+            extend(*one);
+            if (++one->cuts % kOften == 0) turn(*one, kWorth);
+        }
+        return true;
+    }
+
+private:
+    void add(std::size_t j, List& list, const Column& column) const {
+        list.all.push_back(column);
+        list.own.push_back(column.base - all_.price(j) * column.watts);
+        list.ground.push_back(std::log1p(column.received[0]));
+        for (std::size_t e = 0; e < listeners_; ++e)
+            list.heard[e].push_back(std::log1p(column.received[who_[e] + 1]));
+    }
+
+    // Draw a box's columns of a jammer into an interval of log p.
+    void draw(Box& box, std::size_t j, double low, double high) const {
+        box.lists = std::make_shared<Lists>(*box.lists);
+        box.lists->low[j] = low;
+        box.lists->high[j] = high;
+        List& list = box.lists->of[j];
+        for (std::size_t c = 0; c < list.all.size(); ++c) {
+            Column& column = list.all[c];
+            const double power =
+                std::min(std::max(column.power, low), std::min(high, all_.peak(j)));
+            if (power == column.power) continue;
+            column.power = power;
+            column.watts = std::exp(power);
+            all_.receive(j, column);
+            list.own[c] = column.base - all_.price(j) * column.watts;
+            list.ground[c] = std::log1p(column.received[0]);
+            for (std::size_t e = 0; e < listeners_; ++e)
+                list.heard[e][c] = std::log1p(column.received[who_[e] + 1]);
+        }
+    }
+
+    double theta(const Box& box, std::size_t j, std::size_t corner) const {
+        double sum = 0.0;
+        for (std::size_t e = 0; e < listeners_; ++e) sum += box.theta[e][which_[corner][e]][j];
+        return sum;
+    }
+
+    // The number of jammer j's best column at a corner with some theta, and what it is worth.
+    std::pair<std::size_t, double> best(const Box& box, std::size_t j, std::size_t corner,
+                                        double theta) const {
+        const List& list = box.lists->of[j];
+        const std::size_t count = list.own.size();
+        many_.resize(count);
+        double* value = many_.data();
+        for (std::size_t c = 0; c < count; ++c)
+            value[c] = list.own[c] - weight_ * theta * list.ground[c];
+        for (std::size_t e = 0; e < listeners_; ++e) {
+            const double w = v_[e] * box.share[e][which_[corner][e]][j];
+            if (w == 0) continue;
+            const double* heard = list.heard[e].data();
+            for (std::size_t c = 0; c < count; ++c) value[c] += w * heard[c];
+        }
+        const std::size_t top = std::size_t(std::max_element(value, value + count) - value);
+        return {top, value[top]};
+    }
+
+    void look(Box& box, std::size_t j, std::size_t corner) const {
+        const auto [top, value] = best(box, j, corner, theta(box, j, corner));
+        box.best[j][corner] = std::uint32_t(top);
+        box.known[j][corner] = value;
+    }
+
+    // The theta that minimise F at a corner: log theta - log(1 + J x) is the same for all jammers.
+    void best_theta(const Box& box, std::size_t corner, const std::vector<std::size_t>* order,
+                    double* theta) const {
+        std::vector<Piece> pieces[kJammers];
+        double most = 1.0;
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            const List& list = box.lists->of[j];
+            best(box, j, corner, 0.0);
+            // Lines with falling slopes: each is best up to where the next one is better.
+            for (const std::size_t c : order[j]) {
+                while (!pieces[j].empty()) {
+                    const std::size_t last = pieces[j].back().column;
+                    // They meet where theta is the first over the second.
+                    const double less = many_[last] - many_[c], steeper =
+                        std::max(weight_ * (list.ground[last] - list.ground[c]), 1e-300);
+                    if (less >= steeper) break;
+                    const double begin =
+                        pieces[j].size() > 1 ? pieces[j][pieces[j].size() - 2].end : 0.0;
+                    if (less > begin * steeper) {
+                        pieces[j].back().end = less / steeper;
+                        pieces[j].push_back({c, 1.0});
+                        break;
+                    }
+                    pieces[j].pop_back();
+                }
+                if (pieces[j].empty()) pieces[j].push_back({c, 1.0});
+            }
+            most = std::max(most, 1.0 + list.all[order[j].front()].received[0]);
+        }
+        // One theta is at least 1 / J, and one at most that, and the noise at least 1.
+        double high = -std::log(double(jammers_)), low = high - std::log(most), sum;
+        for (int k = 0; k < kHalvings; ++k) {
+            const double level = std::exp((low + high) / 2);
+            sum = 0.0;
+            for (std::size_t j = 0; j < jammers_; ++j) {
+                double begin = 0.0;
+                for (const Piece& piece : pieces[j]) {
+                    theta[j] = std::max(
+                        level * (1.0 + box.lists->of[j].all[piece.column].received[0]), begin);
+                    begin = piece.end;
+                    if (theta[j] <= begin) break;
+                }
+                theta[j] = std::min(theta[j], 1.0);
+                sum += theta[j];
+            }
+            (sum < 1.0 ? low : high) = (low + high) / 2;
+        }
+        for (std::size_t j = 0; j < jammers_; ++j) theta[j] /= sum;
+    }
+
+    // Find better theta, if they lower the bound by as much.
+    void turn(Box& box, double least) const {
+        // Columns in the order in which the ground hears them.
+        std::vector<std::size_t> order[kJammers];
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            const std::vector<double>& ground = box.lists->of[j].ground;
+            order[j].resize(ground.size());
+            std::iota(order[j].begin(), order[j].end(), 0);
+            std::sort(order[j].begin(), order[j].end(), [&](std::size_t one, std::size_t two) {
+                return ground[one] > ground[two];
+            });
+        }
+        double middle[kJammers] = {}, part[kListeners][kJammers][kJammers] = {};
+        const double each = 1.0 / double(corners_);
+        for (std::size_t corner = 0; corner < corners_; ++corner) {
+            double at[kJammers];
+            best_theta(box, corner, order, at);
+            for (std::size_t j = 0; j < jammers_; ++j) {
+                middle[j] += each * at[j];
+                for (std::size_t e = 0; e < listeners_; ++e)
+                    part[e][which_[corner][e]][j] += each * double(jammers_) * at[j];
+            }
+        }
+        // As an affine function of the shares, not negative.
+        Box trial = box;
+        double factor = 1.0;
+        for (std::size_t j = 0; j < jammers_; ++j) {
+            double least = 0.0;
+            for (std::size_t e = 0; e < listeners_; ++e) {
+                for (std::size_t i = 0; i < jammers_; ++i) part[e][i][j] -= middle[j];
+                double lowest = part[e][0][j];
+                for (std::size_t i = 1; i < jammers_; ++i)
+                    lowest = std::min(lowest, part[e][i][j]);
+                least += lowest;
+            }
+            if (middle[j] + least < 0)
+                factor = std::min(factor, (1 - 1e-9) * middle[j] / -least);
+        }
+        for (std::size_t e = 0; e < listeners_; ++e)
+            for (std::size_t i = 0; i < jammers_; ++i)
+                for (std::size_t j = 0; j < jammers_; ++j)
+                    trial.theta[e][i][j] =
+                        factor * part[e][i][j] + middle[j] / double(listeners_);
+        fit(trial);
+        if (trial.bound < box.bound - least) box = trial;
+    }
+
+    // Find the bound and the cuts of a box; if only one corner of a simplex has changed, by that.
+    void fit(Box& box, std::size_t simplex = kListeners, std::size_t changed = 0) const {
+        for (std::size_t corner = 0; corner < corners_; ++corner) {
+            if (simplex < kListeners && which_[corner][simplex] != changed) continue;
+            for (std::size_t j = 0; j < jammers_; ++j) look(box, j, corner);
         }
         bound(box);
         choose(box);
     }
 
-    // Make theta affine in the shares, not negative.
-    void make_affine(Box& box) {
-        double factor = 1.0, means[kJammers];
-        for (std::size_t j = 0; j < jammers_; ++j) {
-            double middle = 0.0, part[kListeners][kJammers] = {};
-            for (std::size_t corner = 0; corner < corners_; ++corner) {
-                middle += theta_[corner][j] / double(corners_);
-                for (std::size_t e = 0; e < listeners_; ++e)
-                    part[e][which_[corner][e]] +=
-                        theta_[corner][j] * double(jammers_) / double(corners_);
-            }
-            double least = 0.0;
-            for (std::size_t e = 0; e < listeners_; ++e) {
-                for (std::size_t i = 0; i < jammers_; ++i) box.theta[e][i][j] = part[e][i] - middle;
-                least += *std::min_element(part[e], part[e] + jammers_) - middle;
-            }
-            if (middle + least < 0) factor = std::min(factor, (1 - 1e-9) * middle / -least);
-            means[j] = middle;
-        }
-        for (std::size_t e = 0; e < listeners_; ++e)
-            for (std::size_t i = 0; i < jammers_; ++i)
-                for (std::size_t j = 0; j < jammers_; ++j)
-                    box.theta[e][i][j] = factor * box.theta[e][i][j]
-                                         + means[j] / double(listeners_);
-        for (std::size_t corner = 0; corner < corners_; ++corner)
+    // Add what is better than the columns at the corners.
+    void extend(Box& box) const {
+        bool better = false;
+        for (std::size_t corner = 0; corner < corners_; ++corner) {
+            if (box.part[corner] < kActive) continue;
             for (std::size_t j = 0; j < jammers_; ++j) {
-                theta_[corner][j] = 0.0;
+                double w[kListeners];
                 for (std::size_t e = 0; e < listeners_; ++e)
-                    theta_[corner][j] += box.theta[e][which_[corner][e]][j];
-                theta_[corner][j] = std::min(std::max(theta_[corner][j], 0.0), 1.0);
+                    w[e] = v_[e] * box.share[e][which_[corner][e]][j];
+                const double ground = weight_ * theta(box, j, corner);
+                const auto worth = [&](const Column& one) {
+                    double value = one.base - all_.price(j) * one.watts
+                                   - ground * std::log1p(one.received[0]);
+                    for (std::size_t e = 0; e < listeners_; ++e)
+                        if (w[e] != 0) value += w[e] * std::log1p(one.received[who_[e] + 1]);
+                    return value;
+                };
+                List& list = box.lists->of[j];
+                Column column = list.all[box.best[j][corner]];
+                all_.improve(j, stage_, box.lists->low[j],
+                             std::min(box.lists->high[j], all_.peak(j)), 1.0, worth, column);
+                if (!(worth(column) > box.known[j][corner] + 1e-5)) continue;
+                add(j, list, column);
+                better = true;
             }
+        }
+        if (better) fit(box);
     }
 
     // Find the mixture of corners that attains the bound; see over_boxes.
-    void bound(Box& box) {
+    void bound(Box& box) const {
         double total = 1e-12, mean[kListeners][kJammers], cross[kListeners][kJammers];
         for (std::size_t e = 0; e < listeners_; ++e) total += v_[e];
-        std::fill(part_, part_ + corners_, 1.0 / double(corners_));
+        double values[kCorners];
+        for (std::size_t corner = 0; corner < corners_; ++corner) {
+            values[corner] = weight_ * std::log(double(jammers_));
+            for (std::size_t j = 0; j < jammers_; ++j) {
+                const double at = theta(box, j, corner);
+                values[corner] += box.known[j][corner];
+                if (at > 0) values[corner] += weight_ * at * std::log(at);
+            }
+            box.part[corner] = 0.9 * box.part[corner] + 0.1 / double(corners_);
+        }
         box.bound = kHuge;
         for (int round = 0; round < kMixing; ++round) {
             for (std::size_t e = 0; e < listeners_; ++e) {
                 double share[kJammers] = {};
                 for (std::size_t corner = 0; corner < corners_; ++corner)
-                    share[which_[corner][e]] += part_[corner];
+                    share[which_[corner][e]] += box.part[corner];
+                double logs[kJammers];
                 for (std::size_t j = 0; j < jammers_; ++j) {
                     mean[e][j] = 1e-300;
                     for (std::size_t i = 0; i < jammers_; ++i)
                         mean[e][j] += share[i] * box.share[e][i][j];
+                    logs[j] = std::log(mean[e][j]);
                 }
-                double logs[kJammers];
-                for (std::size_t j = 0; j < jammers_; ++j) logs[j] = std::log(mean[e][j]);
                 for (std::size_t i = 0; i < jammers_; ++i) {
                     cross[e][i] = -std::log(double(jammers_));
                     for (std::size_t j = 0; j < jammers_; ++j)
@@ -505,11 +544,11 @@ private:
             }
             double worth[kCorners], top = -kHuge, reached = 0.0;
             for (std::size_t corner = 0; corner < corners_; ++corner) {
-                worth[corner] = values_[corner];
+                worth[corner] = values[corner];
                 for (std::size_t e = 0; e < listeners_; ++e)
                     worth[corner] += v_[e] * cross[e][which_[corner][e]];
                 top = std::max(top, worth[corner]);
-                reached += part_[corner] * worth[corner];
+                reached += box.part[corner] * worth[corner];
             }
             if (top < box.bound) {
                 box.bound = top;
@@ -518,8 +557,8 @@ private:
             if (top - reached < kExact) break;
             double sum = 0.0;
             for (std::size_t corner = 0; corner < corners_; ++corner)
-                sum += part_[corner] *= std::exp(1.5 * (worth[corner] - top) / total);
-            for (std::size_t corner = 0; corner < corners_; ++corner) part_[corner] /= sum;
+                sum += box.part[corner] *= std::exp(1.5 * (worth[corner] - top) / total);
+            for (std::size_t corner = 0; corner < corners_; ++corner) box.part[corner] /= sum;
         }
     }
 
@@ -529,7 +568,7 @@ private:
         for (std::size_t e = 0; e < listeners_; ++e) {
             double share[kJammers] = {}, most = 1e-6;
             for (std::size_t corner = 0; corner < corners_; ++corner)
-                share[which_[corner][e]] += part_[corner];
+                share[which_[corner][e]] += box.part[corner];
             for (std::size_t i = 0; i < jammers_; ++i)
                 for (std::size_t k = 0; k < i; ++k) {
                     double apart = 0.0;
@@ -547,76 +586,80 @@ private:
         for (std::size_t j = 0; j < jammers_; ++j) {
             const Column *quiet = nullptr, *loud = nullptr;
             for (std::size_t corner = 0; corner < corners_; ++corner) {
-                if (part_[corner] < kActive) continue;
-                for (const double sign : {-1.0, 1.0}) {
-                    const Column* one = &listed_[j][best(j, corner, aside(j, corner, sign))];
-                    if (!quiet || one->power < quiet->power) quiet = one;
-                    if (!loud || one->power > loud->power) loud = one;
-                }
+                if (box.part[corner] < kActive) continue;
+                const Column* one = &box.lists->of[j].all[box.best[j][corner]];
+                if (!quiet || one->power < quiet->power) quiet = one;
+                if (!loud || one->power > loud->power) loud = one;
             }
             if (!loud || !(quiet->power < loud->power)) continue;
             // The middle of what is heard by whoever hears the louder one best.
-            const double heard = *std::max_element(loud->heard, loud->heard + listeners_ + 1);
-            const double gain = std::expm1(heard) / loud->watts;
-            const double middle = (heard + std::log1p(gain * quiet->watts)) / 2;
+            double best = loud->received[0];
+            for (std::size_t e = 0; e < listeners_; ++e)
+                best = std::max(best, loud->received[who_[e] + 1]);
+            const double gain = best / loud->watts;
+            const double middle = (std::log1p(best) + std::log1p(gain * quiet->watts)) / 2;
             const double at = std::log(std::expm1(middle) / gain);
-            box.useful[listeners_ + j] = at > box.low[j] && at < box.high[j];
+            box.useful[listeners_ + j] = at > box.lists->low[j] && at < box.lists->high[j];
             box.cut[listeners_ + j] = {0, 0, at};
         }
     }
 
-    std::size_t stages_, jammers_, listeners_, corners_, columns_;
-    Array<double> place_, power_;
-    Array<const double> base_, pull_, people_, radii_, gain_, altitude_, distance_, price_, peak_,
-        from_start_, to_goal_, width_;
-    std::size_t stage_ = 0, which_[kCorners][kListeners];
-    double weight_ = 0, v_[kListeners] = {};
-    std::vector<Column> own_[kJammers], listed_[kJammers];
-    std::vector<Piece> pieces_[kJammers][kCorners];
-    std::vector<double> value_[kJammers][kCorners], cost_;
-    double theta_[kCorners][kJammers], values_[kCorners], part_[kCorners];
+    const Jammers& all_;
+    std::size_t stage_, jammers_, listeners_, corners_;
+    double weight_;
+    const double* v_;
+    const std::int64_t* who_;
+    std::size_t which_[kCorners][kListeners];
+    mutable std::vector<double> many_;
 };
 
 // Divide what jammers can do at M breakpoints.
 void share_boxes(const py::dict& given) {
-    Problem problem(given);
-    const std::size_t count = size_of(given, "stage"), e = problem.listeners();
-    const std::size_t splits = size_of(given, "at") / std::max<std::size_t>(count, 1);
-    const std::size_t boxes = splits + 1, corners = problem.corners(), j = problem.jammers();
-    const Array<const std::int64_t> stage(given, "stage", count);
+    const Jammers jammers(given);
+    const std::size_t count = size_of(given, "stage"), j = jammers.jammers();
+    const std::size_t each = std::max<std::size_t>(count, 1);
+    const std::size_t e = size_of(given, "listeners") / each, splits = size_of(given, "at") / each;
+    expect(e >= 1 && e <= kListeners, "listeners");
+    std::size_t corners = 1;
+    for (std::size_t l = 0; l < e; ++l) corners *= j;
+    const std::size_t boxes = splits + 1;
+    const Array<const std::int64_t> stage(given, "stage", count), who(given, "listeners", count * e);
     const Array<const double> weight(given, "weight", count), shares(given, "shares", count * e),
         enough(given, "enough", count);
     const Array<std::int64_t> which(given, "box", count * splits),
         side(given, "side", count * splits);
     const Array<double> at(given, "at", count * splits),
-        theta(given, "theta", count * boxes * e * j * j),
         means(given, "mean", count * boxes * e * j),
+        theta(given, "theta", count * boxes * e * j * j),
         known(given, "known", count * boxes * j * corners);
     for (std::size_t m = 0; m < count; ++m)
-        expect(stage[m] >= 0 && std::size_t(stage[m]) < problem.stages(), "stage");
+        expect(stage[m] >= 0 && std::size_t(stage[m]) < jammers.stages(), "stage");
+    for (std::size_t m = 0; m < count * e; ++m)
+        expect(who[m] >= 0 && std::size_t(who[m]) < jammers.eavesdroppers(), "listeners");
     const py::gil_scoped_release release;
     for (std::size_t m = 0; m < count; ++m) {
-        problem.begin(std::size_t(stage[m]), weight[m], &shares[m * e]);
-        problem.drop_copies();
-        std::vector<Box> found{problem.whole()};
+        const Division division(jammers, std::size_t(stage[m]), weight[m], e, &shares[m * e],
+                                &who[m * e]);
+        std::vector<Box> found{division.whole()};
         for (std::size_t s = 0; s < splits; ++s) {
             std::size_t worst = 0;
             for (std::size_t b = 1; b < found.size(); ++b)
                 if (found[b].bound > found[worst].bound) worst = b;
             Box rest;
             if (!(found[worst].bound > enough[m])
-                || !problem.split(found[worst], rest, &side[m * splits + s], &at[m * splits + s]))
+                || !division.split(found[worst], rest, &side[m * splits + s],
+                                   &at[m * splits + s]))
                 break;
             which[m * splits + s] = std::int64_t(worst);
             found.push_back(std::move(rest));
         }
         for (std::size_t b = 0; b < found.size(); ++b)
             for (std::size_t i = 0; i < j; ++i) {
-                for (std::size_t l = 0; l < e; ++l) {
-                    const std::size_t row = ((m * boxes + b) * e + l) * j + i;
-                    means[row] = found[b].mean[l][i];
-                    std::copy(found[b].theta[l][i], found[b].theta[l][i] + j, &theta[row * j]);
-                }
+                for (std::size_t l = 0; l < e; ++l)
+                    std::copy(found[b].theta[l][i], found[b].theta[l][i] + j,
+                              &theta[(((m * boxes + b) * e + l) * j + i) * j]);
+                for (std::size_t l = 0; l < e; ++l)
+                    means[((m * boxes + b) * e + l) * j + i] = found[b].mean[l][i];
                 std::copy(found[b].known[i], found[b].known[i] + corners,
                           &known[((m * boxes + b) * j + i) * corners]);
             }
@@ -625,14 +668,12 @@ void share_boxes(const py::dict& given) {
 
 // Improve combinations of columns in every stage; their places and log p are written over.
 void improve_together(const py::dict& given) {
-    Problem problem(given);
-    const Array<const double> weight(given, "weight", problem.stages()),
-        shares(given, "shares", problem.stages() * problem.listeners());
+    Jammers jammers(given);
+    const Array<const double> weight(given, "weight", jammers.stages()),
+        shares(given, "shares", jammers.stages() * jammers.eavesdroppers());
     const py::gil_scoped_release release;
-    for (std::size_t g = 0; g < problem.stages(); ++g) {
-        problem.begin(g, weight[g], &shares[g * problem.listeners()]);
-        for (std::size_t c = 0; c < problem.columns(); ++c) problem.improve_together(c);
-    }
+    for (std::size_t g = 0; g < jammers.stages(); ++g)
+        jammers.improve_together(g, weight[g], &shares[g * jammers.eavesdroppers()]);
 }
 
 }  // namespace
