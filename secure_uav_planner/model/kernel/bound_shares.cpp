@@ -33,6 +33,7 @@ constexpr double kFinest = 0.02;            // Share of its first steps at which
 constexpr int kSweeps = 3;                  // Of one jammer after the other.
 constexpr double kFaint = 20.0;             // Of log p below the peak, where jammers are sought.
 constexpr int kMixing = 25;                 // Of a search for the corners that make up the bound.
+constexpr double kApart = 0.3;              // How columns differ from which both are improved.
 constexpr double kActive = 0.03;            // Part of a corner from which it counts.
 constexpr double kExact = 5e-4;             // In nats.
 constexpr int kHalvings = 14;               // Of the interval in which the best theta are.
@@ -261,7 +262,7 @@ public:
         std::fill(box.part, box.part + corners_, 1.0 / double(corners_));
         fit(box);
         turn(box, -kHuge);
-        extend(box);
+        extend(box, true);
         turn(box, kWorth);
         return box;
     }
@@ -306,8 +307,8 @@ public:
         if (score == kHuge) return false;
         box = std::move(best);
         for (Box* one : {&box, &rest}) {
-            extend(*one);
-            if (++one->cuts % kOften == 0) turn(*one, kWorth);
+            extend(*one, ++one->cuts % kOften == 0);
+            if (one->cuts % kOften == 0) turn(*one, kWorth);
         }
         return true;
     }
@@ -480,8 +481,22 @@ private:
         choose(box);
     }
 
+    // The best column at a corner that somebody receives otherwise than another one.
+    std::size_t other(const Box& box, std::size_t j, std::size_t corner, std::size_t one) const {
+        const List& list = box.lists->of[j];
+        best(box, j, corner, theta(box, j, corner));
+        std::size_t found = one;
+        for (std::size_t c = 0; c < many_.size(); ++c) {
+            double apart = std::abs(list.ground[c] - list.ground[one]);
+            for (std::size_t e = 0; e < listeners_; ++e)
+                apart = std::max(apart, std::abs(list.heard[e][c] - list.heard[e][one]));
+            if (apart > kApart && (found == one || many_[c] > many_[found])) found = c;
+        }
+        return found;
+    }
+
     // Add what is better than the columns at the corners.
-    void extend(Box& box) const {
+    void extend(Box& box, bool widely) const {
         bool better = false;
         for (std::size_t corner = 0; corner < corners_; ++corner) {
             if (box.part[corner] < kActive) continue;
@@ -498,12 +513,15 @@ private:
                     return value;
                 };
                 List& list = box.lists->of[j];
-                Column column = list.all[box.best[j][corner]];
-                all_.improve(j, stage_, box.lists->low[j],
-                             std::min(box.lists->high[j], all_.peak(j)), 1.0, worth, column);
-                if (!(worth(column) > box.known[j][corner] + 1e-5)) continue;
-                add(j, list, column);
-                better = true;
+                const std::size_t top = box.best[j][corner];
+                for (const std::size_t start : std::set{top, widely ? other(box, j, corner, top) : top}) {
+                    Column column = list.all[start];
+                    all_.improve(j, stage_, box.lists->low[j],
+                                 std::min(box.lists->high[j], all_.peak(j)), 1.0, worth, column);
+                    if (!(worth(column) > box.known[j][corner] + 1e-5)) continue;
+                    add(j, list, column);
+                    better = true;
+                }
             }
         }
         if (better) fit(box);
