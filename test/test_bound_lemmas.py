@@ -22,6 +22,7 @@ from secure_uav_planner.bound.proof.potential import Potential
 from secure_uav_planner.bound.proof.reachable_set import ReachableSet
 from secure_uav_planner.bound.proof.stages import Stages
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
+from secure_uav_planner.bound.search import breakpoints
 from secure_uav_planner.model import kernel
 
 NUMBER = st.floats(-40, 40)
@@ -601,15 +602,19 @@ def test_rows_that_are_found_again_are_the_same():
     assert len(first) < len(rows)
 
 
-def test_an_eavesdropper_that_counts_without_being_listened_for_is_noticed(monkeypatch):
+def test_eavesdroppers_outside_the_boxes_that_count_are_noticed(monkeypatch):
     options = {'seed': 9, 'jammers': 2, 'eavesdroppers': 4}
+    # Boxes are for one of them, and the search leaves v of the others as it is.
+    monkeypatch.setattr(breakpoints, 'LISTENERS', 1)
+    right, put = breakpoints._shares, np.put_along_axis
+    monkeypatch.setattr(
+        breakpoints, '_shares', lambda search, weight, counted=None: right(search, weight))
     assert worst(options) <= 0
-    right = np.put_along_axis
 
-    def wrong(array, index, value, axis):
-        # All keep their v, although only the jammers' leaks to the listeners are bounded.
-        right(array, np.arange(array.shape[1])[None] if array.dtype == bool else index, value, axis)
-    monkeypatch.setattr(certificate.np, 'put_along_axis', wrong)
+    def all_of_them(array, index, value, axis):
+        everybody = np.arange(array.shape[1])[None]
+        put(array, everybody if array.dtype == bool else index, value, axis)
+    monkeypatch.setattr(certificate.np, 'put_along_axis', all_of_them)
     assert worst(options) > 0
 
 

@@ -29,11 +29,11 @@ constexpr std::size_t kReceivers = 9;       // The ground node and all eavesdrop
 constexpr std::size_t kListeners = 3;       // Eavesdroppers in boxes, at most.
 constexpr std::size_t kCorners = 27;        // Of a box of shares, at most.
 constexpr int kRounds = 16;                 // Of a search for a better place and power.
-constexpr double kFinest = 0.02;            // Share of its first steps at which such a search ends.
+constexpr double kFinest = 0.02;            // Share of its first steps with which it ends.
 constexpr int kSweeps = 3;                  // Of one jammer after the other.
 constexpr double kFaint = 20.0;             // Of log p below the peak, where jammers are sought.
 constexpr int kMixing = 25;                 // Of a search for the corners that make up the bound.
-constexpr double kApart = 0.3;              // How columns differ from which both are improved.
+constexpr double kApart = 0.3;              // By how much two starts differ for somebody, in nats.
 constexpr double kActive = 0.03;            // Part of a corner from which it counts.
 constexpr double kExact = 5e-4;             // In nats.
 constexpr int kHalvings = 14;               // Of the interval in which the best theta are.
@@ -481,7 +481,8 @@ private:
         choose(box);
     }
 
-    // The best column at a corner that somebody receives otherwise than another one.
+    // The best column at a corner that somebody receives otherwise than the best one: often one is
+    // silent and the other loud.
     std::size_t other(const Box& box, std::size_t j, std::size_t corner, std::size_t one) const {
         const List& list = box.lists->of[j];
         best(box, j, corner, theta(box, j, corner));
@@ -495,7 +496,7 @@ private:
         return found;
     }
 
-    // Add what is better than the columns at the corners.
+    // Add what is better than the columns at the corners, sought from two of them or from one.
     void extend(Box& box, bool widely) const {
         bool better = false;
         for (std::size_t corner = 0; corner < corners_; ++corner) {
@@ -514,7 +515,8 @@ private:
                 };
                 List& list = box.lists->of[j];
                 const std::size_t top = box.best[j][corner];
-                for (const std::size_t start : std::set{top, widely ? other(box, j, corner, top) : top}) {
+                const std::size_t second = widely ? other(box, j, corner, top) : top;
+                for (const std::size_t start : std::set{top, second}) {
                     Column column = list.all[start];
                     all_.improve(j, stage_, box.lists->low[j],
                                  std::min(box.lists->high[j], all_.peak(j)), 1.0, worth, column);
@@ -641,7 +643,8 @@ void share_boxes(const py::dict& given) {
     std::size_t corners = 1;
     for (std::size_t l = 0; l < e; ++l) corners *= j;
     const std::size_t boxes = splits + 1;
-    const Array<const std::int64_t> stage(given, "stage", count), who(given, "listeners", count * e);
+    const Array<const std::int64_t> stage(given, "stage", count),
+        who(given, "listeners", count * e);
     const Array<const double> weight(given, "weight", count), shares(given, "shares", count * e),
         enough(given, "enough", count);
     const Array<std::int64_t> which(given, "box", count * splits),
