@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from importlib import import_module
-from itertools import combinations
 import json
 import math
 import warnings
@@ -15,7 +14,7 @@ from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
 from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.bound import upper_bound
-from secure_uav_planner.bound.search.reference import most_needed
+from secure_uav_planner.bound.proof.subset import EavesdropperSubset
 from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
 from secure_uav_planner.errors import PlanFileError, PlanningError
 from secure_uav_planner.mission import OBJECTIVES
@@ -77,15 +76,20 @@ def test_two_jammers_are_bounded_closely():
         1.1 * plan.rate)
 
 
-@pytest.mark.parametrize('seed', [19, 48])
-def test_the_eavesdroppers_that_count_are_those_against_whom_plans_are_worst(seed):
-    mission = random_mission(seed, slots=12, jammers=3)
+def test_no_disc_is_left_out_for_places_in_another():
+    mission = random_mission(19, slots=12, jammers=3)
     plan = solve(mission, objective='guaranteed')
-    counted = most_needed(plan, 'guaranteed', 2)
-    rates = {pair: solve(replace(mission, eavesdroppers=pair), objective='guaranteed').rate
-             for pair in combinations(mission.eavesdroppers, 2)}
-    assert len(mission.eavesdroppers) == 3
-    assert rates[counted] <= 1.01 * min(rates.values()) < 0.8 * max(rates.values())
+    discs, places = (EavesdropperSubset.of(mission, objective)
+                     for objective in ('guaranteed', 'worst_case'))
+    leaks = places.leaks(mission, plan.positions, plan.powers)
+    assert len(discs.owners) == 3 and len(places.owners) == 51
+    for most, count in [(1, 1), (2, 2), (3, 3), (4, 3), (8, 3)]:
+        counted = places.loudest(leaks, most)
+        assert len(counted.places) == most and len(set(counted.owners)) == count
+        which = (places.places == counted.places[:, None]).all(2).argmax(1)
+        assert leaks.sum(1).argmax() in which
+        reach = np.hypot(*(counted.places - discs.places[counted.owners]).T)
+        assert (reach <= discs.radii[counted.owners]).all()
 
 
 @pytest.mark.slow

@@ -28,8 +28,15 @@ from ..mission.validation import (
 from ..plan.bound import Bound, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
 
-MOST_EAVESDROPPERS, FEW_EAVESDROPPERS = 4, 3
-"""Eavesdroppers that are counted with at most, with several jammers and with fewer."""
+PLACES = 4
+"""Places of eavesdroppers that are counted with at most where several jam."""
+
+FEW_PLACES, MANY_PLACES = 3, 8
+"""
+The same with fewer jammers: one for everybody who listens, but no fewer and no more than these.
+
+With one disc all are places in it, for the worst case: more bound the paper's missions no closer.
+"""
 
 FEW_STAGES = {(2, 1): (160, 300), (2, 2): (110, 280), (2, 3): (70, 130), (2, 4): (60, 110),
               (3, 1): (90, 170), (3, 2): (40, 60), (3, 3): (40, 50), (3, 4): (30, 45)}
@@ -216,21 +223,18 @@ class _Run:
 
 def _search(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
-    plan, positions, powers = reference.start(scenario, run.time_left, objective, plan)
+    positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
         return
-    most = MOST_EAVESDROPPERS if len(scenario.uavs) > 2 else FEW_EAVESDROPPERS
-    # With more jammers the bound is not close, whoever counts.
-    everyone = EavesdropperSubset.of(
-        scenario if plan is None or len(scenario.uavs) > 1 + MOST_JAMMERS else replace(
-            scenario, eavesdroppers=reference.most_needed(
-                plan, objective, most, run.time_left, run.stop)), objective)
+    jam = len(scenario.uavs) > 2
+    most = PLACES if jam else max(FEW_PLACES, min(len(scenario.eavesdroppers), MANY_PLACES))
+    everyone = EavesdropperSubset.of(scenario, objective)
     # A few hundred slots tell who counts.
     some = np.unique(np.linspace(1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
     some_positions = positions[:, [0, *some, scenario.slots + 1]]
     leaks = everyone.leaks(scenario, some_positions, powers[:, some - 1])
     order = reference.by_use(scenario, everyone, some_positions, powers[:, some - 1])
-    chosen = everyone.best(leaks, most)
+    chosen = everyone.loudest(leaks, most)
     uavs = [0, *order[:MOST_JAMMERS]]
     path, watts = positions[uavs], powers[uavs]
 
@@ -238,7 +242,7 @@ def _search(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) ->
         team = Team.of(scenario, chosen, order, slots)
         return team, InitialMultipliers.of(team, path, watts)
 
-    slots, jam = scenario.slots, len(uavs) > 2
+    slots = scenario.slots
     first, last = (min(slots, most) for most in (
         FEW_STAGES[len(uavs) - 1, len(chosen.places)] if jam else (MOST_STAGES, MOST_STAGES)))
     coarse = max(-(-first // SLOTS_A_STAGE), min(first, FEWEST))

@@ -164,8 +164,9 @@ def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still:
     simplices, powers, exists = share_boxes(
         division.splits, division.listeners.shape[1], team.jammers)
     rho, theta = corners(simplices), corners(division.theta).sum(3)
-    if not ((theta >= 0) & (theta <= 1) & (np.abs(theta.sum(-1, keepdims=True) - 1) < 1e-9)).all():
-        raise AssertionError('theta must be from 0 to 1 in every box, with the sum 1')
+    theta = np.concatenate([theta, 1.0 - theta.sum(-1, keepdims=True)], -1)
+    if not ((theta >= 0) & (theta <= 1)).all():
+        raise AssertionError('theta must be from 0 to 1 in every box')
     values = np.where(exists[:, :, None], -weights[:, None] * mixing(np.moveaxis(theta, -1, 0)),
                       -np.inf)
     at = np.nonzero(np.broadcast_to(exists[:, :, None], values.shape))

@@ -42,8 +42,8 @@ class Division:
 
     :param listeners: the eavesdroppers that count there, (M, E'); for all others v is 0.
     :param splits: what the boxes are, see share_boxes.
-    :param theta: the shares of all jammers at the ground node: the sum over the listeners of what
-        belongs to the corners of their simplices, (B, M, E', J, J).
+    :param theta: the shares of all jammers but the last one at the ground node: the sum over the
+        listeners of what belongs to the corners of their simplices, (B, M, E', J, J - 1).
     :param mean: q of every box up to a factor, (B, M, E', J).
     :param known: what every jammer's term comes close to at the corners of the boxes,
         (J, B, M, V) in nats.

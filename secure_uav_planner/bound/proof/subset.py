@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .conjugate import Array
 
@@ -35,11 +36,13 @@ class EavesdropperSubset:
     :param places: (E, 2) in m.
     :param radii: (E,) in m.
     :param advantages: by what factor the SNR is larger than at the ground node's receiver, (E,).
+    :param owners: in whose disc each place is, (E,).
     """
 
     places: Array
     radii: Array
     advantages: Array
+    owners: NDArray[np.intp]
 
     @classmethod
     def of(cls, scenario: Scenario, objective: str) -> EavesdropperSubset:
@@ -47,15 +50,15 @@ class EavesdropperSubset:
         places = np.array([eve.position for eve in scenario.eavesdroppers])
         radii = np.array([eve.error_radius for eve in scenario.eavesdroppers])
         if objective == 'guaranteed':
-            return cls(places, radii, scenario.receiver_advantages)
+            return cls(places, radii, scenario.receiver_advantages, np.arange(len(places)))
         offsets = np.concatenate([[[0.0, 0.0]], circle(RAYS)])
         # A little inside, so that rounding puts no point outside.
         within = np.maximum(radii * (1 - 1e-9) - 1e-15 * np.abs(places).max(1), 0.0)
         points = [place + reach * offsets if reach > 0 else place[None]
                   for place, reach in zip(places, within)]
         every = np.concatenate(points)
-        copies = [len(some) for some in points]
-        return cls(every, np.zeros(len(every)), np.repeat(scenario.receiver_advantages, copies))
+        owners = np.repeat(np.arange(len(points)), [len(some) for some in points])
+        return cls(every, np.zeros(len(every)), scenario.receiver_advantages[owners], owners)
 
     def leaks(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
         """
@@ -73,12 +76,13 @@ class EavesdropperSubset:
         received = snr * np.maximum(powers, 0.0) / (distance**2 + altitude**2)
         return np.asarray(np.log1p(received[:, 0] / (1.0 + received[:, 1:].sum(1))))
 
-    def loudest(self, leaks: Array, most: int) -> tuple[int, ...]:
+    def loudest(self, leaks: Array, most: int) -> EavesdropperSubset:
         """
-        Return the indices of at most `most` of them.
+        Return at most `most` of them, one in every disc before a second one in any.
 
         First the one to whom a plan leaks most over all slots, then whoever hears most beyond
-        what those chosen hear.
+        what those chosen hear. A plan may leak little into a disc just because its jammers see to
+        that, so no disc is left out for places in others.
 
         :param leaks: of the plan, (E, N).
         """
@@ -87,11 +91,9 @@ class EavesdropperSubset:
         for _ in range(min(most, len(leaks))):
             gain = np.maximum(leaks, heard).sum(1)
             gain[chosen] = -np.inf
-            chosen.append(int(gain.argmax()))
+            fresh = ~np.isin(self.owners, self.owners[chosen])
+            chosen.append(int(np.where(fresh | ~fresh.any(), gain, -np.inf).argmax()))
             heard = np.maximum(heard, leaks[chosen[-1]])
-        return tuple(sorted(chosen))
-
-    def best(self, leaks: Array, most: int) -> EavesdropperSubset:
-        """Return the loudest of them."""
-        keep = list(self.loudest(leaks, most))
-        return EavesdropperSubset(self.places[keep], self.radii[keep], self.advantages[keep])
+        keep = sorted(chosen)
+        return EavesdropperSubset(self.places[keep], self.radii[keep], self.advantages[keep],
+                                  self.owners[keep])

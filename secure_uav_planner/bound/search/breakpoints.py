@@ -192,7 +192,7 @@ def _divided(search: MultiplierSearch, stage: NDArray[np.intp], weights: Array, 
     values = known.sum(0) - weights[:, None] * mixing(np.moveaxis(corners(theta).sum(3), -1, 0))
     bounds = np.where(exists[:, :, None], over_boxes(values, rho, mean, heard), -np.inf)
     worst = bounds.max((0, 2))
-    return (Division(listeners, splits, theta, mean, known,
+    return (Division(listeners, splits, theta[..., :-1], mean, known,
                      SLACK / j * (worst[:, None] - bounds)), worst)
 
 
