@@ -305,7 +305,7 @@ def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packag
 def test_what_is_no_setpoint_or_jumps_is_not_relayed_and_said_once_in_a_while(packages, client):
     found = client.listen(packages('mavros_msgs', 'PositionTarget'),
                           'uav1/mavros/setpoint_raw/local', 1000)
-    with node_here('relay', stack='mavros') as process:
+    with node_here('relay', stack='mavros', setpoint_timeout=60.0) as process:
         source = Source(client, 'uav1')
 
         def until_said(text):
