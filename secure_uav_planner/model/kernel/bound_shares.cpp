@@ -307,8 +307,8 @@ public:
         if (score == kHuge) return false;
         box = std::move(best);
         for (Box* one : {&box, &rest}) {
-            extend(*one, ++one->cuts % kOften == 0);
-            if (one->cuts % kOften == 0) turn(*one, kWorth);
+            extend(*one, false);
+            if (++one->cuts % kOften == 0) turn(*one, kWorth);
         }
         return true;
     }
