@@ -90,8 +90,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 
     It holds for everything that a Plan accepts, with its tolerances. It does not use zones, a
     geofence or separation: they only lower what plans can reach.
-    The bound is close for at most one jammer, and for several against one eavesdropper; it is
-    looser for two or three jammers and several eavesdroppers, and only valid for more jammers.
+    The bound is close for at most two jammers, and for three against one or two eavesdroppers; it
+    is looser for three jammers and more eavesdroppers, and only valid for more jammers.
 
     :param scenario: a Scenario.
     :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
