@@ -98,14 +98,9 @@ def share_boxes(splits: Splits, eavesdroppers: int,
 
 def distinct(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return where each different row of (n, k) is first, and of every row which one it is."""
-    key = np.zeros(len(rows))
-    for column, factor in zip(rows.T, np.sqrt(np.arange(2, 2 + rows.shape[1]))):
-        key += factor * np.where(np.isinf(column), np.sign(column) * 1e3, column)
+    key = np.ascontiguousarray(rows).view(f'V{rows.itemsize * rows.shape[1]}').ravel()
     _, first, which = np.unique(key, return_index=True, return_inverse=True)
-    # Rows that differ only by rounding may have the same key.
-    other = np.flatnonzero((rows[first[which]] != rows).any(1))
-    which[other] = len(first) + np.arange(len(other))
-    return np.concatenate([first, other]), which
+    return first, which
 
 
 def corners(simplices: Array) -> Array:
