@@ -313,9 +313,7 @@ def test_the_gap_is_a_share_of_the_plans_rate(plan):
 
 
 def test_limits_that_are_not_counted_with_are_named():
-    class Limited:
-        separation, no_fly_zones, geofence = 20.0, ('zone',), None
-    assert ignored_limits(Limited()) == ('separation', 'no_fly_zones')
+    assert ignored_limits(random_city_mission(0)) == ('separation',)
     assert ignored_limits(PAPER) == ()
 
 

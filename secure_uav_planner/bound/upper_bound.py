@@ -11,6 +11,7 @@ import numpy as np
 
 from .proof.certificate import certify
 from .proof.conjugate import Array
+from .proof.detours import is_too_much
 from .proof.rounding import negative_power
 from .proof.stages import MOST_STAGES, Stages
 from .proof.subset import EavesdropperSubset
@@ -88,8 +89,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     """
     Return a proven upper bound on the mean rate of every feasible plan of a scenario.
 
-    It holds for everything that a Plan accepts, with its tolerances. It does not use zones, a
-    geofence or separation: they only lower what plans can reach.
+    It holds for everything that a Plan accepts, with its tolerances. It does not use separation,
+    nor zones and a geofence of very many corners: they only lower what plans can reach.
     The bound is close for at most two jammers, and for three against one or two eavesdroppers; it
     is looser for three jammers and more eavesdroppers, and only valid for more jammers.
 
@@ -152,8 +153,11 @@ def plain_bound(scenario: Scenario) -> float:
 
 def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
-    return tuple(name for name in ('separation', 'no_fly_zones', 'geofence')
-                 if getattr(scenario, name))
+    given = [name for name in ('separation', 'no_fly_zones', 'geofence')
+             if getattr(scenario, name)]
+    if any(is_too_much(scenario, index) for index in range(len(scenario.uavs))):
+        return tuple(given)
+    return tuple(name for name in given if name == 'separation')
 
 
 class _Run:

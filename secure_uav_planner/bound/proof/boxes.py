@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .conjugate import Array
+from .detours import detour_fields
 from .reachable_set import ReachableSet
 from ...model.kernel import core
 
@@ -94,7 +95,8 @@ class Terms:
             **{name: np.ascontiguousarray(array, float)
                for name, array in (*arrays.items(), ('low', low), ('high', high),
                                    ('powers', np.stack(powers, -1)))},
-            'stage': np.ascontiguousarray(self.stage, np.int64), 'altitude': region.altitude,
+            **detour_fields([region.detours]), 'stage': np.ascontiguousarray(self.stage, np.int64),
+            'altitude': region.altitude,
             'distance': region.distance, 'price': float(self.price),
             'log_gain': float(self.log_gain), 'jams': self.powers is not None}
 

@@ -204,7 +204,7 @@ def _still(potential: Potential, price: float, known: Array, tolerance: Array,
     index = np.arange(len(slope))
     extra = potential.constant() + price * POWER_TOLERANCE
     spare = margin(region.altitude, potential.size())
-    if not potential.curved:
+    if not potential.curved and region.detours is None:
         return np.asarray(region.support(slope, index) + extra + spare)
     none = np.zeros(len(slope))
     terms = Terms(region, index, none, np.zeros((len(slope), len(region.radii))), slope, bend,

@@ -99,12 +99,17 @@ class Potential:
 
     def constant(self) -> Array:
         """Return what a slot of every stage gets wherever the UAV is, (G,) in nats."""
-        turn = self.region.turn * np.hypot(*self.turn.T)
         if self.curved:
-            return np.asarray(self.jump()[1:] + turn[1:])
+            return np.asarray(self.jump()[1:] + self.turning())
         before, after = self.stages.means
         length = self.region.steps * np.hypot(*np.moveaxis(self.turned, 2, 0))
-        return np.asarray(before * (length[0] + turn[:-1]) + after * (length[1] + turn[1:]))
+        return np.asarray(before * length[0] + after * length[1] + self.turning())
+
+    def turning(self) -> Array:
+        """Return the part A |w| of that, (G,) in nats."""
+        before, after = self.stages.means
+        turn = self.region.turn * np.hypot(*self.turn.T)
+        return np.asarray(before * turn[:-1] + after * turn[1:])
 
     def tilt(self) -> Array:
         """

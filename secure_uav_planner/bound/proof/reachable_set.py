@@ -8,8 +8,10 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from .conjugate import Array
+from .detours import Detours, detours, frame_axes
 from .rounding import COORDINATE_ROUNDING, end_tolerance
 from .stages import Stages
 from .subset import EavesdropperSubset
@@ -52,6 +54,7 @@ class ReachableSet:
     :param transmits: whether this is UAV 0; the others jam.
     :param peak: largest power, tolerance included, in W.
     :param average: largest mean power, tolerance included, in W.
+    :param detours: around zones and within the geofence, in units, or None.
     """
 
     unit: float
@@ -74,6 +77,7 @@ class ReachableSet:
     transmits: bool
     peak: float
     average: float
+    detours: Detours | None
 
     @classmethod
     def of(cls, scenario: Scenario, index: int, stages: Stages,
@@ -84,10 +88,8 @@ class ReachableSet:
         people = np.concatenate([[scenario.ground_node], subset.places])
         places = np.concatenate([people, [start, goal]])
         unit = max(float(np.hypot(*np.ptp(places, axis=0))) / 2, uav.altitude)
-        offset = goal - start
-        length = float(np.hypot(*offset))
-        along = offset / length if length > 1e-9 * unit else np.array([1.0, 0.0])
-        axes = np.array([along, [-along[1], along[0]]])
+        length = float(np.hypot(*(goal - start)))
+        axes, around = frame_axes(uav), detours(scenario, index)
         ends = end_tolerance(scenario)
         step = float(scenario.max_step[index]) + POSITION_TOLERANCE
         turn, end_turns, end_moves = _turns(scenario, index, step)
@@ -111,7 +113,8 @@ class ReachableSet:
             log_advantages=np.log(subset.advantages),
             transmits=index == 0,
             peak=uav.peak_power + POWER_TOLERANCE,
-            average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE)
+            average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE,
+            detours=around and around.scaled(unit))
 
     def local(self, positions: Array) -> Array:
         """Return positions (..., 2) in m in the frame, in units."""
@@ -134,8 +137,26 @@ class ReachableSet:
             np.maximum((near - first) * (near + first), 0.0) + 1e-14 * (near**2 + distance**2)),
             np.minimum(near, far))
         slack = COORDINATE_ROUNDING * (near + far + distance)
-        return (np.stack([np.maximum(-near, distance - far) - slack, -half - slack], -1),
-                np.stack([np.minimum(near, distance + far) + slack, half + slack], -1))
+        low = np.stack([np.maximum(-near, distance - far) - slack, -half - slack], -1)
+        high = np.stack([np.minimum(near, distance + far) + slack, half + slack], -1)
+        if self.detours is None:
+            return low, high
+        # Of a stage without any cell all of them.
+        free = self._late <= np.maximum(0.0, self._late.min((1, 2), keepdims=True))
+        cells = [(free.any(2), free.any(1))[axis] for axis in (0, 1)]
+        first = np.stack([some.argmax(1) for some in cells], -1)
+        last = np.stack([some.shape[1] - some[:, ::-1].argmax(1) for some in cells], -1)
+        step = self.detours.size
+        return (np.maximum(low, self.detours.low + (first - 1e-6) * step),
+                np.minimum(high, self.detours.low + (last + 1e-6) * step))
+
+    @cached_property
+    def _late(self) -> Array:
+        """Return by how much ways to every cell, or from there, are too long, (G, SIDE, SIDE)."""
+        assert self.detours is not None
+        there, back = self.detours.lengths
+        return np.maximum(there - self.from_start[:, None, None],
+                          back - self.to_goal[:, None, None])
 
     def _crossing(self) -> Array:
         """Return the first coordinate of the two circles' crossings, (G,), NaN for none."""
@@ -158,7 +179,23 @@ class ReachableSet:
         across = place[..., 1]**2
         return np.asarray(
             (place[..., 0]**2 + across <= self.from_start[stage]**2)
-            & ((place[..., 0] - self.distance)**2 + across <= self.to_goal[stage]**2))
+            & ((place[..., 0] - self.distance)**2 + across <= self.to_goal[stage]**2)
+            & self._in_time(place, stage))
+
+    def _in_time(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Return whether detours leave time for places (..., 2) in their stage (...)."""
+        if self.detours is None:
+            return np.ones(place.shape[:-1], bool)
+        there, back = self.detours.lengths[(slice(None), *self.detours.cell(place))]
+        return np.asarray((there <= self.from_start[stage]) & (back <= self.to_goal[stage]))
+
+    @cached_property
+    def _nearest(self) -> NDArray[np.int16]:
+        """Return the closest cells for which there is time in every stage, (G, SIDE, SIDE, 2)."""
+        assert self.detours is not None
+        return np.array([np.moveaxis(distance_transform_edt(
+            late > max(0.0, late.min()), sampling=self.detours.size, return_distances=False,
+            return_indices=True), 0, -1) for late in self._late], np.int16)
 
     def nearest(self, place: Array) -> Array:
         """Return at most the distance from a place (2,) to every reachable set, (G,)."""
@@ -176,14 +213,17 @@ class ReachableSet:
                 self.eavesdroppers, self.radii, self.log_advantages)], axis=0))
 
     def drawn_in(self, place: Array, stage: NDArray[np.integer[Any]]) -> Array:
-        """Return places (..., 2) drawn into one disc and then into the other, if they can be."""
+        """Return places (..., 2) drawn into one disc, the other, and to where there is time."""
         for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):
             offset = place - [centre, 0.0]
             length = np.sqrt((offset * offset).sum(-1))
             reach = radius[stage] * (1 - 1e-9)
             ratio = np.minimum(1.0, reach / np.maximum(length, 1e-300))
             place = [centre, 0.0] + offset * ratio[..., None]
-        return np.asarray(place)
+        if self.detours is None:
+            return np.asarray(place)
+        closest = self.detours.centre(self._nearest[(stage, *self.detours.cell(place))])
+        return np.where(self._in_time(place, stage)[..., None], place, closest)
 
     def farthest(self, direction: Array) -> Array:
         """Return the reachable set's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
@@ -196,7 +236,8 @@ class ReachableSet:
             [np.ones_like(unit[..., 1]), np.sign(unit[..., 1])], -1)
         at_one = ((one - goal)**2).sum(-1) <= self.to_goal[:, None]**2
         at_two = (two**2).sum(-1) <= self.from_start[:, None]**2
-        return np.where(at_one[..., None], one, np.where(at_two[..., None], two, corner))
+        return self.drawn_in(np.where(at_one[..., None], one, np.where(
+            at_two[..., None], two, corner)), np.arange(len(one))[:, None])
 
     def log_squares(self, place: Array) -> tuple[Array, Array]:
         """

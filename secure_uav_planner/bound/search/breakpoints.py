@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .dual import curved, parties, unpacked
+from .dual import parties, unpacked
 from .multiplier_search import MultiplierSearch
 from ..proof.certificate import Multipliers
 from ..proof.chords import interpolated, neighbours, on_chords, over_pieces, pieces
@@ -95,11 +95,10 @@ def breakpoint_multipliers(search: MultiplierSearch,
         shares, needed, boxes, still, known, slack)
 
 
-def _constant(search: MultiplierSearch, uavs: list[int]) -> Array | float:
+def _constant(search: MultiplierSearch, uavs: list[int]) -> Array:
     """Return what UAVs' columns are worth beyond their values, (G,)."""
-    if not curved(search.point.potentials.shape[2]):
-        return 0.0
-    return np.asarray(sum(search.potential(uav).constant() for uav in uavs))
+    some = [search.potential(uav) for uav in uavs]
+    return np.sum([one.constant() if one.curved else one.turning() for one in some], axis=0)
 
 
 @dataclass(frozen=True, eq=False)

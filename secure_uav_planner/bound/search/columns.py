@@ -127,8 +127,10 @@ def grid(region: ReachableSet, along: int, across: int) -> Array:
     half = np.sqrt(np.maximum(np.minimum(
         (region.from_start[:, None] - a) * (region.from_start[:, None] + a),
         region.to_goal[:, None]**2 - (a - region.distance)**2), 0.0))
-    b = half[:, :, None] * np.linspace(-1, 1, across)
-    return np.stack(np.broadcast_arrays(a[:, :, None], b), -1).reshape(len(a), -1, 2)
+    left, right = np.maximum(-half, low[:, 1:]), np.minimum(half, high[:, 1:])
+    b = left[..., None] + (right - left)[..., None] * np.linspace(0, 1, across)
+    place = np.stack(np.broadcast_arrays(a[:, :, None], b), -1).reshape(len(a), -1, 2)
+    return region.drawn_in(place, np.arange(len(a))[:, None])
 
 
 def rings(region: ReachableSet, centre: Array) -> Array:

@@ -16,6 +16,7 @@ from .dual import column_fields, curved, Dual, unpacked
 from .initial_multipliers import InitialMultipliers
 from .newton import DualPoint
 from ..proof.conjugate import Array
+from ..proof.detours import detour_fields
 from ..proof.potential import Potential
 from ..proof.reachable_set import ReachableSet
 from ..proof.subset import circle
@@ -240,7 +241,8 @@ class MultiplierSearch:
                     'from_start': region.from_start, 'to_goal': region.to_goal,
                     'width': np.subtract(*region.sides[::-1]).max(1)}.items():
                 given.setdefault(name, []).append(value)
-        return {'stages': len(self.team.stages.count), **{
+        return {'stages': len(self.team.stages.count), **detour_fields(
+            region.detours for region in self.team.regions[1:]), **{
             name: np.ascontiguousarray(value, float) for name, value in given.items()}}
 
     def dual(self, tau: float) -> Dual:

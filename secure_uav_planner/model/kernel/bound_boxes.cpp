@@ -42,6 +42,7 @@
 #include <vector>
 
 #include "array.hpp"
+#include "bound_detours.hpp"
 
 namespace py = pybind11;
 using kernel::Array;
@@ -104,7 +105,7 @@ public:
           bend_(given, "bend", 3 * stages_), tilt_(given, "tilt", 6 * stages_),
           margin_(given, "margin", stages_), stage_(given, "stage", count_),
           weight_(given, "weight", count_), shares_(given, "shares", count_ * eavesdroppers_),
-          powers_(given, "powers", 2 * count_) {
+          powers_(given, "powers", 2 * count_), detours_(given) {
         for (std::size_t k = 0; k < count_; ++k)
             expect(stage_[k] >= 0 && std::size_t(stage_[k]) < stages_, "stage");
     }
@@ -303,14 +304,21 @@ private:
         };
         const double across = apart(box.centre[1], box.half[1]);
         const double near = from_start_[stage], far = to_goal_[stage];
+        double low[2], high[2];
+        for (int i = 0; i < 2; ++i) {
+            low[i] = box.centre[i] - box.half[i];
+            high[i] = box.centre[i] + box.half[i];
+        }
         return apart(box.centre[0], box.half[0]) + across <= near * near
-               && apart(box.centre[0] - distance_, box.half[0]) + across <= far * far;
+               && apart(box.centre[0] - distance_, box.half[0]) + across <= far * far
+               && detours_.reaches(0, low, high, near, far);
     }
 
     bool inside(const double* place, std::size_t stage) const {
         const double x = place[0], along = x - distance_, across = place[1] * place[1];
         const double near = from_start_[stage], far = to_goal_[stage];
-        return x * x + across <= near * near && along * along + across <= far * far;
+        return x * x + across <= near * near && along * along + across <= far * far
+               && detours_.reaches(0, place, place, near, far);
     }
 
     // Whether a box sticks out of the disc about (middle, 0).
@@ -384,6 +392,7 @@ private:
         low_, high_, slope_, bend_, tilt_, margin_;
     Array<const std::int64_t> stage_;
     Array<const double> weight_, shares_, powers_;
+    kernel::Detours detours_;
 };
 
 // The boxes of a stage.

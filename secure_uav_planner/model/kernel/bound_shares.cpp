@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "array.hpp"
+#include "bound_detours.hpp"
 
 namespace py = pybind11;
 using kernel::Array;
@@ -64,7 +65,7 @@ public:
           price_(given, "price", jammers_), peak_(given, "peak", jammers_),
           from_start_(given, "from_start", jammers_ * stages_),
           to_goal_(given, "to_goal", jammers_ * stages_),
-          width_(given, "width", jammers_ * stages_) {
+          width_(given, "width", jammers_ * stages_), detours_(given) {
         expect(jammers_ <= kJammers && receivers_ > 1 && receivers_ <= kReceivers, "radii");
     }
 
@@ -166,7 +167,8 @@ public:
     }
 
 private:
-    // Draw a place into one disc and then into the other; return whether it is in both.
+    // Draw a place into one disc and then into the other; return whether it is in both and reached
+    // in time.
     bool draw_in(std::size_t j, std::size_t stage, double* place) const {
         const double radius[2] = {from_start_[j * stages_ + stage], to_goal_[j * stages_ + stage]};
         const auto excess = [&](int disc) {
@@ -180,13 +182,14 @@ private:
             place[0] = middle + part * (place[0] - middle);
             place[1] *= part;
         }
-        return excess(0) <= 1.0;
+        return excess(0) <= 1.0 && detours_.reaches(j, place, place, radius[0], radius[1]);
     }
 
     std::size_t stages_, jammers_, receivers_, columns_;
     Array<double> place_, power_;
     Array<const double> base_, pull_, people_, radii_, gain_, altitude_, distance_, price_, peak_,
         from_start_, to_goal_, width_;
+    kernel::Detours detours_;
 };
 
 // Columns of one jammer, with what each costs, and log(1 + J x) at the ground node and elsewhere.

@@ -1,0 +1,196 @@
+"""Lemma 11: ways around zones and within the fence, in the bound."""
+
+from dataclasses import replace
+
+from bound_attack import certified, climb
+import numpy as np
+import pytest
+from random_cities import random_city_mission
+from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav, upper_bound
+from secure_uav_planner.bound.proof import certificate, detours, reachable_set
+from secure_uav_planner.bound.proof.reachable_set import ReachableSet
+from secure_uav_planner.bound.proof.stages import Stages
+from secure_uav_planner.bound.proof.subset import EavesdropperSubset
+from secure_uav_planner.bound.upper_bound import ignored_limits
+from secure_uav_planner.errors import PlanningError
+from secure_uav_planner.optimize.initial.visibility_graph import VisibilityGraph
+import shapely
+
+
+@pytest.fixture(autouse=True)
+def forgotten():
+    # A test may compute detours with a deliberate error.
+    detours.detours.cache_clear()
+    yield
+    detours.detours.cache_clear()
+
+
+def regions_of(scenario, most=10**6):
+    stages, subset = Stages.of(scenario.slots, most), EavesdropperSubset.of(scenario, 'guaranteed')
+    return stages, [ReachableSet.of(scenario, i, stages, subset)
+                    for i in range(len(scenario.uavs))]
+
+
+def straight(seed):
+    """Return a random city without limits of acceleration."""
+    scenario = random_city_mission(seed)
+    return replace(scenario, uavs=tuple(
+        replace(uav, max_acceleration=None) for uav in scenario.uavs))
+
+
+def ways_and_bounds(seed, count=300):
+    """Yield how long the shortest ways to random places are, and at least are by lemma 11."""
+    scenario, rng = straight(seed), np.random.default_rng(seed)
+    fence = shapely.Polygon(scenario.geofence).convex_hull
+    for i, region in enumerate(regions_of(scenario)[1]):
+        graph = VisibilityGraph(scenario, i, 1e-3)
+        low, high = region.detours.low, region.detours.low + region.detours.size * detours.SIDE
+        place = rng.uniform(low, high, (count, 2))
+        positions = place * region.unit @ region.axes + region.origin
+        within = shapely.contains_xy(fence, positions)
+        place, positions = place[within], positions[within]
+        found = region.detours.lengths[(slice(None), *region.detours.cell(place))] * region.unit
+        size = np.hypot(*region.detours.size) * region.unit
+        for end, bound in zip((scenario.uavs[i].start, scenario.uavs[i].goal), found):
+            yield graph.distances(positions, np.array(end)), bound, size
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_no_way_is_shorter_than_the_lemma_says(seed):
+    for exact, bound, size in ways_and_bounds(seed):
+        assert (bound <= exact + 1e-6).all()
+        # It is not just any lower bound.
+        known = np.isfinite(exact) & np.isfinite(bound)
+        assert known.mean() > 0.1
+        assert np.quantile(exact[known] - bound[known], 0.9) < 2 * size
+
+
+def test_no_place_within_a_zone_or_beyond_the_fence_is_reached():
+    scenario = straight(4)
+    stages, (region, _) = regions_of(scenario)
+    zones = shapely.union_all([shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones
+                               if zone.floor <= scenario.uavs[0].altitude <= zone.ceiling])
+    fence = shapely.Polygon(scenario.geofence)
+    places = np.random.default_rng(1).uniform(-900, 900, (4000, 2))
+    points = shapely.points(places)
+    # A cell of which a part is free counts as free.
+    cell = np.hypot(*region.detours.size) * region.unit
+    barred = shapely.contains(zones.buffer(-cell), points) | ~shapely.contains(
+        fence.convex_hull.buffer(cell), points)
+    assert barred.sum() > 100
+    slot = np.full(barred.sum(), len(stages.count) // 2)
+    assert not region.inside(region.local(places[barred]), slot).any()
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_flights_are_never_late(seed):
+    scenario = random_city_mission(seed, slots=40)
+    rng = np.random.default_rng(seed)
+    # Not all begin and end at rest.
+    scenario = replace(scenario, uavs=tuple(
+        replace(uav, start_velocity=velocity, goal_velocity=velocity)
+        if uav.max_acceleration is not None else uav
+        for uav, velocity in zip(scenario.uavs, ((0.0, 0.0), None, tuple(rng.normal(0, 2, 2))))))
+    try:
+        plan = solve(scenario, objective='guaranteed', time_limit=20.0)
+    except PlanningError:
+        pytest.skip('this mission has no plan')
+    for most in (40, 7):
+        stages, regions = regions_of(scenario, most)
+        for region, positions in zip(regions, plan.positions):
+            assert region.inside(region.local(positions[1:-1]), stages.of_slots()).all()
+
+
+def courtyard(gap):
+    """Return a mission whose transmitter begins between four walls, perhaps with a gap."""
+    walls = [((-60, -60), (60, -60), (60, -50), (-60, -50)),
+             ((-60, 50), (60, 50), (60, 60), (-60, 60)),
+             ((-60, -60), (-50, -60), (-50, 60), (-60, 60)),
+             ((50, -60), (60, -60), (60, 60 - gap), (50, 60 - gap))]
+    return Scenario((0.0, 0.0), (Eavesdropper((300.0, 0.0), 10.0),), (
+        Uav('uav1', (0.0, 0.0), (0.0, 30.0), 100.0, 20.0, 1.0, 4.0),), 60.0, 60, 80.0,
+        no_fly_zones=tuple(NoFlyZone(wall, name=f'wall {n}') for n, wall in enumerate(walls)))
+
+
+def test_what_is_enclosed_is_left_by_its_gap_or_not_at_all():
+    for gap, beyond in ((0, False), (20, True)):
+        (region,) = regions_of(courtyard(gap))[1]
+        there = region.detours.lengths[0]
+        inner = there[region.detours.cell(region.local(np.array([-40.0, 40.0])))] * region.unit
+        assert inner == pytest.approx(np.hypot(40, 40), abs=40)
+        outer = there[region.detours.cell(region.local(np.array([100.0, -100.0])))] * region.unit
+        assert np.isfinite(outer) == beyond
+        if beyond:
+            # Around the corner of the wall with the gap.
+            assert outer > np.hypot(50, 40) + np.hypot(40, 140) - 40
+
+
+def worst(seed, slots=30, count=60):
+    """Return by how much climbing points exceed a stage's bound, at most, in a random city."""
+    plan = solve(random_city_mission(seed, slots=slots), objective='guaranteed')
+    team, proof = certified(plan)
+    rng, excess = np.random.default_rng(7), []
+    for stage in range(len(team.stages.count)):
+        slot = team.stages.first[stage]
+        starts = ([region.local(plan.positions[i, slot]) for i, region in enumerate(team.regions)],
+                  plan.powers[:, slot - 1])
+        excess.append(climb(team, proof, stage, rng, count, starts=starts) - proof.stages[stage])
+    return max(excess)
+
+
+@pytest.mark.parametrize('seed', [9, 6, 1])
+def test_no_place_for_which_there_is_time_exceeds_a_slots_bound(seed):
+    assert worst(seed) <= 0
+
+
+@pytest.mark.parametrize('seed, most', [(9, 1.03), (6, 1.03), (7, 1.02), (4, 1.02), (1, 1.03)])
+def test_zones_and_fence_make_the_bound_tighter(seed, most, monkeypatch):
+    scenario = random_city_mission(seed)
+    plan = solve(scenario, objective='guaranteed')
+    bound = upper_bound(scenario, objective='guaranteed', plan=plan)
+    assert plan.rate <= bound.rate <= most * plan.rate
+    monkeypatch.setattr(reachable_set, 'detours', lambda scenario, index: None)
+    assert bound.rate < upper_bound(scenario, objective='guaranteed', plan=plan).rate
+
+
+def test_zones_of_too_many_corners_are_said_to_be_ignored(monkeypatch):
+    scenario = random_city_mission(9)
+    assert ignored_limits(scenario) == ('separation',)
+    monkeypatch.setattr(detours, 'MOST_CORNERS', 20)
+    assert ignored_limits(scenario) == ('separation', 'no_fly_zones', 'geofence')
+    bound = upper_bound(scenario, objective='guaranteed')
+    assert bound.ignored == ('separation', 'no_fly_zones', 'geofence')
+    assert bound.rate > 1.2 * solve(scenario, objective='guaranteed').rate
+
+
+# -- deliberate errors
+
+def longer(monkeypatch):
+    right = detours.shortest_lengths
+    monkeypatch.setattr(detours, 'shortest_lengths', lambda *args: 1.02 * right(*args))
+
+
+def larger_shadows(monkeypatch):
+    right = detours._shadow
+    monkeypatch.setattr(detours, '_shadow', lambda *args: right(*args).buffer(5.0))
+
+
+def fewer_corners(monkeypatch):
+    right = np.unique
+
+    def wrong(array, axis=None, **options):
+        return right(array, axis=axis, **options)[:: 1 if axis is None else 2]
+    monkeypatch.setattr(detours.np, 'unique', wrong)
+
+
+@pytest.mark.parametrize('error', [longer, larger_shadows, fewer_corners])
+def test_ways_that_are_too_long_are_noticed(monkeypatch, error):
+    error(monkeypatch)
+    assert any((bound > exact + 1e-6).any() for seed in range(4)
+               for exact, bound, _ in ways_and_bounds(seed))
+
+
+def test_silence_where_nobody_has_to_be_is_noticed(monkeypatch):
+    right = certificate._still
+    monkeypatch.setattr(certificate, '_still', lambda *args: right(*args) - 3.0)
+    assert worst(9) > 0
