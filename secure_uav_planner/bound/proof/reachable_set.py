@@ -142,7 +142,8 @@ class ReachableSet:
         if self.detours is None:
             return low, high
         # Of a stage without any cell all of them.
-        free = self._late <= np.maximum(0.0, self._late.min((1, 2), keepdims=True))
+        late = self._late()
+        free = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
         cells = [(free.any(2), free.any(1))[axis] for axis in (0, 1)]
         first = np.stack([some.argmax(1) for some in cells], -1)
         last = np.stack([some.shape[1] - some[:, ::-1].argmax(1) for some in cells], -1)
@@ -150,7 +151,6 @@ class ReachableSet:
         return (np.maximum(low, self.detours.low + (first - 1e-6) * step),
                 np.minimum(high, self.detours.low + (last + 1e-6) * step))
 
-    @cached_property
     def _late(self) -> Array:
         """Return by how much ways to every cell, or from there, are too long, (G, SIDE, SIDE)."""
         assert self.detours is not None
@@ -195,7 +195,7 @@ class ReachableSet:
         assert self.detours is not None
         return np.array([np.moveaxis(distance_transform_edt(
             late > max(0.0, late.min()), sampling=self.detours.size, return_distances=False,
-            return_indices=True), 0, -1) for late in self._late], np.int16)
+            return_indices=True), 0, -1) for late in self._late()], np.int16)
 
     def nearest(self, place: Array) -> Array:
         """Return at most the distance from a place (2,) to every reachable set, (G,)."""
