@@ -31,7 +31,7 @@ from functools import lru_cache
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
+import scipy
 import shapely
 
 from .conjugate import Array
@@ -186,7 +186,7 @@ def shortest_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any) -
     free = ~shapely.intersects(inner, shapely.linestrings(np.stack([places[one], places[two]], 1)))
     graph = np.full((len(places), len(places)), np.inf)
     graph[one[free], two[free]] = np.hypot(*(places[one] - places[two])[free].T)
-    ways = dijkstra(np.minimum(graph, graph.T), indices=[0, 1])
+    ways = scipy.sparse.csgraph.dijkstra(np.minimum(graph, graph.T), indices=[0, 1])
     frame = shapely.box(*shapely.total_bounds([*cells, shapely.MultiPoint(places)])).buffer(1.0)
     reach = 10 * np.hypot(*np.ptp(shapely.get_coordinates(frame), axis=0))
     frame = frame if hull is None else frame.intersection(hull)

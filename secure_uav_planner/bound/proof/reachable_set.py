@@ -8,7 +8,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+import scipy
 
 from .conjugate import Array
 from .detours import Detours, detours, frame_axes
@@ -193,7 +193,7 @@ class ReachableSet:
     def _nearest(self) -> NDArray[np.int16]:
         """Return the closest cells for which there is time in every stage, (G, SIDE, SIDE, 2)."""
         assert self.detours is not None
-        return np.array([np.moveaxis(distance_transform_edt(
+        return np.array([np.moveaxis(scipy.ndimage.distance_transform_edt(
             late > max(0.0, late.min()), sampling=self.detours.size, return_distances=False,
             return_indices=True), 0, -1) for late in self._late()], np.int16)
 
