@@ -115,6 +115,18 @@ def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
     return best.max()
 
 
+def largest_excess(plan, most=400, curved=False, count=60):
+    """Return by how much points that climb from a plan exceed a stage's bound, at most."""
+    team, proof = certified(plan, most, curved)
+    rng, excess = np.random.default_rng(7), []
+    for stage in range(len(team.stages.count)):
+        slot = team.stages.first[stage]
+        starts = ([region.local(plan.positions[i, slot]) for i, region in enumerate(
+            [*team.regions, *team.helpers])], plan.powers[:, slot - 1])
+        excess.append(climb(team, proof, stage, rng, count, starts=starts) - proof.stages[stage])
+    return max(excess)
+
+
 def random_plans(scenario, rng, count):
     """Return feasible plans: paths bent at random or drawn to the people, powers at random."""
     slots, uavs = scenario.slots, len(scenario.uavs)

@@ -11,7 +11,7 @@ import numpy as np
 
 from .proof.certificate import certify
 from .proof.conjugate import Array
-from .proof.detours import is_too_much
+from .proof.detours import are_used
 from .proof.rounding import negative_power
 from .proof.stages import MOST_STAGES, Stages
 from .proof.subset import EavesdropperSubset
@@ -153,11 +153,8 @@ def plain_bound(scenario: Scenario) -> float:
 
 def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
-    given = [name for name in ('separation', 'no_fly_zones', 'geofence')
-             if getattr(scenario, name)]
-    if any(is_too_much(scenario, index) for index in range(len(scenario.uavs))):
-        return tuple(given)
-    return tuple(name for name in given if name == 'separation')
+    names = ['separation'] if are_used(scenario) else ['separation', 'no_fly_zones', 'geofence']
+    return tuple(name for name in names if getattr(scenario, name))
 
 
 class _Run:

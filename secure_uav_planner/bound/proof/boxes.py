@@ -96,8 +96,7 @@ class Terms:
                for name, array in (*arrays.items(), ('low', low), ('high', high),
                                    ('powers', np.stack(powers, -1)))},
             **detour_fields([region.detours]), 'stage': np.ascontiguousarray(self.stage, np.int64),
-            'altitude': region.altitude,
-            'distance': region.distance, 'price': float(self.price),
+            'altitude': region.altitude, 'distance': region.distance, 'price': float(self.price),
             'log_gain': float(self.log_gain), 'jams': self.powers is not None}
 
     def bounds(self, function: int, centre: Array, half: Array) -> tuple[float, float]:

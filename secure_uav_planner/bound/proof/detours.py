@@ -102,8 +102,9 @@ def frame_axes(uav: Uav) -> Array:
 @lru_cache(maxsize=16)
 def detours(scenario: Scenario, index: int) -> Detours | None:
     """Return those of UAV `index` in m; None where nothing is in its way, or more than is used."""
-    uav, parts = scenario.uavs[index], _parts(scenario, index)
-    if is_too_much(scenario, index) or not parts and scenario.keep_in is None:
+    uav = scenario.uavs[index]
+    parts = _parts(scenario, uav.altitude)
+    if _is_too_much(parts) or not parts and scenario.keep_in is None:
         return None
     step = float(scenario.max_step[index]) + POSITION_TOLERANCE
     ends, saved, beside = np.array([uav.start, uav.goal]), np.full(2, SMALLER), 0.0
@@ -130,18 +131,23 @@ def detours(scenario: Scenario, index: int) -> Detours | None:
     return Detours(low, size, lengths.reshape(2, SIDE, SIDE))
 
 
-def is_too_much(scenario: Scenario, index: int) -> bool:
-    """Return whether what is in the way of UAV `index` has too many corners to be used."""
-    return int(shapely.get_num_coordinates(_parts(scenario, index)).sum()) > MOST_CORNERS
+def are_used(scenario: Scenario) -> bool:
+    """Return whether what is in the way has few enough corners to be used at all altitudes."""
+    return not any(_is_too_much(_parts(scenario, altitude))
+                   for altitude in {uav.altitude for uav in scenario.uavs})
+
+
+def _is_too_much(parts: tuple[Any, ...]) -> bool:
+    return int(shapely.get_num_coordinates(parts).sum()) > MOST_CORNERS
 
 
 @lru_cache(maxsize=16)
-def _parts(scenario: Scenario, index: int) -> tuple[Any, ...]:
-    """Return convex polygons that overlap a little and make up O of UAV `index`."""
+def _parts(scenario: Scenario, altitude: float) -> tuple[Any, ...]:
+    """Return convex polygons that overlap a little and make up O at an altitude in m."""
     far = airspace_of(scenario).far
     # One at a time: a plan may fly between two that touch.
-    barred = [shapely.Polygon(vertices) for vertices, name in scenario.keep_out(
-        scenario.uavs[index].altitude) if name not in far]
+    barred = [shapely.Polygon(vertices) for vertices, name in scenario.keep_out(altitude)
+              if name not in far]
     if scenario.keep_in is not None:
         # A pocket reaches beyond the convex hull, so that no way is left between both.
         fence = shapely.Polygon(scenario.keep_in)

@@ -81,15 +81,23 @@ class ReachableSet:
 
     @classmethod
     def of(cls, scenario: Scenario, index: int, stages: Stages,
-           subset: EavesdropperSubset) -> ReachableSet:
-        """Return that of UAV `index` of a scenario, with all that a Plan tolerates."""
+           subset: EavesdropperSubset, follow: bool = True) -> ReachableSet:
+        """
+        Return that of UAV `index` of a scenario, with all that a Plan tolerates.
+
+        :param scenario: the mission.
+        :param index: of the UAV.
+        :param stages: its slots in stages.
+        :param subset: the eavesdroppers.
+        :param follow: whether ways around zones count; of a helper only discs do.
+        """
         uav = scenario.uavs[index]
         start, goal = np.array(uav.start), np.array(uav.goal)
         people = np.concatenate([[scenario.ground_node], subset.places])
         places = np.concatenate([people, [start, goal]])
         unit = max(float(np.hypot(*np.ptp(places, axis=0))) / 2, uav.altitude)
         length = float(np.hypot(*(goal - start)))
-        axes, around = frame_axes(uav), detours(scenario, index)
+        axes, around = frame_axes(uav), detours(scenario, index) if follow else None
         ends = end_tolerance(scenario)
         step = float(scenario.max_step[index]) + POSITION_TOLERANCE
         turn, end_turns, end_moves = _turns(scenario, index, step)
@@ -144,7 +152,7 @@ class ReachableSet:
         # Of a stage without any cell all of them.
         late = self._late()
         free = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
-        cells = [(free.any(2), free.any(1))[axis] for axis in (0, 1)]
+        cells = free.any(2), free.any(1)
         first = np.stack([some.argmax(1) for some in cells], -1)
         last = np.stack([some.shape[1] - some[:, ::-1].argmax(1) for some in cells], -1)
         step = self.detours.size

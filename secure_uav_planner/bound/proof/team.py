@@ -72,10 +72,11 @@ class Team:
         if helping and np.isfinite(negative):
             spill = float(-np.log1p(-delta[list(helping)].sum()
                                     / (1 - delta[list(followed)].sum())) * (1 + 1e-9))
-        regions = [ReachableSet.of(scenario, i, stages, subset) for i in (0, *jammers)]
-        count = 1 + len(followed)
-        return cls(scenario, stages, subset, tuple(regions[:count]), tuple(regions[count:]),
-                   negative, delta[[0, *followed]], spill)
+        regions, helpers = (
+            tuple(ReachableSet.of(scenario, i, stages, subset, follow) for i in some)
+            for some, follow in (((0, *followed), True), (helping, False)))
+        return cls(scenario, stages, subset, regions, helpers, negative, delta[[0, *followed]],
+                   spill)
 
     @property
     def jammers(self) -> int:

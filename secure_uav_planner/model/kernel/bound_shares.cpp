@@ -72,7 +72,6 @@ public:
     std::size_t jammers() const { return jammers_; }
     std::size_t eavesdroppers() const { return receivers_ - 1; }
     std::size_t stages() const { return stages_; }
-    std::size_t columns() const { return columns_; }
     double price(std::size_t j) const { return price_[j]; }
     double peak(std::size_t j) const { return peak_[j]; }
 
@@ -245,8 +244,6 @@ public:
         }
     }
 
-    std::size_t corners() const { return corners_; }
-
     Box whole() const {
         Box box{};
         for (std::size_t e = 0; e < listeners_; ++e)
@@ -319,10 +316,19 @@ public:
 private:
     void add(std::size_t j, List& list, const Column& column) const {
         list.all.push_back(column);
-        list.own.push_back(column.base - all_.price(j) * column.watts);
-        list.ground.push_back(std::log1p(column.received[0]));
+        list.own.emplace_back();
+        list.ground.emplace_back();
+        for (std::size_t e = 0; e < listeners_; ++e) list.heard[e].emplace_back();
+        value(j, list, list.all.size() - 1);
+    }
+
+    // Find what a column costs and what is received of it.
+    void value(std::size_t j, List& list, std::size_t c) const {
+        const Column& column = list.all[c];
+        list.own[c] = column.base - all_.price(j) * column.watts;
+        list.ground[c] = std::log1p(column.received[0]);
         for (std::size_t e = 0; e < listeners_; ++e)
-            list.heard[e].push_back(std::log1p(column.received[who_[e] + 1]));
+            list.heard[e][c] = std::log1p(column.received[who_[e] + 1]);
     }
 
     // Draw a box's columns of a jammer into an interval of log p.
@@ -339,10 +345,7 @@ private:
             column.power = power;
             column.watts = std::exp(power);
             all_.receive(j, column);
-            list.own[c] = column.base - all_.price(j) * column.watts;
-            list.ground[c] = std::log1p(column.received[0]);
-            for (std::size_t e = 0; e < listeners_; ++e)
-                list.heard[e][c] = std::log1p(column.received[who_[e] + 1]);
+            value(j, list, c);
         }
     }
 
