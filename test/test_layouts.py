@@ -22,7 +22,7 @@ def series_of(topic, message):
     if isinstance(message, DiagnosticArray):
         for status in message.status:
             for key, value in values_of(status).items():
-                if re.fullmatch(r'-?\d[\d.e+-]*', value):
+                if re.fullmatch(r'-?\d+(\.\d+)?(e[+-]\d+)?', value):
                     yield f'{topic}/{status.hardware_id}/{status.name}/{key}', float(value)
     elif isinstance(message, float):
         yield topic, message
