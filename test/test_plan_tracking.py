@@ -374,4 +374,7 @@ def test_nobody_predicts_a_flight_whose_pace_changes(two_plans):
     hear(tracking, plan, *((1012.05 + since, 12.05 + since - 0.1 * since**2) for since in slower))
     with pytest.raises(LateError, match='slowing down or speeding up'):
         tracking.check_steady(1012.55)
+    hear(tracking, plan, (1012.6, 12.574), (1012.65, 12.574))
+    assert tracking.flight(1012.65).state == 'held'
+    tracking.check_steady(1012.65)
     tracking.check_steady(1014.0)  # Nothing was heard for long: it stands.
