@@ -347,10 +347,13 @@ def test_a_missing_cost_of_power_is_noticed(monkeypatch):
     ('return 2 * (x2 - square) / (q * q);', 'return 2 * (x2 - square) / (q * q) - 0.5 / square;'),
     ('extra += push[i]', 'extra += 0.9 * push[i]'),
     ('f.kb += more;', ''),
-    ('const double twice = at', 'const double twice = 0.2 * at'),
+    ('const double twice = phi2', 'const double twice = 0.2 * phi2'),
+    ('f.kp = -bent * (1 - steep * rho / width);', 'f.kp = -4 * bent;'),
+    ('f.ka += bent * steep', 'f.ka -= bent * steep'),
     ('f.ka = f.kb = 2 / q;', 'f.ka = f.kb = 1 / q;'),
     ('f.kp += factor * one.kp;', ''),
-], ids=['bound', 'radial', 'rim', 'tilt', 'power', 'listener', 'weight'])
+], ids=[
+    'bound', 'radial', 'rim', 'tilt', 'power', 'ground', 'ground across', 'listener', 'weight'])
 def test_an_error_in_the_bound_of_a_box_is_noticed(right, wrong, monkeypatch, tmp_path):
     mutant = compiled_with(right, wrong, tmp_path)
     assert not boxes_fail()
@@ -595,10 +598,11 @@ def test_rows_that_are_found_again_are_the_same():
 def test_eavesdroppers_outside_the_boxes_that_count_are_noticed(monkeypatch):
     options = {'seed': 9, 'jammers': 2, 'eavesdroppers': 4}
     # Boxes are for one of them, and the search leaves v of the others as it is.
-    monkeypatch.setattr(breakpoints, 'LISTENERS', 1)
+    monkeypatch.setattr(breakpoints, 'LISTENERS', {2: 1})
     right, put = breakpoints._shares, np.put_along_axis
     monkeypatch.setattr(
-        breakpoints, '_shares', lambda search, weight, counted=None: right(search, weight))
+        breakpoints, '_shares', lambda search, weight, counted: right(
+            search, weight, np.ones_like(counted)))
     assert worst(options) <= 0
 
     def all_of_them(array, index, value, axis):

@@ -17,11 +17,13 @@
 // with [d - eps]+ for d, serves for K over every box.
 //
 // A jammer's term is taken in pi = log p, with y = p b(q) and z = log y, so that
-// phi' = y / (1 + y) and phi'' = y / (1 + y)^2. -w0 phi(z0) adds at most w0 phi'(z0) 2 / q, because
-// -phi'' is not positive. v phi(z_e) adds v phi'' (|dpi| + G |dq|)^2, G being the largest gradient
-// of z_e, 2 x / (x^2 + H^2), and v phi' times the eigenvalue above, with the largest phi' where
-// that is positive and the smallest where it is not. -lam e^pi adds no more than -lam times its
-// least value. Every factor is taken at the end of its range over the box where it is largest.
+// phi' = y / (1 + y) and phi'' = y / (1 + y)^2. v phi(z_e) adds v phi'' (|dpi| + G |dq|)^2, G being
+// the largest gradient of z_e, 2 x / (x^2 + H^2), and v phi' times the eigenvalue above, with the
+// largest phi' where that is positive and the smallest where it is not. -w0 phi(z0) adds at most
+// w0 phi'(z0) 2 / q and takes away the least w0 phi'' times (dpi + g . dq)^2, |g| <= G, which for
+// any 0 < t <= 1 is at least (1 - t) dpi^2 - (1 / t - 1) G^2 |dq|^2: t = G rho / width leaves the
+// most, where that is below 1. -lam e^pi adds no more than -lam times its least value. Every factor
+// is taken at the end of its range over the box where it is largest.
 //
 // The potential's q . S q / 2 is bounded as it is, and for its |g + S dq| with g = u + S m both
 // |g| + g . S dq / |g| + |S dq|^2 / (2 |g|) and |g| + g . S dq / |g| + 2 |S dq| are bounds. What is
@@ -30,15 +32,14 @@
 // or on its rim, the number of boxes does not grow as they shrink.
 //
 // All of that but the reachable set's part is linear in the weights w0 and v, which are not
-// negative. So the boxes of a stage are a tree that its functions share: a box has one expansion
-// for each weight and one that none multiplies, and a function adds them up.
+// negative. So the functions of a stage are searched together: a box has one expansion for each
+// weight and one that none multiplies, and every function that still asks for it adds them up.
 #include <pybind11/pybind11.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <memory>
 #include <vector>
 
 #include "array.hpp"
@@ -54,7 +55,6 @@ namespace {
 constexpr double kBoxRounding = 1e-14;  // Share by which the halves of a box are widened.
 constexpr double kTiny = 1e-300;
 constexpr double kHuge = std::numeric_limits<double>::infinity();
-constexpr std::size_t kMost = 200000;   // Boxes of a tree that a function may still begin with.
 
 // The value and slopes of a function at a box's centre, numbers such that
 // ka da^2 + kb db^2 + kp dpi^2 is at least its second derivative along (da, db, dpi) anywhere in the
@@ -67,7 +67,6 @@ struct Box {
     double centre[3], half[3];
     bool meets, inside;  // The reachable set; whether its centre is in it.
     bool out[2];         // Whether it sticks out of the discs about start and goal.
-    std::size_t halves;  // The number of the first half, or 0 before it is cut.
 };
 
 // The largest slope x + bend x^2 / 2 for low <= x <= high.
@@ -85,6 +84,15 @@ double radial(double low, double high, double altitude) {
     const double square = altitude * altitude, q = x2 + square;
     return 2 * (x2 - square) / (q * q);
 }
+
+// The largest gradient 2 x / (x^2 + H^2) of log(x^2 + H^2) for low <= x <= high.
+double steepest(double low, double high, double altitude) {
+    const double x = std::min(std::max(altitude, low), high);
+    return 2 * x / (x * x + altitude * altitude);
+}
+
+// The second derivative of log(1 + e^z) where e^z is y; it is largest at y = 1.
+double phi2(double y) { return y / ((1 + y) * (1 + y)); }
 
 double positive(double x) { return x > 0 ? x : 0; }
 
@@ -233,9 +241,17 @@ private:
         f.ga = 2 * use / q * da;
         f.gb = 2 * use / q * db;
         f.gp = -use;
-        const double nearest = positive(std::sqrt(d2) - rho), near = nearest * nearest + square;
-        const double top = received * more / near;
-        f.ka = f.kb = top / (1 + top) * 2 / near;
+        const double d = std::sqrt(d2), nearest = positive(d - rho), farthest = d + rho;
+        const double near = nearest * nearest + square, far = farthest * farthest + square;
+        const double top = received * more / near, least = received / more / far;
+        f.ka = top / (1 + top) * 2 / near;
+        const double steep = steepest(nearest, farthest, altitude_);
+        if (steep * rho < width) {
+            const double bent = std::min(phi2(top), phi2(least));
+            f.kp = -bent * (1 - steep * rho / width);
+            f.ka += bent * steep * (width / std::max(rho, kTiny) - steep);
+        }
+        f.kb = f.ka;
         for (std::size_t e = 0; e < eavesdroppers_; ++e) {
             const double gain = std::exp(log_gain_ + log_advantages_[e]) * watts;
             const double ea = box.centre[0] - places_[2 * e];
@@ -251,15 +267,12 @@ private:
             const double low = positive(d - rho) + radii_[e], high = x + rho;
             const double top = gain * more / (low * low + square);
             const double least = gain / more / (high * high + square);
-            // phi'' is y / (1 + y)^2, largest at y = 1.
-            double at = std::min(std::max(least, 1.0), top);
-            const double twice = at / ((1 + at) * (1 + at));
-            at = std::min(std::max(altitude_, low), high);
-            const double steep = 2 * at / (at * at + square);
+            const double twice = phi2(std::min(std::max(least, 1.0), top));
+            const double steep = steepest(low, high, altitude_);
             // (|dpi| + G |dq|)^2: the two squares and the product are shared out.
             const double plane = twice * steep * (steep + width / std::max(rho, kTiny));
             const double round = radial(low, high, altitude_);
-            at = round > 0 ? top : least;
+            const double at = round > 0 ? top : least;
             f.ka = f.kb = plane + at / (1 + at) * round;
             f.kp = twice * (1 + steep * rho / std::max(width, kTiny));
         }
@@ -395,58 +408,48 @@ private:
     kernel::Detours detours_;
 };
 
-// The boxes of a stage.
-class Tree {
+// The search for the largest values of some functions of one stage, level of boxes by level.
+class Search {
 public:
-    Tree(const Terms& terms, std::size_t stage, const Box& whole) : terms_(terms), stage_(stage) {
-        add(whole);
+    Search(const Terms& terms, std::size_t stage, double budget)
+        : terms_(terms), stage_(stage), budget_(budget), parts_(terms.parts()) {}
+
+    // Add function k: its bound will be no more than a value that it reaches, or the known one,
+    // and the tolerance, unless the budget ends.
+    void add(std::size_t k, double known, double tolerance) {
+        asked_.push_back({functions_.size(), kHuge});
+        functions_.push_back({k, known + tolerance, tolerance, -kHuge, 0.0});
     }
 
-    std::size_t stage() const { return stage_; }
-    bool is_full() const { return boxes_.size() > kMost; }
-
-    // An upper bound of the largest value of function k: no more than a value that it reaches,
-    // or the known one, and the tolerance, unless the budget ends.
-    double maximum(std::size_t k, double known, double tolerance, double budget) {
-        double enough = known + tolerance, found = -kHuge;
-        queue_.assign(1, {0, kHuge});
-        for (std::size_t head = 0; head < queue_.size(); ++head) {
-            const std::size_t number = queue_[head].number;
-            const Box& box = boxes_[number];
-            if (!box.meets) continue;
-            double low = 0.0, high = 0.0;
-            if (terms_.jams()) {
-                const double middle = box.centre[2], width = box.half[2];
-                low = std::max(within(terms_.low(k), middle, -1), -width);
-                high = std::min(within(terms_.high(k), middle, 1), width);
-                if (low > high) continue;
-            }
-            double bound = queue_[head].bound;
-            const bool ended = double(head) >= budget;
-            // Written so that a NaN is never dropped.
-            if (!(bound <= enough) && !(ended && std::isfinite(bound))) {
-                const Expansion f = terms_.sum(k, parts(number));
-                if (box.inside && low <= 0 && high >= 0)
-                    enough = std::max(enough, f.value + tolerance);
-                bound = terms_.bound(stage_, box, f, low, high, enough);
-                if (!ended && !(bound <= enough)) {
-                    if (!box.halves) cut(k, number, f);
-                    const std::size_t half = boxes_[number].halves;
-                    queue_.push_back({half, bound});
-                    queue_.push_back({half + 1, bound});
-                    continue;
-                }
-            }
-            if (std::isnan(bound)) return bound;
-            found = std::max(found, bound);
+    // Write upper bounds of the largest values.
+    void run(Array<double>& best) {
+        std::vector<Node> level{{terms_.whole(stage_), 0, asked_.size()}};
+        while (!level.empty()) {
+            below_.clear();
+            still_.clear();
+            for (Node& node : level) visit(node);
+            std::swap(level, below_);
+            std::swap(asked_, still_);
         }
-        return found;
+        for (const Function& one : functions_) best[one.number] = one.found;
     }
 
 private:
-    struct Item {
+    struct Function {
         std::size_t number;
+        double enough, tolerance, found, boxes;
+    };
+
+    // A function that asks for a box, and its bound over the box that this is a half of.
+    struct Item {
+        std::size_t function;
         double bound;
+    };
+
+    // A box, and which of the items ask for it.
+    struct Node {
+        Box box;
+        std::size_t begin, end;
     };
 
     // How far a limit of log p is from a box's centre, a little farther than by rounding.
@@ -454,26 +457,57 @@ private:
         return limit - middle + sign * 4e-16 * (std::abs(limit) + std::abs(middle));
     }
 
-    Expansion* parts(std::size_t number) { return &parts_[number * terms_.parts()]; }
-
-    void add(const Box& box) {
-        boxes_.push_back(box);
-        boxes_.back().halves = 0;
-        parts_.resize(boxes_.size() * terms_.parts());
-        terms_.expand(stage_, boxes_.back(), parts(boxes_.size() - 1));
+    // Bound the functions that ask for a box, and cut it for those whose bound is not enough.
+    void visit(Node& node) {
+        Box& box = node.box;
+        terms_.expand(stage_, box, parts_.data());
+        if (!box.meets) return;
+        const std::size_t begin = still_.size();
+        double most = -kHuge;
+        Expansion loosest{};
+        std::size_t cut = 0;
+        for (std::size_t i = node.begin; i < node.end; ++i) {
+            Function& one = functions_[asked_[i].function];
+            double low = 0.0, high = 0.0;
+            if (terms_.jams()) {
+                const double middle = box.centre[2], width = box.half[2];
+                low = std::max(within(terms_.low(one.number), middle, -1), -width);
+                high = std::min(within(terms_.high(one.number), middle, 1), width);
+                if (low > high) continue;
+            }
+            double bound = asked_[i].bound;
+            const bool ended = one.boxes++ >= budget_;
+            // Written so that a NaN is never dropped.
+            if (!(bound <= one.enough) && !(ended && std::isfinite(bound))) {
+                const Expansion f = terms_.sum(one.number, parts_.data());
+                if (box.inside && low <= 0 && high >= 0)
+                    one.enough = std::max(one.enough, f.value + one.tolerance);
+                bound = terms_.bound(stage_, box, f, low, high, one.enough);
+                if (!ended && !(bound <= one.enough)) {
+                    still_.push_back({asked_[i].function, bound});
+                    if (!(bound - one.enough <= most)) {
+                        most = bound - one.enough;
+                        loosest = f;
+                        cut = one.number;
+                    }
+                    continue;
+                }
+            }
+            one.found = std::isnan(bound) ? bound : std::max(one.found, bound);
+        }
+        if (still_.size() > begin) halve(box, cut, loosest, begin);
     }
 
-    // Halve a box along the side that makes function k's bound largest.
-    void cut(std::size_t k, std::size_t number, const Expansion& f) {
+    // Halve a box along the side that makes the bound of function k, f there, largest.
+    void halve(const Box& box, std::size_t k, const Expansion& f, std::size_t begin) {
         // Where terms cancel, or a box sticks out of the set, it is their sizes that count.
         double size[3] = {};
         for (std::size_t part = 0; part < terms_.parts(); ++part) {
-            const Expansion& one = parts(number)[part];
+            const Expansion& one = parts_[part];
             const double factor = terms_.factor(k, part), bends[3] = {one.ka, one.kb, one.kp};
             for (int i = 0; i < 3; ++i) size[i] += factor * std::abs(bends[i]);
         }
         const double slope[3] = {f.ga, f.gb, f.gp};
-        Box box = boxes_[number];
         int side = 0;
         double most = -1.0;
         for (int i = 0; i < terms_.dimensions(); ++i) {
@@ -483,40 +517,44 @@ private:
                 side = i;
             }
         }
-        boxes_[number].halves = boxes_.size();
+        Node node{box, begin, still_.size()};
         const double width = box.half[side] / 2, middle = box.centre[side];
         // A box twice as small as the spacing of floats is widened to it.
-        box.half[side] = width * (1 + kBoxRounding) + 2e-16 * std::abs(middle);
+        node.box.half[side] = width * (1 + kBoxRounding) + 2e-16 * std::abs(middle);
         for (const int sign : {-1, 1}) {
-            box.centre[side] = middle + sign * width;
-            add(box);
+            node.box.centre[side] = middle + sign * width;
+            below_.push_back(node);
         }
     }
 
     const Terms& terms_;
     std::size_t stage_;
-    std::vector<Box> boxes_;
+    double budget_;
     std::vector<Expansion> parts_;
-    std::vector<Item> queue_;
+    std::vector<Function> functions_;
+    std::vector<Item> asked_, still_;  // Of this level of boxes, and of the next.
+    std::vector<Node> below_;
 };
 
-// Write the bounds of some functions, those of a stage one after the other, to `known`.
+// Write the bounds of some functions, all of one stage, to `known`.
 void maxima(const py::dict& given, const py::buffer& functions, const py::buffer& known,
             const py::buffer& tolerance, double budget) {
     const Terms terms(given);
     const Array<const std::int64_t> some(functions, "functions");
-    const Array<double> best(known, "known", terms.size());
+    Array<double> best(known, "known", terms.size());
     const Array<const double> tolerances(tolerance, "tolerance", terms.size());
+    expect(some.size() > 0, "functions");
     for (std::size_t i = 0; i < some.size(); ++i)
-        expect(some[i] >= 0 && std::size_t(some[i]) < terms.size(), "functions");
+        expect(some[i] >= 0 && std::size_t(some[i]) < terms.size()
+                   && terms.stage(std::size_t(some[i])) == terms.stage(std::size_t(some[0])),
+               "functions");
     const py::gil_scoped_release release;
-    std::unique_ptr<Tree> tree;
+    Search search(terms, terms.stage(std::size_t(some[0])), budget);
     for (std::size_t i = 0; i < some.size(); ++i) {
         const std::size_t k = std::size_t(some[i]);
-        if (!tree || tree->stage() != terms.stage(k) || tree->is_full())
-            tree = std::make_unique<Tree>(terms, terms.stage(k), terms.whole(terms.stage(k)));
-        best[k] = tree->maximum(k, best[k], tolerances[k], budget);
+        search.add(k, best[k], tolerances[k]);
     }
+    search.run(best);
 }
 
 // Value at the centre of a box and bound over it, for the tests.
