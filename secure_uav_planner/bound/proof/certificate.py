@@ -164,6 +164,7 @@ def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still:
     simplices, powers, exists = share_boxes(
         division.splits, division.listeners.shape[1], team.jammers)
     rho, theta = corners(simplices), corners(division.theta).sum(3)
+    heard = np.take_along_axis(shares, division.listeners, 1)
     theta = np.concatenate([theta, 1.0 - theta.sum(-1, keepdims=True)], -1)
     if not ((theta >= 0) & (theta <= 1)).all():
         raise AssertionError('theta must be from 0 to 1 in every box')
@@ -172,19 +173,17 @@ def _jammed(team: Team, potentials: tuple[Potential, ...], prices: Array, still:
     at = np.nonzero(np.broadcast_to(exists[:, :, None], values.shape))
     box, m, _ = at
     for j in range(team.jammers):
-        own, part, within = rho[at][:, :, j], weights[m] * theta[at][:, j], powers[:, box, m, j]
+        own, part, within = rho[at][:, :, j] * heard[m], weights[m] * theta[at][:, j], (
+            powers[:, box, m, j])
         # Boxes have corners in common.
         first, which = distinct(np.column_stack([m, part, *within, own]))
         some, v = m[first], np.zeros((len(first), team.eavesdroppers))
-        listeners = division.listeners[some]
-        np.put_along_axis(v, listeners, own[first] * np.take_along_axis(
-            shares[some], listeners, 1), 1)
+        np.put_along_axis(v, division.listeners[some], own[first], 1)
         slack = np.full(len(first), np.inf)
         np.minimum.at(slack, which, division.slack[at])
         values[at] += _maxima(
             team, potentials[j + 1], j + 1, still[j + 1], stage[some], part[first], v,
             prices[j + 1], division.known[j][at][first], slack, stop, within[:, first])[which]
-    heard = np.take_along_axis(shares, division.listeners, 1)
     return np.asarray(over_boxes(values, rho, division.mean, heard).max((0, 2)))
 
 

@@ -27,7 +27,7 @@ namespace {
 
 constexpr std::size_t kJammers = 3;         // At most.
 constexpr std::size_t kReceivers = 9;       // The ground node and all eavesdroppers, at most.
-constexpr std::size_t kListeners = 3;       // Eavesdroppers in boxes, at most.
+constexpr std::size_t kListeners = 4;       // Eavesdroppers in boxes, at most.
 constexpr std::size_t kCorners = 27;        // Of a box of shares, at most.
 constexpr int kRounds = 16;                 // Of a search for a better place and power.
 constexpr double kFinest = 0.02;            // Share of its first steps with which it ends.
@@ -191,8 +191,10 @@ private:
     kernel::Detours detours_;
 };
 
-// Columns of one jammer, with what each costs, and log(1 + J x) at the ground node and elsewhere.
+// Columns of one jammer with log p in an interval, with what each costs, and log(1 + J x) at the
+// ground node and elsewhere.
 struct List {
+    double low, high;
     std::vector<Column> all;
     std::vector<double> own, ground, heard[kListeners];
 };
@@ -203,12 +205,6 @@ struct Piece {
     double end;
 };
 
-// Columns of all jammers, with log p in an interval each.
-struct Lists {
-    double low[kJammers], high[kJammers];
-    List of[kJammers];
-};
-
 struct Cut {
     std::size_t first, second;  // Corners of a simplex of shares; else both are 0.
     double at;
@@ -217,7 +213,7 @@ struct Cut {
 struct Box {
     double share[kListeners][kJammers][kJammers];  // At the corners of every simplex.
     double theta[kListeners][kJammers][kJammers];  // What every simplex's corners add to theta.
-    std::shared_ptr<Lists> lists;
+    std::shared_ptr<List> list[kJammers];
     double mean[kListeners][kJammers];             // The shares at which the bound is attained.
     double known[kJammers][kCorners];
     std::uint32_t best[kJammers][kCorners];        // The columns that are worth that.
@@ -228,15 +224,20 @@ struct Box {
     bool useful[kListeners + kJammers];
 };
 
-// The division at one breakpoint.
+// The division at one breakpoint, by those of the listeners whose v is above 0.
 class Division {
 public:
-    Division(const Jammers& jammers, std::size_t stage, double weight, std::size_t listeners,
+    Division(const Jammers& jammers, std::size_t stage, double weight, std::size_t slots,
              const double* v, const std::int64_t* listening)
-        : all_(jammers), stage_(stage), jammers_(jammers.jammers()), listeners_(listeners),
-          weight_(weight), v_(v), who_(listening) {
-        corners_ = 1;
-        for (std::size_t e = 0; e < listeners_; ++e) corners_ *= jammers_;
+        : all_(jammers), stage_(stage), jammers_(jammers.jammers()), slots_(slots),
+          weight_(weight) {
+        for (std::size_t slot = 0; slot < slots; ++slot) {
+            if (!(v[slot] > 0) && (listeners_ > 0 || slot + 1 < slots)) continue;
+            slot_[listeners_] = slot;
+            v_[listeners_] = v[slot];
+            who_[listeners_++] = listening[slot];
+        }
+        corners_ = power(listeners_);
         for (std::size_t corner = 0; corner < corners_; ++corner) {
             std::size_t rest = corner;
             for (std::size_t e = listeners_; e-- > 0; rest /= jammers_)
@@ -250,14 +251,12 @@ public:
             for (std::size_t j = 0; j < jammers_; ++j) box.share[e][j][j] = 1.0;
         const double each = 1.0 / double(jammers_ * listeners_);
         std::fill(&box.theta[0][0][0], &box.theta[0][0][0] + sizeof box.theta / sizeof each, each);
-        box.lists = std::make_shared<Lists>();
         for (std::size_t j = 0; j < jammers_; ++j) {
-            box.lists->low[j] = -kHuge;
-            box.lists->high[j] = kHuge;
+            box.list[j] = std::make_shared<List>(List{-kHuge, kHuge, {}, {}, {}, {}});
             std::set<std::tuple<double, double, double>> seen;
             for (const Column& one : all_.of(j, stage_))
                 if (seen.insert({one.power, one.place[0], one.place[1]}).second)
-                    add(j, box.lists->of[j], one);
+                    add(j, *box.list[j], one);
         }
         std::fill(box.part, box.part + corners_, 1.0 / double(corners_));
         fit(box);
@@ -289,9 +288,8 @@ public:
                 fit(part[1], s, cut.first);
             } else {
                 const std::size_t j = s - listeners_;
-                draw(part[0], j, box.lists->low[j], cut.at);
-                draw(part[1], j, cut.at, box.lists->high[j]);
-                for (Box& one : part) fit(one);
+                draw(part[0], j, box.list[j]->low, cut.at);
+                draw(part[1], j, cut.at, box.list[j]->high);
             }
             const double more = std::max(part[0].bound, part[1].bound)
                                 + 1e-3 * std::min(part[0].bound, part[1].bound);
@@ -300,8 +298,9 @@ public:
             best = std::move(part[0]);
             rest = std::move(part[1]);
             const std::size_t edges = jammers_ * jammers_;
-            *side = std::int64_t(s < listeners_ ? s * edges + cut.first * jammers_ + cut.second
-                                                : listeners_ * (edges - 1) + s);
+            *side = std::int64_t(
+                s < listeners_ ? slot_[s] * edges + cut.first * jammers_ + cut.second
+                               : slots_ * edges + s - listeners_);
             *at = cut.at;
         }
         if (score == kHuge) return false;
@@ -313,7 +312,31 @@ public:
         return true;
     }
 
+    // Write what the certificate needs of a box: nobody else's corners make a difference.
+    void write(const Box& box, double* theta, double* mean, double* known) const {
+        std::fill(theta, theta + slots_ * jammers_ * jammers_, 0.0);
+        for (std::size_t e = 0; e < listeners_; ++e)
+            for (std::size_t i = 0; i < jammers_; ++i) {
+                mean[slot_[e] * jammers_ + i] = box.mean[e][i];
+                std::copy(box.theta[e][i], box.theta[e][i] + jammers_,
+                          theta + (slot_[e] * jammers_ + i) * jammers_);
+            }
+        for (std::size_t j = 0; j < jammers_; ++j)
+            for (std::size_t number = 0; number < power(slots_); ++number) {
+                std::size_t corner = 0;
+                for (std::size_t e = 0; e < listeners_; ++e)
+                    corner = corner * jammers_
+                             + number / power(slots_ - 1 - slot_[e]) % jammers_;
+                *known++ = box.known[j][corner];
+            }
+    }
+
 private:
+    // The number of corners of so many listeners' simplices.
+    std::size_t power(std::size_t listeners) const {
+        return listeners ? jammers_ * power(listeners - 1) : 1;
+    }
+
     void add(std::size_t j, List& list, const Column& column) const {
         list.all.push_back(column);
         list.own.emplace_back();
@@ -331,12 +354,12 @@ private:
             list.heard[e][c] = std::log1p(column.received[who_[e] + 1]);
     }
 
-    // Draw a box's columns of a jammer into an interval of log p.
+    // Draw a box's columns of a jammer into an interval of log p, and fit the box.
     void draw(Box& box, std::size_t j, double low, double high) const {
-        box.lists = std::make_shared<Lists>(*box.lists);
-        box.lists->low[j] = low;
-        box.lists->high[j] = high;
-        List& list = box.lists->of[j];
+        box.list[j] = std::make_shared<List>(*box.list[j]);
+        List& list = *box.list[j];
+        list.low = low;
+        list.high = high;
         for (std::size_t c = 0; c < list.all.size(); ++c) {
             Column& column = list.all[c];
             const double power =
@@ -347,6 +370,9 @@ private:
             all_.receive(j, column);
             value(j, list, c);
         }
+        for (std::size_t corner = 0; corner < corners_; ++corner) look(box, j, corner);
+        bound(box);
+        choose(box);
     }
 
     double theta(const Box& box, std::size_t j, std::size_t corner) const {
@@ -358,7 +384,7 @@ private:
     // The number of jammer j's best column at a corner with some theta, and what it is worth.
     std::pair<std::size_t, double> best(const Box& box, std::size_t j, std::size_t corner,
                                         double theta) const {
-        const List& list = box.lists->of[j];
+        const List& list = *box.list[j];
         const std::size_t count = list.own.size();
         many_.resize(count);
         double* value = many_.data();
@@ -386,7 +412,7 @@ private:
         std::vector<Piece> pieces[kJammers];
         double most = 1.0;
         for (std::size_t j = 0; j < jammers_; ++j) {
-            const List& list = box.lists->of[j];
+            const List& list = *box.list[j];
             best(box, j, corner, 0.0);
             // Lines with falling slopes: each is best up to where the next one is better.
             for (const std::size_t c : order[j]) {
@@ -418,7 +444,7 @@ private:
                 double begin = 0.0;
                 for (const Piece& piece : pieces[j]) {
                     theta[j] = std::max(
-                        level * (1.0 + box.lists->of[j].all[piece.column].received[0]), begin);
+                        level * (1.0 + box.list[j]->all[piece.column].received[0]), begin);
                     begin = piece.end;
                     if (theta[j] <= begin) break;
                 }
@@ -435,7 +461,7 @@ private:
         // Columns in the order in which the ground hears them.
         std::vector<std::size_t> order[kJammers];
         for (std::size_t j = 0; j < jammers_; ++j) {
-            const std::vector<double>& ground = box.lists->of[j].ground;
+            const std::vector<double>& ground = box.list[j]->ground;
             order[j].resize(ground.size());
             std::iota(order[j].begin(), order[j].end(), 0);
             std::sort(order[j].begin(), order[j].end(), [&](std::size_t one, std::size_t two) {
@@ -490,7 +516,7 @@ private:
     // The best column at a corner that somebody receives otherwise than the best one: often one is
     // silent and the other loud.
     std::size_t other(const Box& box, std::size_t j, std::size_t corner, std::size_t one) const {
-        const List& list = box.lists->of[j];
+        const List& list = *box.list[j];
         best(box, j, corner, theta(box, j, corner));
         std::size_t found = one;
         for (std::size_t c = 0; c < many_.size(); ++c) {
@@ -519,14 +545,14 @@ private:
                         if (w[e] != 0) value += w[e] * std::log1p(one.received[who_[e] + 1]);
                     return value;
                 };
-                List& list = box.lists->of[j];
+                List& list = *box.list[j];
                 const std::size_t top = box.best[j][corner];
                 const std::size_t second = widely ? other(box, j, corner, top) : top;
                 for (const std::size_t start : std::set{top, second}) {
                     Column column = list.all[start];
-                    all_.improve(j, stage_, box.lists->low[j],
-                                 std::min(box.lists->high[j], all_.peak(j)), 1.0, worth, column);
-                    if (!(worth(column) > box.known[j][corner] + 1e-5)) continue;
+                    all_.improve(j, stage_, list.low, std::min(list.high, all_.peak(j)), 1.0,
+                                 worth, column);
+                    if (!(worth(column) > box.known[j][corner] + 3e-4)) continue;
                     add(j, list, column);
                     better = true;
                 }
@@ -613,7 +639,7 @@ private:
             const Column *quiet = nullptr, *loud = nullptr;
             for (std::size_t corner = 0; corner < corners_; ++corner) {
                 if (box.part[corner] < kActive) continue;
-                const Column* one = &box.lists->of[j].all[box.best[j][corner]];
+                const Column* one = &box.list[j]->all[box.best[j][corner]];
                 if (!quiet || one->power < quiet->power) quiet = one;
                 if (!loud || one->power > loud->power) loud = one;
             }
@@ -625,16 +651,16 @@ private:
             const double gain = best / loud->watts;
             const double middle = (std::log1p(best) + std::log1p(gain * quiet->watts)) / 2;
             const double at = std::log(std::expm1(middle) / gain);
-            box.useful[listeners_ + j] = at > box.lists->low[j] && at < box.lists->high[j];
+            box.useful[listeners_ + j] = at > box.list[j]->low && at < box.list[j]->high;
             box.cut[listeners_ + j] = {0, 0, at};
         }
     }
 
     const Jammers& all_;
-    std::size_t stage_, jammers_, listeners_, corners_;
-    double weight_;
-    const double* v_;
-    const std::int64_t* who_;
+    std::size_t stage_, jammers_, slots_, listeners_ = 0, corners_;
+    double weight_, v_[kListeners];
+    std::size_t slot_[kListeners];
+    std::int64_t who_[kListeners];
     std::size_t which_[kCorners][kListeners];
     mutable std::vector<double> many_;
 };
@@ -648,6 +674,7 @@ void share_boxes(const py::dict& given) {
     expect(e >= 1 && e <= kListeners, "listeners");
     std::size_t corners = 1;
     for (std::size_t l = 0; l < e; ++l) corners *= j;
+    expect(corners <= kCorners, "listeners");
     const std::size_t boxes = splits + 1;
     const Array<const std::int64_t> stage(given, "stage", count),
         who(given, "listeners", count * e);
@@ -655,6 +682,7 @@ void share_boxes(const py::dict& given) {
         enough(given, "enough", count);
     const Array<std::int64_t> which(given, "box", count * splits),
         side(given, "side", count * splits);
+    const Array<const std::int64_t> most(given, "cuts", count);
     const Array<double> at(given, "at", count * splits),
         means(given, "mean", count * boxes * e * j),
         theta(given, "theta", count * boxes * e * j * j),
@@ -668,7 +696,7 @@ void share_boxes(const py::dict& given) {
         const Division division(jammers, std::size_t(stage[m]), weight[m], e, &shares[m * e],
                                 &who[m * e]);
         std::vector<Box> found{division.whole()};
-        for (std::size_t s = 0; s < splits; ++s) {
+        for (std::size_t s = 0; s < std::min(splits, std::size_t(most[m])); ++s) {
             std::size_t worst = 0;
             for (std::size_t b = 1; b < found.size(); ++b)
                 if (found[b].bound > found[worst].bound) worst = b;
@@ -680,16 +708,11 @@ void share_boxes(const py::dict& given) {
             which[m * splits + s] = std::int64_t(worst);
             found.push_back(std::move(rest));
         }
-        for (std::size_t b = 0; b < found.size(); ++b)
-            for (std::size_t i = 0; i < j; ++i) {
-                for (std::size_t l = 0; l < e; ++l)
-                    std::copy(found[b].theta[l][i], found[b].theta[l][i] + j,
-                              &theta[(((m * boxes + b) * e + l) * j + i) * j]);
-                for (std::size_t l = 0; l < e; ++l)
-                    means[((m * boxes + b) * e + l) * j + i] = found[b].mean[l][i];
-                std::copy(found[b].known[i], found[b].known[i] + corners,
-                          &known[((m * boxes + b) * j + i) * corners]);
-            }
+        for (std::size_t b = 0; b < found.size(); ++b) {
+            const std::size_t row = m * boxes + b;
+            division.write(found[b], &theta[row * e * j * j], &means[row * e * j],
+                           &known[row * j * corners]);
+        }
     }
 }
 
