@@ -73,7 +73,7 @@ A jammer whose power is above 0 in a box may do the least harm far from where it
 ENOUGH = 2e-3
 """By how much, in nats, a breakpoint may be above what combinations are worth without a cut."""
 
-AT_ONCE = 50
+AT_ONCE = 10
 """Breakpoints between two questions whether to stop."""
 
 
