@@ -598,7 +598,7 @@ def test_rows_that_are_found_again_are_the_same():
 def test_eavesdroppers_outside_the_boxes_that_count_are_noticed(monkeypatch):
     options = {'seed': 9, 'jammers': 2, 'eavesdroppers': 4}
     # Boxes are for one of them, and the search leaves v of the others as it is.
-    monkeypatch.setattr(breakpoints, 'LISTENERS', {2: 1})
+    monkeypatch.setitem(breakpoints.LISTENERS, 2, 1)
     right, put = breakpoints._shares, np.put_along_axis
     monkeypatch.setattr(
         breakpoints, '_shares', lambda search, weight, counted: right(

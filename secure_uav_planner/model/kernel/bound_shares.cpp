@@ -1,5 +1,5 @@
 // Lemma 8's boxes: how the shares and the powers of several jammers are divided. See bound/proof,
-// jammer_shares.py, for what they are, and bound/search, breakpoints.py, for the arrays.
+// jammer_shares.py, for what they are, and bound/search, division.py, for the arrays.
 //
 // What is found here may be bad, never wrong: the certificate computes every bound anew.
 #include <pybind11/pybind11.h>
