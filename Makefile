@@ -14,7 +14,7 @@ SOURCES := setup.py setup.cfg build_backend.py pyproject.toml package.xml \
 COMPAT_PYTHON ?= $(shell python3.12 -c 'print("python3.12")' 2>/dev/null || echo $(PYTHON))
 COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace alternating bound \
 	channel city_missions clearance derivatives fly_hover_fly fuzz_solve joint kernel load \
-	mission_file plan playback planner_node relay_node replay_node restrictions scenario \
+	mission_file plan playback planner relay replay restrictions scenario \
 	worst_case worst_case_objective))
 
 .PHONY: demo test test-slow bench fly numbers soak study docs compat clean

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ABSENT = ('casadi', 'mcap', 'mcap_ros2', 'mypy', 'plotly', 'rosbags', 'selenium')
 # All files are collected, so that all must do without; these are run: they take half a minute.
 SOME = ' or '.join(f'test_{name}.py' for name in (
-    'config', 'load', 'plan', 'replay_node', 'scenario'))
+    'config', 'load', 'plan', 'replay', 'scenario'))
 
 
 def colcon(*arguments, cwd, **variables):

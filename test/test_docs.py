@@ -30,8 +30,8 @@ from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters,
     zone_parameters)
-from secure_uav_planner.ros.planner_node import Planner
-from secure_uav_planner.ros.replay_node import Replay
+from secure_uav_planner.ros.planner import Planner
+from secure_uav_planner.ros.replay import Replay
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -68,7 +68,7 @@ def test_a_flight_that_waits_or_has_ended_is_said_to_whatever_its_times_are_roun
                              (playback.begin + 1e-3, 'held'), (playback.duration - 1e-3, 'held')):
         for after in (0, 40_000_000, 77_777_777):
             clock_ns = plan.start_ns + 200_000_000_000 + after
-            tracking.hear(messages.plan_time(
+            tracking.take_report(messages.plan_time(
                 plan, moment, RosTime(nanoseconds=clock_ns).to_msg()))
             assert tracking.flight(clock_ns * 1e-9).state == expected
 
@@ -320,7 +320,7 @@ def test_a_replan_that_was_refused_is_no_longer_reported_when_the_flight_has_end
 def hear(tracking, plan, *reports):
     """Let a follower report (time of the clock, time of the plan) in s of a plan."""
     for clock, reached in reports:
-        tracking.hear(messages.plan_time(
+        tracking.take_report(messages.plan_time(
             plan, reached, RosTime(nanoseconds=round(clock * 1e9)).to_msg()))
 
 
@@ -358,8 +358,8 @@ def test_a_follower_of_a_plan_that_is_not_known_is_named(two_plans):
     problem, = tracking.report({'uavs': [], 'track_tolerance': 5.0}, 1010.5)[0]
     assert f'flies plan {other.identity}, which this planner does not know' in problem
     tracking.follow(known, 1010.6)
-    assert tracking.stranger(1010.6) == other.identity
-    assert tracking.stranger(1012.0) is None  # Silent since.
+    assert tracking.unknown_plan(1010.6) == other.identity
+    assert tracking.unknown_plan(1012.0) is None  # Silent since.
 
 
 def test_nobody_predicts_a_flight_whose_pace_changes(two_plans):

@@ -64,11 +64,10 @@ def planner_with(solve, **parameters):
     script = ('from dataclasses import replace\n'
               'import time\n'
               'from secure_uav_planner import fly_hover_fly, Iteration\n'
-              'import secure_uav_planner.ros.worker as worker\n'
+              'import secure_uav_planner.ros.planner as planner\n'
               f'{solve}\n'
-              'worker.solve = solve\n'
-              'from secure_uav_planner.ros.planner import main\n'
-              'main()\n')
+              'planner.solve = solve\n'
+              'planner.main()\n')
     arguments = [word for name, value in parameters.items()
                  for word in ('-p', f'{name.replace("__", ".")}:={value}')]
     process = subprocess.Popen(
@@ -149,33 +148,6 @@ def test_the_code_of_an_outcome_is_that_of_its_error(client, change, code):
             client.call('planner/plan')  # again, if a pose has come just before
             return values_of(status[-1])['outcome.code']
         wait_for(lambda: outcome() == code, what=code)
-
-
-def test_a_plan_of_sixty_thousand_points_does_not_delay_its_answer(client, tmp_path):
-    """What may take long is the worst-case rate: it follows in the status."""
-    quick = f"""
-import os
-from secure_uav_planner import Plan
-evaluated = Plan.evaluated
-def later(plan):
-    while not os.path.exists({str(tmp_path / 'go')!r}):
-        time.sleep(0.01)
-    return evaluated(plan)
-Plan.evaluated = later
-def solve(scenario, **options):
-    return replace(fly_hover_fly(scenario), status='converged')
-"""
-    with planner_with(quick, uavs='[uav1, uav2, uav3]', slots=20000, duration=400.0):
-        status = client.listen(DiagnosticStatus, 'planner/status')
-        client.send_paper()
-        answer = client.call('planner/plan')
-        assert answer.success
-        assert 'worst-case rate not evaluated yet' in answer.message
-        assert 'plan.worst_case_rate' not in values_of(status[-1])
-        (tmp_path / 'go').touch()
-        wait_for(lambda: 'plan.worst_case_rate' in values_of(status[-1]), patience=5 * PATIENCE,
-                 what='the worst-case rate')
-        assert 'not evaluated' not in status[-1].message
 
 
 def test_a_replan_that_comes_too_late_leaves_the_old_plan_and_gives_the_reason(client):

@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Mapping
 import math
-import threading
 from typing import Any
 
 import numpy as np
@@ -91,51 +90,47 @@ class PlanTracking:
         self._plans: dict[str, Playback] = {}
         self._reports: _Reports | None = None
         self._followed = 0  # The time of the newest plan in ns.
-        self._stranger: tuple[str, float] | None = None
+        self._unknown: tuple[str, float] | None = None
         self._track = Track()
-        self._lock = threading.Lock()
 
     def follow(self, plan: Plan, now: float) -> None:
         """Take up a plan that is published now; it replaces what has not begun."""
-        with self._lock:
-            reported = self._reports.identity if self._reports else None
-            begun = [identity for identity, playback in self._plans.items() if now > (
-                playback.plan.start_ns * 1e-9 + playback.begin) and identity != reported]
-            kept = {reported, *begun[1 - _MOST_PLANS:]} - {plan.identity}
-            self._plans = {identity: playback for identity, playback in self._plans.items()
-                           if identity in kept}
-            self._plans[plan.identity] = Playback(plan)
-            self._followed = round(now * 1e9)
+        reported = self._reports.identity if self._reports else None
+        begun = [identity for identity, playback in self._plans.items() if now > (
+            playback.plan.start_ns * 1e-9 + playback.begin) and identity != reported]
+        kept = {reported, *begun[1 - _MOST_PLANS:]} - {plan.identity}
+        self._plans = {identity: playback for identity, playback in self._plans.items()
+                       if identity in kept}
+        self._plans[plan.identity] = Playback(plan)
+        self._followed = round(now * 1e9)
 
-    def hear(self, message: TimeReference) -> None:
+    def take_report(self, message: TimeReference) -> None:
         """Take up what a follower says of the time of its plan."""
         clock, plan = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
-        with self._lock:
-            if message.source not in self._plans:
-                self._stranger = message.source, clock * 1e-9
-                return
-            if self._reports is None or self._reports.identity != message.source:
-                # A follower that goes over from one plan to the next does not stop.
-                rate = 0.0 if self._reports is None else self._reports.at(clock, 0)[1]
-                self._reports = _Reports(message.source, rate)
-            self._reports.add(clock, plan)
+        if message.source not in self._plans:
+            self._unknown = message.source, clock * 1e-9
+            return
+        if self._reports is None or self._reports.identity != message.source:
+            # A follower that goes over from one plan to the next does not stop.
+            rate = 0.0 if self._reports is None else self._reports.at(clock, 0)[1]
+            self._reports = _Reports(message.source, rate)
+        self._reports.add(clock, plan)
 
     def flight(self, now: float) -> Flight | None:
         """Return what is flown at a time, or None before any plan."""
-        with self._lock:
-            if not self._plans:
-                return None
-            newest, now_ns = next(reversed(self._plans.values())), round(now * 1e9)
-            reports = self._reports
-            reported = reports and self._plans.get(reports.identity)
-            # A new plan of the same flight is flown at the same time, as soon as it is known.
-            same = reported and newest.plan.start_ns == reported.plan.start_ns
-            if not reported or not (same or reports.is_heard(now_ns)):
-                return self._by_stamps(now)
-            untaken = newest is not reported and (
-                reports.last_ns - self._followed > _UNTAKEN * 1e9)
-            return Flight(newest if same and not untaken else reported,
-                          *reports.at(now_ns, reported.plan.start_ns), reports.is_heard(now_ns))
+        if not self._plans:
+            return None
+        newest, now_ns = next(reversed(self._plans.values())), round(now * 1e9)
+        reports = self._reports
+        reported = reports and self._plans.get(reports.identity)
+        # A new plan of the same flight is flown at the same time, as soon as it is known.
+        same = reported and newest.plan.start_ns == reported.plan.start_ns
+        if not reported or not (same or reports.is_heard(now_ns)):
+            return self._by_stamps(now)
+        untaken = newest is not reported and (
+            reports.last_ns - self._followed > _UNTAKEN * 1e9)
+        return Flight(newest if same and not untaken else reported,
+                      *reports.at(now_ns, reported.plan.start_ns), reports.is_heard(now_ns))
 
     def _by_stamps(self, now: float) -> Flight:
         """Return the flight of the last plan that has begun, or else of the newest."""
@@ -145,20 +140,19 @@ class PlanTracking:
 
     def check_steady(self, now: float) -> None:
         """Raise a LateError while a follower slows down or speeds up."""
-        with self._lock:
-            if self._reports and self._reports.is_heard(round(now * 1e9)) and (
-                    not self._reports.is_steady()):
-                raise LateError('the flight is slowing down or speeding up at the moment; '
-                                'ask again when it goes on evenly, or stands')
+        if self._reports and self._reports.is_heard(round(now * 1e9)) and (
+                not self._reports.is_steady()):
+            raise LateError('the flight is slowing down or speeding up at the moment; '
+                            'ask again when it goes on evenly, or stands')
 
     @property
     def has_reports(self) -> bool:
         """Return whether a follower has said anything of a plan that is known."""
         return self._reports is not None
 
-    def stranger(self, now: float) -> str | None:
+    def unknown_plan(self, now: float) -> str | None:
         """Return the identity of a plan that a follower flies and nobody here knows, or None."""
-        identity, heard = self._stranger or (None, -math.inf)
+        identity, heard = self._unknown or (None, -math.inf)
         return identity if 0 <= now - heard <= _SILENCE else None
 
     def sightings(self, flight: Flight | None, settings: Mapping[str, Any], now: float
@@ -204,15 +198,14 @@ class PlanTracking:
         if flight is None or len(offsets) < len(settings['uavs']):
             return
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
-        with self._lock:
-            self._track.add(flight.playback, flight.time, positions)
+        self._track.add(flight.playback, flight.time, positions)
 
     def report(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
         """Return what is wrong with the flight in words, and the values of the status by key."""
         flight, most = self.flight(now), settings['track_tolerance']
-        stranger = self.stranger(now)
-        problems = [] if stranger is None else [
-            f'the follower flies plan {stranger}, which this planner does not know: it takes up '
+        unknown = self.unknown_plan(now)
+        problems = [] if unknown is None else [
+            f'the follower flies plan {unknown}, which this planner does not know: it takes up '
             'no other before its ~/pause and ~/reset']
         if flight is None:
             return problems, {}
@@ -220,9 +213,8 @@ class PlanTracking:
         problems += [f'{name} is {distance:.1f} m from its plan and track_tolerance is {most:g} m'
                      for name, distance in distances.items()
                      if flight.state != 'waiting' and distance > most]
-        with self._lock:
-            newest = next(reversed(self._plans.values()))
-            rates = self._track.rates or ('none', 'none')
+        newest = next(reversed(self._plans.values()))
+        rates = self._track.rates or ('none', 'none')
         late = now - newest.plan.start_ns * 1e-9 - newest.begin
         if newest is not flight.playback and late > _UNTAKEN:
             problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '

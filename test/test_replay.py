@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path as FilePath
 import shutil
 import subprocess
 import time
@@ -118,15 +117,6 @@ def test_pause_holds_and_reset_returns(client, file):
         received = len(poses)
         client.call('replay/start')
         wait_for(lambda: any(pose.pose.position.y > held for pose in poses[received:]))
-
-
-def test_the_plan_is_drawn_when_asked(file, tmp_path):
-    picture = tmp_path / 'plan.png'
-    with node_process('replay', plan_file=file, picture_file=picture):
-        wait_for(picture.exists)
-        wait_for(lambda: picture.read_bytes().endswith(b'IEND\xaeB`\x82'))
-    with node_process('replay', plan_file=file, picture_file=tmp_path / 'no' / 'p.png') as process:
-        wait_for(lambda: any('goes on without' in line for line in process.lines))
 
 
 def test_it_loops_and_starts_by_itself_when_asked(file):
@@ -396,17 +386,6 @@ def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
         wait_for(lambda: watts)
         assert not any(watt.data == 3.21 for watt in watts)
         assert sum('got a plan' in line for line in process.lines) == 1
-
-
-def test_drawing_pictures_does_not_hold_setpoints_up(client, plan, tmp_path):
-    """PX4 leaves its offboard mode after 0.5 s without a setpoint."""
-    picture = tmp_path / 'plan.png'
-    setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_process('replay', autostart='true', picture_file=picture) as process:
-        send(client, plan, begins_at(3600.0))
-        wait_for(lambda: setpoints and picture.exists())
-        # A thread of the node that drew would hold the interpreter lock; a process does not.
-        assert 'matplotlib' not in FilePath(f'/proc/{process.pid}/maps').read_text()
 
 
 def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):

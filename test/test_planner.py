@@ -16,7 +16,6 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import (
     Client, node_here, node_process, PATIENCE, refusal, values_of, wait_for)
 from secure_uav_planner import Eavesdropper, Plan, Scenario, solve, upper_bound
-from secure_uav_planner.ros.background import Bounding
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -422,7 +421,7 @@ class HeldBound:
 
     def __init__(self, monkeypatch, slots):
         self.under_way, self.statuses, self._slots = threading.Event(), [], slots
-        monkeypatch.setattr('secure_uav_planner.ros.background.upper_bound', self)
+        monkeypatch.setattr('secure_uav_planner.ros.planner.upper_bound', self)
 
     def __call__(self, scenario, on_progress, **options):
         def told(progress):
@@ -434,24 +433,6 @@ class HeldBound:
         return bound
 
 
-@pytest.mark.parametrize('stop', ['cancel', 'put', 'close'])
-def test_a_bound_under_way_is_stopped_and_not_reported(monkeypatch, stop):
-    plan, small = (solve(Scenario.paper(104.0, slots=slots)) for slots in (52, 8))
-    held, found, failures = HeldBound(monkeypatch, 52), [], []
-    bounding = Bounding(lambda *given: found.append(given), failures.append)
-    bounding.put(plan)
-    wait_for(held.under_way.is_set, what='the bound to be under way')
-    if stop == 'put':
-        bounding.put(small)
-        wait_for(lambda: found, what='the bound of the other plan')
-    elif stop == 'cancel':
-        bounding.cancel()
-        wait_for(lambda: held.statuses, what='the end of the bound')
-    assert bounding.close(PATIENCE)
-    assert held.statuses[0] == 'cancelled' and not failures
-    assert [given[0] for given in found] == ([small] if stop == 'put' else [])
-
-
 def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(client, monkeypatch):
     held, solved = HeldBound(monkeypatch, 52), []
 
@@ -461,7 +442,7 @@ def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(client, 
         solved.append(list(held.statuses))
         return solve(scenario, **options)
 
-    monkeypatch.setattr('secure_uav_planner.ros.worker.solve', watched)
+    monkeypatch.setattr('secure_uav_planner.ros.planner.solve', watched)
     with node_here('planner', bound='after', pose_timeout=0.0, duration=104.0, slots=52):
         client.send_paper()
         assert client.call('planner/plan').success
