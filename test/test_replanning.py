@@ -144,7 +144,7 @@ def report(bench, clock, time):
     stamp, reached = (Time(nanoseconds=round((START + at) * 1e9)).to_msg() for at in (clock, time))
     message = TimeReference(source=bench.plan.identity, time_ref=reached)
     message.header.stamp = stamp
-    bench.tracking.take_report(message)
+    bench.tracking.take_report(message, START + clock)
 
 
 def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(bench, plan):

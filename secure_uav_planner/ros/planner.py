@@ -33,7 +33,7 @@ from .plan_tracking import check_goes_on, PlanTracking
 from .poses import Message, PoseBook
 from .process import run_node
 from .replanning import check_in_time, Replanning, Rest
-from .scenarios import scenario_from, StartTime
+from .scenarios import parameter_scenario, scenario_from, StartTime
 from .solver import Job, Result, SolverThread
 from .spec import Spec
 from .status import level_and_text, log_at, State, values
@@ -52,6 +52,7 @@ from ..plan.tracking import Flight
 
 _STATUS_PERIOD = 0.1
 _CHECK_PERIOD = 0.1  # Of where the UAVs are, and whether a replan is due.
+_DISCOVERY = 3.0  # s that nodes of one host took at most to find each other.
 _SHORTEST_SOLVE = 0.01
 _LONGEST_REASON = 4000
 _MOST_WARNINGS = 5  # Of the poses of each topic, until a valid one arrives.
@@ -71,18 +72,20 @@ class Planner(Node):
         # What has come for the state thread: the newest pose of each topic and when it came, the
         # reports of a follower, and functions to run.
         self._new_poses: dict[str, tuple[Message, float]] = {}
-        self._new_reports: deque[TimeReference] = deque()
+        self._new_reports: deque[tuple[TimeReference, float]] = deque()
         self._posted: deque[Callable[[], None]] = deque()
         self._solver = SolverThread(self._post)
         self._progress_sent = 0.0
         self._request = threading.Lock()  # Held while ~/plan waits for its answer.
         self._answer: 'Future[tuple[bool, str]]' = Future()
         self._closed = False
+        self._discovered = 0.0  # When who flies a restored plan has been met, by time.monotonic.
         self._replanning = Replanning(self._poses, self._tracking)
         self._make_interface()
         self._restore()
         self._publish_status()
         self._settings.warn_of_unknown()
+        self._warn_of_infeasible()
         self.get_logger().info(brief('ready: ~/plan plans for ' + ', '.join(self._uavs)))
 
     def _make_interface(self) -> None:
@@ -98,7 +101,7 @@ class Planner(Node):
         self.create_timer(_CHECK_PERIOD, self._on_check, callback_group=state, clock=steady)
         topics = dict(TOPICS['planner', 'sub'])
         subscribe(self, {'plan_time': topics.pop('plan_time')},
-                  lambda _, message: self._new_reports.append(message),
+                  lambda _, message: self._new_reports.append((message, self._now())),
                   MutuallyExclusiveCallbackGroup(), self._uavs)  # They keep their order.
         subscribe(self, topics, self._on_pose, inputs, self._uavs,
                   self._settings['eavesdroppers'])
@@ -131,7 +134,7 @@ class Planner(Node):
         for topic in [*self._new_poses]:
             self._take_pose(topic, *self._new_poses.pop(topic))
         while self._new_reports:
-            self._tracking.take_report(self._new_reports.popleft())
+            self._tracking.take_report(*self._new_reports.popleft())
         while self._posted:
             self._posted.popleft()()
 
@@ -162,6 +165,10 @@ class Planner(Node):
             return False, str(busy)
         try:
             self._answer = answer = Future()
+            # A restored plan may be flown by somebody who has not been discovered yet.
+            while time.monotonic() < self._discovered and not (
+                    self._tracking.has_reports or self._closed):
+                time.sleep(_CHECK_PERIOD)
             if self._closed:
                 return False, 'the planner is stopping'
             self._post(self._plan)
@@ -185,7 +192,7 @@ class Planner(Node):
         try:
             self._tracking.check_steady(now)
             scenario = scenario_from(
-                settings, self._poses, start, self._tracking.sightings(flight, settings, now),
+                settings, self._poses, start, self._tracking.states(flight, settings, now),
                 flight)
         except Exception as error:
             self._reply(False, self._refuse(error))
@@ -203,6 +210,7 @@ class Planner(Node):
             try:
                 plan, outgoing = result()
                 start.check_in_time(self._now_ns())
+                self._tracking.check_steady(self._now())
                 check_goes_on(flight, self._flight(self._now()), self._now() - now)
                 text = self._publish_plan(plan, outgoing, 'plans')
             except Exception as error:
@@ -315,6 +323,13 @@ class Planner(Node):
 
     # Publishing
 
+    def _warn_of_infeasible(self) -> None:
+        """Log why the mission of the parameters cannot be flown, if it cannot."""
+        try:
+            parameter_scenario(self._settings.snapshot())
+        except PlanningError as error:
+            self.get_logger().warning(f'the mission cannot be flown as it is set: {brief(error)}')
+
     def _restore(self) -> None:
         """Publish the plan in the plan file, if there is one."""
         file = self._settings['plan_file']
@@ -325,6 +340,8 @@ class Planner(Node):
             if [uav.name for uav in plan.scenario.uavs] != self._uavs or plan.start_ns is None:
                 raise PlanFileError(f'{file} is not a plan for {", ".join(self._uavs)}')
             self._publish_plan(plan, self._messages_of(plan), 'plans', restored=True)
+            if self._tracking.flight(self._now()).state != 'ended':
+                self._discovered = time.monotonic() + _DISCOVERY
         except Exception as error:
             text = brief(error) if isinstance(error, (PlanningError, OSError)) else (
                 with_type(error))

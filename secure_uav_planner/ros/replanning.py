@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 from .plan_tracking import PlanTracking
 from .poses import PoseBook
-from .scenarios import has_moved, updated
+from .scenarios import has_moved, update_receivers
 from ..errors import InfeasibleMissionError, LateError, PlanningError, SupersededError
 from ..mission.scenario import Scenario
-from ..optimize.rejoin import first_point, Rejoin, rejoined
+from ..optimize.rejoin import find_rejoin, first_point, Rejoin
 from ..plan.plan import Plan
-from ..plan.tracking import Flight, Sighting
+from ..plan.tracking import Flight, MeasuredState
 
 _RESERVE = 0.5  # For what follows a solve, in s; at most half of the time there is.
 _DELIVERY = 0.2  # s that a plan needs to the one who flies it, before it takes effect.
@@ -31,7 +31,7 @@ class Rest(NamedTuple):
 
     plan: Plan
     first: int
-    sightings: Sequence[Sighting | None]
+    states: Sequence[MeasuredState | None]
     known: Scenario
     must_meet: bool
     tolerance: float
@@ -45,11 +45,11 @@ class Rest(NamedTuple):
         """
         receivers = self.tolerance, self.known.ground_node, self.known.eavesdroppers
         try:
-            return rejoined(self.plan, self.first, self.sightings, *receivers)
+            return find_rejoin(self.plan, self.first, self.states, *receivers)
         except InfeasibleMissionError:
             if self.must_meet:
                 raise
-            return rejoined(self.plan, self.first, [None] * len(self.sightings), *receivers)
+            return find_rejoin(self.plan, self.first, [None] * len(self.states), *receivers)
 
 
 class Replanning:
@@ -84,15 +84,15 @@ class Replanning:
         if first >= plan.scenario.slots:
             return None  # The mission ends before a new plan could take effect.
         try:
-            known = updated(plan.scenario, settings, self._poses, now)
+            known = update_receivers(plan.scenario, settings, self._poses, now)
         except PlanningError:
             return None  # Poses are missing or too old; the diagnostics report it.
         is_due = self._is_due(plan, known, settings, now)
         if not is_due and not (flight.state == 'flying' and self._is_off(settings, now)):
             return None
         self._last_planned, self._was_due = now, is_due
-        sightings = self._tracking.sightings(flight, settings, now)
-        return Rest(plan, first, sightings, known, not is_due, settings['track_tolerance'],
+        states = self._tracking.states(flight, settings, now)
+        return Rest(plan, first, states, known, not is_due, settings['track_tolerance'],
                     lead - min(_RESERVE, lead / 2))
 
     def _is_due(self, plan: Plan, known: Scenario, settings: Mapping[str, Any], now: float
