@@ -3,10 +3,11 @@
 from pathlib import Path
 import re
 
+from benchmarks import __main__ as bench
+from docs.tools import measured
 import pytest
 import secure_uav_planner
-from secure_uav_planner.apps import measured, study
-from secure_uav_planner.apps.bench import __main__ as bench
+from studies import paper as study
 
 ROOT = Path(__file__).resolve().parents[1]
 RATE = re.compile(r'-?\d+\.\d{4}\b(?! s\b)')  # In bit/s/Hz; times depend on the machine.

@@ -13,7 +13,6 @@ import pytest
 from rclpy.time import Time as RosTime
 from ros_client import node_here, values_of, wait_for
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
-from secure_uav_planner.apps.fly.missions import limited
 from secure_uav_planner.errors import LateError, PoseError, WrongFrameError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
@@ -21,6 +20,7 @@ from secure_uav_planner.ros.parameters import PLANNER
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
+from studies.flown.missions import limited
 
 
 def odometry(x, y, velocity=(0.0, 0.0), frame_id='map', yaw=0.0, stamp=None, orientation=()):
