@@ -9,6 +9,8 @@ import pytest
 import secure_uav_planner
 from studies import paper as study
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 RATE = re.compile(r'-?\d+\.\d{4}\b(?! s\b)')  # In bit/s/Hz; times depend on the machine.
 
@@ -32,7 +34,7 @@ def assert_current(name, computed, pattern=RATE, tolerance=1e-3):
 
 @pytest.mark.parametrize('name, compute', [
     ('rates', lambda: measured.rates(proof=0.5)), ('objectives', measured.objectives),
-    pytest.param('methods', measured.methods, marks=pytest.mark.slow)])
+    ('methods', measured.methods)])
 def test_a_table_of_rates_is_that_of_today(name, compute):
     assert_current(name, compute())
 
