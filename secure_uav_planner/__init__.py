@@ -37,12 +37,12 @@ _HOMES = {'assessment': ('Assessment', 'World', 'assess'),
           'plan': ('Bound', 'Iteration', 'Plan')}
 
 _MOVED = {
-    **{name: f'apps.{name}' for name in ('bench', 'campaign', 'cli', 'demo', 'fly', 'study')},
     **{name: f'mission.{name}' for name in (
         'files', 'kinematics', 'link_budget', 'polygons', 'scenario')},
     **{name: f'model.{name}' for name in (
         'airspace', 'channel', 'clearance', 'curve', 'grid', 'kernel', 'limits', 'quadratics')},
-    'autopilots': 'output.autopilots', 'choices': 'mission', 'export': 'output',
+    'autopilots': 'output.autopilots', 'campaign': 'apps', 'choices': 'mission',
+    'cli': 'apps.cli', 'export': 'output',
     'fields': 'mission.validation', 'members': 'mission.participants',
     'plan_file': 'plan.file', 'playback': 'plan.playback', 'tracking': 'plan.tracking',
     'view': 'output'}

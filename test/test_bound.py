@@ -6,13 +6,13 @@ import json
 import math
 import warnings
 
+from benchmarks.missions import random_mission
 from bound_attack import random_plans
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
-from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.bound import upper_bound
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
 from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound

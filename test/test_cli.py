@@ -19,7 +19,7 @@ import numpy as np
 from processes import environment
 import pytest
 from secure_uav_planner import Channel, fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
-from secure_uav_planner.apps.cli.main import EXIT_STATUSES, main, make_parser
+from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
 from secure_uav_planner.output.geodesy import Origin
 from secure_uav_planner.output.qgroundcontrol import mission, TOLERANCE
 from secure_uav_planner.plan.plan import OBJECTIVES
@@ -118,7 +118,7 @@ def test_a_mission_without_a_proof_is_planned_and_its_plan_says_so(tmp_path, cap
 def test_a_plan_is_kept_when_its_bound_fails(tmp_path, monkeypatch, capsys):
     def fail(*_, **__):
         raise MemoryError
-    monkeypatch.setattr('secure_uav_planner.apps.cli.planning.upper_bound', fail)
+    monkeypatch.setattr('secure_uav_planner.apps.planning.upper_bound', fail)
     Scenario.paper(120.0, slots=10).save(tmp_path / 'mission.yaml')
     assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path)]) == 1
     file = tmp_path / 'plan.json'

@@ -55,6 +55,6 @@ def test_imports_run_one_way_and_rooms_are_few():
 
 @pytest.mark.parametrize('old, now', [
     *_MOVED.items(), ('export.spreadsheet', 'output.spreadsheet'),
-    ('campaign.tasks', 'apps.campaign.tasks')])
+    ('campaign.tasks', 'apps.tasks')])
 def test_a_module_is_the_same_under_the_name_it_had_before(old, now):
     assert import_module(f'secure_uav_planner.{old}') is import_module(f'secure_uav_planner.{now}')

@@ -13,7 +13,6 @@ import pytest
 from rclpy.time import Time as RosTime
 from ros_client import node_here, values_of, wait_for
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
-from secure_uav_planner.apps.fly.missions import limited
 from secure_uav_planner.errors import LateError, PoseError, WrongFrameError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
@@ -23,6 +22,7 @@ from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.scenarios import scenario_from, StartTime
 from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
+from studies.flown.missions import limited
 
 DEFAULTS = {name: spec.default for specs in (
     PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),

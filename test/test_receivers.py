@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from secure_uav_planner import Plan, reference_snr_db, Scenario, solve, upper_bound
-from secure_uav_planner.apps.cli.main import main
+from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.model import channel
 from strategies import random_powers, scenarios
