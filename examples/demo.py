@@ -15,13 +15,12 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from secure_uav_planner import Channel, fly_hover_fly, Plan, Scenario, solve, upper_bound
-from secure_uav_planner.apps.client import Client
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission import Objective
 from secure_uav_planner.output.page import save_page
 from secure_uav_planner.output.picture import save_picture
 from secure_uav_planner.output.table import table
-from secure_uav_planner.ros.graph import isolated, node_process
+from secure_uav_planner.ros.client import isolated, node_process, SecurePlanner
 from secure_uav_planner.ros.recording import record
 
 _MISSIONS = pathlib.Path(__file__).parents[1] / 'config'
@@ -95,32 +94,27 @@ def _plan_and_replay(scenario: Scenario, file: pathlib.Path | None, method: str 
     replay = [*parameters, '-p', f'speed:={_REPLAY_SPEED}', '-p', 'autostart:=true',
               '-p', f'true_eavesdropper:={place.tolist()}']
     with node_process('planner', planner), node_process('replay', replay), \
-            _Client(scenario) as client:
-        client.wait(client.knows_poses, 'a status of the planner with all poses',
-                    client.send_poses)
+            SecurePlanner(scenario, on_status=_print_progress) as client:
+        client.wait_until(client.knows_poses, 'a status of the planner with all poses',
+                          client.send_poses)
         print('planning ...', flush=True)
         started = time.monotonic()
-        client.call('planner/plan')
+        plan = client.plan()
         elapsed = time.monotonic() - started
-        client.wait(lambda: 'plan.objective' in client.status, 'the status of the plan')
-        client.wait(lambda: all(client.paths.values()) and all(client.powers.values()), 'the plan')
+        client.wait_until(lambda: client.status.get('plan.identity') == plan.identity,
+                          'the status of the plan')
         print(f'replaying at {_REPLAY_SPEED:g} times real time ...', flush=True)
-        client.wait(lambda: client.status.get('track.state') == 'ended', 'the end of the replay')
-    positions = [[(at.pose.position.x, at.pose.position.y) for at in paths[-1].poses]
-                 for paths in client.paths.values()]
-    return Plan(scenario, positions, [powers[-1].data for powers in client.powers.values()],
-                method='planned over DDS', solve_time=elapsed,
-                objective=client.status['plan.objective'])
+        client.wait_until(lambda: client.status.get('track.state') == 'ended',
+                          'the end of the replay')
+    return replace(plan, scenario=scenario, method=client.status['plan.method'],
+                   solve_time=elapsed, objective=client.status['plan.objective'])
 
 
-class _Client(Client):
-    """Prints the planner's progress."""
-
-    def take_status(self, message: DiagnosticStatus) -> None:
-        super().take_status(message)
-        if 'progress.iteration' in self.status:
-            print(f'  iteration {self.status["progress.iteration"]:>3}  '
-                  f'{self.status["progress.rate"]} bit/s/Hz', flush=True)
+def _print_progress(message: DiagnosticStatus) -> None:
+    status = {entry.key: entry.value for entry in message.values}
+    if 'progress.iteration' in status:
+        print(f'  iteration {status["progress.iteration"]:>3}  '
+              f'{status["progress.rate"]} bit/s/Hz', flush=True)
 
 
 if __name__ == '__main__':

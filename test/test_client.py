@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 
-from nav_msgs.msg import Path
 from processes import environment, ROOT
 import pytest
 from ros_client import node_here, node_process, wait_for

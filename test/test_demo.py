@@ -8,7 +8,7 @@ import sys
 import city
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.ros.graph import free_domain
+from secure_uav_planner.ros.client import free_domain
 
 pytestmark = pytest.mark.slow
 

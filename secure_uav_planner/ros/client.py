@@ -56,14 +56,14 @@ class SecurePlanner:
     :param scenario: the mission that the nodes have, by default the paper's: the names of its
         members, and where the ground node and the eavesdroppers are for send_poses.
     :param namespace: of the nodes.
-    :param on_status: called with the values of the planner's status by key whenever it comes.
-    :ivar status: these values, the last ones.
+    :param on_status: called with the planner's status whenever it comes, in the client's thread.
+    :ivar status: the values of the last one, by key.
     :ivar last_plan: the Plan that came last, or None; its receivers are those of the scenario, and
         its UAVs have the smallest limits that the plan keeps.
     """
 
     def __init__(self, scenario: Scenario | None = None, namespace: str = '',
-                 on_status: Callable[[dict[str, str]], object] = lambda status: None) -> None:
+                 on_status: Callable[[DiagnosticStatus], object] = lambda message: None) -> None:
         self.scenario = scenario or Scenario.paper()
         self.names = [uav.name for uav in self.scenario.uavs]
         self.status: dict[str, str] = {}
@@ -220,7 +220,7 @@ class SecurePlanner:
 
     def _take_status(self, message: DiagnosticStatus) -> None:
         self.status = {entry.key: entry.value for entry in message.values}
-        self._on_status(self.status)
+        self._on_status(message)
 
     def _spin(self) -> None:
         while not self._stop.is_set():

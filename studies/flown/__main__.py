@@ -13,7 +13,7 @@ from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.optimize import solve
 from secure_uav_planner.plan.plan import Plan
-from secure_uav_planner.ros.graph import isolated
+from secure_uav_planner.ros.client import isolated
 
 from .missions import event_mission, EVENTS, paper_missions, random_missions
 

@@ -15,7 +15,7 @@ import tempfile
 import time
 
 import numpy as np
-from secure_uav_planner.apps.client import ClientError
+from secure_uav_planner.ros.client import ClientError
 from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
@@ -77,8 +77,8 @@ def fly_plan(name, plan, seed=0):
         replace(plan, start_ns=course.origin).save(file, evaluate=False)
         with node('replay', plan_file=file, autostart='true', rate=RATE), \
                 Link(plan.scenario, 1) as link:
-            link.wait(lambda: link.setpoints and link.has_come_to(BEGIN_NS), 'the first setpoints',
-                      lambda: link.publish_clock(BEGIN_NS))
+            link.wait_until(lambda: link.setpoints and link.has_come_to(BEGIN_NS),
+                            'the first setpoints', lambda: link.publish_clock(BEGIN_NS))
             course.note(link)
             for _ in range(math.ceil((playback.duration - playback.begin) * RATE)):
                 course.step(link)
@@ -96,13 +96,12 @@ def fly_event(event, scenario, seed=0):
                 node('replay', mission_file=file, vehicle_odometry='true', rate=RATE), \
                 Link(scenario, 2) as link:
             odometry = [f'{name}/odom' for name in link.names]
-            link.wait(lambda: link.knows_poses(*odometry), 'the poses in the planner',
-                      lambda: course.hover(link))
-            link.call('planner/plan')
-            link.wait(lambda: link.plan_time and all(link.paths.values()),
-                      'the plan in the replay node', lambda: course.hover(link))
-            points = [paths[0] for paths in link.paths.values()]
-            course.origin = nanoseconds(points[0].header.stamp)
+            link.wait_until(lambda: link.knows_poses(*odometry), 'the poses in the planner',
+                            lambda: course.hover(link))
+            first = link.plan()
+            link.wait_until(lambda: link.plan_time, 'the plan in the replay node',
+                            lambda: course.hover(link))
+            course.origin = first.start_ns
             while link.status['track.state'] != 'ended':
                 if course.time > 3 * scenario.duration:
                     raise ClientError(f'no landing until {course.time:g} s: {link.status}')
@@ -110,8 +109,7 @@ def fly_event(event, scenario, seed=0):
             link.warnings.clear()
             for _ in range(round(_AFTER * RATE)):
                 course.step(link, _PACE)
-    return course.flight(link, np.array(
-        [[(at.pose.position.x, at.pose.position.y) for at in path.poses] for path in points]))
+    return course.flight(link, first.positions)
 
 
 class _Course:
@@ -157,10 +155,10 @@ class _Course:
             else:
                 vehicle.follow(setpoint, 1 / RATE)
         self._now += STEP_NS
-        link.wait(lambda: link.has_come_to(self._now), f'the setpoints at {self.time:g} s',
-                  lambda: link.publish_clock(self._now))
+        link.wait_until(lambda: link.has_come_to(self._now), f'the setpoints at {self.time:g} s',
+                        lambda: link.publish_clock(self._now))
         link.report(self._now, self._vehicles)
-        link.wait(lambda: not link.is_solving, 'the end of a solve')
+        link.wait_until(lambda: not link.is_solving, 'the end of a solve')
         self.note(link)
         time.sleep(max(0.0, began + 1 / RATE / pace - time.monotonic()))
 

@@ -13,9 +13,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
-from secure_uav_planner.apps.client import Client, ClientError
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.graph import node_process
+from secure_uav_planner.ros.client import ClientError, node_process, SecurePlanner
 from secure_uav_planner.ros.topics import STREAM
 from sensor_msgs.msg import TimeReference
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -38,7 +37,7 @@ def node(name: str, **parameters: object) -> AbstractContextManager[object]:
         word for key, value in parameters.items() for word in ('-p', f'{key}:={value}'))])
 
 
-class Link(Client):
+class Link(SecurePlanner):
     """
     Publishes /clock and where the vehicles are, and receives the setpoints of every UAV.
 
@@ -50,7 +49,7 @@ class Link(Client):
     """
 
     def __init__(self, scenario, nodes):
-        super().__init__(scenario)
+        super().__init__(scenario, on_status=self._note_status)
         self.setpoints, self.plan_time, self.warnings = {}, None, Counter()
         self.is_solving, self._settled, self._nodes = False, None, nodes
 
@@ -65,7 +64,7 @@ class Link(Client):
                              {name: messages.setpoint_of(message)}))
         self.receive(TimeReference, 'plan_time',
                      lambda message: setattr(self, 'plan_time', message))
-        self.wait(self._is_connected, 'a node')
+        self.wait_until(self._is_connected, 'a node')
         return self
 
     def _is_connected(self):
@@ -76,9 +75,8 @@ class Link(Client):
                               'ROS_DOMAIN_ID to another one')
         return all(counts) and self._clock.get_subscription_count() >= self._nodes
 
-    def take_status(self, message):
-        """Note the values of a status, warnings, and whether a solve is under way."""
-        super().take_status(message)
+    def _note_status(self, message):
+        """Note warnings, and whether a solve is under way."""
         if message.level != DiagnosticStatus.OK:
             self.warnings[message.message] += 1
         counts = [self.status[key] for key in _COUNTS]
@@ -92,7 +90,7 @@ class Link(Client):
         return self.plan_time and messages.nanoseconds(
             self.plan_time.header.stamp) == now_ns and len(self.setpoints) in (
             0, len(self.names)) and all(
-                setpoint.time_ns == now_ns for setpoint in self.setpoints.values())
+                setpoint.time_ns == now_ns for setpoint in [*self.setpoints.values()])
 
     def publish_clock(self, now_ns):
         """Make a time in ns the present."""
