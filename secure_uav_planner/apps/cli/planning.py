@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
-import re
 import signal
 import sys
 import time
@@ -19,11 +18,8 @@ from ...errors import OptionError, PlanFileError, PlanningError, ScenarioError
 from ...mission.files import naming
 from ...mission.propagation import Channel
 from ...mission.scenario import Scenario
-from ...mission.validation import told_apart
 from ...mission.views import check_view, naming_what_is_missing
 from ...optimize import fly_hover_fly, solve
-from ...output.geodesy import Origin
-from ...output.qgroundcontrol import save_mission
 from ...output.spreadsheet import save_csv
 from ...output.table import assessment_table, table
 from ...plan.bound import Bound
@@ -77,7 +73,6 @@ class _Work:
 def make_plan(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = loaded(options.mission)
-    origin = options.origin and Origin(*options.origin)
     if options.mcap:
         check_view('save_mcap')
     out = writable(Path(options.out))
@@ -98,7 +93,7 @@ def make_plan(options: argparse.Namespace) -> int:
             proven.save(out / 'plan.json')
         baselines = [] if options.no_baselines else _baselines(scenario, options, work)
         work.say('drawing ...', force=True)
-        work.written.extend(_write(proven, baselines, out, origin))
+        work.written.extend(_write(proven, baselines, out))
         if options.mcap:
             proven.save_mcap(out / 'plan.mcap')
             work.written.append(out / 'plan.mcap')
@@ -139,17 +134,10 @@ def _baselines(scenario: Scenario, options: argparse.Namespace, work: _Work) -> 
     return found
 
 
-def _write(plan: Plan, baselines: list[Plan], out: Path,
-           origin: Origin | None) -> Iterator[Path]:
+def _write(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]:
     """Write all but the plan itself, and yield each file that is there."""
     save_csv(plan, out / 'plan.csv')
     yield out / 'plan.csv'
-    if origin is not None:
-        names = told_apart([re.sub(r'[^\w.-]', '_', uav.name) for uav in plan.scenario.uavs])
-        for number, name in enumerate(names):
-            file = out / f'plan_{name}.plan'
-            save_mission(plan, number, origin, file)
-            yield file
     try:
         from ...output.picture import save_picture
         with naming(out / 'plan.png'):
