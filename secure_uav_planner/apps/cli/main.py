@@ -216,8 +216,6 @@ plan allows for.""", {
         '--tracking-std': _number_of(
             'M', 'standard deviation of the UAVs in x and in y around their plan'),
         '--tracking-time': _number_of('S', 'correlation time of these errors (default: 2)'),
-        '--flown': {'metavar': 'FILE', 'help': 'where the UAVs really were: CSV with the columns '
-                    'uav, time, x, y, or a bag (.mcap) with <uav>/odom'},
         '--exponent': _number_of('A', "another path loss exponent than the plan's"),
         '--los': {'choices': ('none', *ENVIRONMENTS),
                   'help': 'another environment, for the probability of lines of sight'},

@@ -12,7 +12,6 @@ from typing import Any
 from .main import DONE, STOPPED
 from .missions import lines_of, loaded, picture_file, writable
 from ...assessment import assess, World
-from ...assessment.flown import read_flown
 from ...bound import upper_bound
 from ...errors import OptionError, PlanFileError, PlanningError, ScenarioError
 from ...mission.files import naming
@@ -171,9 +170,7 @@ def assess_plan(options: argparse.Namespace) -> int:
     """Assess a plan; return the exit status."""
     plan = loaded(options.plan, Plan.load, PlanFileError)
     file = picture_file(options, '.assess.png', _SUFFIXES[:-1])
-    flown = None if options.flown is None else loaded(
-        options.flown, lambda file: read_flown(file, plan), OptionError)
-    found = assess(plan, options.draws, options.seed, _world(options, plan), flown)
+    found = assess(plan, options.draws, options.seed, _world(options, plan))
     print(assessment_table(found))
     try:
         from ...output.assessment_picture import save_assessment
