@@ -3,7 +3,6 @@
 import argparse
 import csv
 from dataclasses import replace
-import json
 import math
 import os
 from pathlib import Path
@@ -18,7 +17,7 @@ import threading
 import numpy as np
 from processes import environment
 import pytest
-from secure_uav_planner import Channel, fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
+from secure_uav_planner import Channel, METHODS, Plan, Scenario
 from secure_uav_planner.apps.cli.main import EXIT_STATUSES, main, make_parser
 from secure_uav_planner.plan.plan import OBJECTIVES
 from secure_uav_planner.plan.playback import Playback
