@@ -1,12 +1,6 @@
 """Plan how two or more UAVs fly and radiate so that a transmission stays secret."""
 
-from collections.abc import Sequence
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
-from importlib.util import find_spec
-import sys
-from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
 from .mission import views
@@ -36,57 +30,6 @@ _HOMES = {'assessment': ('Assessment', 'World', 'assess'),
           'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
           'plan': ('Bound', 'Iteration', 'Plan')}
 
-_MOVED = {
-    **{name: f'mission.{name}' for name in (
-        'files', 'kinematics', 'link_budget', 'polygons', 'scenario')},
-    **{name: f'model.{name}' for name in (
-        'airspace', 'channel', 'clearance', 'curve', 'grid', 'kernel', 'limits', 'quadratics')},
-    'autopilots': 'output.autopilots', 'campaign': 'apps', 'choices': 'mission',
-    'cli': 'apps.cli', 'export': 'output',
-    'fields': 'mission.validation', 'members': 'mission.participants',
-    'plan_file': 'plan.file', 'playback': 'plan.playback', 'tracking': 'plan.tracking',
-    'view': 'output'}
-"""Modules that stood here before, and where they are now: their old names still import them."""
-
-
-class _Moved(MetaPathFinder):
-    """Finds modules by their old names."""
-
-    def find_spec(self, fullname: str, path: Sequence[str] | None = None,
-                  target: ModuleType | None = None) -> ModuleSpec | None:
-        package, _, name = fullname.partition('.')
-        first, _, rest = name.partition('.')
-        if package != __name__ or first not in _MOVED:
-            return None
-        spec = find_spec('.'.join(filter(None, (package, _MOVED[first], rest))))
-        return spec and ModuleSpec(fullname, _Alias(spec), origin=spec.origin,
-                                   is_package=spec.submodule_search_locations is not None)
-
-
-class _Alias(Loader):
-    """
-    Loads a module by its old name: the same module, not a copy.
-
-    :param spec: of the module.
-    """
-
-    def __init__(self, spec: ModuleSpec) -> None:
-        self._spec = spec
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType:
-        return import_module(self._spec.name)
-
-    def exec_module(self, module: ModuleType) -> None:
-        module.__spec__ = self._spec  # It has got that of the old name.
-
-    def get_code(self, fullname: str) -> CodeType:
-        """Return what runs the module, for `python -m`."""
-        name = self._spec.name.removesuffix('.__main__')
-        return compile(f'import runpy; runpy.run_module({name!r}, None, "__main__", True)',
-                       fullname, 'exec')
-
-
-sys.meta_path.insert(0, _Moved())
 views.offer(__name__, plot_plan='.output.picture:draw_plan',
             plot_assessment='.output.assessment_picture:draw_assessment',
             plot_scenario='.output.picture:draw_scenario',

@@ -39,11 +39,6 @@ def test_free_ends_cost_next_to_nothing(duration, best_known):
     assert solve(scenario).guaranteed_rate >= 0.999 * best_known
 
 
-def test_the_alternating_method_keeps_the_limit_too():
-    scenario = limited(120, 2.0)
-    assert solve(scenario, method='alternating').guaranteed_rate >= 0.995 * 1.8360
-
-
 def accelerations(plan, uav):
     """Return those of the flown curve at many times, by differences of its positions."""
     scenario = plan.scenario
@@ -161,13 +156,12 @@ ZONES = tuple(NoFlyZone(((x, -300), (x + 20, -300), (x + 20, 300), (x, 300)))
               for x in (-110, 90))
 
 
-@pytest.mark.parametrize('method', ['joint', 'alternating'])
 @pytest.mark.parametrize('scenario', [
     across([FREE]), across([{'goal_velocity': None}, {}]), across([{'goal_velocity': (3.0, 0.0)}]),
     across([FREE], geofence=None, no_fly_zones=ZONES), across([FREE, FREE], separation=25.0)])
-def test_a_plan_is_found_whose_curve_keeps_clear_beyond_its_points(scenario, method):
+def test_a_plan_is_found_whose_curve_keeps_clear_beyond_its_points(scenario):
     # A Plan checks itself.
-    assert solve(scenario, method=method).guaranteed_rate > 1.0
+    assert solve(scenario).guaranteed_rate > 1.0
 
 
 @pytest.mark.parametrize('ends, fields, field, message', [

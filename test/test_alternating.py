@@ -10,7 +10,7 @@ from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.optimize.alternating import trajectory
 from secure_uav_planner.optimize.warm_start import similar
-from strategies import crowded, scenarios
+from strategies import crowded, scenarios, with_uavs
 
 
 @pytest.mark.parametrize('duration, at_least', [
@@ -25,6 +25,7 @@ def test_the_papers_scenario_reaches_the_reference(duration, at_least):
 @settings(max_examples=8)
 @given(scenarios(max_slots=8))
 def test_the_objective_never_falls_and_no_slot_leaks_more_than_arrives(scenario):
+    scenario = with_uavs(scenario, max_acceleration=None)
     plan = solve(scenario, method='alternating')
     rates = [iteration.guaranteed_rate for iteration in plan.history]
     assert (np.diff(rates) >= 0).all()
@@ -98,6 +99,7 @@ def test_a_warm_start_is_where_it_begins():
 @settings(max_examples=30)
 @given(scenarios(max_uavs=2, max_slots=12), scenarios(max_uavs=2, max_slots=12))
 def test_any_plan_of_as_many_uavs_can_be_a_start(scenario, other):
+    scenario = with_uavs(scenario, max_acceleration=None)
     initial = fly_hover_fly(other)
     if len(scenario.uavs) == len(other.uavs):
         plan = solve(scenario, method='alternating', initial=initial,

@@ -1,51 +1,32 @@
-"""The alternating method takes its limits from the limits of the scenario, old and new ones."""
+"""The alternating method has the limits of the paper, and no others."""
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
-import cvxpy as cp
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, Scenario
-from secure_uav_planner.model import limits
+from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
+from secure_uav_planner.errors import OptionError
 from secure_uav_planner.optimize import alternating
 from secure_uav_planner.optimize.alternating.powers import PowerProblem
 from secure_uav_planner.optimize.alternating.trajectory import TrajectoryProblem
 
-
-class Corridor(limits.SpeedLimit):
-    """No UAV flies west of a line, or farther than some metres from where it was before."""
-
-    WEST, REACH = -5.0, 30.0
-
-    def convex_form(self, variables):
-        """Return a plain bound in metres, and one that follows the local point."""
-        if variables.paths is None:
-            return [variables.powers[0] <= 0.5]
-        middle = self.scenario.slots // 2
-        return [constraint for local, path in zip(variables.local, variables.paths)
-                for constraint in (path[:, 0] >= self.WEST * variables.scale,
-                                   cp.norm(path[middle] - local[middle] * variables.scale)
-                                   <= self.REACH * variables.scale)]
+ZONE = NoFlyZone(((800.0, 0.0), (810.0, 0.0), (810.0, 10.0)))
+FENCE = ((-900.0, -900.0), (900.0, -900.0), (0.0, 5000.0))
 
 
-def test_a_new_limit_binds_both_problems_and_follows_the_local_point(monkeypatch):
-    scenario = Scenario.paper(120, slots=40)
-    start = fly_hover_fly(scenario, 'optimised')
-    free, _ = TrajectoryProblem(scenario).solve(start.positions, start.powers)
-    assert free[..., 0].min() < Corridor.WEST - 1.0
-
-    monkeypatch.setattr(limits, 'LIMITS', (*limits.LIMITS, Corridor))
-    trajectory = TrajectoryProblem(scenario)
-    shifted = start.positions.copy()
-    for local in (start.positions, shifted):
-        positions, _ = trajectory.solve(local, start.powers)
-        assert positions[..., 0].min() > Corridor.WEST - 1e-3
-        moved = np.linalg.norm((positions - local)[:, 20], axis=-1)
-        assert (moved < Corridor.REACH + 1e-3).all()
-        shifted[:] = positions
-    powers, _ = PowerProblem(scenario).solve(start.positions, start.powers)
-    assert powers[0].max() < 0.5 + 1e-6
+@pytest.mark.parametrize('field, change', [
+    ('no_fly_zones', {'no_fly_zones': (ZONE,)}), ('separation', {'separation': 5.0}),
+    ('geofence', {'geofence': FENCE}),
+    ('uavs[1].max_acceleration', {})])
+def test_a_limit_that_the_paper_does_not_have_is_refused_by_its_field(field, change):
+    scenario = Scenario.paper(120.0, slots=10)
+    change = change or {'uavs': (scenario.uavs[0], replace(
+        scenario.uavs[1], max_acceleration=3.0))}
+    with pytest.raises(OptionError, match="use 'joint'") as caught:
+        solve(replace(scenario, **change), method='alternating')
+    assert caught.value.field == field
 
 
 @pytest.mark.parametrize('duration', [102, 200])

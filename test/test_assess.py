@@ -17,13 +17,11 @@ from secure_uav_planner import (
     assess, Channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav, World)
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment import draws as drawn
-from secure_uav_planner.assessment.flown import read_flown
 from secure_uav_planner.assessment.monte_carlo import promised_rates
 from secure_uav_planner.errors import MissionFileError, OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.assessment_picture import draw_assessment
-from secure_uav_planner.output.spreadsheet import save_csv
 from secure_uav_planner.output.table import assessment_table
 from strategies import random_powers, scenarios
 
@@ -344,56 +342,11 @@ def test_wrong_arguments_are_refused(plan, arguments, words):
         assess(plan, **arguments)
 
 
-# Flights
-
-
-def test_a_plan_that_is_flown_as_planned_is_assessed_as_planned(plan, tmp_path):
-    save_csv(plan, tmp_path / 'plan.csv')
-    flown = read_flown(tmp_path / 'plan.csv', plan)
-    np.testing.assert_allclose(flown, plan.positions[:, 1:-1], atol=1e-9)
+def test_where_uavs_really_were_counts_instead_of_the_plan(plan):
+    flown = plan.positions[:, 1:-1]
     np.testing.assert_allclose(assess(plan, 9, flown=flown).rates, assess(plan, 9).rates)
-
-
-def test_between_its_lines_a_uav_flew_straight(plan, tmp_path):
-    last = plan.times[-1]
-    (tmp_path / 'a.csv').write_text('time,note,y,uav,x\n' + ''.join(
-        f'0,,10,{name},0\n{last},,-10,{name},{last}\n' for name in ('two', 'one', 'three')))
-    flown = read_flown(tmp_path / 'a.csv', plan)
-    times = plan.times[1:-1]
-    for path in flown:
-        np.testing.assert_allclose(path, np.stack([times, 10 - 20 * times / last], axis=-1))
-    aside = assess(plan, 9, flown=flown)
+    aside = assess(plan, 9, flown=flown + (0.0, 40.0))
     assert aside.is_flown and (aside.rates != assess(plan, 9).rates).all()
-
-
-def test_a_bag_says_where_the_uavs_were(plan, tmp_path):
-    pytest.importorskip('mcap_ros2', reason='needs mcap-ros2-support, which reads bags')
-    from secure_uav_planner.ros.recording import record
-    flown = replace(plan, start_ns=10**18 + 5)
-    record(flown, tmp_path / 'a.mcap', rate=10.0)
-    found = read_flown(tmp_path / 'a.mcap', flown)
-    np.testing.assert_allclose(found, plan.positions[:, 1:-1], atol=2.0)
-    between = plan.curve.at(plan.times[1:-1]).positions
-    np.testing.assert_allclose(found, between, atol=1e-3)
-    with pytest.raises(OptionError, match='the plan has no start_ns'):
-        read_flown(tmp_path / 'a.mcap', plan)
-    (tmp_path / 'b.mcap').write_bytes((tmp_path / 'a.mcap').read_bytes()[:1000])
-    with pytest.raises(OptionError, match='b.mcap is no bag that can be read'):
-        read_flown(tmp_path / 'b.mcap', flown)
-
-
-@pytest.mark.parametrize('text, words', [
-    ('', ':1: it lacks the columns uav, time, x, y'), ('uav,x,y\n', ':1: it lacks the columns t'),
-    ('uav,time,x,y\none,0,0,0\n', 'has one from 0 to 0 s; it must be from 5 to 60 s or longer'),
-    ('uav,time,x,y\none,0,0,0\none,0,1,0\n', ':3: time is 0 s; it must be after the last of one'),
-    ('uav,time,x,y\none,0,0,zero\n', ":2: y is 'zero'; it must be a number from"),
-    ('uav,time,x,y\none,0,nan,0\n', ":2: x is 'nan'"), ('uav,time,x,y\none,0\n', ':2: x is None'),
-    ('uav,time,x,y\nfour,0,0,0\n', ":2: uav is 'four'; it must be one of one, two, three"),
-    ('uav,time,x,y\none,0,0,0\none,99,0,0\n', 'has nothing of two')])
-def test_a_wrong_flight_is_refused_with_its_line(plan, tmp_path, text, words):
-    (tmp_path / 'a.csv').write_text(text)
-    with pytest.raises(OptionError, match=words):
-        read_flown(tmp_path / 'a.csv', plan)
 
 
 # Command, picture, table and campaign
@@ -401,7 +354,6 @@ def test_a_wrong_flight_is_refused_with_its_line(plan, tmp_path, text, words):
 
 def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, capsys):
     plan.save(tmp_path / 'plan.json')
-    save_csv(plan, tmp_path / 'plan.csv')
     assert main(['assess', str(tmp_path / 'plan.json'), '--draws', '50', '--seed', '4']) == 0
     told = capsys.readouterr().out
     found = assess(plan, 50, 4)
@@ -410,16 +362,16 @@ def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, capsys):
     assert main(['assess', str(tmp_path / 'plan.json'), '-o', str(tmp_path / 'a.svg'),
                  '--place', 'normal', '--covariance', '90', '40', '30', '--receiver-db', '3',
                  '--los', 'urban', '--exponent', '2.2', '--rician-k-db', '7', '--mean-gain',
-                 '--draws', '50', '--flown', str(tmp_path / 'plan.csv')]) == 0
+                 '--draws', '50']) == 0
     world = World('normal', ((90, 40), (40, 30)), receiver_db=3.0, los_distance=None,
                   channel=Channel(2.2, 'urban', False, 7.0, 0.5))
-    wanted = assess(plan, 50, 0, world, read_flown(tmp_path / 'plan.csv', plan))
+    wanted = assess(plan, 50, 0, world)
     assert assessment_table(wanted) in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('options', [
     ['--draws', '0'], ['--place', 'beyond'], ['--positions', '1', '--place', 'fixed'],
-    ['--out', 'a.html'], ['--flown', 'missing.csv'], ['--exponent', '9'], ['--beyond', '-3']])
+    ['--out', 'a.html'], ['--exponent', '9'], ['--beyond', '-3']])
 def test_wrong_options_of_the_command_are_bad_input(plan, tmp_path, monkeypatch, capsys, options):
     monkeypatch.chdir(tmp_path)
     plan.save('plan.json')

@@ -3,7 +3,6 @@
 import argparse
 import csv
 from dataclasses import replace
-import json
 import math
 import os
 from pathlib import Path
@@ -18,10 +17,8 @@ import threading
 import numpy as np
 from processes import environment
 import pytest
-from secure_uav_planner import Channel, fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
+from secure_uav_planner import Channel, METHODS, Plan, Scenario
 from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
-from secure_uav_planner.output.geodesy import Origin
-from secure_uav_planner.output.qgroundcontrol import mission, TOLERANCE
 from secure_uav_planner.plan.plan import OBJECTIVES
 from secure_uav_planner.plan.playback import Playback
 from test_mission_file import RICH
@@ -37,8 +34,7 @@ def planned(tmp_path_factory):
     folder = tmp_path_factory.mktemp('planned')
     Scenario.paper(120.0, slots=30).save(folder / 'mission.yaml')
     done = subprocess.run(
-        [*MODULE, 'plan', 'mission.yaml', '-o', 'a/b', '--origin', '-33.5', '151.25', '20',
-         '--bound-time-limit', '3'],
+        [*MODULE, 'plan', 'mission.yaml', '-o', 'a/b', '--bound-time-limit', '3'],
         cwd=folder, capture_output=True, text=True, timeout=PATIENCE, env=environment())
     assert done.returncode == 0, done.stdout + done.stderr
     return folder, done.stdout
@@ -52,20 +48,9 @@ def test_a_plan_is_written_with_all_that_belongs_to_it(planned):
     assert (out / 'plan.png').read_bytes().startswith(b'\x89PNG')
     assert '<html' in (out / 'plan.html').read_text()[:100]
     assert {path.name for path in out.iterdir()} == {
-        'plan.json', 'plan.csv', 'plan.png', 'plan.html', 'plan_uav1.plan', 'plan_uav2.plan'}
+        'plan.json', 'plan.csv', 'plan.png', 'plan.html'}
     for name in out.iterdir():
         assert f'{Path("a/b") / name.name}' in printed
-
-
-def test_two_names_that_make_one_file_name_make_two_files(tmp_path):
-    scenario = Scenario.paper(120.0, slots=10)
-    names = ('UAV 1', 'UAV/1')
-    replace(scenario, uavs=tuple(replace(uav, name=name) for uav, name in zip(
-        scenario.uavs, names))).save(tmp_path / 'mission.yaml')
-    assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path), '--origin', '0', '0',
-                 '--bound-time-limit', '0.1']) == 0
-    assert {path.name for path in tmp_path.glob('*.plan')} == {
-        'plan_UAV_11.plan', 'plan_UAV_12.plan'}
 
 
 def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
@@ -239,16 +224,11 @@ def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
     (['plan', 'none.yaml'], 'none.yaml cannot be read'),
     (['plan', 'mission.json', '-o', 'mission.json'], 'mission.json cannot be written to'),
     (['plan', 'mission.json', '-o', '/proc/nothing'], '/proc/nothing cannot be written to'),
-    (['plan', 'mission.json', '--origin', '1'], 'it must be LAT LON [ALT]'),
-    (['plan', 'mission.json', '--origin', '91', '0'], 'the latitude is 91'),
-    (['plan', 'mission.json', '--origin', 'nan', '0'], 'the latitude is nan'),
     (['plan', 'mission.json', '--method', 'alternating', '--objective', 'worst_case'],
      "'alternating' has only 'guaranteed'"),
     (['new', 'no/folder/mission.yaml'], 'cannot be written: No such file'),
     (['new', 'new.json'], 'cannot have comments'),
     (['new', '.', '--force'], '. is a folder; name a file in it, such as mission.yaml'),
-    (['plan', 'mission.json', '--origin', 'a', 'b'],
-     '--origin is a b; it must be LAT LON [ALT], in numbers'),
     (['show', str(ROOT / 'docs' / 'plan.png')], 'plan.png is not a plan: it is not text in UTF-8'),
     (['node', 'flyer'], 'there is no node flyer; there are planner, relay, replay')])
 def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, arguments, reason):
@@ -351,13 +331,11 @@ def test_all_files_are_written_though_nobody_reads_what_is_printed(tmp_path):
         'plan.json', 'plan.csv', 'plan.png', 'plan.html'}
 
 
-def test_the_baselines_can_be_left_out_and_the_origin_be_anywhere(tmp_path, monkeypatch, capsys):
+def test_the_baselines_can_be_left_out(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Scenario.paper(120.0, slots=10).save('mission.yaml')
-    assert main(['plan', '--origin', '-33.5', '151.25', 'mission.yaml', '--no-baselines',
-                 '--bound-time-limit', '0']) == 0
-    out = capsys.readouterr().out
-    assert 'fly_hover_fly' not in out and 'plan_uav2.plan' in out
+    assert main(['plan', 'mission.yaml', '--no-baselines', '--bound-time-limit', '0']) == 0
+    assert 'fly_hover_fly' not in capsys.readouterr().out
 
 
 INTERRUPTED = """import os, signal, sys
@@ -504,137 +482,3 @@ def test_the_choices_of_the_command_are_those_of_the_library():
     options = parsers()['plan']._option_string_actions
     assert tuple(options['--method'].choices) == tuple(METHODS)
     assert tuple(options['--objective'].choices) == OBJECTIVES
-
-
-# QGroundControl
-
-
-def test_degrees_are_those_of_the_ellipsoid():
-    # Lengths of a degree of WGS 84 in m, as tables have them.
-    for latitude, of_latitude, of_longitude in (
-            (0.0, 110574.28, 111319.49), (45.0, 111131.78, 78846.81), (-60.0, 111412.27, 55800.0)):
-        found = Origin(latitude, 179.9999).coordinates([[100.0, 0.0], [0.0, 100.0], [0.0, 0.0]])
-        east = (found[0, 1] - 179.9999 + 180) % 360 - 180
-        assert 100.0 / east == pytest.approx(of_longitude, rel=1e-5)
-        assert 100.0 / (found[1, 0] - latitude) == pytest.approx(of_latitude, rel=1e-5)
-        assert found[2] == pytest.approx([latitude, 179.9999], abs=1e-10)
-        assert (abs(found[:, 1]) <= 180).all()
-
-
-def local(origin, latitude, longitude):
-    """Return east and north in m of a place near an origin."""
-    step = 1e-6
-    corner = np.array([origin.latitude, origin.longitude])
-    scale = (origin.coordinates([[step, 0.0], [0.0, step]]) - corner) / step
-    return (longitude - corner[1]) / scale[0, 1], (latitude - corner[0]) / scale[1, 0]
-
-
-@pytest.mark.parametrize('acceleration', [None, 2.0])
-def test_a_flown_mission_is_near_the_plan_at_all_times(acceleration):
-    scenario = Scenario.paper(150.0, slots=75)
-    data = scenario.to_dict()
-    for uav in data['uavs']:
-        uav['max_acceleration'] = acceleration
-    plan = solve(Scenario.from_dict(data))
-    playback, origin = Playback(plan), Origin(47.0, 8.0, 400.0)
-    # Legs are near at the times of points; between two, the curve bends by a t^2 / 8.
-    most = TOLERANCE + 0.3 + (acceleration or 0.0) * plan.scenario.slot_duration**2 / 8
-    for number, uav in enumerate(plan.scenario.uavs):
-        items = mission(plan, number, origin)['mission']['items']
-        assert items[0]['command'] == items[-1]['command'] == 16  # Both UAVs start at one place.
-        assert [item['doJumpId'] for item in items] == list(range(1, len(items) + 1))
-        assert len(items) < 100
-        here, now, speed = np.array(uav.start), playback.begin, None
-        for item in items[1:]:
-            if item['command'] == 178:
-                speed = item['params'][1]
-                continue
-            hold, _, _, _, latitude, longitude, altitude = item['params']
-            assert altitude == uav.altitude
-            there = np.array(local(origin, latitude, longitude))
-            length = math.dist(here, there)
-            end = now + (hold or length / speed)
-            for time in np.linspace(now, end, 20):
-                place = here + (there - here) * (time - now) / (end - now)
-                assert math.dist(place, playback.at(time).positions[number]) < most
-            here, now = there, end
-        assert now == pytest.approx(playback.duration, abs=0.1)
-        assert math.dist(here, uav.goal) < 0.1
-
-
-def kind(value):
-    """Return the JSON type of a value, in the words of the source code of QGroundControl."""
-    return {bool: 'bool', int: 'double', float: 'double', str: 'string', list: 'array',
-            dict: 'object'}[type(value)]
-
-
-def is_place(values, count):
-    """Return whether an array has so many numbers, and is a valid coordinate."""
-    return [kind(value) for value in values] == ['double'] * count and (
-        abs(values[0]) <= 90 and abs(values[1]) <= 180)
-
-
-def test_a_file_has_what_qgroundcontrol_asks_for_and_no_two_uavs_take_off_from_one_spot(tmp_path):
-    # What PlanMasterController::loadFromFile and the functions load of MissionController,
-    # SimpleMissionItem, MissionItem, GeoFenceController, QGCFencePolygon and RallyPointController
-    # ask for by JsonHelper::validateKeys, in all versions: some take a null for a number or a
-    # number for a null, some do not. Only a parameter may be null everywhere.
-    of_file = {'fileType': 'string', 'groundStation': 'string', 'version': 'double',
-               'mission': 'object', 'geoFence': 'object', 'rallyPoints': 'object'}
-    of_mission = {'version': 'double', 'items': 'array', 'plannedHomePosition': 'array',
-                  'firmwareType': 'double', 'vehicleType': 'double', 'cruiseSpeed': 'double',
-                  'hoverSpeed': 'double', 'globalPlanAltitudeMode': 'double'}
-    of_item = {'type': 'string', 'frame': 'double', 'command': 'double', 'params': 'array',
-               'autoContinue': 'bool', 'doJumpId': 'double'}
-    of_place = {'AltitudeMode': 'double', 'Altitude': 'double', 'AMSLAltAboveTerrain': 'double'}
-    of_fence = {'version': 'double', 'circles': 'array', 'polygons': 'array'}
-    of_polygon = {'version': 'double', 'inclusion': 'bool', 'polygon': 'array'}
-    of_rally = {'version': 'double', 'points': 'array'}
-    main(['new', str(tmp_path / 'mission.yaml')])
-    apart = replace(Scenario.load(tmp_path / 'mission.yaml'), no_fly_zones=(
-        NoFlyZone(((700.0, 0.0), (710.0, 0.0), (700.0, 10.0))),))
-    together = replace(apart, separation=0.0, uavs=tuple(
-        replace(uav, goal=apart.uavs[0].goal) for uav in apart.uavs))
-    for scenario, ends in ((apart, [22, 21]), (together, [22, 16]), (replace(
-            apart, uavs=apart.uavs[:1]), [22, 21])):
-        plan = fly_hover_fly(scenario)
-        for uav in range(len(scenario.uavs)):
-            found = json.loads(json.dumps(mission(plan, uav, Origin(47.0, 8.0, 400.0))))
-            items, fence = found['mission']['items'], found['geoFence']
-            assert [items[0]['command'], items[-1]['command']] == ends
-            assert {item['command'] for item in items[1:-1]} <= {16, 178}
-            for owner, kinds in (
-                    (found, of_file), (found['mission'], of_mission), (fence, of_fence),
-                    (found['rallyPoints'], of_rally), *(
-                        (polygon, of_polygon) for polygon in fence['polygons']), *(
-                        (item, {**of_item, **({} if item['command'] == 178 else of_place)})
-                        for item in items)):
-                assert {name: kind(value) for name, value in owner.items()} == kinds
-            assert (found['fileType'], found['groundStation']) == ('Plan', 'QGroundControl')
-            assert [found['version'], *(found[part]['version'] for part in (
-                'mission', 'geoFence', 'rallyPoints'))] == [1, 2, 2, 2]
-            assert is_place(found['mission']['plannedHomePosition'], 3)
-            assert found['rallyPoints']['points'] == fence['circles'] == []
-            for polygon in fence['polygons']:
-                assert polygon['version'] == 1
-                assert all(is_place(place, 2) for place in polygon['polygon'])
-            for item in items:
-                assert item['type'] == 'SimpleItem' and len(item['params']) == 7
-                assert all(one is None or kind(one) == 'double' for one in item['params'][:4])
-                assert item['command'] == 178 or is_place(item['params'][4:], 3)
-            assert any(not polygon['inclusion'] for polygon in fence['polygons'])
-
-
-def test_zones_at_the_altitude_and_the_fence_are_the_missions_fence():
-    fence = ((-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0))
-    low, high = (NoFlyZone(((700.0, 0.0), (710.0, 0.0), (700.0, 10.0)), *heights)
-                 for heights in ((0.0, 105.0), (0.0, 500.0)))
-    plan = fly_hover_fly(replace(
-        Scenario.paper(120.0, slots=30), geofence=fence, no_fly_zones=(low, high)))
-    origin = Origin(10.0, 20.0)
-    for number, zones in enumerate(((low, high), (high,))):
-        found = mission(plan, number, origin)['geoFence']['polygons']
-        assert [polygon['inclusion'] for polygon in found] == [True] + [False] * len(zones)
-        for polygon, vertices in zip(found, (fence, *(zone.vertices for zone in zones))):
-            back = [local(origin, *place) for place in polygon['polygon']]
-            assert np.array(back) == pytest.approx(np.array(vertices), abs=0.5)

@@ -2,12 +2,8 @@
 
 import ast
 from graphlib import TopologicalSorter
-from importlib import import_module
 from pathlib import Path
 import re
-
-import pytest
-from secure_uav_planner import _MOVED
 
 PACKAGE = Path(__file__).resolve().parents[1] / 'secure_uav_planner'
 TABLE = PACKAGE.parent / 'docs' / 'contributing.md'
@@ -51,10 +47,3 @@ def test_imports_run_one_way_and_rooms_are_few():
             if target in graph and order.index(room_of(target)) > order.index(room_of(path))]
     assert not back
     TopologicalSorter(graph).prepare()  # It raises an error that shows a circle.
-
-
-@pytest.mark.parametrize('old, now', [
-    *_MOVED.items(), ('export.spreadsheet', 'output.spreadsheet'),
-    ('campaign.tasks', 'apps.tasks')])
-def test_a_module_is_the_same_under_the_name_it_had_before(old, now):
-    assert import_module(f'secure_uav_planner.{old}') is import_module(f'secure_uav_planner.{now}')

@@ -33,27 +33,16 @@ return [...document.querySelectorAll('.xy .scatterlayer .trace .points path')]
 BLUE, ORANGE, CROSS = 'rgb(0, 114, 178)', 'rgb(230, 159, 0)', 'rgb(213, 94, 0)'
 
 
-PHONE = (390, 844)
+SIZES = (360, 740), (1024, 768), (1920, 1080)
 # In free space, for which bounds are proven.
 CITY = replace(Scenario.load(Path(__file__).parents[1] / 'config' / 'city.yaml'),
                channel=Channel())
-
-# What of the page is drawn and ends beyond the screen.
-BEYOND = """
-return [...document.querySelectorAll('#plan, #plan *')]
-    .filter(one => !one.closest('script, style, defs, .draglayer'))  // which is invisible
-    .filter(one => { const box = one.getBoundingClientRect();
-                     const clipped = one.closest('[clip-path]');
-                     return box.width > 0 && box.height > 0 && !clipped
-                         && (box.left < -0.5 || box.right > innerWidth + 0.5); })
-    .map(one => one.outerHTML.slice(0, 200));
-"""
 
 # The boxes of texts that a reader needs, by their classes.
 TEXTS = """
 return [...document.querySelectorAll('.gtitle, .slider-label, .updatemenu-button, .xtitle,'
                                      + ' .ytitle, .y2title, .y3title, .y4title, .legendtext,'
-                                     + ' .slider-rail-rect')]
+                                     + ' .slider-grip-rect')]
     .map(one => { const box = one.getBoundingClientRect();
                   return [one.textContent, box.left, box.right, box.top, box.bottom]; })
     .filter(([text, left, right]) => right > left);
@@ -96,14 +85,14 @@ def browser(plan, tmp_path_factory):
         yield driver
 
 
-@pytest.fixture(params=['plan', 'city'])
-def phone(browser, request):
-    """Give the page of a plan on a phone's screen, and after that the other page as it was."""
+@pytest.fixture(params=[(page, size) for page in ('plan', 'city') for size in SIZES])
+def screen(browser, request):
+    """Give a page on a screen, the least of them a phone's, and after that the one as it was."""
     before = Path(url2pathname(urlsplit(browser.current_url).path))
-    screen = {'width': PHONE[0], 'height': PHONE[1], 'deviceScaleFactor': 2, 'mobile': True}
-    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', screen)
-    open_page(browser, before.with_name(f'{request.param}.html'))
-    wait_for(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '[data-screen=narrow]'))
+    page, (width, height) = request.param
+    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
+        'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': width < 500})
+    open_page(browser, before.with_name(f'{page}.html'))
     try:
         yield browser
     finally:
@@ -197,30 +186,19 @@ def test_the_worst_place_of_the_eavesdropper_is_shown_in_its_disc(browser):
     assert disc[2] - 2 <= places[0][1] <= disc[3] + 2
 
 
-def test_nothing_is_wider_than_the_screen_of_a_phone(phone):
-    assert phone.execute_script('return innerWidth') == PHONE[0]
-    assert phone.execute_script('return document.documentElement.scrollWidth') <= PHONE[0]
-    assert phone.execute_script(BEYOND) == []
-
-
-def test_no_text_of_a_phone_covers_another(phone):
-    texts = phone.execute_script(TEXTS)
+def test_no_text_covers_another_and_a_finger_scrolls_what_is_beyond_the_screen(screen):
+    texts = screen.execute_script(TEXTS)
     assert len(texts) > 10
     for (one, *first), (other, *second) in combinations(texts, 2):
         over = [min(first[end], second[end]) - max(first[end - 1], second[end - 1])
                 for end in (1, 3)]
         assert min(over) < 3.0, (one, other)
+    assert screen.execute_script('return document.documentElement.scrollWidth') == max(
+        880, screen.execute_script('return visualViewport.width'))
+    assert screen.execute_script('return getComputedStyle(document.querySelector('
+                                 '"#plan .nsewdrag")).touchAction') != 'none'
 
 
-def test_the_slider_of_a_phone_moves_the_readout_and_a_finger_scrolls(phone):
-    assert phone.execute_script('return getComputedStyle(document.querySelector('
-                                '"#plan .nsewdrag")).touchAction') != 'none'
-    before = readout(phone)
-    slide(phone, 0.5)
-    wait_for(phone, lambda: readout(phone) != before)
-    # On a wide screen it is all as it was.
-    phone.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
-        'width': 1400, 'height': 900, 'deviceScaleFactor': 1, 'mobile': False})
-    wait_for(phone, lambda: phone.find_elements(By.CSS_SELECTOR, '[data-screen=wide]'))
-    assert '<br>' not in phone.execute_script(
-        'return document.querySelector("#plan").layout.sliders[0].steps[0].label')
+def test_start_and_goal_are_in_the_legend(browser):
+    texts = [text for text, *_ in browser.execute_script(TEXTS)]
+    assert {'start', 'goal'} <= {*texts}

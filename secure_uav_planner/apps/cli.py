@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Sequence
 from importlib import import_module
-from itertools import takewhile
 import os
 from pkgutil import resolve_name
 import signal
@@ -67,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if '_ARGCOMPLETE' in os.environ:  # A shell asks for completions.
             import argcomplete
             argcomplete.autocomplete(parser)
-        options = parser.parse_args(_with_origin(argv))
+        options = parser.parse_args(argv)
         run = resolve_name(f'{__package__}.{options.run}')
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
@@ -111,19 +110,6 @@ def _drop_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _with_origin(argv: Sequence[str]) -> list[str]:
-    """Return arguments in which the two or three numbers after --origin are one."""
-    found = list(argv)
-    if '--origin' in found:
-        first = found.index('--origin')
-        numbers = [*takewhile(_is_number, found[first + 1:])]
-        if not 2 <= len(numbers) <= 3:
-            given = ' '.join(found[first + 1:first + 3] if len(numbers) < 2 else numbers)
-            raise OptionError(f'--origin is {given}; it must be LAT LON [ALT], in numbers')
-        found[first:first + 1 + len(numbers)] = [f'--origin={" ".join(numbers)}']
-    return found
-
-
 def _tell(text: str) -> None:
     print(f'secure_uav_planner: {text}', file=sys.stderr)
 
@@ -153,10 +139,6 @@ def _seconds(text: str, least: str = '') -> float:
 
 def _seconds_or_none(text: str) -> float | None:
     return None if _is_number(text) and float(text) == 0 else _seconds(text, '0 or ')
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(word) for word in text.split()]
 
 
 def _is_number(text: str) -> bool:
@@ -194,9 +176,6 @@ the best plan so far.""", {
             'help': 'the same for the bound; 0 for no bound (default: %(default)g)'},
         '--no-baselines': {'action': 'store_true', 'help': 'leave out fly-hover-fly, with which '
                            'the plan is compared'},
-        '--origin': {'type': _numbers, 'metavar': 'LAT LON ALT', 'help': 'place of the origin in '
-                     'degrees (WGS 84), height above sea level in m, which may be left out: write '
-                     'plan_<uav>.plan for QGroundControl as well'},
         '--mcap': {'action': 'store_true', 'help': 'write plan.mcap as well, the recording of a '
                    'flight for Foxglove and `ros2 bag`; needs ROS'}}),
     'check': ('missions:check', 'say all that is wrong with a mission, line by line', '', {
@@ -237,8 +216,6 @@ plan allows for.""", {
         '--tracking-std': _number_of(
             'M', 'standard deviation of the UAVs in x and in y around their plan'),
         '--tracking-time': _number_of('S', 'correlation time of these errors (default: 2)'),
-        '--flown': {'metavar': 'FILE', 'help': 'where the UAVs really were: CSV with the columns '
-                    'uav, time, x, y, or a bag (.mcap) with <uav>/odom'},
         '--exponent': _number_of('A', "another path loss exponent than the plan's"),
         '--los': {'choices': ('none', *ENVIRONMENTS),
                   'help': 'another environment, for the probability of lines of sight'},

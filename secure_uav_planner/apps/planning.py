@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
-import re
 import signal
 import sys
 import time
@@ -13,17 +12,13 @@ from typing import Any
 from .cli import DONE, STOPPED
 from .missions import lines_of, loaded, picture_file, writable
 from ..assessment import assess, World
-from ..assessment.flown import read_flown
 from ..bound import upper_bound
 from ..errors import OptionError, PlanFileError, PlanningError, ScenarioError
 from ..mission.files import naming
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
-from ..mission.validation import told_apart
 from ..mission.views import check_view, naming_what_is_missing
 from ..optimize import fly_hover_fly, solve
-from ..output.geodesy import Origin
-from ..output.qgroundcontrol import save_mission
 from ..output.spreadsheet import save_csv
 from ..output.table import assessment_table, table
 from ..plan.bound import Bound
@@ -77,7 +72,6 @@ class _Work:
 def make_plan(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = loaded(options.mission)
-    origin = options.origin and Origin(*options.origin)
     if options.mcap:
         check_view('save_mcap')
     out = writable(Path(options.out))
@@ -98,7 +92,7 @@ def make_plan(options: argparse.Namespace) -> int:
             proven.save(out / 'plan.json')
         baselines = [] if options.no_baselines else _baselines(scenario, options, work)
         work.say('drawing ...', force=True)
-        work.written.extend(_write(proven, baselines, out, origin))
+        work.written.extend(_write(proven, baselines, out))
         if options.mcap:
             proven.save_mcap(out / 'plan.mcap')
             work.written.append(out / 'plan.mcap')
@@ -139,17 +133,10 @@ def _baselines(scenario: Scenario, options: argparse.Namespace, work: _Work) -> 
     return found
 
 
-def _write(plan: Plan, baselines: list[Plan], out: Path,
-           origin: Origin | None) -> Iterator[Path]:
+def _write(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]:
     """Write all but the plan itself, and yield each file that is there."""
     save_csv(plan, out / 'plan.csv')
     yield out / 'plan.csv'
-    if origin is not None:
-        names = told_apart([re.sub(r'[^\w.-]', '_', uav.name) for uav in plan.scenario.uavs])
-        for number, name in enumerate(names):
-            file = out / f'plan_{name}.plan'
-            save_mission(plan, number, origin, file)
-            yield file
     try:
         from ..output.picture import save_picture
         with naming(out / 'plan.png'):
@@ -183,9 +170,7 @@ def assess_plan(options: argparse.Namespace) -> int:
     """Assess a plan; return the exit status."""
     plan = loaded(options.plan, Plan.load, PlanFileError)
     file = picture_file(options, '.assess.png', _SUFFIXES[:-1])
-    flown = None if options.flown is None else loaded(
-        options.flown, lambda file: read_flown(file, plan), OptionError)
-    found = assess(plan, options.draws, options.seed, _world(options, plan), flown)
+    found = assess(plan, options.draws, options.seed, _world(options, plan))
     print(assessment_table(found))
     try:
         from ..output.assessment_picture import save_assessment

@@ -2,7 +2,7 @@
 What a plan is worth when the world differs from what it was made for: Monte Carlo.
 
 `world` says how the world may differ, `draws` draws worlds, `monte_carlo` evaluates the plan in
-each, `result` is the answer. `flown` reads where UAVs really were.
+each, `result` is the answer.
 """
 
 from .monte_carlo import assess

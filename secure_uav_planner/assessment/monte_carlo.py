@@ -35,7 +35,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
     :param world: how the world may differ; by default only in what the plan allows for: the
         eavesdroppers are anywhere in their discs, lines of sight and fading are drawn.
     :param flown: where the UAVs really were at the times of the slots, (U, N, 2) in m, instead of
-        the plan's positions; read_flown has it from a file.
+        the plan's positions.
     :raises OptionError: naming the argument, its value and what is allowed.
     """
     checked_kind('plan', plan, Plan)

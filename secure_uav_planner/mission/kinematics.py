@@ -8,13 +8,14 @@ The effort of a flight is the largest share of a limit that it uses, so that 1 i
 """
 
 from dataclasses import dataclass
-from importlib import import_module
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 import scipy
+
+from .cone_program import solve_cone_program
+from ..errors import NumericalError
 
 _ACCURACY = 1e-9
 
@@ -42,12 +43,14 @@ class Vehicle:
         Return the least effort of a flight, and one that has it, (N+2, 2) in m from the start.
 
         An effort above 1 says that no flight of N slots, each a step in s, keeps the limits.
+
+        :raises NumericalError: where the solver finds none.
         """
         if math.isinf(self.max_acceleration) or all(
                 velocity in (None, (0.0, 0.0))
                 for velocity in (self.start_velocity, self.goal_velocity)):
             return self._straight(slots, step)
-        return self._by_clarabel(slots, step)
+        return self._solve_cone_program(slots, step)
 
     def shortest_step(self, slots: int) -> float:
         """Return the shortest slot in s with which a flight of so many slots is possible."""
@@ -80,13 +83,12 @@ class Vehicle:
         effort = math.hypot(*self.displacement) / (most.sum() * step)
         return effort, share[:, None] * np.array(self.displacement)
 
-    def _by_clarabel(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
+    def _solve_cone_program(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
         """
         Return the flight of least effort as the solution of a second-order cone problem.
 
         It minimises the effort r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step.
         """
-        clarabel: Any = import_module('clarabel')  # Here, for few flights need it.
         moves, top = slots + 1, self.max_speed
         given, first = self._with_ends(np.zeros((moves, 2)))
         change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(given) - 1, len(given)))
@@ -107,15 +109,13 @@ class Vehicle:
         number = 2 + np.arange(cones)
         order = np.append([0, 1], np.stack(
             [number, cones + 2 * number - 2, cones + 2 * number - 1], axis=1))
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
         size = 1 + 2 * moves
-        solution = clarabel.DefaultSolver(
-            scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows[order].tocsc(),
-            right[order], [clarabel.ZeroConeT(2), *[clarabel.SecondOrderConeT(3)] * cones],
-            settings).solve()
-        velocities = np.array(solution.x)[1:].reshape(-1, 2) * top
+        solution = solve_cone_program(
+            scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows[order], right[order],
+            equalities=2, accuracy=_ACCURACY)
+        if solution is None:
+            raise NumericalError(f'no flight of least effort was found for {self}')
+        velocities = solution[1:].reshape(-1, 2) * top
         # The displacement is nearly right: what is missing is spread over all moves.
         missing = np.array(self.displacement) - velocities.sum(axis=0) * step
         velocities = velocities + missing / (moves * step)

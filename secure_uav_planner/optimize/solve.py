@@ -1,13 +1,13 @@
 """From a scenario to a plan: the methods and the baselines."""
 
-from typing import get_args
+from typing import Any, get_args
 
 from . import joint
 from .initial import constant_powers, fly_hover_fly_positions
 from .search import Search
 from .termination import OnIteration, Termination
 from .warm_start import adapted
-from ..errors import OptionError, shown
+from ..errors import OptionError, path_of, Place, shown
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
@@ -49,8 +49,8 @@ def solve(scenario: Scenario, method: Method = 'joint',
         'guaranteed' for 'alternating'.
     :return: a Plan.
     :raises OptionError: for an unknown method or objective, a scenario too large for
-        'alternating', a time limit that is not positive, or an initial plan with another number
-        of UAVs.
+        'alternating' or with limits or a channel that it does not have, a time limit that is not
+        positive, or an initial plan with another number of UAVs.
     :raises InfeasibleMissionError: when zones, fence or separation leave no flights in the
         duration, naming the UAV, what is in its way, and the shortest duration that was found.
     :raises StoppedError: when the run is stopped before flights around zones or apart from each
@@ -65,6 +65,7 @@ def solve(scenario: Scenario, method: Method = 'joint',
     objective = checked_objective(method, objective)
     if method == 'alternating':
         _check_size(scenario)
+        _check_limits(scenario)
         _check_channel(scenario)
     termination = _termination(scenario, on_iteration, time_limit)
     positions, powers = (
@@ -140,6 +141,19 @@ def _check_size(scenario: Scenario) -> None:
         raise OptionError(
             f"method is 'alternating'; it takes at most {MAX_GAINS} slots * uavs * eavesdroppers, "
             f"and this scenario has {gains}: use 'joint'")
+
+
+def _check_limits(scenario: Scenario) -> None:
+    limits: dict[Place, Any] = {
+        ('no_fly_zones',): scenario.no_fly_zones, ('geofence',): scenario.geofence,
+        ('separation',): scenario.separation,
+        **{('uavs', number, 'max_acceleration'): uav.max_acceleration
+           for number, uav in enumerate(scenario.uavs)}}
+    for place, limit in limits.items():
+        if limit:
+            raise OptionError(
+                "method is 'alternating'; it has the paper's limits, of speed and power, and this "
+                f"scenario has {path_of(place)}: use 'joint'", place)
 
 
 def _check_channel(scenario: Scenario) -> None:

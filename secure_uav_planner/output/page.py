@@ -6,7 +6,6 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from . import mobile_layout as narrow
 from .drawing import (
     altitudes_of, EAVESDROPPER, extent_of, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
     middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
@@ -19,6 +18,9 @@ _LEAST_POWER = 2e-5  # That is shown at first, as a share of the largest peak po
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
 _DASHES = ('solid', 'dash', 'dot', 'dashdot')
 _TITLE = 'Secure UAV plan'
+# A phone shows the map at full size, and the rest beside it.
+_STYLE = ('<meta name="viewport" content="width=device-width, initial-scale=1"><style>'
+          'body { margin: 0 } #plan { min-width: 880px; min-height: 600px }</style>')
 _STAY = {'mode': 'immediate', 'transition': {'duration': 0},
          'frame': {'duration': 0, 'redraw': False}}
 
@@ -26,13 +28,12 @@ _STAY = {'mode': 'immediate', 'transition': {'duration': 0},
 def save_page(plan, path):
     """Write the web page of a Plan to a self-contained HTML file, as atomic_file does."""
     # With a relative height, plotly resizes the figure with the window.
-    figure = draw_page(plan)
-    drawn = figure.to_html(
+    drawn = draw_page(plan).to_html(
         full_html=False, include_plotlyjs=True, auto_play=False, default_height='96vh',
         div_id='plan', config={'displaylogo': False, 'responsive': True})
     document = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE}'
-                f'</title><link rel="icon" href="data:,">{narrow.STYLE}</head><body>\n'
-                f'{drawn}\n{narrow.script(figure, plan.claim)}\n</body></html>\n')
+                f'</title><link rel="icon" href="data:,">{_STYLE}</head>'
+                f'<body>\n{drawn}\n</body></html>\n')
     with atomic_file(path) as file:
         file.write(document)
 
@@ -95,6 +96,10 @@ class _View:
         yield _scatter(
             [plan.scenario.ground_node], mode='markers', name='ground node',
             marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE}), 1, 1
+        for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
+            yield _scatter(  # Around the UAVs that are there.
+                getattr(plan.scenario, f'{name}s'), mode='markers', name=name,
+                marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE}), 1, 1
         for index, (uav, path) in enumerate(zip(plan.scenario.uavs, plan.positions)):
             line = {'color': uav_color(index), 'width': 2, 'dash': _DASHES[index % 4]}
             shared = {'mode': 'lines', 'line': line, 'legendgroup': uav.name}
@@ -201,6 +206,8 @@ def _label_axes(figure, ranges, peak):
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero', row=2, col=2)
     figure.update_yaxes(title_text='delivered<br>(bit/Hz)', rangemode='tozero', row=3, col=2)
     figure.update_xaxes(title_text='time (s)', row=3, col=2)
+    figure.update_xaxes(ticks='outside')  # So that no mark at zero covers a number.
+    figure.update_yaxes(ticks='outside')
 
 
 def _add_controls(figure, view, points):
@@ -212,10 +219,13 @@ def _add_controls(figure, view, points):
     play = {'mode': 'immediate', 'fromcurrent': True, 'transition': {'duration': 0},
             'frame': {'duration': 1000 * _PLAYING_TIME / len(points), 'redraw': False}}
     figure.update_layout(
-        template='plotly_white', hovermode='closest', margin={'l': 60, 'r': 20, 't': 50, 'b': 20},
-        title={'text': title, 'x': 0.01},
+        template='plotly_white', hovermode='closest', margin={'l': 60, 'r': 20, 't': 130, 'b': 80},
+        title={'text': title, 'x': 0.01, 'yref': 'container', 'y': 1, 'yanchor': 'top',
+               'pad': {'t': 25}},
+        dragmode=False,  # So that a finger scrolls the page.
+        legend={'orientation': 'h', 'yref': 'container', 'y': 0, 'yanchor': 'bottom'},
         sliders=[{
-            'active': 0, 'x': 0.12, 'len': 0.88, 'pad': {'t': 50},
+            'active': 0, 'x': 0.15, 'len': 0.85, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
             # The labels of the steps are the readout. Below the slider there is no room for them.
             'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
             'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',
@@ -223,7 +233,7 @@ def _add_controls(figure, view, points):
             'steps': [{'label': view.readout(point), 'method': 'animate',
                        'args': [[str(point)], _STAY]} for point in points]}],
         updatemenus=[{
-            'type': 'buttons', 'direction': 'left', 'showactive': False, 'x': 0, 'y': 0,
-            'xanchor': 'left', 'yanchor': 'top', 'pad': {'t': 70}, 'buttons': [
+            'type': 'buttons', 'direction': 'left', 'showactive': False, 'x': 0, 'y': 1,
+            'xanchor': 'left', 'yanchor': 'bottom', 'pad': {'b': 10}, 'buttons': [
                 {'label': '▶ play', 'method': 'animate', 'args': [None, play]},
                 {'label': '❚❚', 'method': 'animate', 'args': [[None], _STAY]}]}])

@@ -2,7 +2,7 @@
 The limits that a plan keeps, one class each; LIMITS names them all.
 
 A limit answers everything that its users ask of it, as base.Limit says: the check of a plan, the
-repair of an iterate, and its terms in both methods.
+repair of an iterate, and its terms in the method `joint`.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,6 @@
-"""What every limit answers, whoever asks: a plan, the repair of an iterate, and the methods."""
+"""What every limit answers: the check of a plan, the repair of an iterate, the kernel's form."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..grid import Grid
@@ -13,8 +12,7 @@ class Limit(ABC):
     One limit of a scenario.
 
     A new limit is one subclass of this, named in `limits.LIMITS`, and one of the class Limit in
-    `kernel/limit.hpp`. `Plan` calls check; `Search` calls repair; `alternating` calls
-    convex_form; `joint` has the kernel's form.
+    `kernel/limit.hpp`. `Plan` calls check; `Search` calls repair; `joint` has the kernel's form.
 
     :cvar of_flights: whether it limits positions rather than powers.
     :param scenario: whose limit it is.
@@ -63,33 +61,3 @@ class Limit(ABC):
         :param margin: share of the limit that is left, by limits on positions.
         """
         return positions, powers
-
-    # For the alternating method
-
-    def convex_form(self, variables: 'ConvexVariables') -> list[Any]:
-        """
-        Return CVXPY constraints on those of the variables that the limit is about.
-
-        A limit that is not convex returns a convex restriction that holds at the local point.
-        """
-        return []
-
-
-@dataclass(frozen=True)
-class ConvexVariables:
-    """
-    What is variable in a convex problem of the alternating method: either paths or powers.
-
-    :param paths: affine CVXPY expressions of every UAV's positions, (N+2, 2) in the problem's
-        unit of length, or None where positions are given.
-    :param scale: 1 / unit of these positions, in 1/m; a length in metres times scale is one in
-        units.
-    :param local: the positions at the local point, (U, N+2, 2) in m, with paths.
-    :param powers: an affine CVXPY expression of the powers in units of the average power,
-        (U, N), or None where they are given.
-    """
-
-    paths: list[Any] | None = None
-    scale: float = 1.0
-    local: Array | None = None
-    powers: Any = None

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import ConvexVariables, Limit
+from .base import Limit
 from .tracks import Tracks
 from ..grid import Grid
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 
-_INSIDE = 1e-6  # How far in units a convex form keeps from lines, as its solver is not exact.
+_INSIDE = 1e-6  # How far in units what is given may be beyond a line.
 
 
 class Lines(NamedTuple):
@@ -117,34 +117,3 @@ class LineLimit(Limit):
         # What is given may be at the very limit.
         slacks[self.ignored] += _INSIDE
         return bool((slacks > 0).all())
-
-    def convex_form(self, variables: ConvexVariables) -> list[Any]:
-        """Return the half-planes of lines that are chosen at the local point."""
-        if variables.paths is None or variables.local is None:
-            return []
-        import cvxpy as cp
-        path = self.grid.path_of(variables.local)
-        lines = self.lines(path)
-        least = self.slacks(path, lines).min(axis=-1, where=~self.ignored, initial=1.0)
-        offsets = (lines.offsets + np.minimum(_INSIDE, np.maximum(least, 0) / 2)) * (
-            self.grid.length * variables.scale)
-        constraints = []
-        for subject, place in np.ndindex(self.ignored.shape[1:]):
-            counted = np.flatnonzero(~self.ignored[:, subject, place])
-            if not len(counted):
-                continue
-            found = self._expression(variables, int(self.first[subject]), place)
-            if self.second is not None:
-                found -= self._expression(variables, int(self.second[subject]), place)
-            along = cp.sum(cp.multiply(lines.normals[:, subject], found), axis=1)
-            constraints.append(along[counted] >= offsets[counted, subject])
-        return constraints
-
-    def _expression(self, variables: ConvexVariables, track: int, place: int) -> Any:
-        """Return a control point of every piece of a track as CVXPY has it, (N+2, 2)."""
-        matrix, constant = self.tracks.matrix(track, place)
-        path = (variables.paths or [])[self.tracks.uav[track]]
-        # Differences of two UAVs do not see the origin, other places do.
-        shift = constant * self.grid.length + (0.0 if self.second is not None
-                                               else -self.grid.origin)
-        return matrix @ path + shift * variables.scale

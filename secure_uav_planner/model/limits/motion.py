@@ -5,8 +5,6 @@ For the latter, the points are the control points of a uniform quadratic B-splin
 acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2 in each slot.
 """
 
-from typing import Any
-
 import numpy as np
 
 from .norm import NormLimit
@@ -30,9 +28,6 @@ class SpeedLimit(NormLimit):
     def differences(self, positions: Array) -> Array:
         """Return the moves, (U, N+1, 2)."""
         return np.diff(positions, axis=1)
-
-    def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
-        return path[1:] - path[:-1]
 
 
 class AccelerationLimit(NormLimit):
@@ -69,9 +64,3 @@ class AccelerationLimit(NormLimit):
         """Return the second differences, (U, N+2, 2)."""
         first, last = self._end_moves[:, :, None]
         return np.diff(np.concatenate([first, np.diff(positions, axis=1), last], axis=1), axis=1)
-
-    def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
-        import cvxpy as cp
-        first, last = self._end_moves[:, [uav]] * scale
-        moves = cp.vstack([first, path[1:] - path[:-1], last])
-        return moves[1:] - moves[:-1]

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import ConvexVariables, Limit
+from .base import Limit
 from ..grid import Grid
 from ..kernel import core
 from ...errors import PlanError
@@ -100,24 +100,6 @@ class NormLimit(Limit):
         lengths: Array = np.sqrt(found[..., 0]**2 + found[..., 1]**2)
         lengths[self.absent.T] = 0.0
         return lengths
-
-    def convex_form(self, variables: ConvexVariables) -> list[Any]:
-        """Return a cone for every UAV's differences."""
-        if variables.paths is None:
-            return []
-        import cvxpy as cp
-        constraints = []
-        for uav, (path, most) in enumerate(zip(
-                variables.paths, self.longest.tolist(), strict=True)):
-            counted = np.flatnonzero(~self.absent[:, uav])
-            if len(counted):
-                found = self._of_expression(path, uav, variables.scale)
-                constraints.append(cp.norm(found[counted], axis=1) <= most * variables.scale)
-        return constraints
-
-    @abstractmethod
-    def _of_expression(self, path: Any, uav: int, scale: Any) -> Any:
-        """Return d of a CVXPY expression of a UAV's positions, (M, 2) in units."""
 
 
 def reference_flight(grid: Grid) -> Array:

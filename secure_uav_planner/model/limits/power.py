@@ -1,10 +1,8 @@
 """The limits of power, equation (7): a peak in every slot, and an average over all."""
 
-from typing import Any
-
 import numpy as np
 
-from .base import ConvexVariables, Limit
+from .base import Limit
 from ...errors import PlanError
 from ...mission.scenario import Array
 
@@ -30,14 +28,6 @@ class PeakPower(Limit):
         """Return the powers clipped."""
         return positions, np.clip(powers, 0, self.scenario.peak_powers[:, None])
 
-    def convex_form(self, variables: ConvexVariables) -> list[Any]:
-        """Return bounds of the powers."""
-        if variables.powers is None:
-            return []
-        peaks = self.scenario.peak_powers / self.scenario.average_powers
-        return [variables.powers >= 0,
-                variables.powers <= peaks[:, None] @ np.ones((1, self.scenario.slots))]
-
 
 class AveragePower(Limit):
     """The mean of a UAV's powers is at most its average power."""
@@ -55,10 +45,3 @@ class AveragePower(Limit):
         mean = powers.mean(axis=1, keepdims=True)
         return positions, powers * np.minimum(
             1.0, self.scenario.average_powers[:, None] / np.maximum(mean, 1e-300))
-
-    def convex_form(self, variables: ConvexVariables) -> list[Any]:
-        """Return a bound of every UAV's sum."""
-        if variables.powers is None:
-            return []
-        import cvxpy as cp
-        return [cp.sum(variables.powers, axis=1) <= self.scenario.slots]

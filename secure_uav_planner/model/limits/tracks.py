@@ -8,11 +8,10 @@ kind is compared at the same time, slots are divided in halves, in which both cu
 quadratic.
 """
 
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-import scipy
 
 from ..grid import Grid
 from ...mission.scenario import Array
@@ -92,15 +91,6 @@ class Tracks:
         found[1:] += weights[1:, ..., 0, :] * path[:-1]
         found[:-1] += weights[:-1, ..., 2, :] * path[1:]
         return found + self.constant
-
-    def matrix(self, track: int, place: int) -> tuple[Any, Array]:
-        """Return the matrix, (N+2, N+2), and the constant, (N+2, 2), of a control point."""
-        count = self.grid.slots + 2
-        weights = self.all_weights[:, track, place]
-        found = scipy.sparse.csr_array(scipy.sparse.diags(
-            [weights[1:, 0], weights[:, 1], weights[:-1, 2]], offsets=[-1, 0, 1],
-            shape=(count, count)))
-        return found, self.constant[:, track, place]
 
 
 def pieces_of(grid: Grid, together: bool) -> list[list[_Piece]]:

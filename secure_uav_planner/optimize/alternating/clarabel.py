@@ -8,6 +8,8 @@ import warnings
 
 import cvxpy as cp
 
+from ...mission.cone_program import is_solver_failure
+
 _LOG = logging.getLogger(__name__)
 
 
@@ -38,8 +40,7 @@ def solve_problem(problem: Any, time_left: float = math.inf) -> tuple[bool, floa
         solution = chain.solve_via_data(
             problem, data, warm_start=False, verbose=False, solver_opts=options)
     except BaseException as error:
-        # A panic of Clarabel's Rust code is a BaseException that no module exports.
-        if not isinstance(error, Exception) and type(error).__name__ != 'PanicException':
+        if not is_solver_failure(error):
             raise
         _LOG.debug('Clarabel failed', exc_info=True)
         return False, 0.0, compile_time

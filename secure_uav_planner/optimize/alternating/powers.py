@@ -8,8 +8,6 @@ import numpy as np
 from .clarabel import solve_problem
 from ...mission.scenario import Array, Scenario
 from ...model.channel import ground_gains, guaranteed_gains
-from ...model.limits import limits_of
-from ...model.limits.base import ConvexVariables
 
 
 class PowerProblem:
@@ -31,7 +29,6 @@ class PowerProblem:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._limits = limits_of(scenario)
         self.compile_time: float | None = None
 
     def solve(self, positions: Array, powers: Array,
@@ -52,8 +49,9 @@ class PowerProblem:
         interference = _of_jammers(gains)
         rate = (_log_of_sum(gains, local, self.powers) - leakage
                 - _dot(interference / _total(interference, local), self.powers))
-        constraints = [constraint for limit in self._limits
-                       for constraint in limit.convex_form(ConvexVariables(powers=self.powers))]
+        constraints = [
+            self.powers >= 0, self.powers <= self._scenario.peak_powers[:, None] / unit
+            @ np.ones((1, powers.shape[1])), cp.sum(self.powers, axis=1) <= powers.shape[1]]
         constraints += [leakage >= _leakage_bound(gains * unit, local, self.powers)
                         for gains in guaranteed_gains(self._scenario, positions)]
         self.problem = cp.Problem(cp.Maximize(cp.sum(rate)), constraints)

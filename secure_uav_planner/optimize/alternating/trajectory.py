@@ -14,8 +14,6 @@ from .clarabel import solve_problem
 from ...mission.scenario import Array, Scenario
 from ...model.channel import ground_squared_distances, guaranteed_squared_distances
 from ...model.channel.links import FreeSpace, link_of
-from ...model.limits import limits_of
-from ...model.limits.base import ConvexVariables
 
 _Bound = tuple[Any, list[Any]]  # A CVXPY expression, and the constraints that make it a bound.
 
@@ -42,7 +40,6 @@ class TrajectoryProblem:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._limits = limits_of(scenario)
         self.compile_time: float | None = None
 
     def solve(self, positions: Array, powers: Array,
@@ -65,8 +62,8 @@ class TrajectoryProblem:
         paths = [path / unit + move for path, move in zip(positions, self.moves, strict=True)]
         constraints = [cp.hstack([
             end for move in self.moves for end in (move[0], move[-1])]) == 0]
-        for limit in self._limits:
-            constraints += limit.convex_form(ConvexVariables(paths, 1 / unit, positions))
+        constraints += [cp.norm(path[1:] - path[:-1], axis=1) <= longest / unit
+                        for path, longest in zip(paths, scenario.max_step, strict=True)]
 
         x, y = (cp.vstack([move[1:-1, axis] for move in self.moves]) for axis in (0, 1))
         received, inverse = gains * powers, inverse * unit**2

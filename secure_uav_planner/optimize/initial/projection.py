@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from .signals import deferred_signals
 from .visibility_graph import Check
+from ...mission.cone_program import solve_cone_program
 from ...mission.scenario import Array, Scenario
 from ...model.grid import Grid, resampled_flights
 from ...model.limits import is_clear, limits_of
@@ -192,7 +192,6 @@ class _Projection:
         Variables are displacements from the base in steps, the excess of speed and acceleration,
         and what lacks to lines.
         """
-        import clarabel  # Here, for few missions need it.
         step, size = self._step, 2 * self._grid.slots * len(group)
         # The column of the first coordinate of every point that varies, or -1.
         columns: NDArray[np.intp] = np.full(base.shape[:2], -1)
@@ -201,58 +200,21 @@ class _Projection:
         # Neither is negative.
         signs = [(np.arange(2), np.array([excess, lack]), np.ones(2))], np.zeros(2)
         plain = [signs, *self._line_rows(columns, group, base, lines, lack)]
-        norms = list(self._cone_rows(columns, group, base, excess))
-        plain_rows, norm_rows = (sum(len(constants) for _, constants in rows)
-                                 for rows in (plain, norms))
-        cones = [clarabel.NonnegativeConeT(plain_rows),
-                 *[clarabel.SecondOrderConeT(3)] * (norm_rows // 3)]
+        norms = self._cone_rows(columns, group, base, excess)
         matrix, right = _put_together([*plain, *norms], size + 2)
         weight = 1.0 / max(size, 1)
         cost = scipy.sparse.csc_array(scipy.sparse.diags(
             np.append(np.full(size, weight), [0.0, 0.0])))
         linear = np.append(weight * ((base - target)[1:-1, group] / step).ravel(),
                            [_PENALTY, _LINE_PENALTY])
-        answer = self._solved(cost, linear, matrix, right, cones)
+        answer = solve_cone_program(
+            cost, linear, matrix, right, check=self._check,
+            inequalities=sum(len(constants) for _, constants in plain))
         if answer is None:
             return None
         found = base.copy()
         found[1:-1, group] += step * answer[:size].reshape(-1, len(group), 2)
         return found
-
-    def _solved(self, *problem: Any) -> Array | None:
-        """Return the solution that Clarabel finds, or None."""
-        while True:
-            with deferred_signals() as signals:
-                answer = self._solved_unless(signals, *problem)
-            if not signals:  # Otherwise their handlers let the work go on.
-                return answer
-
-    def _solved_unless(self, signals: list[int], *problem: Any) -> Array | None:
-        """Return the solution that Clarabel finds, or None, also once there are signals."""
-        import clarabel
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        raised: list[BaseException] = []
-
-        def stop(_info: Any) -> bool:
-            # Clarabel passes no exception on.
-            try:
-                self._check()
-            except BaseException as error:
-                raised.append(error)
-            return bool(raised or signals)
-
-        try:
-            solver = clarabel.DefaultSolver(*problem, settings)
-            solver.set_termination_callback(stop)
-            answer = np.array(solver.solve().x)
-        except BaseException as error:  # A panic of Clarabel's code is no Exception.
-            if not isinstance(error, Exception) and type(error).__name__ != 'PanicException':
-                raise
-            return None
-        if raised:
-            raise raised[0]
-        return answer if np.isfinite(answer).all() else None
 
     def _line_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
                    chosen: list[Lines], lack: int) -> Iterator[_Rows]:

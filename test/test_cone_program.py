@@ -1,5 +1,7 @@
-"""Signals that come while Clarabel runs: none is lost, and none ends what goes on."""
+"""Cone programs: signals that come while Clarabel runs, and what becomes of its failures."""
 
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import chain
 import queue
 import random
@@ -9,10 +11,19 @@ import sys
 import threading
 import time
 
+import clarabel
+import numpy as np
 import pytest
-from secure_uav_planner.optimize.initial.signals import deferred_signals
+from scipy.sparse import csc_array
+from secure_uav_planner.errors import NumericalError, StoppedError
+from secure_uav_planner.mission.cone_program import solve_cone_program
+from secure_uav_planner.mission.kinematics import Vehicle
 
 WAIT = 120.0
+# The least x_0 with |(x_1, x_2)| <= x_0 and x_1 >= 1.
+CONE = (csc_array((3, 3)), np.array([1.0, 0.0, 0.0]), csc_array(-np.vstack([
+    [0.0, 1.0, 0.0], np.eye(3)])), np.array([-1.0, 0.0, 0.0, 0.0]))
+solve = partial(solve_cone_program, *CONE, inequalities=1)
 PROGRAM = """
 from dataclasses import replace
 import signal, sys
@@ -55,39 +66,35 @@ def test_a_signal_at_any_time_of_a_projection_raises_its_error(name):
     assert not errors
 
 
-def test_a_handler_that_lets_the_work_go_on_is_called_once_at_the_end():
+def test_a_handler_that_lets_the_work_go_on_is_called_while_it_goes_on():
     calls = []
-
-    def note(number, frame):
-        calls.append(number)
-
-    before = signal.signal(signal.SIGINT, note)
+    before = signal.signal(signal.SIGINT, lambda number, _: calls.append(number))
     try:
-        with deferred_signals() as came:
-            signal.raise_signal(signal.SIGINT)
-            assert came == [signal.SIGINT] and not calls
-        assert calls == [signal.SIGINT] and signal.getsignal(signal.SIGINT) is note
-        threaded = []
-        thread = threading.Thread(target=lambda: threaded.append(_handler_within()))
-        thread.start()
-        thread.join()
-        assert threaded == [note]
+        assert solve(check=lambda: calls or signal.raise_signal(
+            signal.SIGINT)) == pytest.approx([1.0, 1.0, 0.0])
     finally:
         signal.signal(signal.SIGINT, before)
+    assert calls == [signal.SIGINT]
 
 
-def _handler_within():
-    with deferred_signals():
-        return signal.getsignal(signal.SIGINT)
+def test_what_the_check_raises_ends_the_solve_in_any_thread():
+    def check():
+        raise StoppedError
+
+    for thread in (None, ThreadPoolExecutor(1)):
+        with pytest.raises(StoppedError):
+            (thread.submit(solve, check=check).result() if thread
+             else solve(check=check))
 
 
-def test_a_signal_that_ends_processes_still_does():
-    program = ('import signal\n'
-               'from secure_uav_planner.optimize.initial.signals import deferred_signals\n'
-               'with deferred_signals():\n'
-               '    signal.raise_signal(signal.SIGTERM)\n'
-               '    print("later", flush=True)\n'
-               'print("never", flush=True)\n')
-    ended = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                           timeout=WAIT)
-    assert (ended.returncode, ended.stdout) == (-signal.SIGTERM, 'later\n')
+def test_a_flight_whose_solver_fails_is_an_error_and_counts_as_no_flight(monkeypatch):
+    healthy = clarabel.DefaultSettings
+
+    def hasty():
+        settings = healthy()
+        settings.max_iter = 1
+        return settings
+
+    monkeypatch.setattr(clarabel, 'DefaultSettings', hasty)
+    with pytest.raises(NumericalError):
+        Vehicle((100.0, 0.0), 10.0, 1.0, (0.0, 5.0)).least_effort(20, 1.0)

@@ -1,0 +1,71 @@
+"""Second-order cone programs, solved by Clarabel."""
+
+from collections.abc import Callable
+from importlib import import_module
+import logging
+import threading
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_ANSWERS = 'Solved', 'AlmostSolved', 'InsufficientProgress'  # As near as doubles come.
+_PERIOD = 0.02  # In s, after which the caller is asked again whether to go on.
+_LOG = logging.getLogger(__name__)
+
+
+def solve_cone_program(
+        quadratic: Any, linear: NDArray[np.float64], matrix: Any, right: NDArray[np.float64], *,
+        equalities: int = 0, inequalities: int = 0, accuracy: float = 1e-8,
+        check: Callable[[], None] = lambda: None) -> NDArray[np.float64] | None:
+    """
+    Minimise x^T P x / 2 + q^T x subject to A x + s = b.
+
+    Of s, the first rows are 0, the next are not negative, and the rest are cones of three rows
+    each, (s_1, s_2, s_3) with |(s_2, s_3)| <= s_1. Clarabel runs in a thread of its own, so that
+    the calling one takes signals: in the main thread, Ctrl-C ends a solve as it ends other work.
+
+    :param quadratic: P, a sparse matrix (K, K).
+    :param linear: q, (K,).
+    :param matrix: A, a sparse matrix (M, K).
+    :param right: b, (M,).
+    :param accuracy: of the duality gap and of the constraints.
+    :param check: called some times a second; what it raises ends the solve and is passed on.
+    :return: x, (K,), or None where Clarabel finds no solution.
+    """
+    clarabel: Any = import_module('clarabel')  # Here, for few missions need it.
+    cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(inequalities),
+             *[clarabel.SecondOrderConeT(3)] * ((len(right) - equalities - inequalities) // 3)]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+    stop, solutions = threading.Event(), []
+
+    def run() -> None:
+        try:
+            solver = clarabel.DefaultSolver(
+                quadratic.tocsc(), linear, matrix.tocsc(), right, cones, settings)
+            solver.set_termination_callback(lambda _: stop.is_set())
+            solutions.append(solver.solve())
+        except BaseException as error:
+            if not is_solver_failure(error):
+                raise
+            _LOG.debug('Clarabel failed', exc_info=True)
+
+    thread = threading.Thread(target=run)
+    check()
+    try:
+        thread.start()
+        while thread.is_alive():
+            thread.join(_PERIOD)
+            check()
+    finally:
+        stop.set()
+    if not solutions or str(solutions[0].status) not in _ANSWERS:
+        return None
+    return np.array(solutions[0].x)
+
+
+def is_solver_failure(error: BaseException) -> bool:
+    """Tell errors of Clarabel, whose panics in Rust are of a class that it does not export."""
+    return isinstance(error, Exception) or type(error).__name__ == 'PanicException'
