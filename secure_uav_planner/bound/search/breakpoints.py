@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .division import divided, fields_of, LISTENERS, SLACK
-from .dual import parties, unpacked
+from .columns import Columns
+from .dual import unpacked
 from .multiplier_search import MultiplierSearch
 from ..proof.certificate import Multipliers
 from ..proof.chords import interpolated, neighbours, on_chords, over_pieces, pieces
@@ -20,84 +19,45 @@ from ..proof.team import Team
 BREAKPOINTS = (0.5, 0.8, 0.93, 0.98, 0.995, 1.0)
 """Breakpoints w0 of the certificate, beside the one that the search has used."""
 
+SLACK = 0.5
+"""Share of what a maximum could be too large without raising its stage's bound."""
+
 FEW, SWEEPS = 60, (2, 5)
 """Columns that join those from which v is chosen, and how often: with one eavesdropper, more."""
 
 TOLERANCE = 2e-4
 """What a maximum may be too large, in nats."""
 
-SPARED = (1e-4, 2e-3)
-"""
-By how much a stage's bound may rise for a breakpoint that is left out, in nats.
-
-With up to one jammer and with several, whose boxes lose more than that at every breakpoint.
-"""
-
-FEWER = {3: 2}
-"""
-How many count where that is better: what fewer hear is divided more finely.
-
-Measured on ten missions of three jammers: with three at all breakpoints some are up to 12% of
-their rate farther above their plans, with two up to 10%.
-"""
-
-PILOT = 0.2
-"""Share of the cuts by which that is decided."""
-
-NEGLIGIBLE = 0.02
-"""Share of all v below which an eavesdropper does not count at a breakpoint."""
+SPARED = 1e-4
+"""By how much a stage's bound may rise for a breakpoint that is left out, in nats."""
 
 
-def breakpoint_multipliers(search: MultiplierSearch,
-                           stop: Callable[[], bool] = lambda: False) -> Multipliers:
-    """
-    Return what the certificate needs, for its own breakpoints of w0.
-
-    :param stop: asked now and then; True ends the division into boxes.
-    """
+def breakpoint_multipliers(search: MultiplierSearch) -> Multipliers:
+    """Return what the certificate needs, for its own breakpoints of w0."""
     team, point, uavs = search.team, search.point, range(len(search.team.regions))
     weights = np.sort([*(np.full(len(search.weight), w0) for w0 in BREAKPOINTS), search.weight],
                       axis=0)
-    counted = _largest(point.shares, LISTENERS.get(team.copies, team.eavesdroppers))
-    shares, known, jammed = _worth(search, weights, np.broadcast_to(
-        counted, (*weights.shape, team.eavesdroppers)))
-    still = np.array([search.values([i], search.silent(i)).max(1) + _constant(search, [i])
-                      for i in uavs])
+    seen, constant = search.seen, np.array([_constant(search, i) for i in uavs])
+    found = [_shares(search, seen, weight) for weight in weights]
+    shares = np.array([v for v, _ in found])
+    known = np.array([terms for _, terms in found]).swapaxes(0, 1) + constant[:, None]
+    still = np.array([search.values(i, search.silent(i)).max(1) for i in uavs]) + constant
     estimates = _Estimates(team, point.prices[0], weights, shares, still.sum(0))
-    needed, joint = np.ones(weights.shape, bool), known + jammed
-    most = estimates.over(joint, needed)[1] + SPARED[team.jammers > 1]
+    needed, joint = np.ones(weights.shape, bool), known.sum(0)
+    most = estimates.over(joint, needed)[1] + SPARED
     for k in range(len(needed) - 1):
         trial = needed.copy()
         trial[k] = False
         needed[k] = ~(estimates.over(joint, trial)[1] <= most)
-    at = np.nonzero(needed)
-    slack = estimates.slack(joint, needed)[1:][at]
-    fields = fields_of(search)
-    if team.eavesdroppers > FEWER.get(team.copies, math.inf):
-        other = _worth(search, weights, _largest(shares, FEWER[team.copies]))
-        values = [first[at] + _alone(team, point.prices[0], weights[at], v[at].sum(-1)) + divided(
-            search, fields, at[1], weights[at], v[at], second[at], SLACK / 2 * slack, stop,
-            PILOT)[1]
-            for v, first, second in ((shares, known, jammed), other)]
-        better = tuple(part[values[1] < values[0]] for part in at)
-        for one, two in zip((shares, known, jammed), other):
-            one[better] = two[better]
-        estimates, joint = replace(estimates, shares=shares), known + jammed
-        slack = estimates.slack(joint, needed)[1:][at]
-    boxes, worst = divided(search, fields, at[1], weights[at], shares[at], jammed[at],
-                           SLACK / 2 * slack, stop)
-    joint[at] = known[at] + worst
     slack = TOLERANCE + SLACK / len(uavs) * estimates.slack(joint, needed)
-    boxes = replace(boxes, slack=boxes.slack + slack[1:][at][:, None])
-    return Multipliers(
-        *unpacked(point.potentials.transpose(1, 0, 2)), point.prices, _helpers(search), weights,
-        shares, needed, boxes, still, known, slack)
+    return Multipliers(*unpacked(point.potentials.transpose(1, 0, 2)), point.prices, weights,
+                       shares, needed, still, known, slack)
 
 
-def _constant(search: MultiplierSearch, uavs: list[int]) -> Array:
-    """Return what UAVs' columns are worth beyond their values, (G,)."""
-    some = [search.potential(uav) for uav in uavs]
-    return np.sum([one.constant() if one.curved else one.turning() for one in some], axis=0)
+def _constant(search: MultiplierSearch, uav: int) -> Array:
+    """Return what a UAV's columns are worth beyond their values, (G,)."""
+    potential = search.potential(uav)
+    return potential.constant() if potential.curved else potential.turning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,51 +110,28 @@ class _Estimates:
         return slack
 
 
-def _worth(search: MultiplierSearch, weights: Array,
-           counted: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """
-    Return v (K, G, E) at the breakpoints of w0 (K, G).
-
-    And about what the terms of the transmitter and of all jammers are worth there, (K, G) each.
-
-    :param counted: whose v may be above 0, (K, G, E).
-    """
-    found = [_shares(search, *both) for both in zip(weights, counted)]
-    worth = np.zeros((2, *weights.shape))
-    for number, party in enumerate(parties(len(search.team.regions))):
-        worth[number] = [terms[number] for _, terms in found]
-        worth[number] += _constant(search, party)
-    return np.array([v for v, _ in found]), *worth
-
-
-def _largest(shares: Array, count: int) -> NDArray[np.bool_]:
-    """Return whose v are the largest ones, (..., E)."""
-    return np.asarray((-shares).argsort(-1).argsort(-1) < count)
-
-
 def _alone(team: Team, price: float, weight: Array, total: Array) -> Array:
     """Return a slot's bound at w0 and s but for what v multiplies, m(w0 - s) - H(s)."""
     return transmit_power(weight - total, price, team.regions[0].peak)[0] - entropy(total)
 
 
-def _shares(search: MultiplierSearch, weight: Array,
-            counted: NDArray[np.bool_]) -> tuple[Array, list[Array]]:
+def _shares(search: MultiplierSearch, seen: list[Columns],
+            weight: Array) -> tuple[Array, list[Array]]:
     """
     Return v (G, E) that nearly minimises a slot's bound at one breakpoint w0 (G,).
 
-    And about what the terms of the transmitter and of all jammers are worth there, (G,) each.
+    And about what the terms of every UAV are worth there, (G,) each.
 
-    :param counted: whose v may be above 0, (G, E).
+    :param seen: columns of every UAV.
     """
     team, point = search.team, search.point
-    v = np.where(counted, point.shares * (weight / search.weight)[:, None], 0.0)
+    v = point.shares * (weight / search.weight)[:, None]
     none = np.zeros_like(v)
-    # What v does not change, and what it multiplies: of every UAV, or of the jammers together.
-    # Those that are best at the present v join before every sweep: else v makes use of it that
-    # others are missing. Measured: with one list a mission of one jammer is 24% above its plan
-    # instead of 5%, others are the same.
-    every = [(search.values(party, columns, weight, none), columns.leaks)
-             for party, columns in zip(parties(len(team.regions)), search.listed(weight, v))]
+    # What v does not change, and what it multiplies. Those that are best at the present v join
+    # before every sweep: else v makes use of it that others are missing. Measured: with one list a
+    # mission of one jammer is 24% above its plan instead of 5%, others are the same.
+    every = [(search.values(i, columns, weight, none), columns.leaks)
+             for i, columns in enumerate(seen)]
     chosen = [np.zeros((len(v), 0), int) for _ in every]
     row = np.arange(len(v))[:, None]
 
@@ -220,9 +157,7 @@ def _shares(search: MultiplierSearch, weight: Array,
                 way = np.zeros_like(v)
                 way[:, e], way[:, f] = 1.0, -1.0
                 moved = _golden(along(v, way), -v[:, e], v[:, f])
-                v = np.maximum(v + way * (moved * counted[:, e] * counted[:, f])[:, None], 0.0)
-    if team.jammers > 1:  # What they do is divided by those that count.
-        v = np.where(v > NEGLIGIBLE * v.sum(-1, keepdims=True), v, 0.0)
+                v = np.maximum(v + way * moved[:, None], 0.0)
     return v, [(base + _dot(leaks, v)).max(1) for base, leaks in every]
 
 
@@ -239,23 +174,6 @@ def _golden(value: Callable[[Array], Array], low: Array, high: Array, steps: int
         x1, x2, f1, f2 = (np.where(left, new, x2), np.where(left, x1, new),
                           np.where(left, f, f2), np.where(left, f1, f))
     return (low + high) / 2
-
-
-def _helpers(search: MultiplierSearch) -> Array:
-    """Return prices of the helpers' powers at which they use about what they have."""
-    team = search.team
-    s = search.point.shares.sum(-1)
-    prices = []
-    for region in team.helpers:
-        gain = np.exp(region.largest_gain())
-        low, high = 1e-12, 1e12
-        for _ in range(80):
-            price = (low * high)**0.5
-            used = np.clip(s / price - 1 / gain, 0.0, region.peak) @ team.stages.count
-            low, high = (price, high) if used > region.average * team.stages.slots else (
-                low, price)
-        prices.append(high)
-    return np.array(prices)
 
 
 def _dot(leaks: Array, v: Array) -> Array:
