@@ -94,7 +94,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     started = time.monotonic()
     checked_kind('scenario', scenario, Scenario)
     checked_choice('objective', objective, OBJECTIVES)
-    _check_provable(scenario)
+    if refusal := explain_refusal(scenario):
+        raise OptionError(refusal)
     limit = checked_time_limit(time_limit)
     checked_callback('on_progress', on_progress)
     if plan is not None:
@@ -110,14 +111,15 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
                  time.monotonic() - started, run.outcome)
 
 
-def _check_provable(scenario: Scenario) -> None:
+def explain_refusal(scenario: Scenario) -> str:
+    """Return why nothing is proven for a scenario, in one line; nothing where a bound is."""
     jammers = len(scenario.uavs) - 1
     if jammers > 1:
-        raise OptionError(f'scenario has {jammers} jammers; the proof of upper_bound holds for at '
-                          'most one')
+        return f'scenario has {jammers} jammers; the proof of upper_bound holds for at most one'
     if not scenario.channel.is_free_space:
-        raise OptionError(f'channel is {scenario.channel}; the proof of upper_bound holds for '
-                          'free space without fading only')
+        return (f'channel is {scenario.channel}; the proof of upper_bound holds for free space '
+                'without fading only')
+    return ''
 
 
 def plain_bound(scenario: Scenario) -> float:

@@ -17,8 +17,7 @@ Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex
 interpolated linearly between the breakpoints it lies below the chord from breakpoint to
 breakpoint. The entropies and m are known exactly and are therefore taken on PIECES finer pieces:
 there, the convex part -H(s) + m + chord lies below its own chord, and max over w0 of slope w0 +
-H(w0) is attained at w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0. A
-breakpoint that is not needed is put on the chord of its neighbours, where M is below that chord.
+H(w0) is attained at w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0.
 """
 
 from __future__ import annotations
@@ -28,10 +27,9 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .boxes import Index, Terms
-from .chords import interpolated, on_chords, over_pieces
+from .chords import over_pieces
 from .conjugate import Array
 from .potential import Potential
 from .reachable_set import ReachableSet
@@ -54,8 +52,6 @@ class Multipliers:
     :param prices: lam, (U,) in nats per W, not negative.
     :param weights: w0 at the breakpoints, rising, (K, G), within (0, 1].
     :param shares: v at the breakpoints, (K, G, E), not negative, with a sum of at most w0.
-    :param needed: whether a breakpoint has maxima of its own, (K, G), the last one always; the
-        others are put on the chords of their neighbours.
     :param still: what the terms come close to where nothing is sent, (U, G) in nats.
     :param known: the same at the breakpoints, (U, K, G).
     :param slack: what the maxima may be too large, where nothing is sent and at every breakpoint,
@@ -68,7 +64,6 @@ class Multipliers:
     prices: Array
     weights: Array
     shares: Array
-    needed: NDArray[np.bool_]
     still: Array
     known: Array
     slack: Array
@@ -106,25 +101,21 @@ def certify(team: Team, given: Multipliers,
                        for slope, bend, turn, region in zip(
                            given.slope, given.bend, given.turn, team.regions))
     prices = np.maximum(given.prices, 0.0)
-    if not given.needed[-1].all():
-        raise AssertionError('the last breakpoint of w0 is always needed')
     if (np.diff(given.weights, axis=0) < 0).any() or (given.weights[-1] != 1).any():
         raise AssertionError('the breakpoints of w0 must rise to 1')
     weights = np.clip(given.weights, 1e-12, 1.0)
     shares = np.maximum(given.shares, 0.0)
     total = shares.sum(-1, keepdims=True)
     shares = shares * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
-    shares = on_chords(weights, shares, given.needed)
     # The jammer's silence is part of all of its maxima, the transmitter's only of one.
     still = [_still(potential, price, known, given.slack.min(0) if i else given.slack[0], stop)
              for i, (potential, price, known) in enumerate(zip(potentials, prices, given.still))]
-    joint = np.zeros(weights.shape)
-    k, g = np.nonzero(given.needed)
-    for i, potential in enumerate(potentials):
-        joint[k, g] += _maxima(team, potential, i, still[i], g, weights[k, g], shares[k, g],
-                               prices[i], given.known[i, k, g], given.slack[k + 1, g], stop)
+    stage = np.tile(np.arange(weights.shape[1]), len(weights))
+    joint = np.sum([_maxima(
+        team, potential, i, still[i], stage, weights.ravel(), shares.reshape(-1, shares.shape[2]),
+        prices[i], given.known[i].ravel(), given.slack[1:].ravel(), stop)
+        for i, potential in enumerate(potentials)], axis=0).reshape(weights.shape)
     silent = sum(still) + team.negative
-    joint = interpolated(joint[None], silent, weights, given.needed)[0]
     pieces = over_pieces(team, silent, joint, weights, shares.sum(-1), prices[0])
     slots = np.maximum(silent, pieces.max((0, 1)))
     slots = slots + 4 * sum(margin(p.region.altitude, p.size()) for p in potentials)

@@ -1,5 +1,5 @@
 """
-Lemma 11: the way around what a UAV may not enter takes time.
+Lemma 9: the way around what a UAV may not enter takes time.
 
 What is in the way of a UAV is a polygon O: its zones, and what the geofence's convex hull has and
 the fence has not, all a little smaller than they are. In slot n the UAV has flown a way around O

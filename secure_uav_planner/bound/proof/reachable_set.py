@@ -30,7 +30,7 @@ class ReachableSet:
     `unit`, so that everything that matters lies within a few units. In slot n a UAV is within n
     moves of its start and N + 1 - n moves of its goal: a reachable set, the part that two discs
     share. Where the velocity changes by at most an acceleration limit, moves are short near ends
-    at which it is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 10 in potential.py.
+    at which it is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 8 in potential.py.
 
     :param unit: length of one unit in m.
     :param origin: of the frame, (2,) in m.

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .columns import Columns
 from .dual import unpacked
 from .multiplier_search import MultiplierSearch
 from ..proof.certificate import Multipliers
-from ..proof.chords import interpolated, neighbours, on_chords, over_pieces, pieces
+from ..proof.chords import over_pieces, pieces
 from ..proof.conjugate import Array, entropy, transmit_power
 from ..proof.team import Team
 
@@ -28,10 +26,6 @@ FEW, SWEEPS = 60, (2, 5)
 TOLERANCE = 2e-4
 """What a maximum may be too large, in nats."""
 
-SPARED = 1e-4
-"""By how much a stage's bound may rise for a breakpoint that is left out, in nats."""
-
-
 def breakpoint_multipliers(search: MultiplierSearch) -> Multipliers:
     """Return what the certificate needs, for its own breakpoints of w0."""
     team, point, uavs = search.team, search.point, range(len(search.team.regions))
@@ -42,16 +36,10 @@ def breakpoint_multipliers(search: MultiplierSearch) -> Multipliers:
     shares = np.array([v for v, _ in found])
     known = np.array([terms for _, terms in found]).swapaxes(0, 1) + constant[:, None]
     still = np.array([search.values(i, search.silent(i)).max(1) for i in uavs]) + constant
-    estimates = _Estimates(team, point.prices[0], weights, shares, still.sum(0))
-    needed, joint = np.ones(weights.shape, bool), known.sum(0)
-    most = estimates.over(joint, needed)[1] + SPARED
-    for k in range(len(needed) - 1):
-        trial = needed.copy()
-        trial[k] = False
-        needed[k] = ~(estimates.over(joint, trial)[1] <= most)
-    slack = TOLERANCE + SLACK / len(uavs) * estimates.slack(joint, needed)
+    slack = TOLERANCE + SLACK / len(uavs) * _slack(team, still.sum(0), known.sum(0), weights,
+                                                   shares, point.prices[0])
     return Multipliers(*unpacked(point.potentials.transpose(1, 0, 2)), point.prices, weights,
-                       shares, needed, still, known, slack)
+                       shares, still, known, slack)
 
 
 def _constant(search: MultiplierSearch, uav: int) -> Array:
@@ -60,54 +48,23 @@ def _constant(search: MultiplierSearch, uav: int) -> Array:
     return potential.constant() if potential.curved else potential.turning()
 
 
-@dataclass(frozen=True, eq=False)
-class _Estimates:
+def _slack(team: Team, silent: Array, joint: Array, weights: Array, shares: Array,
+           price: float) -> Array:
     """
-    About what the certificate will find, from what the terms are worth at the breakpoints of w0.
+    Return by how much silence and every breakpoint could be higher, (K + 1, G) in nats.
 
-    :param team: the UAVs.
-    :param price: lam of the transmitter.
-    :param weights: w0, (K, G).
-    :param shares: v, (K, G, E).
-    :param silent: all terms where nothing is sent, (G,).
+    :param silent: about what all terms are where nothing is sent, (G,).
+    :param joint: the same at the breakpoints, (K, G).
     """
-
-    team: Team
-    price: float
-    weights: Array
-    shares: Array
-    silent: Array
-
-    def over(self, joint: Array, needed: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """
-        Return about the bounds of all pieces of w0, (PIECES, K, G), and of the stages, (G,).
-
-        :param joint: all terms at the breakpoints, (K, G).
-        :param needed: whether each is one, (K, G).
-        """
-        joint = interpolated(joint[None], self.silent, self.weights, needed)[0]
-        total = on_chords(self.weights, self.shares, needed).sum(-1)
-        value = over_pieces(self.team, self.silent, joint, self.weights, total, self.price)
-        return value, np.maximum(self.silent, value.max((0, 1)))
-
-    def slack(self, joint: Array, needed: NDArray[np.bool_]) -> Array:
-        """Return by how much silence and every breakpoint could be higher, (K + 1, G)."""
-        weights = self.weights
-        value, best = self.over(joint, needed)
-        # One that is too high lifts the pieces on both sides, the less the farther they are.
-        slack = np.concatenate([(best - self.silent)[None], np.full(weights.shape, np.inf)])
-        column = np.arange(weights.shape[1])
-        at = np.concatenate([0 * weights[:1], weights])
-        below, above = neighbours(needed)
-        x = pieces()[:, None]
-        for k in range(len(weights)):
-            low, high = at[below[k], column], at[above[k], column]
-            share = (at[k] + (at[k + 1] - at[k]) * x - low) / np.maximum(high - low, 1e-300)
-            gap = best - value[:, k]
-            for number, part in ((below[k], 1 - share[:-1]), (above[k], share[1:])):
-                room = (gap / np.maximum(part, 1e-9)).min(0)
-                slack[number, column] = np.minimum(slack[number, column], room)
-        return slack
+    value = over_pieces(team, silent, joint, weights, shares.sum(-1), price)
+    best = np.maximum(silent, value.max((0, 1)))
+    slack = np.concatenate([(best - silent)[None], np.full(weights.shape, np.inf)])
+    # One that is too high lifts the pieces on both sides, the less the farther they are.
+    x = pieces()[:, None, None]
+    for ends, part in ((slice(-1), 1 - x[:-1]), (slice(1, None), x[1:])):
+        room = ((best - value) / np.maximum(part, 1e-9)).min(0)
+        slack[ends] = np.minimum(slack[ends], room)
+    return slack
 
 
 def _alone(team: Team, price: float, weight: Array, total: Array) -> Array:

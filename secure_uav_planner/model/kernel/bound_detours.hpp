@@ -1,4 +1,4 @@
-// Lemma 11 of bound/proof: which places a UAV reaches in time around what it may not enter. See
+// Lemma 9 of bound/proof: which places a UAV reaches in time around what it may not enter. See
 // detours.py.
 #pragma once
 
