@@ -14,7 +14,8 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
-from secure_uav_planner import Channel, fly_hover_fly, Plan, Scenario, solve, upper_bound
+from secure_uav_planner import Channel, fly_hover_fly, Plan, Scenario, solve
+from secure_uav_planner.bound import explain_refusal, upper_bound
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission import Objective
 from secure_uav_planner.output.page import save_page
@@ -46,12 +47,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             plan = _plan_and_replay(scenario, file, options.method)
         plans = [fly_hover_fly(plan.scenario, 'constant'),
                  fly_hover_fly(plan.scenario, 'optimised'), plan]
-        if plan.scenario.channel.is_free_space:
+        if refusal := explain_refusal(plan.scenario):
+            print(f'no bound: {refusal}', flush=True)
+        else:
             print(f'proving how good they are, for at most {_PROOF:g} s ...', flush=True)
             bound = upper_bound(plan.scenario, objective=plan.objective, plan=plan,
                                 time_limit=_PROOF)
             plans = [one.with_bound(bound) for one in plans]
-        else:
+        if not plan.scenario.channel.is_free_space:
             print('planning for free space, to see what that would cost ...', flush=True)
             plans.insert(2, planned_for_free_space(plan.scenario, plan.objective))
     except (PlanningError, OSError) as error:

@@ -1,4 +1,4 @@
-"""In its own environment each target of the Makefile has all that it imports, and a wheel is new."""
+"""In its own environment each target of the Makefile has all that it imports."""
 
 import subprocess
 from zipfile import ZipFile

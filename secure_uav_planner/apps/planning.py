@@ -12,7 +12,7 @@ from typing import Any
 from .cli import DONE, STOPPED
 from .missions import lines_of, loaded, picture_file, writable
 from ..assessment import assess, World
-from ..bound import upper_bound
+from ..bound import explain_refusal, upper_bound
 from ..errors import OptionError, PlanFileError, PlanningError, ScenarioError
 from ..mission.files import naming
 from ..mission.propagation import Channel
@@ -99,8 +99,8 @@ def make_plan(options: argparse.Namespace) -> int:
     print(table([*baselines, plan], bound))
     print(f'\n{plan.message}' + (
         f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
-    if options.bound_time_limit and not scenario.channel.is_free_space:
-        print('no bound: it is proven for free space without fading only')
+    if options.bound_time_limit and (refusal := explain_refusal(scenario)):
+        print(f'no bound: {refusal}')
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     print(f'written: {", ".join(map(str, work.written))}')
@@ -108,8 +108,7 @@ def make_plan(options: argparse.Namespace) -> int:
 
 
 def _bound(plan: Plan, options: argparse.Namespace, work: _Work) -> Bound | None:
-    if work.is_stopped or options.bound_time_limit is None or (
-            not plan.scenario.channel.is_free_space):
+    if work.is_stopped or options.bound_time_limit is None or explain_refusal(plan.scenario):
         return None
     work.say('bound ...', force=True)
     return upper_bound(

@@ -74,7 +74,7 @@ def empty_row(task: Task) -> dict[str, Any]:
 def _results(task: Task) -> dict[str, Any]:
     from ..assessment import assess
     from ..assessment.monte_carlo import arguments
-    from ..bound import upper_bound
+    from ..bound import explain_refusal, upper_bound
     scenario = Scenario.from_dict(task['mission'])
     plan = _plan(scenario, task)
     objective, limit = task['objective'], task['bound_time_limit']
@@ -90,7 +90,7 @@ def _results(task: Task) -> dict[str, Any]:
             plan, **arguments(task['assess'])).summary.items()})
     if more:
         found['more'] = more
-    if limit is not None and scenario.channel.is_free_space:  # Else nothing is proven.
+    if limit is not None and not explain_refusal(scenario):
         bound = upper_bound(scenario, objective=objective, plan=plan, time_limit=limit)
         gap = bound.gap(plan)
         found.update(bound=bound.rate if math.isfinite(bound.rate) else None,

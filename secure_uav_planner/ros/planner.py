@@ -38,7 +38,7 @@ from .solver import Job, Result, SolverThread
 from .spec import Spec
 from .status import level_and_text, log_at, State, values
 from .topics import publishers, serve, subscribe, TOPICS
-from ..bound import upper_bound
+from ..bound import explain_refusal, upper_bound
 from ..errors import (
     brief, BusyError, ParameterError, PlanFileError, PlanningError, PoseError, StoppedError,
     with_type)
@@ -382,6 +382,9 @@ class Planner(Node):
         plan = self._state.plan
         if (self._settings['bound'] != 'after' or plan is None or self._state.bound is not None
                 or self._solver.job is not None):
+            return
+        if refusal := explain_refusal(plan.scenario):
+            self.get_logger().info(f'no bound: {refusal}', once=True)
             return
 
         def work(job: Job) -> Bound:

@@ -15,10 +15,10 @@ import tempfile
 import time
 
 import numpy as np
-from secure_uav_planner.ros.client import ClientError
 from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.ros.client import ClientError
 from secure_uav_planner.ros.messages import nanoseconds
 
 from .link import BEGIN_NS, Link, node, RATE, STEP_NS
