@@ -40,6 +40,13 @@ def add_legend(axes, *entries, **options):
                 frameon=False, **options)
 
 
+def rates_text(plan):
+    """Return the rates of a Plan with their names, in one line."""
+    name = plan.scenario.channel.rate_name
+    return (f'{name("guaranteed")} {plan.guaranteed_rate:.3f}, {name("worst_case")} '
+            f'{plan.worst_case_rate:.3f} bit/s/Hz')
+
+
 def receiver_label(eavesdropper):
     """Return the advantage of an Eavesdropper's receiver, such as '+6 dB', '' without one."""
     advantage = eavesdropper.receiver_advantage_db

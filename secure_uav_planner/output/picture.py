@@ -17,8 +17,9 @@ import numpy as np
 
 from .drawing import (
     add_legend, altitudes_of, EAVESDROPPER, energy_label, extent_of, GEOFENCE, GROUND_NODE,
-    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes,
-    uav_color)
+    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, rates_text, receiver_label, rims,
+    style_axes, uav_color)
+from ..mission import OBJECTIVES
 
 _WIDTH = 9.0
 _MAP_WIDTH = 5.95
@@ -66,10 +67,8 @@ def draw_plan(plan, baselines=()):
     """Return a matplotlib Figure of a plan, as save_picture writes it."""
     extent = extent_of(plan.scenario, [plan, *baselines])
     tall = _map_height(extent)
-    title = (f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
-             f'{plan.worst_case_rate:.3f} in the worst case')
-    if plan.bound is not None:
-        title = '\n'.join([title, *wrap(plan.claim, _TITLE_WIDTH)])
+    title = '\n'.join(line for text in (f'{name_of(plan.method)}: {rates_text(plan)}', plan.claim)
+                      for line in wrap(text, _TITLE_WIDTH))
     total = tall + 4.7 + 0.2 * title.count('\n')
     map_axes, power_axes, rate_axes = _axes(total, (4.35, tall), (2.35, 1.4), (0.5, 1.7))
     draw_map(map_axes, plan, extent, baselines)
@@ -247,10 +246,12 @@ def draw_powers(axes, plan):
 def draw_rates(axes, plan, baselines=()):
     """Draw the guaranteed and the worst-case secrecy rate of every slot over time."""
     edges = plan.times[1:]
+    bound, worst = ('\n'.join(wrap(plan.scenario.channel.rate_name(name), _LEGEND_WIDTH))
+                    for name in OBJECTIVES)
     axes.stairs(plan.worst_case_rates, edges, color=RATE, linewidth=1.3, linestyle='--',
-                label='worst case')
+                label=worst)
     axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
-    axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label='guaranteed')
+    axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label=bound)
     for other, style in zip(baselines, _STYLES):
         axes.stairs(other.guaranteed_rates, other.times[1:], color=_GREY, linewidth=1.1,
                     linestyle=style, label=name_of(other.method).replace(', ', ',\n'))

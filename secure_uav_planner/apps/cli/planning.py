@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from .main import DONE, STOPPED
-from .missions import lines_of, loaded, picture_file, writable
+from .missions import lines_of, loaded, picture_file, SHORTFALL_DRAWS, writable
 from ...assessment import assess, World
 from ...bound import upper_bound
 from ...errors import OptionError, PlanFileError, PlanningError, ScenarioError
@@ -97,6 +97,8 @@ def make_plan(options: argparse.Namespace) -> int:
             proven.save_mcap(out / 'plan.mcap')
             work.written.append(out / 'plan.mcap')
     print(table([*baselines, plan], bound))
+    if not scenario.channel.is_guarantee:
+        print(f'{plan.method}: {assess(plan, SHORTFALL_DRAWS).shortfall}')
     print(f'\n{plan.message}' + (
         f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
     if options.bound_time_limit and not scenario.channel.is_free_space:
