@@ -351,9 +351,8 @@ class Plan:
 
         Fields that are missing take their defaults, so that files of earlier versions load.
 
-        :raises OSError: when the file cannot be read, is no regular file, or is too large.
-        :raises PlanFileError: when it is damaged, of another kind or of a newer version, or
-            breaks its own scenario.
+        :raises PlanFileError: when the file cannot be read or is too large, or is damaged, of
+            another kind or of a newer version, or breaks its own scenario; it names the path.
         """
         return file.read_plan(path, cls)
 

@@ -13,7 +13,7 @@ from .main import DONE, STOPPED
 from .missions import lines_of, loaded, picture_file, SHORTFALL_DRAWS, writable
 from ...assessment import assess, World
 from ...bound import upper_bound
-from ...errors import OptionError, PlanFileError, PlanningError, ScenarioError
+from ...errors import OptionError, PlanningError, ScenarioError
 from ...mission.files import naming
 from ...mission.propagation import Channel
 from ...mission.scenario import Scenario
@@ -154,7 +154,7 @@ def _write(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]:
 
 def show(options: argparse.Namespace) -> int:
     """Draw a plan; return the exit status."""
-    plan = loaded(options.plan, Plan.load, PlanFileError)
+    plan = Plan.load(options.plan)
     file = picture_file(options, '.png', _SUFFIXES)
     print(table([plan]))
     with naming_what_is_missing():
@@ -170,7 +170,7 @@ def show(options: argparse.Namespace) -> int:
 
 def assess_plan(options: argparse.Namespace) -> int:
     """Assess a plan; return the exit status."""
-    plan = loaded(options.plan, Plan.load, PlanFileError)
+    plan = Plan.load(options.plan)
     file = picture_file(options, '.assess.png', _SUFFIXES[:-1])
     found = assess(plan, options.draws, options.seed, _world(options, plan))
     print(assessment_table(found))
