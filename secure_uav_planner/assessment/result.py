@@ -78,7 +78,7 @@ class Assessment:
 
     @property
     def claim(self) -> str:
-        """What the plan's rates are: 'promised', or, where they are not, 'at mean gains'."""
+        """Name the plan's rates: 'promised', or, where they are not, such as 'at mean gains'."""
         channel = self.plan.scenario.channel
         return 'promised' if channel.is_guarantee else channel.promise
 

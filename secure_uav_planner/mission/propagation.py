@@ -63,7 +63,7 @@ class Channel:
 
     @property
     def promise(self) -> str:
-        """What rates are: 'guaranteed', but for the outage, or the gains that they count with."""
+        """Name rates as 'guaranteed', perhaps with an outage, or by the gains they count with."""
         if self.los is None:
             return 'guaranteed'
         return 'at mean gains of the links that help' if self.cautious else 'at mean gains'

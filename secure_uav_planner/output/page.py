@@ -226,7 +226,7 @@ def _add_controls(figure, view, points):
         dragmode=False,  # So that a finger scrolls the page.
         legend={'orientation': 'h', 'yref': 'container', 'y': 0, 'yanchor': 'bottom'},
         sliders=[{
-            'active': 0, 'x': 0.15, 'len': 0.85, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
+            'active': 0, 'x': 0.18, 'len': 0.82, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
             # The labels of the steps are the readout. Below the slider there is no room for them.
             'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
             'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',

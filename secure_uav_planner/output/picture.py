@@ -305,7 +305,7 @@ def _mark_times(axes, times, points, color, taken):
     """
     Mark round times along a path; where the UAV hovers, one label gives the interval.
 
-    Labels are beside the path, where they do not cover what is taken; the list of these grows.
+    Labels are beside the path on the map, where they cover nothing taken; that list grows.
     """
     marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
     marks = marks[marks < times[-1] - marks[0] / 3]
@@ -315,6 +315,7 @@ def _mark_times(axes, times, points, color, taken):
     axes.plot(*places.T, 'o', color='white', markeredgecolor=color, markersize=3.5,
               linestyle='none', zorder=7)
     point = np.ptp(axes.get_xlim()) / axes.bbox.width * axes.figure.dpi / 72.0  # In m.
+    inside = shapely.box(*np.transpose([axes.get_xlim(), axes.get_ylim()]).ravel())
     ends, first = [], 0
     for last in range(len(marks)):
         if last + 1 == len(marks) or (
@@ -326,11 +327,11 @@ def _mark_times(axes, times, points, color, taken):
         text = f'{marks[first]:g}' if first == last else f'{marks[first]:g}–{marks[last]:g}'
         size = np.array([0.62 * len(f'{text} s'), 1.0]) * _FONT_SIZE * point
         x, y = after[middle] - before[middle]
-        aside = np.array([-y, x]) / np.hypot(x, y) if x or y else np.array([0.0, 1.0])
-        for normal in (aside, -aside):
-            place = places[middle] + normal * (_GAP * point + np.abs(normal) @ size / 2)
+        for angle in np.arctan2(x, -y) + np.radians((0, 180, 40, -40, 140, -140)):
+            aside = np.array([np.cos(angle), np.sin(angle)])
+            place = places[middle] + aside * (_GAP * point + np.abs(aside) @ size / 2)
             box = shapely.box(*(place - size / 2), *(place + size / 2))
-            if not shapely.intersects(box, taken).any():
+            if inside.contains(box) and not shapely.intersects(box, taken).any():
                 taken.append(box)
                 axes.annotate(f'{text} s', place, ha='center', va='center', color=color,
                               fontsize=_FONT_SIZE, zorder=8, path_effects=_HALO)
