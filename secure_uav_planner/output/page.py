@@ -154,8 +154,7 @@ class _View:
             f'{uav.name} {_watts(power)}'
             for uav, power in zip(self.plan.scenario.uavs, self.powers[:, point]))
         mean = self.delivered[point] / (time - began) if point > 1 else 0.0
-        name = self.plan.scenario.channel.rate_name('guaranteed')
-        return (f'{time:.1f} s:  {watts};  {name} now {self.guaranteed[point]:.2f}, so far '
+        return (f'{time:.1f} s:  {watts};  rate now {self.guaranteed[point]:.2f}, so far '
                 f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
 
 
