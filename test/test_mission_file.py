@@ -236,6 +236,15 @@ def test_what_may_be_null_is_told_in_the_words_of_the_file(tmp_path, field, valu
     assert told.startswith(words) and not told.endswith(' m m')
 
 
+@pytest.mark.parametrize('field, value, words', [
+    ('duration', '200s', ', in s, without its unit'),
+    ('channel', {'exponent': '2.4GHz'}, ', without a unit')])
+def test_a_number_with_a_unit_is_told_to_leave_it_out(tmp_path, field, value, words):
+    data = {**Scenario.paper().to_dict(), field: value}
+    [(_, told)] = problems(written(tmp_path, yaml.safe_dump(json.loads(json.dumps(data)))))
+    assert told.endswith(words)
+
+
 def test_an_error_of_python_has_the_words_of_python():
     with pytest.raises(ScenarioError, match='max_speed is True'):
         Uav('a', (0, 0), (0, 0), 100, True)

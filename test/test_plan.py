@@ -211,9 +211,14 @@ def test_a_new_file_has_the_permissions_that_the_umask_leaves(tmp_path, plan):
     assert (tmp_path / 'plan.json').stat().st_mode & 0o777 == 0o640
 
 
+def test_a_file_that_is_missing_is_an_error_of_the_package_that_names_it(tmp_path):
+    with pytest.raises(PlanFileError, match='plan.json cannot be read'):
+        Plan.load(tmp_path / 'plan.json')
+
+
 @pytest.mark.parametrize('device', ['/dev/zero', '/dev/full'])
 def test_a_device_is_neither_read_nor_replaced(plan, device):
-    with pytest.raises(OSError, match='not a regular file'):
+    with pytest.raises(PlanFileError, match=f'{device} cannot be read'):
         Plan.load(device)
     with pytest.raises(OSError, match='not a regular file'):
         plan.save(device)

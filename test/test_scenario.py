@@ -102,13 +102,20 @@ def test_the_arrays_of_a_scenario_are_there_once_and_cannot_be_changed():
                 getattr(one, name)[0] = 0.0
 
 
-def test_eavesdroppers_of_one_name_are_told_apart():
-    def names(*given):
-        eves = tuple(Eavesdropper((0, 0), name=name) for name in given)
-        return replace(Scenario.paper(), eavesdroppers=eves).eavesdropper_names
-    assert names('north', 'south') == ('north', 'south')
-    assert names('a', 'b', 'a') == ('a1', 'b', 'a3')
-    assert names('a', 'a1', 'a') == ('a2', 'a1', 'a3')
+def test_eavesdroppers_of_one_name_are_refused_and_those_without_a_name_numbered():
+    def scenario(*names):
+        return replace(Scenario.paper(), eavesdroppers=tuple(
+            Eavesdropper((0, 0), **({} if name is None else {'name': name})) for name in names))
+    assert scenario('north', 'south').eavesdropper_names == ('north', 'south')
+    assert scenario(None, 'a', None).eavesdropper_names == ('eavesdropper1', 'a', 'eavesdropper3')
+    with pytest.raises(ScenarioError) as caught:
+        scenario('a', 'b', 'a')
+    assert caught.value.field == 'eavesdroppers[2].name'
+
+
+def test_a_channel_in_plain_values_is_told_how_to_be_written():
+    with pytest.raises(ScenarioError, match='Channel\\(los='):
+        replace(Scenario.paper(), channel={'los': 'urban'})
 
 
 def test_what_is_too_large_to_plan_in_time_is_refused_with_the_most_that_is_not():

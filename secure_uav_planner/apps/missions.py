@@ -17,6 +17,10 @@ from ..mission.link_budget import reference_snr_db
 from ..mission.scenario import Scenario
 from ..model.clearance import CLOSE_DISTANCE, kept_apart_by_nothing
 from ..output.autopilot_limits import changes
+from ..plan.plan import Plan
+
+SHORTFALL_DRAWS = 200
+"""Of an assessment that says how often a slot has less than a rate that is no guarantee."""
 
 _Content = TypeVar('_Content')
 
@@ -80,12 +84,17 @@ def new(options: argparse.Namespace) -> int:
 
 def check(options: argparse.Namespace) -> int:
     """Check a mission; return the exit status."""
-    scenario = _that_can_be_flown(options.mission)
+    plan = _baseline(options.mission)
+    scenario = plan.scenario
     jammers = len(scenario.uavs) - 1
     print(f'{options.mission}: {scenario.uavs[0].name} transmits, {jammers} '
           f'jam{"s" if jammers == 1 else ""}, {len(scenario.eavesdroppers)} '
           f'listen{"s" if len(scenario.eavesdroppers) == 1 else ""}; {scenario.slots} slots of '
           f'{scenario.slot_duration:g} s. It can be flown.')
+    if not scenario.channel.is_guarantee:
+        from ...assessment import assess
+        print(f'rates are {scenario.channel.promise}, not guaranteed: with fly-hover-fly, '
+              f'{assess(plan, SHORTFALL_DRAWS).shortfall}')
     if (names := kept_apart_by_nothing(scenario)):
         print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
               f'{scenario.margin_text}; set separation, or altitudes that differ',
@@ -95,8 +104,8 @@ def check(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _that_can_be_flown(path: str) -> Scenario:
-    """Return the mission of a file that can be flown, or raise all that is wrong with it."""
+def _baseline(path: str) -> Plan:
+    """Fly-hover-fly in the mission of a file; raise all that is wrong with it."""
     known = None
     try:
         scenario = loaded(path)
@@ -106,10 +115,10 @@ def _that_can_be_flown(path: str) -> Scenario:
         known, scenario = error, error.rest
     from ..optimize import fly_hover_fly
     with lines_of(path, () if known is None else known.problems):
-        fly_hover_fly(scenario)
+        plan = fly_hover_fly(scenario)
     if known is not None:
         raise known
-    return scenario
+    return plan
 
 
 @contextmanager

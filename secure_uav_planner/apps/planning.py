@@ -10,10 +10,10 @@ import time
 from typing import Any
 
 from .cli import DONE, STOPPED
-from .missions import lines_of, loaded, picture_file, writable
+from .missions import lines_of, loaded, picture_file, SHORTFALL_DRAWS, writable
 from ..assessment import assess, World
 from ..bound import explain_refusal, upper_bound
-from ..errors import OptionError, PlanFileError, PlanningError, ScenarioError
+from ..errors import OptionError, PlanningError, ScenarioError
 from ..mission.files import naming
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
@@ -97,6 +97,8 @@ def make_plan(options: argparse.Namespace) -> int:
             proven.save_mcap(out / 'plan.mcap')
             work.written.append(out / 'plan.mcap')
     print(table([*baselines, plan], bound))
+    if not scenario.channel.is_guarantee:
+        print(f'{plan.method}: {assess(plan, SHORTFALL_DRAWS).shortfall}')
     print(f'\n{plan.message}' + (
         f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
     if options.bound_time_limit and (refusal := explain_refusal(scenario)):
@@ -151,7 +153,7 @@ def _write(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]:
 
 def show(options: argparse.Namespace) -> int:
     """Draw a plan; return the exit status."""
-    plan = loaded(options.plan, Plan.load, PlanFileError)
+    plan = Plan.load(options.plan)
     file = picture_file(options, '.png', _SUFFIXES)
     print(table([plan]))
     with naming_what_is_missing():
@@ -167,7 +169,7 @@ def show(options: argparse.Namespace) -> int:
 
 def assess_plan(options: argparse.Namespace) -> int:
     """Assess a plan; return the exit status."""
-    plan = loaded(options.plan, Plan.load, PlanFileError)
+    plan = Plan.load(options.plan)
     file = picture_file(options, '.assess.png', _SUFFIXES[:-1])
     found = assess(plan, options.draws, options.seed, _world(options, plan))
     print(assessment_table(found))

@@ -10,6 +10,7 @@ from .tasks import COLUMNS
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
 from ..mission.formats.diagnosis import UNITS
+from ..mission.propagation import rate_name
 
 Rows = Sequence[dict[str, Any]]
 
@@ -83,7 +84,8 @@ def draw_figure(rows: Rows) -> Any:
         'x': row['fields'].get(name), 'of': '' if second is None else _value(row, second)}
         for row in good])
     for axes, rate in zip(grid, shown):
-        label = f'{_words(rate)} rate (bit/s/Hz)'
+        names = dict.fromkeys(rate_name(rate, _promise(row)) for row in good)
+        label = f'{" or ".join(names)} (bit/s/Hz)'
         if name is None:
             axes.yaxis.get_major_locator().set_params(integer=True)
             for scheme, mine in frame.groupby('scheme', sort=False):
@@ -118,7 +120,12 @@ def _draw_lines(axes: Any, frame: Any, rate: str) -> None:
 
 
 def _scheme(row: dict[str, Any]) -> str:
-    return f'{row["method"]}, objective {_words(row["objective"])} rate'
+    return f'{row["method"]}, objective {rate_name(row["objective"], _promise(row))}'
+
+
+def _promise(row: dict[str, Any]) -> str:
+    """Return the promise of a row's channel; those of version 0.1.0 had none but guarantees."""
+    return row.get('promise') or 'guaranteed'
 
 
 def _value(row: dict[str, Any], field: str) -> str:
@@ -128,10 +135,6 @@ def _value(row: dict[str, Any], field: str) -> str:
 
 def _unit(field: str) -> str:
     return UNITS.get(field.rpartition('.')[2], '')
-
-
-def _words(objective: str) -> str:
-    return objective.replace('_', '-')
 
 
 def _swept_fields(rows: Rows) -> tuple[str | None, str | None]:

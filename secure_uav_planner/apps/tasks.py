@@ -16,7 +16,8 @@ Task: TypeAlias = dict[str, Any]
 """A mission and how it is planned, as plain values, with 'key', 'sample' and 'fields'."""
 
 COLUMNS = ('key', 'sample', 'method', 'objective', 'outcome', 'reason', 'rate', 'guaranteed_rate',
-           'worst_case_rate', 'bound', 'gap', 'status', 'iterations', 'solve_time', 'time')
+           'worst_case_rate', 'promise', 'bound', 'gap', 'status', 'iterations', 'solve_time',
+           'time')
 """What every row has beside the fields that are varied; rates in bit/s/Hz, times in s."""
 
 ERROR, WORKER_LOST = 'error', 'worker_lost'
@@ -80,6 +81,7 @@ def _results(task: Task) -> dict[str, Any]:
     objective, limit = task['objective'], task['bound_time_limit']
     found: dict[str, Any] = {
         'guaranteed_rate': plan.guaranteed_rate, 'worst_case_rate': plan.worst_case_rate,
+        'promise': scenario.channel.promise,
         'status': plan.status,
         'iterations': max(0, len(plan.history) - 1),  # The first entry is the start.
         'solve_time': plan.solve_time}

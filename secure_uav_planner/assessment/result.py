@@ -54,8 +54,8 @@ class Assessment:
     def __repr__(self) -> str:
         return (f'<Assessment of {self.draws} draws: secrecy rate {self.mean:.4f} bit/s/Hz in the '
                 f'mean, {self.quantile(0.05):.4f} at 5%, {self.quantile(0.5):.4f} at 50%, '
-                f'{self.promised_rate:.4f} promised; outage of a slot at most {self.outage:.2%}, '
-                f'{self.promised_outage:.2%} promised>')
+                f'{self.promised_rate:.4f} {self.claim}; outage of a slot at most '
+                f'{self.outage:.2%}, promised: {self.promised_outage_text}>')
 
     @property
     def mean(self) -> float:
@@ -77,6 +77,12 @@ class Assessment:
         return float(np.quantile(self.rates, checked_real('share', share, 0.0, 1.0)))
 
     @property
+    def claim(self) -> str:
+        """Name the plan's rates: 'promised', or, where they are not, such as 'at mean gains'."""
+        channel = self.plan.scenario.channel
+        return 'promised' if channel.is_guarantee else channel.promise
+
+    @property
     def promised_rate(self) -> float:
         """Mean of promised_rates in bit/s/Hz."""
         return float(self.promised_rates.mean())
@@ -90,6 +96,19 @@ class Assessment:
     def promised_outage(self) -> float:
         """Outage that the plan allows in each slot; 0 without fading."""
         return self.plan.scenario.channel.outage or 0.0
+
+    @property
+    def promised_outage_text(self) -> str:
+        """Outage that the plan promises, in words."""
+        if not self.plan.scenario.channel.is_guarantee:
+            return 'no promise'
+        return f'{self.promised_outage:.4%}'
+
+    @property
+    def shortfall(self) -> str:
+        """How often a slot has a lower rate than the plan says, in words."""
+        return (f'a slot has less in {self.outages.mean():.1%} of {self.draws} draws in the mean, '
+                f'the worst slot in {self.outage:.1%}')
 
     @property
     def promised_delivery(self) -> float:

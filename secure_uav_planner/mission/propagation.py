@@ -62,6 +62,22 @@ class Channel:
         return ENVIRONMENTS[self.los] if isinstance(self.los, str) else self.los
 
     @property
+    def promise(self) -> str:
+        """Name rates as 'guaranteed', perhaps with an outage, or by the gains they count with."""
+        if self.los is None:
+            return 'guaranteed'
+        return 'at mean gains of the links that help' if self.cautious else 'at mean gains'
+
+    @property
+    def is_guarantee(self) -> bool:
+        """Whether rates are guaranteed; with a probability of line of sight they are not."""
+        return self.los is None
+
+    def rate_name(self, objective: str) -> str:
+        """Name the rate of an objective, such as 'guaranteed rate', as all views do."""
+        return rate_name(objective, self.promise)
+
+    @property
     def is_inverse_square(self) -> bool:
         """Return whether the gain is a constant / (d^2 + H^2), as in free space."""
         return self.exponent == 2.0 and self.los is None
@@ -70,6 +86,13 @@ class Channel:
     def is_free_space(self) -> bool:
         """Return whether this is the paper's channel: free space without fading."""
         return self.is_inverse_square and self.outage is None
+
+
+def rate_name(objective: str, promise: str) -> str:
+    """Name the rate of an objective with the promise of a channel."""
+    if promise == 'guaranteed':
+        return 'guaranteed rate' if objective == 'guaranteed' else 'worst-case rate'
+    return f'{"lower bound" if objective == "guaranteed" else "worst-case rate"} {promise}'
 
 
 def _checked_los(value: Any) -> Any:

@@ -39,6 +39,8 @@ _MEMBERS = {'eavesdroppers': (Eavesdropper, 1, MAX_MEMBERS), 'uavs': (Uav, 1, MA
             'no_fly_zones': (NoFlyZone, 0, MAX_ZONES)}
 """The class of the members of each list, and the least and the most of them."""
 
+_UNNAMED = 'eavesdroppers', Eavesdropper.name  # Several may have the default name.
+
 __all__ = ['Array', 'Channel', 'Eavesdropper', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
            'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'RANGES', 'Scenario', 'Uav',
            'checked_fields', 'read_only']
@@ -111,7 +113,8 @@ class Scenario:
         set_checked(self, '', checked_polygon, 'geofence', optional=True)
         if not isinstance(self.channel, Channel):
             raise ScenarioError(
-                f'channel is {shown(self.channel)}; it must be a Channel', ('channel',))
+                f'channel is {shown(self.channel)}; it must be a Channel, such as '
+                "Channel(los='urban')", ('channel',))
         if not isinstance(self.colluding, bool):
             raise ScenarioError(f'colluding is {shown(self.colluding)}; it must be true or false',
                                 ('colluding',))
@@ -121,11 +124,12 @@ class Scenario:
             raise problems[0]
 
     def _of_names_and_size(self) -> Iterator[ScenarioError]:
-        names = [uav.name for uav in self.uavs]
-        for number, name in enumerate(names):
-            if name in names[:number]:
-                yield ScenarioError(f'uavs are named {shown(names)}; the names must be unique',
-                                    ('uavs', number, 'name'))
+        for field in ('uavs', 'eavesdroppers'):
+            names = [member.name for member in getattr(self, field)]
+            for number, name in enumerate(names):
+                if name in names[:number] and (field, name) != _UNNAMED:
+                    yield ScenarioError(f'{field} are named {shown(names)}; the names must be '
+                                        'unique', (field, number, 'name'))
         most = MAX_COUPLINGS // (3 * len(self.uavs))**2
         if self.slots > most:
             yield ScenarioError(f'slots is {self.slots}; with {len(self.uavs)} uavs it must be '
@@ -248,7 +252,7 @@ class Scenario:
 
     @cached_property
     def eavesdropper_names(self) -> tuple[str, ...]:
-        """Names of the eavesdroppers; where several share one, it is followed by a number."""
+        """Names of the eavesdroppers; where several have the default one, each with a number."""
         return told_apart([eve.name for eve in self.eavesdroppers])
 
     @cached_property

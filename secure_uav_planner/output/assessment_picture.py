@@ -1,6 +1,7 @@
 """The picture of an assessment: rates over time, of missions, and outages, beside the promised."""
 
 import math
+from textwrap import wrap
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -11,6 +12,7 @@ _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200
 _BANDS = ((0, 4, 0.18, '5% to 95%'), (1, 3, 0.3, '25% to 75%'))
 _PROMISED = {'color': 'black', 'linewidth': 1.3, 'linestyle': '--'}
+_LEGEND_WIDTH = 14  # In characters.
 _FEW = 1e-9  # bit/s/Hz, as good as one value.
 
 
@@ -25,7 +27,8 @@ def draw_assessment(assessment):
     fan, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
     fan.set_title(
         f'{assessment.draws} draws: {assessment.mean:.3f} bit/s/Hz in the mean, '
-        f'{assessment.quantile(0.05):.3f} at 5%; {assessment.promised_rate:.3f} promised',
+        f'{assessment.quantile(0.05):.3f} at 5%; {assessment.promised_rate:.3f} '
+        f'{assessment.claim}',
         fontsize=11, loc='left')
     draw_fan(fan, assessment)
     draw_outages(outages, assessment)
@@ -44,7 +47,8 @@ def draw_fan(axes, assessment):
                     color=RATE, alpha=alpha, linewidth=0, label=label)
     axes.stairs(assessment.fan[2], edges, baseline=None, color=RATE, linewidth=1.8,
                 label='50%')
-    axes.stairs(assessment.promised_rates, edges, baseline=None, label='promised', **_PROMISED)
+    axes.stairs(assessment.promised_rates, edges, baseline=None, label=_label(assessment),
+                **_PROMISED)
     axes.set_xlim(0, edges[-1])
     axes.set_ylim(bottom=0)
     axes.set_ylabel('secrecy rate of a slot\n(bit/s/Hz)')
@@ -52,10 +56,11 @@ def draw_fan(axes, assessment):
 
 
 def draw_outages(axes, assessment):
-    """Draw the outage of each slot beside the promised one."""
+    """Draw the outage of each slot, and the promised one, if there is one."""
     edges = assessment.plan.times[1:]
     axes.stairs(assessment.outages, edges, fill=True, color=EAVESDROPPER, alpha=0.6, label='found')
-    axes.axhline(assessment.promised_outage, label='promised', **_PROMISED)
+    if assessment.plan.scenario.channel.is_guarantee:
+        axes.axhline(assessment.promised_outage, label='promised', **_PROMISED)
     axes.set_xlim(0, edges[-1])
     axes.set_ylim(0, max(0.01, 1.15 * max(assessment.outage, assessment.promised_outage)))
     axes.yaxis.set_major_formatter(lambda share, _: f'{share:.3g}')
@@ -74,6 +79,10 @@ def draw_missions(axes, assessment):
     for share, style in ((0.05, ':'), (0.5, '-')):
         axes.axvline(assessment.quantile(share), color=RATE, linewidth=1.6, linestyle=style,
                      label=f'{share:.0%}')
-    axes.axvline(assessment.promised_rate, label='promised', **_PROMISED)
+    axes.axvline(assessment.promised_rate, label=_label(assessment), **_PROMISED)
     axes.set_xlabel('secrecy rate of the mission (bit/s/Hz)')
     axes.set_ylabel('share of draws')
+
+
+def _label(assessment):
+    return '\n'.join(wrap(assessment.claim, _LEGEND_WIDTH))

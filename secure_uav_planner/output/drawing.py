@@ -5,6 +5,7 @@ import math
 import numpy as np
 import shapely
 
+from ..mission import OBJECTIVES
 from ..mission.polygons import convex_parts, grown
 
 # By Okabe and Ito, which colour-blind people can distinguish.
@@ -38,6 +39,15 @@ def add_legend(axes, *entries, **options):
     """Draw a legend to the right of axes."""
     axes.legend(*entries, loc='center left', bbox_to_anchor=(1.0, 0.5), fontsize=9,
                 frameon=False, **options)
+
+
+def rates_text(plan):
+    """Return the rates of a Plan with their names, in one line."""
+    channel = plan.scenario.channel
+    caveat = '' if channel.is_guarantee else f' {channel.promise}'
+    bound, worst = (channel.rate_name(name).removesuffix(caveat) for name in OBJECTIVES)
+    return (f'{bound} {plan.guaranteed_rate:.3f}, {worst} {plan.worst_case_rate:.3f} '
+            f'bit/s/Hz{caveat}')
 
 
 def receiver_label(eavesdropper):

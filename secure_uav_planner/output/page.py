@@ -8,7 +8,7 @@ from plotly.subplots import make_subplots
 
 from .drawing import (
     altitudes_of, EAVESDROPPER, extent_of, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
-    middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, uav_color)
+    middle_of, NO_FLY_ZONE, RATE, rates_text, receiver_label, rims, uav_color)
 from ..mission.files import atomic_file
 from ..model import channel
 
@@ -113,12 +113,13 @@ class _View:
                 x=times, y=watts, name=uav.name, showlegend=False, connectgaps=False,
                 **{**shared, 'line': {**line, 'shape': 'hv'}}), 1, 2
         for values, dash, width, name, row in (
-                (self.worst, 'dash', 1.5, 'worst case', 2),
+                (self.worst, 'dash', 1.5, 'worst_case', 2),
                 (self.guaranteed, 'solid', 2.5, 'guaranteed', 2),
-                (self.worst_delivered, 'dash', 1.5, 'worst case', 3),
+                (self.worst_delivered, 'dash', 1.5, 'worst_case', 3),
                 (self.delivered, 'solid', 2.5, 'guaranteed', 3)):
             yield go.Scatter(
-                x=times, y=values.tolist(), mode='lines', name=f'{name} rate', legendgroup=name,
+                x=times, y=values.tolist(), mode='lines',
+                name=plan.scenario.channel.rate_name(name), legendgroup=name,
                 showlegend=row == 2, line={
                     'color': RATE, 'width': width, 'dash': dash,
                     'shape': 'hv' if row == 2 else 'linear'}), row, 2
@@ -153,7 +154,7 @@ class _View:
             f'{uav.name} {_watts(power)}'
             for uav, power in zip(self.plan.scenario.uavs, self.powers[:, point]))
         mean = self.delivered[point] / (time - began) if point > 1 else 0.0
-        return (f'{time:.1f} s:  {watts};  guaranteed now {self.guaranteed[point]:.2f}, so far '
+        return (f'{time:.1f} s:  {watts};  rate now {self.guaranteed[point]:.2f}, so far '
                 f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
 
 
@@ -212,8 +213,7 @@ def _label_axes(figure, ranges, peak):
 
 def _add_controls(figure, view, points):
     plan = view.plan
-    title = (f'{plan.method} plan: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
-             f'{plan.worst_case_rate:.3f} in the worst case')
+    title = f'{plan.method} plan: {rates_text(plan)}'
     if plan.bound is not None:
         title += f'<br><sup>{html.escape(plan.claim)}</sup>'
     play = {'mode': 'immediate', 'fromcurrent': True, 'transition': {'duration': 0},
@@ -225,7 +225,7 @@ def _add_controls(figure, view, points):
         dragmode=False,  # So that a finger scrolls the page.
         legend={'orientation': 'h', 'yref': 'container', 'y': 0, 'yanchor': 'bottom'},
         sliders=[{
-            'active': 0, 'x': 0.15, 'len': 0.85, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
+            'active': 0, 'x': 0.18, 'len': 0.82, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
             # The labels of the steps are the readout. Below the slider there is no room for them.
             'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
             'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',

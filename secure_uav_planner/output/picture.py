@@ -12,23 +12,25 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
-from matplotlib.transforms import ScaledTranslation
 import numpy as np
+import shapely
 
 from .drawing import (
     add_legend, altitudes_of, EAVESDROPPER, energy_label, extent_of, GEOFENCE, GROUND_NODE,
-    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, receiver_label, rims, style_axes,
-    uav_color)
+    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, rates_text, receiver_label, rims,
+    style_axes, uav_color)
+from ..mission import OBJECTIVES
 
-_WIDTH = 9.0
-_MAP_WIDTH = 5.95
-_LEFT = 1.0
+_MAP_SIZE = 5.95, 5.6  # Of the largest map, in inches as all lengths here.
+_LEFT, _BOTTOM, _RIGHT = 1.0, 0.6, 2.05  # Beside axes: labels, and legends at the right.
+_PLOT_WIDTH = 4.4  # Beside a map.
 _TITLE_WIDTH = 90  # In characters.
 _LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # Likewise.
 _DOTS_PER_INCH = 200
 _FAINT = 1e-3
-_COMPASS = 0.32  # Length of its arrows in inches.
 _TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
+_FONT_SIZE = 8.0  # In points, of texts on the map.
+_GAP = 5.0  # In points, from a path to its labels.
 _STYLES = ('--', ':', '-.')
 _GREY = '0.45'
 _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
@@ -65,13 +67,20 @@ def save_picture(plan, path, baselines=()):
 def draw_plan(plan, baselines=()):
     """Return a matplotlib Figure of a plan, as save_picture writes it."""
     extent = extent_of(plan.scenario, [plan, *baselines])
-    tall = _map_height(extent)
-    title = (f'{name_of(plan.method)}: {plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, '
-             f'{plan.worst_case_rate:.3f} in the worst case')
-    if plan.bound is not None:
-        title = '\n'.join([title, *wrap(plan.claim, _TITLE_WIDTH)])
-    total = tall + 4.7 + 0.2 * title.count('\n')
-    map_axes, power_axes, rate_axes = _axes(total, (4.35, tall), (2.35, 1.4), (0.5, 1.7))
+    wide, tall = _map_size(extent)
+    title = '\n'.join(line for text in (f'{name_of(plan.method)}: {rates_text(plan)}', plan.claim)
+                      for line in wrap(text, _TITLE_WIDTH))
+    top = 0.35 + 0.2 * title.count('\n')
+    if tall > wide:  # The plots are beside the map, otherwise below.
+        left, half = 2 * _LEFT + wide + _RIGHT, tall / 2 - 0.15
+        map_axes, power_axes, rate_axes = _axes(
+            left + _PLOT_WIDTH + _RIGHT, tall + _BOTTOM + top, (_LEFT, _BOTTOM, wide, tall),
+            (left, _BOTTOM + tall - half, _PLOT_WIDTH, half),
+            (left, _BOTTOM, _PLOT_WIDTH, half))
+    else:
+        map_axes, power_axes, rate_axes = _axes(
+            _LEFT + wide + _RIGHT, tall + 4.45 + top, (_LEFT, 4.45, wide, tall),
+            (_LEFT, 2.45, wide, 1.4), (_LEFT, _BOTTOM, wide, 1.7))
     draw_map(map_axes, plan, extent, baselines)
     draw_powers(power_axes, plan)
     draw_rates(rate_axes, plan, baselines)
@@ -80,31 +89,30 @@ def draw_plan(plan, baselines=()):
     return map_axes.figure
 
 
-def _axes(total, *places):
+def _axes(width, height, *places):
     """
-    Return axes of a new figure of a total height, each from a bottom up by a height.
+    Return axes of a new figure, each at a left and a bottom with a width and a height.
 
     They are placed in inches, because constrained layout cuts off legends beside axes of equal
     aspect.
     """
-    figure = _Picture(figsize=(_WIDTH, total))
-    return [figure.add_axes((_LEFT / _WIDTH, bottom / total, _MAP_WIDTH / _WIDTH, height / total))
-            for bottom, height in places]
+    figure = _Picture(figsize=(width, height))
+    return [figure.add_axes(np.array(place) / (width, height, width, height))
+            for place in places]
 
 
 def draw_scenario(scenario):
     """Return a matplotlib Figure with the map of a Scenario."""
     extent = extent_of(scenario)
-    tall = _map_height(extent)
-    [axes] = _axes(tall + 0.8, (0.6, tall))
-    place_of = _set_up_map(axes, scenario, extent)
-    draw_ground(axes, scenario, place_of)
+    wide, tall = _map_size(extent)
+    [axes] = _axes(_LEFT + wide + _RIGHT, tall + 0.8, (_LEFT, _BOTTOM, wide, tall))
+    _set_up_map(axes, extent)
+    draw_ground(axes, scenario)
     for index, uav in enumerate(scenario.uavs):
-        way = place_of([uav.start, uav.goal])
+        way = np.array([uav.start, uav.goal])
         axes.annotate('', way[1], way[0], zorder=3, arrowprops={
             'arrowstyle': '-', 'linestyle': (0, (2, 4)), 'color': uav_color(index)})
         _draw_ends(axes, index, way)
-    _add_compass(axes, place_of, np.stack([scenario.starts, scenario.goals]))
     lines = {_label(uav, f', {uav.altitude:g} m high'): Line2D(
         [], [], color=uav_color(index), linestyle=(0, (2, 4)))
         for index, uav in enumerate(scenario.uavs)}
@@ -121,24 +129,22 @@ def draw_map(axes, plan, extent, baselines=(), legend=True):
     """
     Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
 
-    North is up, except in a mission that is much longer from south to north than from west to
-    east: it is rotated by 90 degrees, so that the flight goes from left to right, and has arrows
-    to the east and to the north. Baselines are in grey; a legend beside the map explains all.
+    Baselines are in grey; a legend beside the map explains all.
 
     :param extent: of the map, as extent_of returns it.
     """
     scenario = plan.scenario
-    place_of = _set_up_map(axes, scenario, extent)
+    _set_up_map(axes, extent)
     for other in baselines:
         for path in other.positions:
-            axes.plot(*place_of(path).T, color=_GREY, linewidth=0.9, zorder=1)
-    draw_ground(axes, scenario, place_of)
+            axes.plot(*path.T, color=_GREY, linewidth=0.9, zorder=1)
+    draw_ground(axes, scenario)
     peak = max(uav.peak_power for uav in scenario.uavs)
-    heights = [axes.transData.transform(place_of(path))[:, 1].mean() for path in plan.positions]
-    middle = np.median(heights)
-    labelled = [place_of(middle_of(zone)) for zone in scenario.no_fly_zones]
-    for index, (path, powers) in enumerate(zip(plan.positions, plan.powers)):
-        points = place_of(path)
+    taken = [*(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
+             *(shapely.Point(eve.position).buffer(eve.error_radius)
+               for eve in scenario.eavesdroppers),
+             shapely.Point(scenario.ground_node), *map(shapely.LineString, plan.positions)]
+    for index, (points, powers) in enumerate(zip(plan.positions, plan.powers)):
         # Power n holds from point n to point n + 1; before point 1 the power is zero.
         level = power_level(np.concatenate([[0.0], powers]), peak)
         axes.add_collection(LineCollection(
@@ -146,9 +152,7 @@ def draw_map(axes, plan, extent, baselines=(), legend=True):
             linewidths=_width(level), capstyle='round', zorder=3), autolim=False)
         axes.plot(*points.T, color=uav_color(index), linewidth=0.8, zorder=4)
         _draw_ends(axes, index, points)
-        is_upper = heights[index] > middle or index == 0 and heights[index] == middle
-        _mark_times(axes, plan.times, points, uav_color(index), 1 if is_upper else -1, labelled)
-    _add_compass(axes, place_of, plan.positions)
+        _mark_times(axes, plan.times, points, uav_color(index), taken)
     if legend:
         levels = np.linspace(0, 1, 9)
         ramps = {
@@ -173,17 +177,17 @@ def _plain(text):
     return text.replace('$', r'\$')
 
 
-def draw_ground(axes, scenario, place_of=np.asarray):
-    """Draw what does not fly, at the places on the axes that place_of gives for positions."""
-    _draw_airspace(axes, scenario, place_of)
+def draw_ground(axes, scenario):
+    """Draw what does not fly."""
+    _draw_airspace(axes, scenario)
     for eve, name in zip(scenario.eavesdroppers, scenario.eavesdropper_names):
-        place = place_of(eve.position)
+        place = eve.position
         axes.add_patch(Circle(place, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
         axes.add_patch(Circle(place, eve.error_radius, fill=False, edgecolor=EAVESDROPPER))
         axes.plot(*place, 'X', **_sign(EAVESDROPPER, 8), zorder=6, label=_plain(name))
         axes.annotate(receiver_label(eve), place, (7, 7), textcoords='offset points', fontsize=8,
                       color=EAVESDROPPER, zorder=8, path_effects=_HALO)
-    axes.plot(*place_of(scenario.ground_node), '^', **_sign(GROUND_NODE, 10), zorder=6,
+    axes.plot(*scenario.ground_node, '^', **_sign(GROUND_NODE, 10), zorder=6,
               label='ground node')
 
 
@@ -194,17 +198,17 @@ def _draw_ends(axes, index, points):
                   markeredgewidth=1.5, markersize=7 + 4 * index, zorder=5 - 0.1 * index)
 
 
-def _draw_airspace(axes, scenario, place_of):
+def _draw_airspace(axes, scenario):
     """Draw fence and zones: filled where a UAV flies at their altitudes, with the margin."""
     for rim in rims(scenario):
-        axes.add_patch(Polygon(place_of(rim), **_MARGIN, zorder=0.4, label='margin'))
+        axes.add_patch(Polygon(rim, **_MARGIN, zorder=0.4, label='margin'))
     if scenario.geofence is not None:
-        axes.add_patch(Polygon(place_of(scenario.geofence), **_FENCE, zorder=1))
+        axes.add_patch(Polygon(scenario.geofence, **_FENCE, zorder=1))
     for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
         style = _ZONE if is_in_the_way(zone, scenario) else _ZONE_BESIDE
-        axes.add_patch(Polygon(place_of(zone.vertices), **style, zorder=1.5))
+        axes.add_patch(Polygon(zone.vertices, **style, zorder=1.5))
         text = '\n'.join(filter(None, (_plain(name), altitudes_of(zone))))
-        axes.annotate(text, place_of(middle_of(zone)), ha='center', va='center', fontsize=7.5,
+        axes.annotate(text, middle_of(zone), ha='center', va='center', fontsize=7.5,
                       color='0.25', zorder=8, annotation_clip=True, path_effects=_HALO)
 
 
@@ -247,10 +251,12 @@ def draw_powers(axes, plan):
 def draw_rates(axes, plan, baselines=()):
     """Draw the guaranteed and the worst-case secrecy rate of every slot over time."""
     edges = plan.times[1:]
+    bound, worst = ('\n'.join(wrap(plan.scenario.channel.rate_name(name), _LEGEND_WIDTH))
+                    for name in OBJECTIVES)
     axes.stairs(plan.worst_case_rates, edges, color=RATE, linewidth=1.3, linestyle='--',
-                label='worst case')
+                label=worst)
     axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
-    axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label='guaranteed')
+    axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label=bound)
     for other, style in zip(baselines, _STYLES):
         axes.stairs(other.guaranteed_rates, other.times[1:], color=_GREY, linewidth=1.1,
                     linestyle=style, label=name_of(other.method).replace(', ', ',\n'))
@@ -278,87 +284,58 @@ def _ramp(index):
     return LinearSegmentedColormap.from_list(f'uav{index}', [0.2 * color + 0.8, 0.75 * color])
 
 
-def _is_turned(extent):
-    width, height = extent[1] - extent[0]
-    return height > 1.4 * width
-
-
-def _map_height(extent):
-    """Return the height of the map in inches."""
+def _map_size(extent):
+    """Return width and height of the map in inches."""
     sides = extent[1] - extent[0]
-    return min(5.6, _MAP_WIDTH * (sides[0] / sides[1] if _is_turned(extent) else
-                                  sides[1] / sides[0]))
+    return sides * (np.array(_MAP_SIZE) / sides).min()
 
 
 def _width(level):
     return 1.5 + 5.5 * level
 
 
-def _set_up_map(axes, scenario, extent):
-    """Set the limits of a map; return the function from positions in m to map coordinates."""
-    turned = _is_turned(extent)
-    labels = ('north (m)', 'east (m)') if turned else ('east (m)', 'north (m)')
-    axes.set(xlabel=labels[0], ylabel=labels[1], aspect='equal', anchor='W')
-    corners = extent[:, ::-1] if turned else extent
-    axes.set(xlim=corners[:, 0], ylim=corners[:, 1])
+def _set_up_map(axes, extent):
+    """Set the limits of a map, whose north is up."""
+    axes.set(xlabel='east (m)', ylabel='north (m)', aspect='equal', anchor='W',
+             xlim=extent[:, 0], ylim=extent[:, 1])
     style_axes(axes)
-    if not turned:
-        return np.asarray
-    # Exactly one axis is inverted. Otherwise the map would be a mirror image.
-    if scenario.goals[0, 1] < scenario.starts[0, 1]:
-        axes.invert_xaxis()
-    else:
-        axes.invert_yaxis()
-    return lambda places: np.asarray(places)[..., ::-1]
 
 
-def _mark_times(axes, times, points, color, side, labelled):
+def _mark_times(axes, times, points, color, taken):
     """
     Mark round times along a path; where the UAV hovers, one label gives the interval.
 
-    Near a place that is labelled there is no other label; the list grows.
+    Labels are beside the path on the map, where they cover nothing taken; that list grows.
     """
     marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
     marks = marks[marks < times[-1] - marks[0] / 3]
-    places = np.stack([np.interp(marks, times, points[:, axis]) for axis in (0, 1)], axis=-1)
+    before, places, after = (np.stack([
+        np.interp(marks + shift, times, points[:, axis]) for axis in (0, 1)], axis=-1)
+        for shift in (-times[1], 0.0, times[1]))
     axes.plot(*places.T, 'o', color='white', markeredgecolor=color, markersize=3.5,
               linestyle='none', zorder=7)
-    near = 0.04 * np.ptp(axes.get_xlim())
+    point = np.ptp(axes.get_xlim()) / axes.bbox.width * axes.figure.dpi / 72.0  # In m.
+    inside = shapely.box(*np.transpose([axes.get_xlim(), axes.get_ylim()]).ravel())
     ends, first = [], 0
     for last in range(len(marks)):
-        if last + 1 == len(marks) or np.hypot(*(places[last + 1] - places[first])) >= near:
+        if last + 1 == len(marks) or (
+                np.hypot(*(places[last + 1] - places[first])) >= 17.0 * point):
             ends.append((first, last))
             first = last + 1
     for first, last in sorted(ends, key=lambda pair: pair[0] - pair[1]):  # Longest first.
-        place = places[(first + last) // 2]
+        middle = (first + last) // 2
         text = f'{marks[first]:g}' if first == last else f'{marks[first]:g}–{marks[last]:g}'
-        # Labels are wider than high.
-        if any((np.abs(place - other) < (1.7 * near, near)).all() for other in labelled):
-            continue
-        labelled.append(place)
-        axes.annotate(f'{text} s', place, xytext=(0, 7 * side), textcoords='offset points',
-                      ha='center', va='bottom' if side > 0 else 'top', color=color, fontsize=8,
-                      zorder=8, path_effects=_HALO)
-
-
-def _add_compass(axes, place_of, paths):
-    """Draw arrows to the east and to the north, in the corner farthest from paths, if turned."""
-    if place_of is np.asarray:
-        return
-    used = axes.transAxes.inverted().transform(axes.transData.transform(
-        place_of(paths).reshape(-1, 2)))
-    corners = np.array([(x, y) for x in (0.0, 1.0) for y in (0.0, 1.0)])
-    corner = max(corners, key=lambda one: np.linalg.norm(used - one, axis=1).min())
-    inches = (axes.figure.dpi_scale_trans + ScaledTranslation(*corner, axes.transAxes)
-              + ScaledTranslation(*(_COMPASS * (1.6 - 3.2 * corner)), axes.figure.dpi_scale_trans))
-    ahead = -1 if axes.xaxis_inverted() else 1
-    aside = -1 if axes.yaxis_inverted() else 1
-    for name, tip in (('N', (ahead * _COMPASS, 0.0)), ('E', (0.0, aside * _COMPASS))):
-        axes.annotate('', tip, (0.0, 0.0), xycoords=inches, textcoords=inches, zorder=9,
-                      arrowprops={'arrowstyle': '-|>', 'color': '0.25', 'shrinkA': 0,
-                                  'shrinkB': 0})
-        axes.text(*(1.3 * np.array(tip)), name, transform=inches, ha='center', va='center',
-                  color='0.25', fontsize=9, zorder=9)
+        size = np.array([0.62 * len(f'{text} s'), 1.0]) * _FONT_SIZE * point
+        x, y = after[middle] - before[middle]
+        for angle in np.arctan2(x, -y) + np.radians((0, 180, 40, -40, 140, -140)):
+            aside = np.array([np.cos(angle), np.sin(angle)])
+            place = places[middle] + aside * (_GAP * point + np.abs(aside) @ size / 2)
+            box = shapely.box(*(place - size / 2), *(place + size / 2))
+            if inside.contains(box) and not shapely.intersects(box, taken).any():
+                taken.append(box)
+                axes.annotate(f'{text} s', place, ha='center', va='center', color=color,
+                              fontsize=_FONT_SIZE, zorder=8, path_effects=_HALO)
+                break
 
 
 def _explain_map(axes, scenario, ways, baselines=False):

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..mission import OBJECTIVES
+
 _NAME, _RATE, _TIME = 26, 17, 9  # Widths of columns.
 
 
@@ -14,9 +16,13 @@ def table(plans: Sequence[Any], bound: Any = None) -> str:
     Return a text table with a line for each Plan and one for a Bound, if there is one.
 
     Where plans have bounds, a column has the largest share of the best rate that they may miss.
-    Where UAVs have a propulsion, lines with what their flights take follow.
+    Where rates are not guaranteed, a line says so. Where UAVs have a propulsion, lines with what
+    their flights take follow.
     """
-    rows = [('scheme', 'guaranteed rate', 'worst-case rate', 'time', 'below the best'),
+    channel = plans[0].scenario.channel
+    names = (channel.rate_name(objective).removesuffix(f' {channel.promise}')
+             for objective in OBJECTIVES)
+    rows = [('scheme', *names, 'time', 'below the best'),
             ('', 'bit/s/Hz', 'bit/s/Hz', 's', 'at most')]
     rows += [(plan.method, f'{plan.guaranteed_rate:.4f}', f'{plan.worst_case_rate:.4f}',
               f'{plan.solve_time:.2f}', _missing(plan)) for plan in plans]
@@ -25,6 +31,8 @@ def table(plans: Sequence[Any], bound: Any = None) -> str:
         rows.append(('bound of any plan', *rates.values(), f'{bound.solve_time:.2f}', ''))
     known = any(plan.bound is not None for plan in plans)
     text = _aligned(rows, (_RATE, _RATE, _TIME, *[_RATE] * known))
+    if not channel.is_guarantee:
+        text += f'\n\nrates {channel.promise}, not guaranteed'
     energies = [(plan.method, uav.name, *(f'{joules:.0f}' for joules in energy)) for plan in plans
                 for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
     if energies:
@@ -51,18 +59,22 @@ def _missing(plan: Any) -> str:
 
 
 def assessment_table(assessment: Any) -> str:
-    """Return a text table of what an Assessment found beside what its plan promised."""
+    """Return a text table of what an Assessment found beside what its plan promised, or said."""
     found = assessment.summary
     rates = (found['promised'], found['mean'], found['quantile_5'], found['quantile_50'])
     delivered = (found['promised_delivery'], found['delivered'],
                  *np.quantile(assessment.delivered, (0.05, 0.5)))
-    outages = found['promised_outage'], assessment.outages.mean(), found['outage']
-    return _aligned((
-        (f'of {assessment.draws} draws', 'promised', 'mean', '5%', '50%'),
+    outages = assessment.outages.mean(), found['outage']
+    is_promise = assessment.plan.scenario.channel.is_guarantee
+    name = 'promised' if is_promise else 'planned'
+    text = _aligned((
+        (f'of {assessment.draws} draws', name, 'mean', '5%', '50%'),
         ('secrecy rate, bit/s/Hz', *(f'{rate:.4f}' for rate in rates)),
         ('delivered, bit/Hz', *(f'{bits:.4f}' for bits in delivered)), ('',),
         ('of all slots', 'promised', 'mean', 'largest'),
-        ('outage', *(f'{share:.4%}' for share in outages))), [_RATE] * 4)
+        ('outage', assessment.promised_outage_text, *(f'{share:.4%}' for share in outages))),
+        [_RATE] * 4)
+    return text if is_promise else f'{text}\n\nplanned {assessment.claim}: no promise'
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:

@@ -14,9 +14,6 @@ from ..mission.validation import checked_choice, checked_kind
 STATUSES = ('converged', 'time_limit', 'cancelled')
 """Why the search ended; the bound is valid whatever the reason."""
 
-RATE_NAMES = {'guaranteed': 'guaranteed rate', 'worst_case': 'worst-case rate'}
-"""What each objective maximises, in words."""
-
 _FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']
 
 
@@ -75,8 +72,8 @@ class Bound:
             object.__setattr__(self, field, kind(getattr(self, field)))
 
     def __repr__(self) -> str:
-        return (f'<Bound: no plan has a {RATE_NAMES[self.objective]} above {self.rate:.4f} '
-                f'bit/s/Hz, {self.status}>')
+        return (f'<Bound: no plan has a {self.scenario.channel.rate_name(self.objective)} above '
+                f'{self.rate:.4f} bit/s/Hz, {self.status}>')
 
     def gap(self, plan: Any) -> float:
         """

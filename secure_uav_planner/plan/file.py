@@ -51,6 +51,8 @@ def read_plan(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
     try:
         with words_of_files():
             return _plan_of(json.loads(read_text(path, _MOST_BYTES)), kind)
+    except OSError as error:
+        raise PlanFileError(f'{path} cannot be read: {error.strerror or error}') from None
     except json.JSONDecodeError as error:
         raise PlanFileError(f'{path} is not a plan: line {error.lineno} is not JSON') from None
     except UnicodeDecodeError:

@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from . import file
-from .bound import Bound, RATE_NAMES
+from .bound import Bound
 from .iteration import Iteration, Status, STATUS_TEXTS, STATUSES
 from ..errors import OptionError, PlanError, shown
 from ..mission import Objective, OBJECTIVES
@@ -121,9 +121,9 @@ class Plan:
                                     f'it must be {getattr(uav, field)}', ('positions',))
 
     def __repr__(self) -> str:
-        return (f'<Plan: {RATE_NAMES[self.objective]} {self.rate:.4f} bit/s/Hz by {self.method}, '
-                f'{self.status}; UAVs: {len(self.scenario.uavs)}, slots: {self.scenario.slots}'
-                f'{self.claim and "; " + self.claim}>')
+        return (f'<Plan: {self.scenario.channel.rate_name(self.objective)} {self.rate:.4f} '
+                f'bit/s/Hz by {self.method}, {self.status}; UAVs: {len(self.scenario.uavs)}, '
+                f'slots: {self.scenario.slots}{self.claim and "; " + self.claim}>')
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Plan):
@@ -220,7 +220,8 @@ class Plan:
         """Return in words what the bound proves of the rate, or nothing without a bound."""
         if self.bound is None:
             return ''
-        return f'{RATE_NAMES[self.bound.objective]} {self.bound.claim(self)}'
+        return (f'{self.scenario.channel.rate_name(self.bound.objective)} '
+                f'{self.bound.claim(self)}')
 
     def with_bound(self, bound: Bound | None) -> 'Plan':
         """
@@ -350,9 +351,8 @@ class Plan:
 
         Fields that are missing take their defaults, so that files of earlier versions load.
 
-        :raises OSError: when the file cannot be read, is no regular file, or is too large.
-        :raises PlanFileError: when it is damaged, of another kind or of a newer version, or
-            breaks its own scenario.
+        :raises PlanFileError: when the file cannot be read or is too large, or is damaged, of
+            another kind or of a newer version, or breaks its own scenario; it names the path.
         """
         return file.read_plan(path, cls)
 

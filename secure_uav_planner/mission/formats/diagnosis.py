@@ -152,8 +152,9 @@ def _unit(place: Place, value: Any, message: str) -> str:
     for part in place[1:]:
         value = value.get(part) if isinstance(value, dict) else value
     unit = UNITS.get(str(place[-1] if isinstance(place[-1], str) else place[0]))
-    if unit is None or message.endswith(f' {unit}'):
+    if unit and message.endswith(f' {unit}'):
         return ''
     if isinstance(value, str):
-        return f', in {unit}, without its unit'
-    return f' {unit}' if isinstance(value, (int, float)) else ''
+        is_number = 'must be a number' in message
+        return f', in {unit}, without its unit' if unit else ', without a unit' * is_number
+    return f' {unit}' if unit and isinstance(value, (int, float)) else ''

@@ -1,0 +1,125 @@
+"""No view calls a rate guaranteed that is not: one at the mean gains of lines of sight."""
+
+import csv
+from dataclasses import replace
+import json
+
+import pytest
+from secure_uav_planner import assess, Channel, fly_hover_fly, Scenario
+from secure_uav_planner.apps.campaign.results import draw_figure
+from secure_uav_planner.apps.cli.main import main
+from secure_uav_planner.output.assessment_picture import draw_assessment
+from secure_uav_planner.output.page import draw_page
+from secure_uav_planner.output.picture import draw_plan
+from secure_uav_planner.output.table import assessment_table, table
+
+CHANNELS = {
+    'guaranteed': Channel(), 'at mean gains': Channel(los='urban'),
+    'at mean gains of the links that help': Channel(los='suburban', cautious=True)}
+
+
+@pytest.fixture(params=CHANNELS)
+def case(request):
+    """Return a promise, and a plan in a channel that has it."""
+    scenario = replace(Scenario.paper(120.0, slots=12), channel=CHANNELS[request.param])
+    return request.param, fly_hover_fly(scenario, 'optimised')
+
+
+def check_text(promise, *texts):
+    """Check that texts as a whole have the words of a promise and of no other."""
+    text = ' '.join(' '.join(texts).replace('<br>', ' ').split())
+    assert promise in text
+    assert ('guaranteed' in text.replace('not guaranteed', '')) == (promise == 'guaranteed')
+    assert ('mean gains of' in text) == ('gains of' in promise)
+
+
+def test_a_channel_promises_with_fading_and_an_outage_as_without():
+    assert Channel(rician_k_db=5.0, outage=0.1).promise == 'guaranteed'
+    for promise, channel in CHANNELS.items():
+        assert channel.promise == promise
+        assert channel.is_guarantee == (promise == 'guaranteed')
+        for objective in ('guaranteed', 'worst_case'):
+            check_text(promise, channel.rate_name(objective).replace('worst-case', 'guaranteed')
+                       if channel.is_guarantee else channel.rate_name(objective))
+
+
+def test_the_table_has_the_word(case):
+    promise, plan = case
+    check_text(promise, table([plan]))
+
+
+def test_a_plan_has_the_word_in_its_representation(case):
+    promise, plan = case
+    check_text(promise, repr(plan))
+
+
+def test_the_picture_has_the_word_in_title_and_legend(case):
+    promise, plan = case
+    map_axes, _, rate_axes = draw_plan(plan).axes
+    check_text(promise, map_axes.get_title(loc='left'))
+    check_text(promise, *(text.get_text() for text in rate_axes.get_legend().get_texts()))
+
+
+def test_the_page_has_the_word_in_title_and_legend(case):
+    promise, plan = case
+    figure = draw_page(plan)
+    check_text(promise, figure.layout.title.text)
+    check_text(promise, *(trace.name for trace in figure.data if trace.showlegend is not False))
+    assert 'guaranteed' not in figure.layout.sliders[0].steps[3].label
+
+
+def test_an_assessment_says_no_promise_where_there_is_none(case):
+    promise, plan = case
+    assessment = assess(plan, 20)
+    for text in (assessment_table(assessment), repr(assessment)):
+        assert ('no promise' in text) == (promise != 'guaranteed')
+        assert promise == 'guaranteed' or promise in text
+    outage, = (line for line in assessment_table(assessment).splitlines()
+               if line.startswith('outage'))
+    assert outage.split()[1:3] == (
+        ['0.0000%', '0.0000%'] if promise == 'guaranteed' else ['no', 'promise'])
+    labels = {' '.join(text.get_text().split()) for axes in draw_assessment(assessment).axes
+              for text in axes.get_legend().get_texts()}
+    assert ('promised' in labels) == (promise == 'guaranteed') != (promise in labels)
+
+
+def test_plan_and_check_say_how_often_a_slot_has_less(case, tmp_path, capsys, monkeypatch):
+    promise, plan = case
+    monkeypatch.chdir(tmp_path)
+    plan.scenario.save('mission.yaml')
+    for command, shown in (
+            (['check', 'mission.yaml'], fly_hover_fly(plan.scenario)),
+            (['plan', 'mission.yaml', '--bound-time-limit', '0', '--method', 'joint'], None)):
+        assert main(command) == 0
+        out = capsys.readouterr().out
+        assert ('a slot has less in' in out) == (promise != 'guaranteed')
+        assert shown is None or promise == 'guaranteed' or assess(shown, 200).shortfall in out
+
+
+def test_the_status_of_the_planner_has_the_word(case):
+    pytest.importorskip('rclpy', reason='needs ROS')
+    from secure_uav_planner.ros.status import plan_summary
+    promise, plan = case
+    check_text(promise, plan_summary(plan, None))
+
+
+def test_a_campaign_keeps_channels_of_different_promise_apart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'a.json').write_text(json.dumps({
+        'mission': Scenario.paper(120.0, slots=6).to_dict(),
+        'methods': ['fly_hover_fly_constant'], 'objectives': ['guaranteed'],
+        'vary': {'duration': [110.0, 120.0], 'channel.los': [None, 'urban', 'suburban']}}))
+    assert main(['sweep', 'a.json', '--out', 'out', '--jobs', '1']) == 0
+    with open('out/results.csv', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert {(row['channel.los'], row['promise']) for row in rows} == {
+        ('', 'guaranteed'), ('"urban"', 'at mean gains'),
+        ('"suburban"', 'at mean gains')}
+    with open('out/results.jsonl') as file:
+        known = [json.loads(line) for line in file]
+    for row in known:  # Bands over the channel: it is no field that colours tell apart.
+        row['fields'].pop('channel.los')
+    axes, = draw_figure(known).axes
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert len(labels) == 2 and sum('guaranteed' in label for label in labels) == 1
+    assert axes.get_ylabel() == 'guaranteed rate or lower bound at mean gains (bit/s/Hz)'
