@@ -10,12 +10,13 @@ import sys
 import time
 from typing import Any
 
-from .cli import DONE, STOPPED
+from .cli import DONE
 from .missions import lines_of, loaded, picture_file, writable
 from ..assessment import assess, World
 from ..assessment.flown import read_flown
 from ..bound import upper_bound
-from ..errors import OptionError, PlanFileError, PlanningError, ScenarioError
+from ..errors import (
+    OptionError, PlanFileError, PlanningError, ScenarioError, StoppedError)
 from ..mission.files import naming
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
@@ -92,11 +93,11 @@ def make_plan(options: argparse.Namespace) -> int:
         # whatever fails from here on, it is there.
         plan.save(out / 'plan.json')
         work.written.append(out / 'plan.json')
+        baselines = [] if options.no_baselines else _baselines(scenario, options, work)
         bound = _bound(plan, options, work)
         proven = plan.with_bound(bound)
         if bound:
             proven.save(out / 'plan.json')
-        baselines = [] if options.no_baselines else _baselines(scenario, options, work)
         work.say('drawing ...', force=True)
         work.written.extend(_write(proven, baselines, out, origin))
         if options.mcap:
@@ -104,13 +105,16 @@ def make_plan(options: argparse.Namespace) -> int:
             work.written.append(out / 'plan.mcap')
     print(table([*baselines, plan], bound))
     print(f'\n{plan.message}' + (
-        f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
+        f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else '') + (
+        ', when it was stopped' if bound and bound.status == 'cancelled' else ''))
     if options.bound_time_limit and not scenario.channel.is_free_space:
         print('no bound: it is proven for free space without fading only')
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     print(f'written: {", ".join(map(str, work.written))}')
-    return STOPPED if work.is_stopped else DONE
+    if work.is_stopped:
+        raise StoppedError('stopped; what has been found is kept')
+    return DONE
 
 
 def _bound(plan: Plan, options: argparse.Namespace, work: _Work) -> Bound | None:
@@ -225,4 +229,7 @@ def _world(options: argparse.Namespace, plan: Plan) -> World:
             given['channel'] = replace(channel, **changes)
         except ScenarioError as error:
             raise OptionError(str(error)) from None
-    return World(**given)
+    try:
+        return World(**given)
+    except OptionError as error:
+        raise OptionError(f'--{error.place[0].replace("_", "-")}: {error}') from None
