@@ -1,10 +1,10 @@
 """
 Random stories of a mission over DDS: whatever is asked for, no setpoint jumps.
 
-Planner, replay and relay are processes of their own; vehicles follow the setpoints with a lag. In a
-story somebody asks for plans (also twice at once), cancels, starts, pauses, resets, changes
-parameters, moves the estimate, pushes a vehicle, kills a node, or stops the clock and makes it
-jump. Set STORIES to the number of stories, and STORY to the first seed.
+Planner and replay are processes of their own; vehicles follow the setpoints with a lag. In a story
+somebody asks for plans (also twice at once), cancels, starts, pauses, resets, changes parameters,
+moves the estimate, pushes a vehicle, kills a node, or stops the clock and makes it jump. Set
+STORIES to the number of stories, and STORY to the first seed.
 """
 
 from collections import Counter
