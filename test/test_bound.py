@@ -280,6 +280,31 @@ def test_progress_comes_without_better_bounds_too_and_can_stop_a_long_proof(monk
     assert plan.worst_case_rate <= bound.rate == seen[0].rate
 
 
+@pytest.mark.parametrize('mission', [PAPER, random_city_mission(6, slots=20)], ids=['open', 'city'])
+def test_progress_is_reported_and_stops_the_search_while_the_first_plan_is_sought(
+        mission, monkeypatch):
+    monkeypatch.setattr(progress, 'REPORT_PERIOD', 0.0)
+    seen, events = [], []
+
+    def watched(*args, **options):
+        events.append(len(seen))
+        try:
+            return solve(*args, **options)
+        finally:
+            events.append(len(seen))
+    monkeypatch.setattr(reference, 'solve', watched)
+    bound = upper_bound(mission, on_progress=lambda progress: seen.append(progress) or (
+        len(seen) == 3))
+    assert bound.status == 'cancelled' and events == [1, 3]
+
+
+def test_a_bound_is_proven_before_the_search_ends(plan):
+    seen = []
+    bound = upper_bound(PAPER, plan=plan, on_progress=seen.append)
+    assert len({progress.rate for progress in seen}) >= 3
+    assert plan.rate < bound.rate < seen[-2].rate < seen[0].rate
+
+
 @given(scenarios())
 @settings(max_examples=50)
 def test_every_limit_but_those_that_count_is_said_to_be_ignored(scenario):

@@ -50,7 +50,7 @@ FINE = ((0.03, 1),)
 CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same with quadratic potentials."""
 
-LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
+LINEAR = ((0.01, 1), (0.003, 2))
 """What follows instead where potentials must stay linear."""
 
 SLOTS_A_STAGE, FEWEST = 4, 20
@@ -152,7 +152,7 @@ class _Run:
 
     def __init__(self, started: float, limit: float | None,
                  on_progress: Callable[[Progress], bool | None] | None) -> None:
-        self.rate, self.status, self.limited = math.inf, '', limit is not None
+        self.rate, self.status = math.inf, ''
         self._started, self._on_progress = started, on_progress
         self._deadline = math.inf if limit is None else started + limit
         self._proving = 0.0 if limit is None else FIRST_CERTIFICATE * limit
@@ -180,6 +180,8 @@ class _Run:
 
     def prove(self, search: MultiplierSearch) -> None:
         """Offer what a search's multipliers prove, in the time that is left."""
+        if self.stop():
+            return
         before = time.monotonic()
         self.offer(certify(
             search.team, breakpoint_multipliers(search), self.stop).rate)
@@ -214,7 +216,7 @@ class _Run:
 
 def _search(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) -> None:
     """Offer what the search proves."""
-    positions, powers = reference.start(scenario, run.time_left, objective, plan)
+    positions, powers = reference.start(scenario, run.time_left, objective, plan, run.stop)
     if run.stop():
         return
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
@@ -232,22 +234,18 @@ def _search(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) ->
     coarse = max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST))
     search = MultiplierSearch(*level(coarse), None, run.keeping(1.0))
     _follow(search, COARSE)
-    proven = run.limited
-    if proven:
-        run.prove(search)
+    run.prove(search)
     team, initial = level(slots)
     finer = MultiplierSearch(team, initial, _finer(search, team.stages, initial.weight),
                              run.keeping(LONGER * slots / coarse))
     if not finer.stop():
-        search, proven = finer, False
-        _follow(search, FINE)
+        _follow(finer, FINE)
         if scenario.slots > MOST_STAGES:
-            _follow(search, LINEAR)
+            _follow(finer, LINEAR)
         else:
-            search.curve()
-            _follow(search, CURVED)
-    if not proven and not run.stop():
-        run.prove(search)
+            finer.curve()
+            _follow(finer, CURVED)
+        run.prove(finer)
 
 
 def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
 
@@ -15,18 +16,19 @@ from ...optimize import solve
 from ...plan.plan import Plan
 
 
-def start(scenario: Scenario, time_left: float, objective: str,
-          plan: Plan | None) -> tuple[Array, Array]:
+def start(scenario: Scenario, time_left: float, objective: str, plan: Plan | None,
+          stop: Callable[[], bool]) -> tuple[Array, Array]:
     """Return positions (U, N + 2, 2) in m and powers (U, N) in W: a plan's, or straight lines."""
     if plan is not None:
         return plan.positions, plan.powers
     slots = min(scenario.slots, MOST_STAGES)
     try:
         plan = solve(replace(scenario, slots=slots), objective=objective,  # type: ignore[arg-type]
+                     on_iteration=lambda _: stop(),
                      time_limit=None if math.isinf(time_left) else max(time_left / 2, 1e-3))
         positions, powers = plan.positions, plan.powers
     except PlanningError:
-        # A mission that cannot be flown in so few slots, or not be planned in so little time.
+        # A mission that cannot be flown in so few slots, or not be planned before the search ends.
         start = np.array([[uav.start] for uav in scenario.uavs])
         goal = np.array([[uav.goal] for uav in scenario.uavs])
         positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
