@@ -4,7 +4,7 @@ What a Plan tolerates and what floating point loses: argued here, and nowhere el
 **Tolerances.** A Plan may exceed a step, or miss its ends in every coordinate, by
 POSITION_TOLERANCE, and exceed every limit of power, the lower one too, by POWER_TOLERANCE. Steps,
 discs and powers are widened by that much. What powers below zero can do is the subject of
-`negative_power`.
+`bound_negative_power`.
 
 **Rounding.** Let eps = 2^-52. Lengths are in units of about the mission's extent, so that the
 places of people and goals are numbers of at most about 2 with an absolute error of a few eps, and
@@ -64,7 +64,7 @@ def margin(altitude: float, size: np.ndarray) -> np.ndarray:
     return np.asarray(EPSILON * (200.0 + 10.0 / altitude + size))
 
 
-def negative_power(scenario: Scenario) -> tuple[float, np.ndarray]:
+def bound_negative_power(scenario: Scenario) -> tuple[float, np.ndarray]:
     """
     Return what powers of -POWER_TOLERANCE can add to a slot that sends nothing, in nats.
 
