@@ -28,6 +28,11 @@ def certify_plan(plan, most=400, curved=False):
     return team, certify(team, build_multipliers(search))
 
 
+def slot_stages(stages):
+    """Return the stage of every slot, (N,)."""
+    return np.repeat(np.arange(len(stages.count)), stages.count)
+
+
 def slot_rates(team, places, powers):
     """
     Return R-bar in nats by the plain formula.

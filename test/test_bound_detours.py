@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from bound_attack import largest_excess
+from bound_attack import largest_excess, slot_stages
 import numpy as np
 import pytest
 from random_cities import random_city_mission
@@ -97,7 +97,7 @@ def test_flights_are_never_late(seed):
     for most in (40, 7):
         stages, regions = regions_of(scenario, most)
         for region, positions in zip(regions, plan.positions):
-            assert region.contains(region.local(positions[1:-1]), stages.of_slots()).all()
+            assert region.contains(region.local(positions[1:-1]), slot_stages(stages)).all()
 
 
 def courtyard(gap):

@@ -7,7 +7,7 @@ from pathlib import Path
 import subprocess
 import sysconfig
 
-from bound_attack import certify_plan, lagrangian, largest_excess
+from bound_attack import certify_plan, lagrangian, largest_excess, slot_stages
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pybind11
@@ -15,13 +15,17 @@ import pytest
 from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
 from secure_uav_planner.bound.proof import boxes, certificate, potential as potentials
 from secure_uav_planner.bound.proof.boxes import Terms
-from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid, softplus
+from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid
 from secure_uav_planner.bound.proof.potential import Potential
 from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Stages, Team
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
 from secure_uav_planner.model import kernel
 
 NUMBER = st.floats(-40, 40)
+
+
+def softplus(z):
+    return np.logaddexp(0.0, z)
 
 
 @given(NUMBER, st.lists(NUMBER, min_size=1, max_size=4), st.integers(0, 2**32 - 1))
@@ -134,7 +138,7 @@ def least_cost(seed, kind, limited):
     path, scenario = tight_flight(rng, limited)
     stages = Stages.of(6, most)
     region = ReachableSet.of(scenario, 0, stages, EavesdropperSubset.of(scenario, 'guaranteed'))
-    path, stage = region.local(path), stages.of_slots()
+    path, stage = region.local(path), slot_stages(stages)
     assert region.contains(path[1:-1], stage).all()
     assert (np.hypot(*np.diff(path, axis=0)[1:].T) <= region.steps[stage]).all()
     least = np.inf
@@ -306,7 +310,7 @@ def test_every_plan_satisfies_the_whole_of_the_proof(most, curved):
     scenario = mission(9, slots=9)
     plan = solve(scenario, objective='guaranteed')
     team, proof = certify_plan(plan, most, curved)
-    stage = team.stages.of_slots()
+    stage = slot_stages(team.stages)
     total = proof.offset
     for n in range(scenario.slots):
         places = [region.local(path[n + 1])[None]

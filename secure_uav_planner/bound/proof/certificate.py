@@ -42,13 +42,8 @@ PIECES = 24
 """Pieces of the entropies between two breakpoints of w0."""
 
 
-def softplus(z: Array) -> Array:
-    """Return phi(z) = log(1 + exp(z)): a rate in nats as a function of the SINR's logarithm."""
-    return np.logaddexp(0.0, z)
-
-
 def sigmoid(z: Array) -> Array:
-    """Return phi'(z) = 1 / (1 + exp(-z)), without overflow."""
+    """Return phi'(z) = 1 / (1 + exp(-z)) of phi(z) = log(1 + exp(z)), without overflow."""
     return 1.0 / (1.0 + np.exp(-np.clip(z, -700.0, 700.0)))
 
 

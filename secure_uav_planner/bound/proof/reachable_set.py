@@ -68,10 +68,6 @@ class Stages:
         """N."""
         return int(self.edges[-1])
 
-    def of_slots(self) -> NDArray[np.int64]:
-        """Stage of every slot, (N,)."""
-        return np.repeat(np.arange(len(self.count)), self.count)
-
 
 @dataclass(frozen=True, eq=False)
 class ReachableSet:
@@ -268,8 +264,9 @@ class ReachableSet:
             place = [centre, 0.0] + offset * ratio[..., None]
         if self.detours is None:
             return np.asarray(place)
-        closest = self.detours.find_centre(self._closest_cells[(stage, *self.detours.locate(place))])
-        return np.where(self._is_in_time(place, stage)[..., None], place, closest)
+        cell = self._closest_cells[(stage, *self.detours.locate(place))]
+        return np.where(
+            self._is_in_time(place, stage)[..., None], place, self.detours.find_centre(cell))
 
     def find_farthest(self, direction: Array) -> Array:
         """Return the reachable set's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
@@ -348,17 +345,13 @@ class Team:
     """
     The reachable sets of the UAVs, at most one of which jams, in all stages of a mission.
 
-    :param scenario: the mission.
-    :param stages: its slots in stages.
-    :param subset: the eavesdroppers.
+    :param stages: the slots in stages.
     :param regions: of the transmitter, and of the jammer.
     :param negative: rate of a slot without a transmission by powers below zero, in nats.
     :param delta: largest size of the negative received SNR of every UAV, (U,).
     """
 
-    scenario: Scenario
     stages: Stages
-    subset: EavesdropperSubset
     regions: tuple[ReachableSet, ...]
     negative: float
     delta: Array
@@ -375,14 +368,9 @@ class Team:
         stages = Stages.of(scenario.slots, most)
         regions = tuple(ReachableSet.of(scenario, i, stages, subset)
                         for i in range(len(scenario.uavs)))
-        return cls(scenario, stages, subset, regions, *bound_negative_power(scenario))
+        return cls(stages, regions, *bound_negative_power(scenario))
 
     @property
     def accelerates(self) -> bool:
         """True if a UAV has a limit of acceleration."""
         return any(region.max_move_change < 2 * region.step for region in self.regions)
-
-    @property
-    def eavesdroppers(self) -> int:
-        """Number of places of eavesdroppers."""
-        return len(self.subset.places)
