@@ -19,7 +19,7 @@ import threading
 import numpy as np
 from processes import environment
 import pytest
-from secure_uav_planner import Channel, METHODS, Plan, Scenario
+from secure_uav_planner import Channel, fly_hover_fly, METHODS, Plan, Scenario
 from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
 from secure_uav_planner.plan.plan import OBJECTIVES
 from secure_uav_planner.plan.playback import Playback
