@@ -92,7 +92,7 @@ def check(options: argparse.Namespace) -> int:
           f'listen{"s" if len(scenario.eavesdroppers) == 1 else ""}; {scenario.slots} slots of '
           f'{scenario.slot_duration:g} s. It can be flown.')
     if not scenario.channel.is_guarantee:
-        from ...assessment import assess
+        from ..assessment import assess
         print(f'rates are {scenario.channel.promise}, not guaranteed: with fly-hover-fly, '
               f'{assess(plan, SHORTFALL_DRAWS).shortfall}')
     if (names := kept_apart_by_nothing(scenario)):
