@@ -47,7 +47,7 @@ FINE = ((0.03, 1),)
 QUADRATIC = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same after these, with quadratic potentials."""
 
-LINEAR = ((0.01, 1), (0.003, 2))
+LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
 """The same with linear potentials, where a stage has several slots."""
 
 SLOTS_A_STAGE, FEWEST = 4, 20

@@ -5,13 +5,13 @@ With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
 
     (1/N) [ sum over slots of B + sum over UAVs of Potential.end_cost ] + sum_i lam_i average_i,
     B   = max over w0 of H(w0) - H(s) + m(w0 - s) + M(w0, v),   s = sum_e v_e, v = v(w0),
-    M   = M_0 + sum over jammers of M_j,
+    M   = M_0 + M_1,
     M_0 = max over q of w0 A_0(q) - sum_e v_e A_e(q) + potential(q),
-    M_j = max over q, p of -w0 log(1 + b_0(q) p) + sum_e v_e log(1 + b_e(q) p) - lam p
+    M_1 = max over q, p of -w0 log(1 + b_0(q) p) + sum_e v_e log(1 + b_e(q) p) - lam p
           + potential(q),
 
-A being the logarithm of a gain of the transmitter, b a gain of a jammer, m that of
-maximise_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few breakpoints w0.
+A being the logarithm of a gain of the transmitter, b a gain of the jammer, m that of
+maximise_power. M_0 and M_1 are bounded by branch and bound (boxes.py) at a few breakpoints w0.
 
 Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
 interpolated linearly between the breakpoints it lies below the chord from breakpoint to
