@@ -79,7 +79,8 @@ setup(
     # `ros` is for machines without ROS: an installed ROS has these already. None has Python 3.14.
     extras_require={
         'ros': ros, 'view': view, 'campaign': campaign,
-        'all': [*campaign, *(f'{name}; python_version < "3.14"' for name in ros)]},
+        'all': [*campaign, *(f'{name}; python_version < "3.14"' for name in ros)],
+        'test': ['pytest']},  # By which colcon chooses it; the rest is in test/requirements.txt.
     zip_safe=False,
     author='secure_uav_planner maintainers',
     author_email='secure-uav-planner@users.noreply.github.com',
