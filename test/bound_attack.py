@@ -13,9 +13,7 @@ from secure_uav_planner.model.limits import repaired
 
 def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
     """Return a Search of a team that has found multipliers from a plan."""
-    uavs = list(range(len(team.regions)))
-    search = MultiplierSearch(
-        team, InitialMultipliers.of(team, plan.positions[uavs], plan.powers[uavs]))
+    search = MultiplierSearch(team, InitialMultipliers.of(team, plan.positions, plan.powers))
     for tau in temperatures:
         search.minimise(tau, 6)
     return search
@@ -35,11 +33,11 @@ def slot_rates(team, places, powers):
     """
     Return R-bar in nats by the plain formula.
 
-    :param places: in every UAV's frame, (U, K, 2), those of the helpers last.
+    :param places: in every UAV's frame, (U, K, 2).
     :param powers: (U, K).
     """
     ground, heard = [], []
-    for region, place, power in zip([*team.regions, *team.helpers], places, powers):
+    for region, place, power in zip(team.regions, places, powers):
         gain = np.exp(region.log_gain)
         distance = np.linalg.norm(place[:, None] - region.eavesdroppers, axis=-1)
         distance = (np.maximum(distance - region.radii, 0) if region.transmits
@@ -73,7 +71,7 @@ def lagrangian(team, certificate, stage, places, powers):
 
 def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
     """Return the largest Lagrangian that points climbing in a stage find."""
-    regions = [*team.regions, *team.helpers]
+    regions = team.regions
     index = np.full(count, stage)
 
     def inside(places):
@@ -121,8 +119,8 @@ def largest_excess(plan, most=400, curved=False, count=60):
     rng, excess = np.random.default_rng(7), []
     for stage in range(len(team.stages.count)):
         slot = team.stages.first[stage]
-        starts = ([region.local(plan.positions[i, slot]) for i, region in enumerate(
-            [*team.regions, *team.helpers])], plan.powers[:, slot - 1])
+        starts = ([region.local(positions[slot]) for region, positions in zip(
+            team.regions, plan.positions)], plan.powers[:, slot - 1])
         excess.append(climb(team, proof, stage, rng, count, starts=starts) - proof.stages[stage])
     return max(excess)
 

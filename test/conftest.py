@@ -52,7 +52,7 @@ OPTIONAL = {
     'test_demo.py': ['mcap', 'plotly'],
     'test_fly.py': ['rotorpy'],
     'test_page.py': ['plotly', 'selenium'],
-    'test_relay_node.py': message_package.NEEDED,
+    'test_relay.py': message_package.NEEDED,
     'test_cli.py': ['plotly'],
     'test_recording.py': ['mcap', 'mcap_ros2', 'rosbags'],
     'test_site.py': ['furo', 'latex2mathml', 'myst_parser', 'sphinx'],

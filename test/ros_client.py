@@ -88,7 +88,7 @@ def _ros_args(parameters):
 
 def refusal(capfd, name, **parameters):
     """Return the one line that says why a node cannot start, which is started in this process."""
-    kind = getattr(import_module(f'secure_uav_planner.ros.{name}_node'), name.title())
+    kind = getattr(import_module(f'secure_uav_planner.ros.{name}'), name.title())
     capfd.readouterr()
     with pytest.raises(SystemExit) as ended:
         run_node(kind, _ros_args(parameters))
@@ -135,7 +135,7 @@ def node_here(name, **parameters):
 
     For tests that ask a node of their own; those of processes and of warnings use node_process.
     """
-    kind = getattr(import_module(f'secure_uav_planner.ros.{name}_node'), name.title())
+    kind = getattr(import_module(f'secure_uav_planner.ros.{name}'), name.title())
     context, here = Context(), _Here(name)
     _note(here)
     rclpy.init(context=context, args=_ros_args(parameters))

@@ -15,7 +15,7 @@ import pytest
 from scipy import stats
 from secure_uav_planner import (
     assess, Channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav, World)
-from secure_uav_planner.apps.cli.main import main
+from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment import draws as drawn
 from secure_uav_planner.assessment.monte_carlo import promised_rates
 from secure_uav_planner.errors import MissionFileError, OptionError
@@ -426,7 +426,7 @@ def test_a_campaign_has_columns_for_it_where_it_asks_for_them(tmp_path, monkeypa
     ({'draw': 5}, "world has no field 'draw'"), ({'draws': 0}, 'draws is 0'), (7, 'assess is 7'),
     ({'channel': {'exponent': 9}}, 'channel.exponent is 9')])
 def test_a_campaign_with_a_wrong_assessment_is_refused(tmp_path, given, words):
-    from secure_uav_planner.apps.campaign.specification import load_campaign
+    from secure_uav_planner.apps.specification import load_campaign
     (tmp_path / 'a.json').write_text(json.dumps(
         {'mission': Scenario.paper().to_dict(), 'assess': given}))
     with pytest.raises(MissionFileError, match=words):

@@ -1,12 +1,12 @@
 import csv
 import sys
 
+from benchmarks import __main__ as bench, measuring
+from benchmarks.missions import random_mission
+from benchmarks.opponents import solve_by_fatrop, solve_by_ipopt
 import numpy as np
 import pytest
 from secure_uav_planner import __version__, Scenario, solve
-from secure_uav_planner.apps.bench import __main__ as bench, measuring
-from secure_uav_planner.apps.bench.missions import random_mission
-from secure_uav_planner.apps.bench.opponents import solve_by_fatrop, solve_by_ipopt
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 
 

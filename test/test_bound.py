@@ -6,22 +6,22 @@ import json
 import math
 import warnings
 
+from benchmarks.missions import random_mission
 from bound_attack import random_plans
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
-from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.bound import upper_bound
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
 from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
-from secure_uav_planner.errors import PlanFileError, PlanningError
+from secure_uav_planner.errors import OptionError, PlanFileError, PlanningError
 from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.limits import (
     AccelerationLimit, AveragePower, LIMITS, PeakPower, SpeedLimit)
 from secure_uav_planner.plan.bound import Bound
-from strategies import scenarios
+from strategies import crowded, scenarios
 
 PAPER = Scenario.paper(104, slots=13)
 
@@ -35,7 +35,7 @@ def plan():
     return solve(PAPER)
 
 
-@given(scenarios(), st.sampled_from(OBJECTIVES), st.integers(0, 10**6))
+@given(scenarios(max_uavs=2), st.sampled_from(OBJECTIVES), st.integers(0, 10**6))
 @settings(max_examples=4, deadline=None)
 def test_no_feasible_plan_exceeds_the_bound(scenario, objective, seed):
     found = solve(scenario)
@@ -68,16 +68,15 @@ def test_the_papers_mission_is_bounded_within_a_percent(duration, best):
     assert bound.ignored == ()
 
 
-def test_two_jammers_are_bounded_closely():
-    mission = random_mission(4, slots=15)
-    mission = replace(mission, uavs=mission.uavs[:3], eavesdroppers=mission.eavesdroppers[:1])
-    plan = solve(mission, objective='guaranteed')
-    assert plan.rate < upper_bound(mission, objective='guaranteed', plan=plan).rate < (
-        1.1 * plan.rate)
+def test_several_jammers_are_refused():
+    mission = random_mission(3, slots=6)
+    assert len(mission.uavs) == 3
+    with pytest.raises(OptionError, match='2 jammers'):
+        upper_bound(mission)
 
 
 def test_no_disc_is_left_out_for_places_in_another():
-    mission = random_mission(19, slots=12, jammers=3)
+    mission = random_mission(19, slots=12, jammers=1)
     plan = solve(mission, objective='guaranteed')
     discs, places = (EavesdropperSubset.of(mission, objective)
                      for objective in ('guaranteed', 'worst_case'))
@@ -90,23 +89,6 @@ def test_no_disc_is_left_out_for_places_in_another():
         assert leaks.sum(1).argmax() in which
         reach = np.hypot(*(counted.places - discs.places[counted.owners]).T)
         assert (reach <= discs.radii[counted.owners]).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('seed, most', [(6, 1.05), (9, 1.03), (10, 1.08), (12, 1.03)])
-def test_random_missions_of_several_jammers_are_bounded_closely(seed, most):
-    mission = random_mission(seed)
-    plan = solve(mission, objective='guaranteed')
-    bound = upper_bound(mission, objective='guaranteed', plan=plan)
-    assert plan.guaranteed_rate < bound.rate < most * plan.guaranteed_rate
-
-
-def test_with_two_jammers_all_of_two_eavesdroppers_make_the_bound_tighter():
-    mission = random_mission(3, slots=6)
-    assert len(mission.uavs) == 3 and len(mission.eavesdroppers) == 2
-    alone = [upper_bound(replace(mission, eavesdroppers=(eve,)), objective='guaranteed').rate
-             for eve in mission.eavesdroppers]
-    assert upper_bound(mission, objective='guaranteed').rate < min(alone)
 
 
 @pytest.mark.soak
@@ -356,12 +338,8 @@ def _extreme(scenario, objectives=OBJECTIVES):
                 assert not rate(candidate, objective) > bound.rate
 
 
-def test_the_largest_team_is_bounded_in_time():
-    rng = np.random.default_rng(2)
-    scenario = Scenario((0.0, 0.0), tuple(
-        Eavesdropper(tuple(rng.uniform(-300, 300, 2)), 10.0) for _ in range(32)), tuple(
-        Uav(f'uav{i}', tuple(rng.uniform(-300, 300, 2)), tuple(rng.uniform(-300, 300, 2)), 100.0,
-            20.0) for i in range(32)), 60.0, 3)
+def test_the_largest_mission_is_bounded_in_time():
+    scenario = crowded(2, 32, 3)
     plan = fly_hover_fly(scenario)
     for objective in OBJECTIVES:
         bound = upper_bound(scenario, objective=objective, plan=plan)
@@ -381,8 +359,9 @@ def any_mission(seed):
     rng = np.random.default_rng(seed)
     slots = int(rng.integers(3, 13))
     if seed % 4 == 3:
-        return random_city_mission(seed, slots=12, slack=float(rng.uniform(0.3, 2.0)))
-    mission = random_mission(seed, slots=slots, jammers=int(rng.integers(0, 4)))
+        city = random_city_mission(seed, slots=12, slack=float(rng.uniform(0.3, 2.0)))
+        return replace(city, uavs=city.uavs[:2])
+    mission = random_mission(seed, slots=slots, jammers=int(rng.integers(0, 2)))
     if seed % 4 < 2:
         return mission
     # In short slots velocities matter; a UAV may be at rest, moving, or free at its ends.

@@ -4,18 +4,15 @@ from dataclasses import replace
 from itertools import count
 import math
 import re
-import threading
 
 import clarabel
 import numpy as np
 import pytest
 from random_cities import random_city_mission
-from ros_client import wait_for
 from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
 from secure_uav_planner.model.limits import is_clear
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions, projection
-from secure_uav_planner.ros.worker import Worker
 import shapely
 from strategies import with_uavs
 
@@ -281,20 +278,14 @@ def test_many_uavs_are_moved_a_few_at_a_time(monkeypatch):
     assert max(sizes) <= 2 * 120 + 2 and len(sizes) > 1
 
 
-def test_a_worker_has_progress_and_can_be_cancelled_while_first_flights_are_searched():
-    called = threading.Event()
-    worker = Worker(called.set)
-    scenario = barred(1000, 3.0)
+def test_a_search_of_first_flights_has_progress_and_can_be_cancelled():
+    scenario, progress = barred(1000, 3.0), []
     uavs = tuple(replace(scenario.uavs[0], name=f'uav{index}', start=(30.0 * index, 500.0),
                          goal=(30.0 * (index ^ 1), -500.0)) for index in range(16))
-    with worker.reserved():
-        future = worker.start(lambda solve: solve(replace(scenario, uavs=uavs), method='joint'))
-        assert called.wait(60.0) and worker.busy
-        wait_for(lambda: worker.progress is not None)
-        assert (worker.progress.number, worker.progress.rate) == (0, 0.0)
-        assert worker.cancel()
-        with pytest.raises(StoppedError, match='cancelled before flights'):
-            future.result(60.0)
+    with pytest.raises(StoppedError, match='cancelled before flights'):
+        solve(replace(scenario, uavs=uavs),
+              on_iteration=lambda iteration: progress.append(iteration) or True)
+    assert (progress[0].number, progress[0].rate) == (0, 0.0)
 
 
 @pytest.mark.parametrize('fields', [

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ABSENT = ('casadi', 'mcap', 'mcap_ros2', 'mypy', 'plotly', 'rosbags', 'selenium')
 # All files are collected, so that all must do without; these are run: they take half a minute.
 SOME = ' or '.join(f'test_{name}.py' for name in (
-    'config', 'load', 'plan', 'replay_node', 'scenario'))
+    'config', 'load', 'plan', 'replay', 'scenario'))
 
 
 def colcon(*arguments, cwd, **variables):
@@ -73,7 +73,7 @@ def test_everything_is_installed_where_ros_looks_for_it(workspace):
     assert (share / 'package.xml').exists()
     assert {path.name for path in (ROOT / 'config').iterdir()} == {
         path.name for path in (share / 'config').iterdir()}
-    for name in ('planner', 'relay', 'replay', 'study', 'demo', 'secure_uav_planner'):
+    for name in ('planner', 'relay', 'replay', 'secure_uav_planner'):
         assert os.access(prefix / 'lib' / 'secure_uav_planner' / name, os.X_OK)
     subprocess.run(['sh', '-c', f'. {workspace}/install/setup.sh && '
                     f'{prefix}/lib/secure_uav_planner/secure_uav_planner --version'], check=True)

@@ -8,7 +8,7 @@ import sys
 import city
 import pytest
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.ros.graph import free_domain
+from secure_uav_planner.ros.client import free_domain
 
 pytestmark = pytest.mark.slow
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp('demo') / 'out'
     result = subprocess.run(
-        [sys.executable, '-m', 'secure_uav_planner.apps.demo', '--out', str(out)],
+        [sys.executable, '-m', 'examples.demo', '--out', str(out)],
         capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr
     return out, result.stdout
@@ -67,7 +67,7 @@ def test_the_demo_leaves_no_process_behind(demo):
 
 def test_the_demo_flies_the_city_as_well(tmp_path):
     result = subprocess.run(
-        [sys.executable, '-m', 'secure_uav_planner.apps.demo', '--mission', 'city',
+        [sys.executable, '-m', 'examples.demo', '--mission', 'city',
          '--out', tmp_path],
         capture_output=True, text=True, timeout=900)
     assert result.returncode == 0, result.stdout + result.stderr
@@ -82,8 +82,8 @@ def test_the_demo_flies_the_city_as_well(tmp_path):
 @pytest.mark.parametrize('mission, reason', [('village', 'village.yaml'), ('x.yaml', 'x.yaml')])
 def test_a_mission_that_there_is_not_is_refused(tmp_path, mission, reason):
     result = subprocess.run(
-        [sys.executable, '-m', 'secure_uav_planner.apps.demo', '--mission', mission],
-        capture_output=True, text=True, timeout=600, cwd=tmp_path)
+        [sys.executable, '-m', 'examples.demo', '--mission', mission, '--out', tmp_path],
+        capture_output=True, text=True, timeout=600)
     assert result.returncode == 1
     assert result.stderr.startswith('demo: ') and reason in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -13,6 +13,7 @@ import sys
 import threading
 from typing import NamedTuple
 
+from docs.tools import reference
 from processes import environment
 import pytest
 import rclpy
@@ -20,18 +21,17 @@ from rclpy.context import Context
 from ros_client import flat
 import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, Scenario
-from secure_uav_planner.apps.campaign.evaluation import COLUMNS
-from secure_uav_planner.apps.campaign.specification import BASELINES, Campaign
+from secure_uav_planner.apps.specification import BASELINES, Campaign
+from secure_uav_planner.apps.tasks import COLUMNS
 from secure_uav_planner.mission import propagation
 from secure_uav_planner.model import clearance
 from secure_uav_planner.output import spreadsheet
 from secure_uav_planner.plan import playback
-from secure_uav_planner.ros import reference
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters,
     zone_parameters)
-from secure_uav_planner.ros.planner_node import Planner
-from secure_uav_planner.ros.replay_node import Replay
+from secure_uav_planner.ros.planner import Planner
+from secure_uav_planner.ros.replay import Replay
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -419,7 +419,7 @@ def test_the_generated_reference_is_current():
     for node, text in reference.markdown().items():
         _, inside, _ = reference.generated((ROOT / 'docs' / f'{node}.md').read_text())
         assert inside.strip() == text.strip(), (
-            'run `python -m secure_uav_planner.ros.reference docs`')
+            'run `python -m docs.tools.reference docs`')
 
 
 def offered(node):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from secure_uav_planner import fly_hover_fly, Plan, Propulsion, Scenario, solve
-from secure_uav_planner.apps.cli.main import main
+from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.validation import RANGES
 from secure_uav_planner.model.curve import Curve

@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav
-from secure_uav_planner.apps.fly import missions, report
-from secure_uav_planner.apps.fly.__main__ import main
-from secure_uav_planner.apps.fly.flight import fly_event, fly_plan
-from secure_uav_planner.apps.fly.flight_picture import save_flight
-from secure_uav_planner.apps.fly.quadrotor import Gusts, Quadrotor, STEP
 from secure_uav_planner.model.channel import guaranteed_rates
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
+from studies.flown import missions, report
+from studies.flown.__main__ import main
+from studies.flown.flight import fly_event, fly_plan
+from studies.flown.flight_picture import save_flight
+from studies.flown.quadrotor import Gusts, Quadrotor, STEP
 
 pytestmark = pytest.mark.slow
 

@@ -3,13 +3,13 @@ from functools import partial
 import subprocess
 import sys
 
+from benchmarks.missions import random_mission
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, optimize, Plan, Scenario, Uav
-from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.grid import Grid

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 
+from benchmarks.missions import random_mission
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -15,7 +16,6 @@ import oracle
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Scenario
-from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.model import kernel
 from secure_uav_planner.model.grid import Grid

@@ -11,6 +11,8 @@ import pytest
 from ros_client import Client, node_process, values_of, wait_for, wait_for_line
 from std_msgs.msg import Float64
 
+pytestmark = pytest.mark.slow
+
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 STREAMS = {'/diagnostics': DiagnosticArray, '/replay/secrecy_rate': Float64,
            **{f'/uav{number}/setpoint/pose': PoseStamped for number in (1, 2)},

@@ -8,7 +8,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = [str(ROOT / name) for name in (
-    'secure_uav_planner', 'docs', 'launch', 'test', 'setup.py')]
+    'benchmarks', 'docs', 'examples', 'launch', 'secure_uav_planner', 'setup.py', 'studies',
+    'test')]
 
 
 @pytest.mark.linter

@@ -3,10 +3,13 @@
 from pathlib import Path
 import re
 
+from benchmarks import __main__ as bench
+from docs.tools import measured
 import pytest
 import secure_uav_planner
-from secure_uav_planner.apps import measured, study
-from secure_uav_planner.apps.bench import __main__ as bench
+from studies import paper as study
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 RATE = re.compile(r'-?\d+\.\d{4}\b(?! s\b)')  # In bit/s/Hz; times depend on the machine.
@@ -31,7 +34,7 @@ def assert_current(name, computed, pattern=RATE, tolerance=1e-3):
 
 @pytest.mark.parametrize('name, compute', [
     ('rates', lambda: measured.rates(proof=0.5)), ('objectives', measured.objectives),
-    pytest.param('methods', measured.methods, marks=pytest.mark.slow)])
+    ('methods', measured.methods)])
 def test_a_table_of_rates_is_that_of_today(name, compute):
     assert_current(name, compute())
 

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import pytest
-from secure_uav_planner import Channel, fly_hover_fly, Scenario, upper_bound
+from secure_uav_planner import Bound, Channel, fly_hover_fly, Scenario
 from secure_uav_planner.output.page import save_page
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
@@ -79,7 +79,7 @@ def browser(plan, tmp_path_factory):
     with browser_in(folder) as driver:
         save_page(plan, folder / 'plan.html')
         city = fly_hover_fly(CITY, 'constant')
-        city = city.with_bound(upper_bound(CITY, plan=city, time_limit=1.0))
+        city = city.with_bound(Bound(CITY, 2.0 * city.worst_case_rate, ignored=('separation',)))
         save_page(city, folder / 'city.html')
         open_page(driver, folder / 'plan.html')
         yield driver

@@ -9,7 +9,7 @@ from matplotlib.image import imread
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, NoFlyZone, Plan, Scenario, solve
-from secure_uav_planner.apps.cli.main import main
+from secure_uav_planner.apps.cli import main
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.drawing import uav_color
 from secure_uav_planner.output.picture import draw_plan, power_level, save_picture

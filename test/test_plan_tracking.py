@@ -6,21 +6,27 @@ import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
 from rclpy.time import Time as RosTime
 from ros_client import node_here, values_of, wait_for
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
-from secure_uav_planner.apps.fly.missions import limited
 from secure_uav_planner.errors import LateError, PoseError, WrongFrameError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.parameters import PLANNER
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, uav_parameters)
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
+from secure_uav_planner.ros.scenarios import scenario_from, StartTime
 from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
+from studies.flown.missions import limited
+
+DEFAULTS = {name: spec.default for specs in (
+    PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
+    eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()}
 
 
 def odometry(x, y, velocity=(0.0, 0.0), frame_id='map', yaw=0.0, stamp=None, orientation=()):
@@ -68,8 +74,8 @@ def test_a_flight_that_waits_or_has_ended_is_said_to_whatever_its_times_are_roun
                              (playback.begin + 1e-3, 'held'), (playback.duration - 1e-3, 'held')):
         for after in (0, 40_000_000, 77_777_777):
             clock_ns = plan.start_ns + 200_000_000_000 + after
-            tracking.hear(messages.plan_time(
-                plan, moment, RosTime(nanoseconds=clock_ns).to_msg()))
+            tracking.take_report(messages.plan_time(
+                plan, moment, RosTime(nanoseconds=clock_ns).to_msg()), clock_ns * 1e-9)
             assert tracking.flight(clock_ns * 1e-9).state == expected
 
 
@@ -218,7 +224,7 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
     found = status_with(status, lambda: beside(30.0, 40.0), lambda values: values[
         'track.distance.uav1'] == '50', 'the distance')
     assert found.level == DiagnosticStatus.WARN
-    assert 'uav1 is 50.0 m from its plan and track_tolerance is 5 m' in found.message
+    assert 'uav1 is 50.0 m from its plan, beyond' in found.message
     wait_for(lambda: diagnostics and diagnostics[-1].status[0].message == found.message)
     assert client.set_parameters('planner', track_tolerance=51.0)[0].successful
     wait_for(lambda: status[-1].level == DiagnosticStatus.OK)
@@ -230,7 +236,7 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
 
 @pytest.mark.parametrize('acceleration', [0.0, 2.0])
 def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration):
-    """It flies with 5 m/s towards -y, on no plan, so that it goes straight on."""
+    """It flies with 5 m/s towards -y, on no plan, so that it brakes and stands."""
     with node_here('planner', duration=180.0, slots=90, start_delay=30.0,
                    uav1__max_acceleration=acceleration):
         path = client.listen(Path, 'uav1/path')
@@ -251,11 +257,34 @@ def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration
         times, points = timed(path[-1])
         assert times[0] > asked + 30.0 - 1e-3
         assert times[-2] - times[0] == pytest.approx(180.0)
-        assert points[0] == pytest.approx(place(times[0]), abs=1e-2)
+        braking = 5.0**2 / (2 * acceleration) if acceleration else 0.0
+        asked_at, answered_at = place(asked), place(time.time())
+        assert points[0, 0] == pytest.approx(100.0)
+        assert answered_at[1] <= points[0, 1] + braking <= asked_at[1]
         if acceleration:
-            # The first move has nearly the velocity that it had; the limit says how nearly.
-            change = (points[1] - points[0]) / 2.0 - [0.0, -5.0]
-            assert np.linalg.norm(change) <= 2.0 * 2.0 + 1e-6
+            assert np.linalg.norm(points[1] - points[0]) / 2.0 <= 2.0 * 2.0 + 1e-6
+
+
+@pytest.mark.parametrize('noise', [0.02, 0.3, 0.5])
+def test_a_uav_that_hovers_with_noisy_odometry_starts_where_it_hovers(noise):
+    settings = {**DEFAULTS, 'start_delay': 30.0, 'uav1.max_acceleration': 2.0,
+                'uav2.max_acceleration': 2.0}
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        book = PoseBook()
+        book.take('ground_node/pose', pose(999.9, 0.0), 'map', 1000.0)
+        estimate = PoseWithCovarianceStamped()
+        estimate.header.frame_id = 'map'
+        estimate.pose.pose.position.x, estimate.pose.pose.orientation.w = 200.0, 1.0
+        book.take('eavesdropper/pose', estimate, 'map', 1000.0)
+        speed = rng.normal(scale=noise, size=2).tolist()
+        book.take('uav1/odom', odometry(100.0, 500.0, speed, stamp=999.9), 'map', 1000.0)
+        tracking = PlanTracking(book)
+        start = StartTime.of(settings, 1000 * 10**9, False)
+        scenario = scenario_from(
+            settings, book, start, tracking.states(None, settings, 1000.0), None)
+        uav = scenario.uavs[0]
+        assert math.dist(uav.start, (100.0, 500.0)) < 1.0 and uav.start_velocity == (0.0, 0.0)
 
 
 def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(client):
@@ -320,8 +349,8 @@ def test_a_replan_that_was_refused_is_no_longer_reported_when_the_flight_has_end
 def hear(tracking, plan, *reports):
     """Let a follower report (time of the clock, time of the plan) in s of a plan."""
     for clock, reached in reports:
-        tracking.hear(messages.plan_time(
-            plan, reached, RosTime(nanoseconds=round(clock * 1e9)).to_msg()))
+        tracking.take_report(messages.plan_time(
+            plan, reached, RosTime(nanoseconds=round(clock * 1e9)).to_msg()), clock)
 
 
 @pytest.fixture(scope='module')
@@ -358,8 +387,8 @@ def test_a_follower_of_a_plan_that_is_not_known_is_named(two_plans):
     problem, = tracking.report({'uavs': [], 'track_tolerance': 5.0}, 1010.5)[0]
     assert f'flies plan {other.identity}, which this planner does not know' in problem
     tracking.follow(known, 1010.6)
-    assert tracking.stranger(1010.6) == other.identity
-    assert tracking.stranger(1012.0) is None  # Silent since.
+    assert tracking.unknown_plan(1010.6) == other.identity
+    assert tracking.unknown_plan(1012.0) is None  # Silent since.
 
 
 def test_nobody_predicts_a_flight_whose_pace_changes(two_plans):
@@ -378,3 +407,47 @@ def test_nobody_predicts_a_flight_whose_pace_changes(two_plans):
     assert tracking.flight(1012.65).state == 'held'
     tracking.check_steady(1012.65)
     tracking.check_steady(1014.0)  # Nothing was heard for long: it stands.
+
+
+def test_a_flight_that_has_just_been_released_is_not_steady(two_plans):
+    plan, _ = two_plans
+    tracking = PlanTracking(PoseBook())
+    tracking.follow(plan, 1000.0)
+    for clock in 1010.0 + np.arange(30) * 0.05:
+        hear(tracking, plan, (clock, 10.0))
+        tracking.check_steady(clock)
+    hear(tracking, plan, (1011.5, 10.001))
+    with pytest.raises(LateError):
+        tracking.check_steady(1011.5)
+
+
+def test_a_follower_by_stamps_alone_is_on_its_plan_when_a_new_one_takes_over(two_plans):
+    first, _ = two_plans
+    second = replace(first, start_ns=first.start_ns + 60 * 10**9)
+    book = PoseBook()
+    tracking = PlanTracking(book)
+    tracking.follow(first, 1000.0)
+    tracking.follow(second, 1050.0)
+    message = odometry(*first.positions[0, 20].tolist(), stamp=1059.95)  # Of 60 s.
+    book.take('uav1/odom', message, 'map', 1059.96)
+    settings = {'uavs': ['uav1'], 'uav1.use_pose': True, 'frame_id': 'map', 'pose_timeout': 0.0}
+    assert tracking.distances(settings, 1059.99)['uav1'] < 1.0
+    assert tracking.flight(1060.01).playback.plan is second
+    place = math.dist(first.positions[0, 20], second.positions[0, 0])
+    assert tracking.distances(settings, 1060.01)['uav1'] == pytest.approx(place, abs=1.0)
+    near = odometry(*second.positions[0, 0].tolist(), stamp=1059.95)
+    book.take('uav1/odom', near, 'map', 1059.96)
+    assert tracking.distances(settings, 1060.01)['uav1'] < 0.01
+
+
+@pytest.mark.parametrize('age, word', [(1.5, 'past'), (-3.0, 'future')])
+def test_reports_by_another_clock_are_named_with_what_differs(two_plans, age, word):
+    plan, _ = two_plans
+    tracking = PlanTracking(PoseBook())
+    tracking.follow(plan, 1000.0)
+    settings = {'uavs': [], 'track_tolerance': 5.0}
+    stamp = RosTime(nanoseconds=round((1010.0 - age) * 1e9)).to_msg()
+    tracking.take_report(messages.plan_time(plan, 10.0, stamp), 1010.0)
+    problem, = tracking.report(settings, 1010.2)[0]
+    assert f'{abs(age):.1f} s in the {word}' in problem and 'NTP' in problem
+    assert not tracking.report(settings, 1012.0)[0]  # Nothing comes any more.

@@ -12,7 +12,7 @@ from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player, POSITION_JUMP
-from secure_uav_planner.plan.tracking import departing
+from secure_uav_planner.plan.tracking import start_from_state
 from strategies import with_uavs
 
 BEGIN = 10**18
@@ -139,8 +139,8 @@ def onward(bench, plan, ahead, start_ns=None, **fields):
     player, slot = bench.player, plan.scenario.slot_duration
     moment = player.playback.at(player.time + player.rate * ahead)
     uavs = tuple(
-        replace(departing(uav, tuple(at.tolist()), tuple((velocity * player.rate).tolist()), slot),
-                **fields)
+        replace(start_from_state(uav, tuple(at.tolist()),
+                                 tuple((velocity * player.rate).tolist()), slot), **fields)
         for uav, at, velocity in zip(
             plan.scenario.uavs, moment.positions, moment.velocities, strict=True))
     found = fly_hover_fly(replace(plan.scenario, uavs=uavs))

@@ -47,7 +47,7 @@ def test_an_idle_node_stops_cleanly_every_time(node):
 
 
 def test_a_node_starts_without_the_parts_of_scipy_that_few_missions_need():
-    subprocess.run([sys.executable, '-c', 'import secure_uav_planner.ros.planner_node, sys; '
+    subprocess.run([sys.executable, '-c', 'import secure_uav_planner.ros.planner, sys; '
                     'assert not {"scipy.sparse", "scipy.linalg"} & {*sys.modules}'], check=True)
 
 
@@ -71,7 +71,7 @@ def test_a_signal_while_the_modules_load_ends_the_node_quietly(node, number):
     assert output_of(process) == ''
 
 
-@pytest.mark.parametrize('module', ['', '.ros', '.ros.start', '.errors', '.ros.topics'])
+@pytest.mark.parametrize('module', ['', '.ros', '.ros.planner', '.errors', '.ros.topics'])
 def test_a_signal_when_a_module_is_imported_ends_the_executable_quietly(module):
     script = Path(__file__).parents[1] / 'scripts' / 'planner'
     program = (

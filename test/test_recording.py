@@ -11,7 +11,7 @@ from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
-from secure_uav_planner.apps.cli.main import main
+from secure_uav_planner.apps.cli import main
 from secure_uav_planner.ros.recording import definition, record
 from secure_uav_planner.ros.topics import LATCHED
 import yaml

@@ -115,7 +115,7 @@ def test_a_plan_outlives_the_planner_in_its_file(client, tmp_path):
         paths, _ = received(client)
         client.send_paper()
         assert client.call('planner/plan').success
-        wait_for(lambda: paths[0])
+        wait_for(lambda: paths[0] and file.exists())
         process.kill()
     with node_process('planner', plan_file=file, duration=120.0, slots=40):
         wait_for(lambda: len(paths[0]) == 2)

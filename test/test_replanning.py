@@ -1,23 +1,21 @@
 """When a replan is due and where it begins; the real solver, without a node."""
 
 from dataclasses import replace
-import threading
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.time import Time
-from ros_client import PATIENCE, wait_for
 from secure_uav_planner import Scenario, solve
 from secure_uav_planner.errors import (
-    InfeasibleMissionError, LateError, OptionError, SupersededError)
+    InfeasibleMissionError, LateError, OptionError, PlanningError)
 from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.ros.mission_parameters import objective_from
 from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.replanning import check_in_time, Replanning
-from secure_uav_planner.ros.worker import Worker
 from sensor_msgs.msg import TimeReference
 
 DEFAULTS = {name: spec.default for specs in (
@@ -33,28 +31,31 @@ class Bench:
     :ivar published: new plans, each with the time in s at which it takes effect.
     """
 
-    def __init__(self, plan, last=None):
-        self.plan, self.last = plan, last or plan
+    def __init__(self, plan):
+        self.plan = plan
         self.poses = PoseBook()
         self.tracking = PlanTracking(self.poses)
         self.tracking.follow(plan, START)
-        self.states = []  # Whether the worker was busy, and had made progress, at every report.
-        self.worker = Worker(lambda: self.states.append(
-            (self.worker.busy, self.worker.progress is not None)))
-        self.published, self.refused, self.superseded = [], [], []
+        self.published, self.refused = [], []
         self.now_ns = 0  # When a new plan is ready.
-        self.replanning = Replanning(
-            self.worker, self.poses, self.tracking, self._publish, self._refuse)
+        self.replanning = Replanning(self.poses, self.tracking)
 
-    def _publish(self, plan, rejoin, last):
-        check_in_time(self.last is last, rejoin, self.tracking.flight(self.now_ns * 1e-9))
-        self.published.append((plan, rejoin.effect))
-
-    def _refuse(self, error):
-        if isinstance(error, SupersededError):
-            self.superseded.append(self.worker.busy)
-        else:
+    def replan(self, last, now, **settings):
+        settings = {**DEFAULTS, 'replan_lead': 5.0, **settings}
+        rest = self.replanning.rest_if_due(last, settings, now)
+        if rest is None:
+            return
+        try:
+            rejoin = rest.rejoin()
+            plan = rejoin.continued(solve(
+                rejoin.scenario, method=settings['method'], objective=objective_from(settings),
+                initial=rejoin.tail, time_limit=rest.time_limit))
+            check_in_time(rejoin, self.tracking.flight(self.now_ns * 1e-9))
+        except PlanningError as error:
+            self.replanning.failed()
             self.refused.append(error)
+        else:
+            self.published.append((plan, rejoin.effect))
 
     def know(self, kind, topic, x, y, now):
         message = kind()
@@ -71,10 +72,7 @@ class Bench:
         if offset is not None:
             place = Playback(self.plan).at(time).positions[0] + offset
             self.know(Odometry, 'uav1/odom', *place, now)
-        self.replanning.start_when_due(
-            lambda: self.plan, {**DEFAULTS, 'replan_lead': 5.0, **settings}, now)
-        wait_for(lambda: all(thread.name != 'solver' for thread in threading.enumerate()),
-                 what='the end of the replan')
+        self.replan(self.plan, now, **settings)
 
 
 @pytest.fixture(scope='module')
@@ -84,22 +82,7 @@ def plan():
 
 @pytest.fixture
 def bench(plan):
-    bench = Bench(plan)
-    yield bench
-    assert bench.worker.close(PATIENCE)
-
-
-def test_a_replan_that_comes_second_is_reported_once_the_solver_is_free(plan):
-    """Its progress was the last report; without another one the state would stay 'solving'."""
-    bench = Bench(plan, last=replace(plan))
-    bench.check(5.0, replan_period=1.0)
-    assert (bench.superseded, bench.published, bench.refused) == ([False], [], [])
-    assert bench.worker.close(PATIENCE)
-
-
-def test_a_replan_is_reported_before_its_first_iteration(bench):
-    bench.check(5.0, replan_period=1.0)
-    assert bench.states[0] == (True, False) and set(bench.states[1:]) == {(True, True)}
+    return Bench(plan)
 
 
 def test_a_deviation_is_a_reason_to_plan_again_once_in_every_lead(bench):
@@ -136,7 +119,6 @@ def test_a_uav_whose_odometry_is_stale_counts_as_on_its_plan(bench, plan):
     again.check(30.0, offset=(20.0, 0.0), pose_timeout=0.0)
     again.check(35.0, replan_period=1.0, pose_timeout=10.0)
     assert len(again.published) == 1
-    assert again.worker.close(PATIENCE)
 
 
 @pytest.mark.parametrize('late', [False, True])
@@ -162,7 +144,7 @@ def report(bench, clock, time):
     stamp, reached = (Time(nanoseconds=round((START + at) * 1e9)).to_msg() for at in (clock, time))
     message = TimeReference(source=bench.plan.identity, time_ref=reached)
     message.header.stamp = stamp
-    bench.tracking.hear(message)
+    bench.tracking.take_report(message, START + clock)
 
 
 def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(bench, plan):
@@ -228,13 +210,11 @@ def test_where_a_replan_is_not_taken_up_the_next_goes_on_from_what_is_flown(benc
     bench.tracking.follow(refused, START + 5.0)
     for clock in (7.0, 8.0, 9.95, 10.0):
         report(bench, clock, clock)
-    bench.last, bench.now_ns = refused, (START + 10) * 10**9
+    bench.now_ns = (START + 10) * 10**9
     assert bench.tracking.flight(START + 10.0).playback.plan is plan
     bench.know(PoseStamped, 'ground_node/pose', 0, 0, START + 10.0)
     bench.know(PoseWithCovarianceStamped, 'eavesdropper/pose', 200.0, 0.0, START + 10.0)
-    bench.replanning.start_when_due(
-        lambda: refused, {**DEFAULTS, 'replan_lead': 5.0, 'replan_period': 1.0}, START + 10.0)
-    wait_for(lambda: bench.published or bench.refused, what='the replan')
+    bench.replan(refused, START + 10.0, replan_period=1.0)
     (found, effect), = bench.published
     assert effect == 15.0 and (found.powers[:, :5] == plan.powers[:, :5]).all()
 

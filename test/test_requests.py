@@ -64,11 +64,10 @@ def planner_with(solve, **parameters):
     script = ('from dataclasses import replace\n'
               'import time\n'
               'from secure_uav_planner import fly_hover_fly, Iteration\n'
-              'import secure_uav_planner.ros.worker as worker\n'
+              'import secure_uav_planner.ros.planner as planner\n'
               f'{solve}\n'
-              'worker.solve = solve\n'
-              'from secure_uav_planner.ros.planner import main\n'
-              'main()\n')
+              'planner.solve = solve\n'
+              'planner.main()\n')
     arguments = [word for name, value in parameters.items()
                  for word in ('-p', f'{name.replace("__", ".")}:={value}')]
     process = subprocess.Popen(
@@ -151,33 +150,6 @@ def test_the_code_of_an_outcome_is_that_of_its_error(client, change, code):
         wait_for(lambda: outcome() == code, what=code)
 
 
-def test_a_plan_of_sixty_thousand_points_does_not_delay_its_answer(client, tmp_path):
-    """What may take long is the worst-case rate: it follows in the status."""
-    quick = f"""
-import os
-from secure_uav_planner import Plan
-evaluated = Plan.evaluated
-def later(plan):
-    while not os.path.exists({str(tmp_path / 'go')!r}):
-        time.sleep(0.01)
-    return evaluated(plan)
-Plan.evaluated = later
-def solve(scenario, **options):
-    return replace(fly_hover_fly(scenario), status='converged')
-"""
-    with planner_with(quick, uavs='[uav1, uav2, uav3]', slots=20000, duration=400.0):
-        status = client.listen(DiagnosticStatus, 'planner/status')
-        client.send_paper()
-        answer = client.call('planner/plan')
-        assert answer.success
-        assert 'worst-case rate not evaluated yet' in answer.message
-        assert 'plan.worst_case_rate' not in values_of(status[-1])
-        (tmp_path / 'go').touch()
-        wait_for(lambda: 'plan.worst_case_rate' in values_of(status[-1]), patience=5 * PATIENCE,
-                 what='the worst-case rate')
-        assert 'not evaluated' not in status[-1].message
-
-
 def test_a_replan_that_comes_too_late_leaves_the_old_plan_and_gives_the_reason(client):
     slow = """
 def solve(scenario, initial=None, **options):
@@ -239,3 +211,70 @@ def solve(scenario, **options):
         wait_for(lambda: values_of(status[-1])['state'] == 'idle', what='an idle planner')
     assert future.result().success
     assert 'solving' in [values_of(one)['state'] for one in status]
+
+
+def test_a_cancel_between_the_solve_and_the_publication_is_kept(client, tmp_path):
+    slow = f"""
+import os
+from secure_uav_planner import Plan
+def evaluated(plan):
+    open({str(tmp_path / 'solved')!r}, 'w').close()
+    while not os.path.exists({str(tmp_path / 'go')!r}):
+        time.sleep(0.01)
+    return plan
+Plan.evaluated = evaluated
+def solve(scenario, **options):
+    return replace(fly_hover_fly(scenario), status='converged')
+"""
+    with planner_with(slow, pose_timeout=0.0):
+        paths = client.listen(Path, 'uav1/path')
+        client.send_paper()
+        answer = client.ask('planner/plan')
+        wait_for((tmp_path / 'solved').exists)
+        assert client.call('planner/cancel').success
+        (tmp_path / 'go').touch()
+        wait_for(answer.done)
+        assert not answer.result().success and answer.result().message == 'cancelled'
+        assert client.call('planner/plan').success
+        wait_for(lambda: paths)
+        assert len(paths) == 1
+
+
+def test_a_replan_that_changes_nothing_is_not_counted_and_not_published(client, tmp_path):
+    same = f"""
+def solve(scenario, initial=None, **options):
+    open({str(tmp_path / 'solves')!r}, 'a').write('solve ')
+    return replace(initial or fly_hover_fly(scenario), status='converged')
+"""
+    with planner_with(same, replan_period=0.3, replan_lead=5.0, duration=120.0, slots=120):
+        paths = client.listen(Path, 'uav1/path')
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        client.send_paper()
+        assert client.call('planner/plan').success
+        wait_for(lambda: (tmp_path / 'solves').read_text().count('solve') > 4, what='replans')
+        assert values_of(status[-1])['replans'] == '0' and len(paths) == 1
+
+
+def test_a_request_that_fails_leaves_the_last_plan_its_bound(client):
+    fails_later = """
+calls = []
+real = planner.solve
+def solve(scenario, **options):
+    calls.append(1)
+    if len(calls) == 2:
+        raise ValueError('no')
+    return real(scenario, **options)
+"""
+    with planner_with(fails_later, bound='after', pose_timeout=0.0, duration=104.0, slots=52):
+        status = client.listen(DiagnosticStatus, 'planner/status')
+        client.send_paper()
+        assert client.call('planner/plan').success
+        assert not client.call('planner/plan').success
+        wait_for(lambda: status and 'plan.bound' in values_of(status[-1]), what='the bound')
+
+
+def test_a_mission_that_cannot_be_flown_is_a_warning_when_the_node_starts():
+    with node_process('planner', duration=20.0) as process:
+        wait_for(lambda: any('ready' in line for line in process.lines))
+    warning, = [line for line in process.lines if '[WARN]' in line]
+    assert 'cannot be flown' in warning and 'uav1 needs at least' in warning

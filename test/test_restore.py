@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 import json
+import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Path
 import pytest
 from ros_client import node_here, values_of, wait_for
 from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.ros.messages import plan_time
+from sensor_msgs.msg import TimeReference
 
 PLAN = replace(fly_hover_fly(Scenario.paper(104, slots=8)), start_ns=10**18)
 
@@ -30,6 +33,25 @@ def test_a_plan_that_is_valid_is_restored_whatever_it_says_of_its_origin(client,
         wait_for(lambda: any('ready' in line for line in process.lines))
         assert not any('plan_file' in line for line in process.lines)
         assert max(map(len, process.lines)) < 1000 and len(status[-1].message) < 1000
+
+
+def test_a_request_just_after_a_restart_in_flight_waits_for_who_flies_the_plan(client, file):
+    scenario = Scenario.paper(400.0, slots=40)
+    plan = replace(fly_hover_fly(scenario), start_ns=time.time_ns() - 60 * 10**9)
+    plan.save(file)
+    with node_here('planner', plan_file=file, duration=400.0, slots=40, start_delay=10.0):
+        client.send_paper()
+        answer = client.ask('planner/plan')
+        reports = client.publisher(TimeReference, 'plan_time')
+
+        def reported():
+            now = client.node.get_clock().now()
+            time_of_plan = (now.nanoseconds - plan.start_ns) * 1e-9
+            reports.publish(plan_time(plan, time_of_plan, now.to_msg()))
+            return answer.done()
+        wait_for(reported)
+    assert answer.result().success
+    assert f'goes on from plan {plan.identity}, which is flying' in answer.result().message
 
 
 def digits(value):

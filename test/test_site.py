@@ -5,8 +5,8 @@ from pathlib import Path
 from posixpath import dirname, join, normpath
 import re
 import subprocess
-import sys
 
+from environments import build_wheel, make_environment, OUTSIDE
 import pytest
 import secure_uav_planner
 from secure_uav_planner import errors
@@ -35,12 +35,13 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
-    """Return the folder in which the site has been built."""
+    """Return the folder in which the site has been built, with only what `make docs` has."""
     folder = tmp_path_factory.mktemp('site')
+    python = make_environment('docs', build_wheel(folder), folder / 'venv')
     result = subprocess.run(
-        [sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html',
+        [python, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html',
          '-d', str(folder / 'doctrees'), str(ROOT / 'docs'), str(folder / 'html')],
-        capture_output=True, text=True, timeout=600)
+        capture_output=True, text=True, timeout=600, env=OUTSIDE)
     assert result.returncode == 0, result.stdout + result.stderr
     return folder / 'html'
 

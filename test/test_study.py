@@ -15,12 +15,12 @@ from matplotlib.image import imread
 from processes import environment
 import pytest
 from secure_uav_planner import Plan
-from secure_uav_planner.apps import study
-from secure_uav_planner.apps.campaign.run import JOURNAL
-from secure_uav_planner.apps.campaign.tasks import plan_file
-from secure_uav_planner.apps.study.claims import check_claims, write_claims
-from secure_uav_planner.apps.study.experiments import sources
-from secure_uav_planner.apps.study.figures import found_in_environments, write_figures
+from secure_uav_planner.apps.campaigns import JOURNAL
+from secure_uav_planner.apps.tasks import plan_file
+from studies import paper as study
+from studies.paper.claims import check_claims, write_claims
+from studies.paper.experiments import sources
+from studies.paper.figures import found_in_environments, write_figures
 
 pytestmark = pytest.mark.slow
 
@@ -177,7 +177,7 @@ def test_rows_say_what_the_plans_do(plans, folder):
 
 def test_a_point_that_fails_is_a_row_and_told_of(tmp_path, monkeypatch, capsys):
     short = study.points(quick=True)[0]
-    monkeypatch.setattr('secure_uav_planner.apps.study.__main__.points', lambda quick: [
+    monkeypatch.setattr('studies.paper.__main__.points', lambda quick: [
         replace(short, scenario=replace(short.scenario, reference_snr_db=70.0)),
         replace(short, scheme='unheard of')])
     assert study.main(['--out', str(tmp_path), '--jobs', '1']) == 1
@@ -193,7 +193,7 @@ def test_another_scenario_scheme_or_code_is_another_row(monkeypatch):
               replace(point, scenario=replace(point.scenario, reference_snr_db=81.0))]
     keys = {point.task['key'], *(other.task['key'] for other in others)}
     assert replace(point, experiment='elsewhere', x=3.0).task['key'] in keys and len(keys) == 3
-    monkeypatch.setattr('secure_uav_planner.apps.study.experiments.code_version',
+    monkeypatch.setattr('studies.paper.experiments.code_version',
                         lambda: 'other')
     assert replace(point).task['key'] not in keys
 
@@ -230,7 +230,7 @@ def group(process):
 @pytest.mark.skipif(not pathlib.Path('/proc').is_dir(), reason='needs /proc')
 def test_interrupted_it_keeps_what_is_finished_and_leaves_neither_process_nor_traceback(tmp_path):
     process = subprocess.Popen(
-        [sys.executable, '-m', 'secure_uav_planner.apps.study', '--out', str(tmp_path),
+        [sys.executable, '-m', 'studies.paper', '--out', str(tmp_path),
          '--jobs', '2'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
         # As in a terminal, wherever the tests run: what a script runs with & ignores it.

@@ -10,11 +10,11 @@ import pytest
 from secure_uav_planner import NoFlyZone, Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, OptionError
 from secure_uav_planner.model.channel import guaranteed_rates
-from secure_uav_planner.optimize.rejoin import first_point, rejoined
+from secure_uav_planner.optimize.rejoin import find_rejoin, first_point
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.plan.tracking import (
-    departing, deviation, expected, GAIN, predicted, Sighting, Track)
+    deviation, GAIN, MeasuredState, predict_return, predict_state, start_from_state, Track)
 from strategies import with_uavs
 
 LEAD, TOLERANCE = 2.0, 1.0
@@ -27,10 +27,10 @@ def plan(request):
     return replace(solve(scenario), start_ns=10**18)
 
 
-def sighting_at(playback, time, offset, gust=(0.0, 0.0), uav=0):
+def state_at(playback, time, offset, gust=(0.0, 0.0), uav=0):
     moment = playback.at(time)
-    return Sighting(time, tuple((moment.positions[uav] + offset).tolist()),
-                    tuple((moment.velocities[uav] + gust).tolist()))
+    return MeasuredState(time, tuple((moment.positions[uav] + offset).tolist()),
+                         tuple((moment.velocities[uav] + gust).tolist()))
 
 
 def limits_of(plan):
@@ -47,9 +47,9 @@ GUSTS = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 @given(time=TIMES, offset=OFFSETS, gust=GUSTS)
 def test_a_prediction_keeps_the_limits_of_the_vehicle(plan, time, offset, gust):
     most_speed, most_acceleration = limits_of(plan)
-    seen = sighting_at(Playback(plan), time, offset, gust)
+    seen = state_at(Playback(plan), time, offset, gust)
     times = np.linspace(time, time + 20.0, 401)
-    positions, velocities = predicted(Playback(plan), 0, seen, times)
+    positions, velocities = predict_return(Playback(plan), 0, seen, times)
     assert positions[0] == pytest.approx(seen.position)
     speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / 0.05
     # A gust may have made it faster; it then slows down.
@@ -69,14 +69,14 @@ def test_a_prediction_comes_back_to_a_plan_that_leaves_time_for_it(plan, time, o
         plan, scenario=replace(plan.scenario, uavs=tuple(
             replace(uav, start=uav.goal) for uav in plan.scenario.uavs)),
         positions=np.repeat(plan.positions[:, -1:], plan.positions.shape[1], axis=1)))
-    seen = sighting_at(still, time, offset, gust)
-    (before, after), _ = predicted(still, 0, seen, [time, time + 25.0])
+    seen = state_at(still, time, offset, gust)
+    (before, after), _ = predict_return(still, 0, seen, [time, time + 25.0])
     goal = plan.positions[0, -1]
     assert np.linalg.norm(after - goal) < 0.01
     assert np.linalg.norm(before - goal) == pytest.approx(np.hypot(*offset))
     # On the plan it stays on the plan.
     times = time + np.arange(5.0)
-    on_plan, _ = predicted(playback, 1, sighting_at(playback, time, (0, 0), uav=1), times)
+    on_plan, _ = predict_return(playback, 1, state_at(playback, time, (0, 0), uav=1), times)
     planned = playback.curve.at(times).positions[1]
     assert np.linalg.norm(on_plan - planned, axis=1).max() < 0.5 / GAIN
 
@@ -84,27 +84,31 @@ def test_a_prediction_comes_back_to_a_plan_that_leaves_time_for_it(plan, time, o
 def test_the_distance_counts_from_a_plan_that_rests_before_and_after_its_flight(plan):
     playback, uav = Playback(plan), plan.scenario.uavs[0]
     for time, place in ((-100.0, uav.start), (playback.duration + 100.0, uav.goal)):
-        seen = Sighting(time, (place[0] + 3.0, place[1] - 4.0))
+        seen = MeasuredState(time, (place[0] + 3.0, place[1] - 4.0))
         assert deviation(playback, 0, seen) == pytest.approx([3.0, -4.0])
 
 
-def test_before_a_new_plan_a_uav_goes_on_with_its_plan_or_else_straight_on(plan):
-    playback = Playback(plan)
-    seen = sighting_at(playback, 30.0, (0.2, -0.1))
-    position, velocity = expected(seen, 35.0, playback, 0, TOLERANCE)
+def test_before_a_new_plan_a_uav_goes_on_with_its_plan_or_else_brakes(plan):
+    playback, (_, limit) = Playback(plan), limits_of(plan)
+    seen = state_at(playback, 30.0, (0.2, -0.1))
+    position, velocity = predict_state(seen, 35.0, limit, playback, 0, TOLERANCE)
     assert position == tuple(playback.at(35.0).positions[0])
     assert velocity == tuple(playback.at(35.0).velocities[0])
-    far = sighting_at(playback, 30.0, (20.0, 0.0), (1.0, 0.0))
-    for known in (playback, None):
-        position, velocity = expected(far, 35.0, known, 0, TOLERANCE)
-        assert velocity == far.velocity
-        assert position == pytest.approx(np.array(far.position) + 5 * np.array(far.velocity))
-    assert expected(far._replace(velocity=None), 35.0) == (far.position, None)
+    far = MeasuredState(30.0, (500.0, 0.0), (3.0, -4.0))
+    for last in (playback, None):
+        position, velocity = predict_state(far, 35.0, limit, last, 0, TOLERANCE)
+        assert velocity == (0.0, 0.0)
+        # 5 m/s at 2 m/s^2 take 6.25 m.
+        assert position == pytest.approx((503.75, -5.0) if limit else (500.0, 0.0))
+    if limit:  # There is no time to brake.
+        position, velocity = predict_state(far, 31.0, limit)
+        assert (position, velocity) == (pytest.approx((503.0, -4.0)), (3.0, -4.0))
+    assert predict_state(far._replace(velocity=None), 35.0, limit) == (far.position, None)
 
 
 def test_the_curve_of_a_departing_uav_begins_with_its_state(plan):
     limit = plan.scenario.uavs[0].max_acceleration
-    uav = departing(plan.scenario.uavs[0], (80.0, 480.0), (3.0, -4.0), 2.0)
+    uav = start_from_state(plan.scenario.uavs[0], (80.0, 480.0), (3.0, -4.0), 2.0)
     scenario = replace(plan.scenario, uavs=(uav, plan.scenario.uavs[1]))
     playback = Playback(solve(scenario, initial=plan))
     if limit is None:
@@ -114,7 +118,7 @@ def test_the_curve_of_a_departing_uav_begins_with_its_state(plan):
         assert playback.begin == -1.0
         assert begin.positions[0] == pytest.approx([80.0, 480.0])
         assert begin.velocities[0] == pytest.approx([3.0, -4.0])
-        fast = departing(uav, (0.0, 0.0), (30.0, -40.0), 2.0)
+        fast = start_from_state(uav, (0.0, 0.0), (30.0, -40.0), 2.0)
         assert fast.start_velocity == pytest.approx((6.0, -8.0))
 
 
@@ -123,9 +127,9 @@ def test_setpoints_pass_over_to_a_plan_asked_for_in_flight_without_a_jump(plan):
     limit = plan.scenario.uavs[0].max_acceleration
     start = 41.3  # of the new plan, in s from point 0 of the old one
     effect = start - (step / 2 if limit else 0.0)
-    uavs = tuple(departing(uav, *expected(
-        sighting_at(playback, 36.0, (0.4, 0.4), uav=index), effect, playback, index, TOLERANCE),
-        step) for index, uav in enumerate(plan.scenario.uavs))
+    uavs = tuple(start_from_state(uav, *predict_state(
+        state_at(playback, 36.0, (0.4, 0.4), uav=index), effect, limit, playback, index,
+        TOLERANCE), step) for index, uav in enumerate(plan.scenario.uavs))
     scenario = replace(plan.scenario, uavs=uavs)
     player.load(plan)
     player.start()
@@ -146,10 +150,10 @@ def test_setpoints_pass_over_to_a_plan_asked_for_in_flight_without_a_jump(plan):
         assert bends.max() <= limit * 0.01 * (1 + 1e-6)
 
 
-def begun(plan, time, sightings, tolerance=TOLERANCE):
+def begun(plan, time, states, tolerance=TOLERANCE):
     first = first_point(plan.scenario, time + LEAD)
-    return rejoined(plan, first, sightings, tolerance, plan.scenario.ground_node,
-                    plan.scenario.eavesdroppers)
+    return find_rejoin(plan, first, states, tolerance, plan.scenario.ground_node,
+                       plan.scenario.eavesdroppers)
 
 
 @settings(max_examples=20)
@@ -157,7 +161,7 @@ def begun(plan, time, sightings, tolerance=TOLERANCE):
 def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
         plan, time, offset, gust):
     playback = Playback(plan)
-    seen = sighting_at(playback, time, offset, gust)
+    seen = state_at(playback, time, offset, gust)
     try:
         beginning = begun(plan, time, [seen, None])
     except InfeasibleMissionError as error:
@@ -174,7 +178,7 @@ def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
     assert new.curve.at(before).positions == pytest.approx(playback.curve.at(before).positions)
     limited = plan.scenario.uavs[0].max_acceleration is not None
     meeting = (beginning.point - 0.5 * limited) * plan.scenario.slot_duration
-    (position,), (velocity,) = predicted(playback, 0, seen, [meeting])
+    (position,), (velocity,) = predict_return(playback, 0, seen, [meeting])
     there, planned = new.at(meeting), playback.at(meeting)
     if np.linalg.norm(position - planned.positions[0]) <= TOLERANCE:
         assert there.positions[0] == pytest.approx(planned.positions[0])
@@ -187,9 +191,9 @@ def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
 
 def test_a_replan_that_meets_nobody_begins_on_the_plan(plan):
     playback = Playback(plan)
-    near = sighting_at(playback, 40.0, (0.3, -0.3))
-    for sightings in ([None, None], [near, None]):
-        beginning = begun(plan, 40.0, sightings)
+    near = state_at(playback, 40.0, (0.3, -0.3))
+    for states in ([None, None], [near, None]):
+        beginning = begun(plan, 40.0, states)
         assert beginning.point == beginning.first
         assert beginning.scenario == plan.tail(beginning.point).scenario
         assert (beginning.positions == plan.positions[:, :beginning.point + 1]).all()
@@ -200,13 +204,13 @@ def test_a_uav_that_cannot_reach_its_goal_any_more_is_named_with_its_distance(pl
     playback = Playback(plan)
     late = plan.times[-1] - 20.0
     with pytest.raises(InfeasibleMissionError, match=r'uav1 \(90\.0 m from it\) cannot be met'):
-        begun(plan, late, [sighting_at(playback, late, (90.0, 0.0)), None])
+        begun(plan, late, [state_at(playback, late, (90.0, 0.0)), None])
 
 
 @pytest.mark.parametrize('share', [0.6, 1.0], ids=['between', 'around'])
 def test_the_way_to_a_uav_keeps_out_of_zones(plan, share):
     """The zone is between the UAV and its plan, or around the place where they would meet."""
-    seen = sighting_at(Playback(plan), 30.0, (40.0, 20.0))
+    seen = state_at(Playback(plan), 30.0, (40.0, 20.0))
     free = begun(plan, 30.0, [seen, None])
     assert free.point > free.first
     x, y = (1 - share) * plan.positions[0, free.first] + share * free.positions[0, -1]
@@ -224,7 +228,7 @@ def test_nothing_is_sent_on_the_way_where_it_would_only_leak(plan):
     """Far from its plan the transmitter may be nearer to the eavesdropper than to its node."""
     playback = Playback(plan)
     loud = replace(plan, powers=np.repeat([[1.0], [0.0]], plan.scenario.slots, axis=1))
-    seen = sighting_at(playback, 70.0, (60.0, 0.0))
+    seen = state_at(playback, 70.0, (60.0, 0.0))
     beginning = begun(loud, 70.0, [seen, None])
     whole = beginning.continued(solve(
         beginning.scenario, initial=beginning.tail, time_limit=0.05))

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
+from benchmarks.missions import random_mission
 from hypothesis import given, settings
 import numpy as np
 import oracle
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
-from secure_uav_planner.apps.bench.missions import random_mission
 from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.grid import Grid

@@ -15,7 +15,7 @@ from .proof.detours import are_used
 from .proof.rounding import negative_power
 from .proof.stages import MOST_STAGES, Stages
 from .proof.subset import EavesdropperSubset
-from .proof.team import MOST_JAMMERS, Team
+from .proof.team import Team
 from .search import reference
 from .search.breakpoints import breakpoint_multipliers
 from .search.initial_multipliers import InitialMultipliers
@@ -29,22 +29,11 @@ from ..mission.validation import (
 from ..plan.bound import Bound, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
 
-PLACES = 4
-"""Places of eavesdroppers that are counted with at most where several jam."""
-
-FEW_PLACES, MANY_PLACES = 3, 8
+FEWEST_PLACES, MOST_PLACES = 3, 8
 """
-The same with fewer jammers: one for everybody who listens, but no fewer and no more than these.
+Places of eavesdroppers that are counted with: one for everybody who listens, within these.
 
 With one disc all are places in it, for the worst case: more bound the paper's missions no closer.
-"""
-
-FEW_STAGES = {(2, 1): (160, 300), (2, 2): (110, 280), (2, 3): (70, 130), (2, 4): (60, 110),
-              (3, 1): (90, 170), (3, 2): (40, 60), (3, 3): (40, 50), (3, 4): (30, 45)}
-"""
-Stages with several jammers, at first and in the end, by the numbers of jammers and eavesdroppers.
-
-Each takes longer with more of them.
 """
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
@@ -64,14 +53,11 @@ CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
 LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
 """What follows instead where potentials must stay linear."""
 
-FIRST, LAST = (*FINE, (0.01, 3), (0.003, 2)), ((0.003, 2), (0.001, 1))
-"""The same with several jammers, on their first and on their last stages."""
-
 SLOTS_A_STAGE, FEWEST = 4, 20
 """Slots in a coarse stage, and how many such stages there are at least."""
 
-ITERATIONS = (5, 12)
-"""Newton steps on the same columns, with at most one jammer and with more."""
+ITERATIONS = 5
+"""Newton steps on the same columns."""
 
 FIRST_CERTIFICATE = 0.7
 """Share of a time limit that is kept for the first certificate."""
@@ -91,10 +77,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
 
     It holds for everything that a Plan accepts, with its tolerances. It does not use separation,
     nor zones and a geofence of very many corners: they only lower what plans can reach.
-    The bound is close for at most two jammers, and for three against one or two eavesdroppers; it
-    is looser for three jammers and more eavesdroppers, and only valid for more jammers.
 
-    :param scenario: a Scenario.
+    :param scenario: a Scenario with at most one jammer.
     :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
         that of (P1), against the worst place of every disc.
     :param plan: a good Plan of the scenario, from which the search for multipliers starts; by
@@ -104,13 +88,14 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         second; returning True ends the search.
     :return: a Bound.
     :raises OptionError: for an unknown objective, a time limit that is not above 0, a plan of
-        another scenario, or a channel other than free space without fading, for which nothing is
-        proven.
+        another scenario, or a scenario for which nothing is proven: with several jammers, or
+        another channel than free space without fading.
     """
     started = time.monotonic()
     checked_kind('scenario', scenario, Scenario)
     checked_choice('objective', objective, OBJECTIVES)
-    _check_channel(scenario)
+    if refusal := explain_refusal(scenario):
+        raise OptionError(refusal)
     limit = checked_time_limit(time_limit)
     checked_callback('on_progress', on_progress)
     if plan is not None:
@@ -126,10 +111,15 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
                  time.monotonic() - started, run.outcome)
 
 
-def _check_channel(scenario: Scenario) -> None:
+def explain_refusal(scenario: Scenario) -> str:
+    """Return why nothing is proven for a scenario, in one line; nothing where a bound is."""
+    jammers = len(scenario.uavs) - 1
+    if jammers > 1:
+        return f'scenario has {jammers} jammers; the proof of upper_bound holds for at most one'
     if not scenario.channel.is_free_space:
-        raise OptionError(f'channel is {scenario.channel}; the proof of upper_bound holds for '
-                          'free space without fading only')
+        return (f'channel is {scenario.channel}; the proof of upper_bound holds for free space '
+                'without fading only')
+    return ''
 
 
 def plain_bound(scenario: Scenario) -> float:
@@ -192,7 +182,7 @@ class _Run:
         """Offer what a search's multipliers prove, in the time that is left."""
         before = time.monotonic()
         self.offer(certify(
-            search.team, breakpoint_multipliers(search, stop=self.stop), self.stop).rate)
+            search.team, breakpoint_multipliers(search), self.stop).rate)
         self._proving = time.monotonic() - before
 
     def offer(self, rate: float) -> None:
@@ -227,43 +217,33 @@ def _search(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) ->
     positions, powers = reference.start(scenario, run.time_left, objective, plan)
     if run.stop():
         return
-    jam = len(scenario.uavs) > 2
-    most = PLACES if jam else max(FEW_PLACES, min(len(scenario.eavesdroppers), MANY_PLACES))
+    most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
     everyone = EavesdropperSubset.of(scenario, objective)
     # A few hundred slots tell who counts.
     some = np.unique(np.linspace(1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
-    some_positions = positions[:, [0, *some, scenario.slots + 1]]
-    leaks = everyone.leaks(scenario, some_positions, powers[:, some - 1])
-    order = reference.by_use(scenario, everyone, some_positions, powers[:, some - 1])
-    chosen = everyone.loudest(leaks, most)
-    uavs = [0, *order[:MOST_JAMMERS]]
-    path, watts = positions[uavs], powers[uavs]
+    chosen = everyone.loudest(everyone.leaks(
+        scenario, positions[:, [0, *some, scenario.slots + 1]], powers[:, some - 1]), most)
 
     def level(slots: int) -> tuple[Team, InitialMultipliers]:
-        team = Team.of(scenario, chosen, order, slots)
-        return team, InitialMultipliers.of(team, path, watts)
+        team = Team.of(scenario, chosen, slots)
+        return team, InitialMultipliers.of(team, positions, powers)
 
-    slots = scenario.slots
-    first, last = (min(slots, most) for most in (
-        FEW_STAGES[len(uavs) - 1, len(chosen.places)] if jam else (MOST_STAGES, MOST_STAGES)))
-    coarse = max(-(-first // SLOTS_A_STAGE), min(first, FEWEST))
+    slots = min(scenario.slots, MOST_STAGES)
+    coarse = max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST))
     search = MultiplierSearch(*level(coarse), None, run.keeping(1.0))
     _follow(search, COARSE)
-    if run.limited:
-        run.prove(search)
     proven = run.limited
-    for count, schedule in [(first, FIRST), (last, LAST)] if jam else [(first, FINE)]:
-        team, initial = level(count)
-        finer = MultiplierSearch(team, initial, _finer(search, team.stages, initial.weight),
-                                 run.keeping(LONGER * count / coarse))
-        if finer.stop():
-            break
+    if proven:
+        run.prove(search)
+    team, initial = level(slots)
+    finer = MultiplierSearch(team, initial, _finer(search, team.stages, initial.weight),
+                             run.keeping(LONGER * slots / coarse))
+    if not finer.stop():
         search, proven = finer, False
-        _follow(search, schedule)
-    else:
-        if slots > MOST_STAGES and not jam:
+        _follow(search, FINE)
+        if scenario.slots > MOST_STAGES:
             _follow(search, LINEAR)
-        elif not jam:
+        else:
             search.curve()
             _follow(search, CURVED)
     if not proven and not run.stop():
@@ -276,7 +256,7 @@ def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
         for _ in range(times):
             if search.stop():
                 return
-            search.minimise(tau, ITERATIONS[search.team.jammers > 1])
+            search.minimise(tau, ITERATIONS)
 
 
 def _finer(search: MultiplierSearch, new: Stages, weights: Array) -> DualPoint:

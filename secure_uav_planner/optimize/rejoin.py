@@ -20,7 +20,7 @@ from ..mission.kinematics import shortened
 from ..mission.scenario import Array, Eavesdropper, Point, Scenario, Uav
 from ..plan.plan import Plan
 from ..plan.playback import Playback
-from ..plan.tracking import deviation, predicted, Sighting
+from ..plan.tracking import deviation, MeasuredState, predict_return
 
 _GROWTH = 1.25  # Of the numbers of slots that are tried for the way to the UAVs.
 
@@ -62,20 +62,21 @@ def first_point(scenario: Scenario, time: float) -> int:
     return max(0, math.ceil(time / scenario.slot_duration + _lead_in(scenario)))
 
 
-def rejoined(plan: Plan, first: int, sightings: Sequence[Sighting | None], tolerance: float,
-             ground_node: Point, eavesdroppers: tuple[Eavesdropper, ...]) -> Rejoin:
+def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
+                tolerance: float, ground_node: Point, eavesdroppers: tuple[Eavesdropper, ...]
+                ) -> Rejoin:
     """
     Return the beginning of a replan from where the UAVs will be.
 
     :param first: the last point of the plan's path that must stay, from 0 to slots - 1.
-    :param sightings: where each UAV is; None for one that counts as on its plan.
+    :param states: where each UAV is; None for one that counts as on its plan.
     :param tolerance: the distance in m from the plan within which a UAV counts as on it.
     :param ground_node: as it is now, as the eavesdroppers are.
     :raises InfeasibleMissionError: when a UAV cannot be met, or not reach its goal from there.
     """
     tail = plan.tail(first)
     now = replace(tail.scenario, ground_node=ground_node, eavesdroppers=eavesdroppers)
-    ways = _ways(plan, first, tail.scenario, sightings, tolerance)
+    ways = _ways(plan, first, tail.scenario, states, tolerance)
     if not ways:
         return Rejoin(plan, first, first, plan.positions[:, :first + 1], plan.powers[:, :first],
                       tail, now)
@@ -133,17 +134,17 @@ def _check_way(beginning: Rejoin, now: Scenario) -> None:
 class _Way:
     """The way of one UAV's path from a point of the plan to the UAV."""
 
-    def __init__(self, playback: Playback, uav: int, first: int, begin: Uav, sighting: Sighting,
-                 tolerance: float) -> None:
+    def __init__(self, playback: Playback, uav: int, first: int, begin: Uav,
+                 state: MeasuredState, tolerance: float) -> None:
         self._path, self._first, self._begin = playback.plan.positions[uav], first, begin
         self._step = playback.plan.scenario.slot_duration
         self._tolerance = tolerance
         self._points = _candidates(first, playback.plan.scenario.slots)
         self._smooth = begin.max_acceleration is not None
         times = (np.array(self._points) - (0.5 if self._smooth else 0.0)) * self._step
-        self._states = predicted(playback, uav, sighting, times)
+        self._states = predict_return(playback, uav, state, times)
         self._planned = playback.curve.at(times).positions[uav]
-        self.distance = math.hypot(*deviation(playback, uav, sighting))
+        self.distance = math.hypot(*deviation(playback, uav, state))
 
     def stays(self, index: int) -> bool:
         """Return whether the UAV is back on its plan at one of the candidates."""
@@ -176,14 +177,14 @@ class _Way:
         return np.concatenate([self._path[:self._first], begin + points, end[1:]])
 
 
-def _ways(plan: Plan, first: int, now: Scenario, sightings: Sequence[Sighting | None],
+def _ways(plan: Plan, first: int, now: Scenario, states: Sequence[MeasuredState | None],
           tolerance: float) -> dict[int, _Way]:
     """Return the ways of the UAVs that are not back on their plan at the first point."""
-    if first == 0 or all(sighting is None for sighting in sightings):
+    if first == 0 or all(state is None for state in states):
         return {}  # Nobody flies yet, or nobody is seen.
     playback = Playback(plan)
-    ways = {uav: _Way(playback, uav, first, now.uavs[uav], sighting, tolerance)
-            for uav, sighting in enumerate(sightings) if sighting is not None}
+    ways = {uav: _Way(playback, uav, first, now.uavs[uav], state, tolerance)
+            for uav, state in enumerate(states) if state is not None}
     return {uav: way for uav, way in ways.items() if not way.stays(0)}
 
 

@@ -51,7 +51,7 @@ class Flight(NamedTuple):
         return self.state in ('flying', 'held')
 
 
-class Sighting(NamedTuple):
+class MeasuredState(NamedTuple):
     """The measured state of a UAV."""
 
     time: float  # Of the measurement, in s from point 0 of the plan.
@@ -59,13 +59,13 @@ class Sighting(NamedTuple):
     velocity: Point | None = None  # (x, y) in m/s
 
 
-def deviation(playback: Playback, uav: int, sighting: Sighting) -> Array:
+def deviation(playback: Playback, uav: int, state: MeasuredState) -> Array:
     """Return the offset of a UAV from its plan when it was measured, (2,) in m."""
-    return np.array(sighting.position) - playback.curve.at([sighting.time]).positions[uav, 0]
+    return np.array(state.position) - playback.curve.at([state.time]).positions[uav, 0]
 
 
-def predicted(playback: Playback, uav: int, sighting: Sighting, times: ArrayLike
-              ) -> tuple[Array, Array]:
+def predict_return(playback: Playback, uav: int, state: MeasuredState, times: ArrayLike
+                   ) -> tuple[Array, Array]:
     """
     Return where a UAV will be that flies back to its plan by the law above, and how fast.
 
@@ -73,16 +73,16 @@ def predicted(playback: Playback, uav: int, sighting: Sighting, times: ArrayLike
     :return: positions (K, 2) in m, velocities (K, 2) in m/s.
     """
     times = np.asarray(times, float)
-    horizon = max(0.0, float(times[-1]) - sighting.time)
+    horizon = max(0.0, float(times[-1]) - state.time)
     # Always the same steps, so that a prediction does not depend on how far it goes.
     step = max(_STEP, horizon / _MOST_STEPS)
     count = max(1, math.ceil(horizon / step))
-    grid = sighting.time + step * np.arange(count + 1)
+    grid = state.time + step * np.arange(count + 1)
     motion = playback.curve.at(grid)
     places, speeds = motion.positions[uav].tolist(), motion.velocities[uav].tolist()
     member = playback.plan.scenario.uavs[uav]
     # NumPy would take longer for two coordinates than Python does.
-    (x, y), (u, v) = sighting.position, sighting.velocity or speeds[0]
+    (x, y), (u, v) = state.position, state.velocity or speeds[0]
     found = [(x, y, u, v)]
     for place, speed in zip(places[1:], speeds[1:], strict=True):
         before = (u, v)
@@ -101,25 +101,30 @@ def predicted(playback: Playback, uav: int, sighting: Sighting, times: ArrayLike
     return picked[:, :2], picked[:, 2:]
 
 
-def expected(sighting: Sighting, time: float, playback: Playback | None = None, uav: int = 0,
-             tolerance: float = 0.0) -> tuple[Point, Point | None]:
+def predict_state(state: MeasuredState, time: float, max_acceleration: float | None,
+                  playback: Playback | None = None, uav: int = 0, tolerance: float = 0.0
+                  ) -> tuple[Point, Point | None]:
     """
     Return where a UAV will be when a new plan begins, in m, and its velocity in m/s, if known.
 
     A UAV within a tolerance in m of its last plan will be where that plan says, so that its
-    setpoints go on without a jump. Any other one goes on with its present velocity.
+    setpoints go on without a jump. Any other one brakes and stands, if the time suffices for it;
+    else it goes on with its present velocity.
     """
-    if playback is not None and math.hypot(*deviation(playback, uav, sighting)) <= tolerance:
+    if playback is not None and math.hypot(*deviation(playback, uav, state)) <= tolerance:
         motion = playback.curve.at([time])
         return _point(motion.positions[uav, 0]), _point(motion.velocities[uav, 0])
-    if sighting.velocity is None:
-        return sighting.position, None
-    ahead = max(0.0, time - sighting.time)
-    return (sighting.position[0] + ahead * sighting.velocity[0],
-            sighting.position[1] + ahead * sighting.velocity[1]), sighting.velocity
+    if state.velocity is None:
+        return state.position, None
+    (x, y), (u, v) = state.position, state.velocity
+    ahead, braking = max(0.0, time - state.time), math.hypot(u, v) / (max_acceleration or math.inf)
+    if ahead >= braking:
+        return (x + braking / 2 * u, y + braking / 2 * v), (0.0, 0.0)
+    return (x + ahead * u, y + ahead * v), (u, v)
 
 
-def departing(uav: Uav, position: Point, velocity: Point | None, slot_duration: float) -> Uav:
+def start_from_state(uav: Uav, position: Point, velocity: Point | None, slot_duration: float
+                     ) -> Uav:
     """
     Return a UAV that starts at a position in m with a velocity in m/s, if that is known.
 

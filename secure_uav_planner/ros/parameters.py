@@ -206,8 +206,6 @@ REPLAY = {
     'plan_file': Spec('', 'Saved plan to replay; empty to replay the plan of the topics.',
                       read_only=True),
     'frame_id': Spec('map', 'Frame of the setpoints of a saved plan.', length=(0, LONGEST_FRAME)),
-    'picture_file': Spec('', 'PNG file in which every new plan is drawn; empty for none.',
-                         read_only=True),
     'rate': Spec(20.0, 'Setpoints per second.', (0.1, 1000.0), read_only=True),
     'speed': Spec(1.0, 'Playback speed; 1 is real time.', (0.001, 10000.0)),
     'loop': Spec(False, 'Start again at the end, as after ~/reset and ~/start.'),

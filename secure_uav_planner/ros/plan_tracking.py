@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Mapping
 import math
-import threading
 from typing import Any
 
 import numpy as np
@@ -15,14 +14,14 @@ from ..errors import LateError
 from ..mission.scenario import Array
 from ..plan.plan import Plan
 from ..plan.playback import Playback
-from ..plan.tracking import deviation, Flight, Sighting, Track
+from ..plan.tracking import deviation, Flight, MeasuredState, Track
 
 _MOST_PLANS = 8  # Of which a follower may report.
 _MEMORY = 2.0  # Reports of so many s are kept, for odometry that comes later.
 _SILENCE = 1.0  # s without a report, after which the time of the plan stands still.
 _SAME_TIME = 0.01  # s
 _STEADY = 0.03  # Change of the rate of a plan's time, in half a second, that is none.
-_UNTAKEN = 2.0  # s after a plan has come, or begins, when a follower flies another one.
+ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
 
 
 class _Reports:
@@ -57,13 +56,15 @@ class _Reports:
         """Return whether the plan's time stands, or was as fast in both halves of a second."""
         since, plan = self._since_last() * 1e-9
         rates = np.diff(plan) / np.diff(since)
-        if len(rates) and rates[-1] == 0:
+        if len(rates) == 0 or rates[-1] == 0:
             return True
         # Medians, for a stamp that is taken late on a busy machine tells nothing of the pace.
         halves = [rates[(since[:-1] >= begin) & (since[:-1] < begin + 0.5)]
                   for begin in (-1.0, -0.5)]
-        return not all(map(len, halves)) or bool(
-            abs(np.median(halves[0]) - np.median(halves[1])) < _STEADY)
+        if not all(map(len, halves)):
+            return True
+        before, after = map(np.median, halves)
+        return bool(after > 0 and abs(after - before) < _STEADY)
 
     def at(self, clock_ns: int, start_ns: int) -> tuple[float, float]:
         """Return the time of the plan in s from its point 0, and its rate, at a time in ns."""
@@ -91,94 +92,99 @@ class PlanTracking:
         self._plans: dict[str, Playback] = {}
         self._reports: _Reports | None = None
         self._followed = 0  # The time of the newest plan in ns.
-        self._stranger: tuple[str, float] | None = None
+        self._unknown: tuple[str, float] | None = None
+        self._stamped = (-math.inf, 0.0)  # When the last report came in s, and how old it was.
         self._track = Track()
-        self._lock = threading.Lock()
 
     def follow(self, plan: Plan, now: float) -> None:
         """Take up a plan that is published now; it replaces what has not begun."""
-        with self._lock:
-            reported = self._reports.identity if self._reports else None
-            begun = [identity for identity, playback in self._plans.items() if now > (
-                playback.plan.start_ns * 1e-9 + playback.begin) and identity != reported]
-            kept = {reported, *begun[1 - _MOST_PLANS:]} - {plan.identity}
-            self._plans = {identity: playback for identity, playback in self._plans.items()
-                           if identity in kept}
-            self._plans[plan.identity] = Playback(plan)
-            self._followed = round(now * 1e9)
+        reported = self._reports.identity if self._reports else None
+        begun = [identity for identity, playback in self._plans.items() if now > (
+            playback.plan.start_ns * 1e-9 + playback.begin) and identity != reported]
+        kept = {reported, *begun[1 - _MOST_PLANS:]} - {plan.identity}
+        self._plans = {identity: playback for identity, playback in self._plans.items()
+                       if identity in kept}
+        self._plans[plan.identity] = Playback(plan)
+        self._followed = round(now * 1e9)
 
-    def hear(self, message: TimeReference) -> None:
-        """Take up what a follower says of the time of its plan."""
+    def take_report(self, message: TimeReference, now: float) -> None:
+        """Take up what a follower says of the time of its plan, which came at a time in s."""
         clock, plan = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
-        with self._lock:
-            if message.source not in self._plans:
-                self._stranger = message.source, clock * 1e-9
-                return
-            if self._reports is None or self._reports.identity != message.source:
-                # A follower that goes over from one plan to the next does not stop.
-                rate = 0.0 if self._reports is None else self._reports.at(clock, 0)[1]
-                self._reports = _Reports(message.source, rate)
-            self._reports.add(clock, plan)
+        self._stamped = now, now - clock * 1e-9
+        if message.source not in self._plans:
+            self._unknown = message.source, clock * 1e-9
+            return
+        if self._reports is None or self._reports.identity != message.source:
+            # A follower that goes over from one plan to the next does not stop.
+            rate = 0.0 if self._reports is None else self._reports.at(clock, 0)[1]
+            self._reports = _Reports(message.source, rate)
+        self._reports.add(clock, plan)
 
     def flight(self, now: float) -> Flight | None:
         """Return what is flown at a time, or None before any plan."""
-        with self._lock:
-            if not self._plans:
-                return None
-            newest, now_ns = next(reversed(self._plans.values())), round(now * 1e9)
-            reports = self._reports
-            reported = reports and self._plans.get(reports.identity)
-            # A new plan of the same flight is flown at the same time, as soon as it is known.
-            same = reported and newest.plan.start_ns == reported.plan.start_ns
-            if not reported or not (same or reports.is_heard(now_ns)):
-                return self._by_stamps(now)
-            untaken = newest is not reported and (
-                reports.last_ns - self._followed > _UNTAKEN * 1e9)
-            return Flight(newest if same and not untaken else reported,
-                          *reports.at(now_ns, reported.plan.start_ns), reports.is_heard(now_ns))
+        if not self._plans:
+            return None
+        newest, now_ns = next(reversed(self._plans.values())), round(now * 1e9)
+        reports = self._reports
+        reported = reports and self._plans.get(reports.identity)
+        # A new plan of the same flight is flown at the same time, as soon as it is known.
+        same = reported and newest.plan.start_ns == reported.plan.start_ns
+        if not reported or not (same or reports.is_heard(now_ns)):
+            return self._flight_by_stamps(now)
+        untaken = newest is not reported and (
+            reports.last_ns - self._followed > ADOPTION_GRACE * 1e9)
+        return Flight(newest if same and not untaken else reported,
+                      *reports.at(now_ns, reported.plan.start_ns), reports.is_heard(now_ns))
 
-    def _by_stamps(self, now: float) -> Flight:
+    def _flight_by_stamps(self, now: float) -> Flight:
         """Return the flight of the last plan that has begun, or else of the newest."""
         flights = [Flight(playback, now - playback.plan.start_ns * 1e-9, 1.0, False)
                    for playback in reversed(self._plans.values())]
         return next((flight for flight in flights if flight.state != 'waiting'), flights[0])
 
+    def _plan_time(self, flight: Flight, now: float, then: float) -> float:
+        """Return the time that the plan of the flight of now had at another time, both in s."""
+        start_ns = flight.playback.plan.start_ns
+        reported = self._reports and self._plans.get(self._reports.identity)
+        if not reported or reported.plan.start_ns != start_ns or (
+                flight.time == now - start_ns * 1e-9 and not flight.is_reported):
+            return then - start_ns * 1e-9
+        return self._reports.at(round(then * 1e9), start_ns)[0]
+
     def check_steady(self, now: float) -> None:
         """Raise a LateError while a follower slows down or speeds up."""
-        with self._lock:
-            if self._reports and self._reports.is_heard(round(now * 1e9)) and (
-                    not self._reports.is_steady()):
-                raise LateError('the flight is slowing down or speeding up at the moment; '
-                                'ask again when it goes on evenly, or stands')
+        if self._reports and self._reports.is_heard(round(now * 1e9)) and (
+                not self._reports.is_steady()):
+            raise LateError('the flight is slowing down or speeding up at the moment; '
+                            'ask again when it goes on evenly, or stands')
 
     @property
     def has_reports(self) -> bool:
         """Return whether a follower has said anything of a plan that is known."""
         return self._reports is not None
 
-    def stranger(self, now: float) -> str | None:
+    def unknown_plan(self, now: float) -> str | None:
         """Return the identity of a plan that a follower flies and nobody here knows, or None."""
-        identity, heard = self._stranger or (None, -math.inf)
+        identity, heard = self._unknown or (None, -math.inf)
         return identity if 0 <= now - heard <= _SILENCE else None
 
-    def sightings(self, flight: Flight | None, settings: Mapping[str, Any], now: float
-                  ) -> list[Sighting | None]:
+    def states(self, flight: Flight | None, settings: Mapping[str, Any], now: float
+               ) -> list[MeasuredState | None]:
         """Return where to plan from for every UAV, None where it is not known or not used."""
-        return [self._sighting(name, flight, settings, now) if settings[f'{name}.use_pose']
+        return [self._state(name, flight, settings, now) if settings[f'{name}.use_pose']
                 else None for name in settings['uavs']]
 
-    def _sighting(self, name: str, flight: Flight | None, settings: Mapping[str, Any], now: float
-                  ) -> Sighting | None:
+    def _state(self, name: str, flight: Flight | None, settings: Mapping[str, Any], now: float
+               ) -> MeasuredState | None:
         """Return the last usable state of a UAV in the time of a flight, or else of the clock."""
         known = self._poses.of_uav(name, settings, now)
         if known is None:
             return None
-        measured = flight and self.flight(known.time)
-        time = measured.time if measured else known.time
+        time = self._plan_time(flight, now, known.time) if flight else known.time
         if flight is None or known.velocity is None:
-            return Sighting(time, known.position, known.velocity)
+            return MeasuredState(time, known.position, known.velocity)
         u, v = known.velocity
-        return Sighting(time, known.position, (
+        return MeasuredState(time, known.position, (
             u / flight.rate, v / flight.rate) if flight.rate else None)
 
     def _offsets(self, flight: Flight | None, settings: Mapping[str, Any], now: float
@@ -186,11 +192,11 @@ class PlanTracking:
         """Return the offset of each UAV from its plan in m, by name, where it is known."""
         if flight is None:
             return {}
-        sightings = {name: self._sighting(name, flight, settings, now)
-                     for name in settings['uavs']}
-        return {name: deviation(flight.playback, index, sighting)
-                for index, (name, sighting) in enumerate(sightings.items())
-                if sighting is not None}
+        states = {name: self._state(name, flight, settings, now)
+                  for name in settings['uavs']}
+        return {name: deviation(flight.playback, index, state)
+                for index, (name, state) in enumerate(states.items())
+                if state is not None}
 
     def distances(self, settings: Mapping[str, Any], now: float) -> dict[str, float]:
         """Return the distance of each UAV from its plan in m, by name, where it is known."""
@@ -204,27 +210,31 @@ class PlanTracking:
         if flight is None or len(offsets) < len(settings['uavs']):
             return
         positions = flight.playback.at(flight.time).positions + np.array(list(offsets.values()))
-        with self._lock:
-            self._track.add(flight.playback, flight.time, positions)
+        self._track.add(flight.playback, flight.time, positions)
 
     def report(self, settings: Mapping[str, Any], now: float) -> tuple[list[str], dict[str, Any]]:
         """Return what is wrong with the flight in words, and the values of the status by key."""
         flight, most = self.flight(now), settings['track_tolerance']
-        stranger = self.stranger(now)
-        problems = [] if stranger is None else [
-            f'the follower flies plan {stranger}, which this planner does not know: it takes up '
+        unknown = self.unknown_plan(now)
+        problems = [] if unknown is None else [
+            f'the follower flies plan {unknown}, which this planner does not know: it takes up '
             'no other before its ~/pause and ~/reset']
+        received, age = self._stamped
+        if now - received <= _SILENCE < abs(age):
+            problems.append(
+                f'the reports on plan_time are stamped {abs(age):.1f} s in the '
+                f'{"past" if age > 0 else "future"} and do not count: the clocks of the hosts '
+                'differ; synchronise them (NTP or PTP)')
         if flight is None:
             return problems, {}
         distances = self.distances(settings, now)
-        problems += [f'{name} is {distance:.1f} m from its plan and track_tolerance is {most:g} m'
-                     for name, distance in distances.items()
+        problems += [f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
+                     f'{most:g} m' for name, distance in distances.items()
                      if flight.state != 'waiting' and distance > most]
-        with self._lock:
-            newest = next(reversed(self._plans.values()))
-            rates = self._track.rates or ('none', 'none')
+        newest = next(reversed(self._plans.values()))
+        rates = self._track.rates or ('none', 'none')
         late = now - newest.plan.start_ns * 1e-9 - newest.begin
-        if newest is not flight.playback and late > _UNTAKEN:
+        if newest is not flight.playback and late > ADOPTION_GRACE:
             problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
                             f'taken it up and flies {flight.playback.plan.identity}')
         return problems, {

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
-import threading
 from typing import Any, TypeAlias
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -71,7 +70,6 @@ class PoseBook:
         self._poses: dict[str, KnownPose] = {}
         self._foreign: dict[str, str] = {}
         self._recent: dict[str, list[tuple[float, Point]]] = {}
-        self._lock = threading.Lock()
 
     def take(self, topic: str, message: Message, frame_id: str, now: float,
              origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
@@ -87,8 +85,7 @@ class PoseBook:
             try:
                 message = self._moved(message, frame_id)
             except WrongFrameError:
-                with self._lock:
-                    self._foreign[topic] = shown(header.frame_id)
+                self._foreign[topic] = shown(header.frame_id)
                 raise
         pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
         _check_range(pose.position, 'position', RANGES['coordinate'][1], 'm')
@@ -106,16 +103,15 @@ class PoseBook:
         x, y, height = (getattr(pose.position, axis) + shift
                         for axis, shift in zip('xyz', origin, strict=True))
         new = KnownPose(frame_id, (x, y), height, covariance, stamp, now, velocity)
-        with self._lock:
-            self._foreign.pop(topic, None)
-            last = self._poses.get(topic)
-            if last is not None and last.frame_id != frame_id:
-                self._recent.pop(topic, None)  # Places in another frame.
-            elif last is not None and new.is_late_after(last):
-                return
-            if isinstance(message, PoseStamped):
-                new = replace(new, velocity=self._difference(topic, stamp, new.position))
-            self._poses[topic] = new
+        self._foreign.pop(topic, None)
+        last = self._poses.get(topic)
+        if last is not None and last.frame_id != frame_id:
+            self._recent.pop(topic, None)  # Places in another frame.
+        elif last is not None and new.is_late_after(last):
+            return
+        if isinstance(message, PoseStamped):
+            new = replace(new, velocity=self._difference(topic, stamp, new.position))
+        self._poses[topic] = new
 
     def _difference(self, topic: str, stamp: float, place: Point) -> Point | None:
         """Note a position; return the mean velocity of the last second in m/s, if it is known."""
@@ -130,8 +126,7 @@ class PoseBook:
 
     def get(self, topic: str) -> KnownPose | None:
         """Return the last valid pose of the topic, or None."""
-        with self._lock:
-            return self._poses.get(topic)
+        return self._poses.get(topic)
 
     def of_uav(self, name: str, settings: Mapping[str, Any], now: float) -> KnownPose | None:
         """Return the last usable odometry of a UAV, or else its last usable pose, or None."""
@@ -165,8 +160,7 @@ class PoseBook:
         """Return why the pose of a topic cannot be used for planning, or None if it can."""
         # Poses of UAVs may be missing, and at any height.
         frame_id, timeout = settings['frame_id'], settings['pose_timeout']
-        with self._lock:
-            known, foreign = self._poses.get(topic), self._foreign.get(topic)
+        known, foreign = self._poses.get(topic), self._foreign.get(topic)
         if known is not None and known.frame_id != frame_id:
             known, foreign = None, shown(known.frame_id)
         if known is None and foreign is not None:

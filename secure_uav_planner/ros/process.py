@@ -22,15 +22,12 @@ _LAST_ANSWERS = 0.3
 _AFTER_FAILURE = 0.01
 
 
-def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause: float = 0.0
-             ) -> None:
+def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     """
     Run a node until SIGINT or SIGTERM, then exit the process with status 0, or 1 after an error.
 
     :param make_node: returns the node. Its method close() stops all work and returns whether none
         is left. The text of a PlanningError is shown to the user.
-    :param pause: a pause after every callback, in s. It leaves time for other threads, which share
-        the interpreter, and for services when very many messages arrive.
     """
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -48,7 +45,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause
     # rclpy's own signal handlers race with the executor's wait set; an event does not.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    finished, failure = _spin(node, stop, pause)
+    finished, failure = _spin(node, stop)
     if failure is not None:
         node.get_logger().fatal(with_type(failure))
     node.destroy_node()
@@ -61,8 +58,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None, pause
     sys.exit(0 if failure is None else 1)
 
 
-def _spin(node: Node, stop: threading.Event, pause: float
-          ) -> tuple[bool, BaseException | None]:
+def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None]:
     executor = MultiThreadedExecutor(num_threads=_THREADS)
     executor.add_node(node)
 
@@ -81,7 +77,6 @@ def _spin(node: Node, stop: threading.Event, pause: float
     while failure is None and not stop.is_set():
         error = turn(0.2)
         failure = None if rclpy.ok() else error
-        time.sleep(pause)
     finished = node.close()
     # Send the answers that clients are still waiting for.
     until = time.monotonic() + _LAST_ANSWERS

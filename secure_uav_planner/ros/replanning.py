@@ -1,94 +1,99 @@
 """Replanning of the rest of a mission during the flight."""
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Mapping, Sequence
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
-from .mission_parameters import objective_from
 from .plan_tracking import PlanTracking
 from .poses import PoseBook
-from .scenarios import has_moved, updated
-from .worker import Worker
-from ..errors import (
-    BusyError, InfeasibleMissionError, LateError, PlanningError, StoppedError, SupersededError)
+from .scenarios import has_moved, update_receivers
+from ..errors import InfeasibleMissionError, LateError, PlanningError, SupersededError
 from ..mission.scenario import Scenario
-from ..optimize.rejoin import first_point, Rejoin, rejoined
+from ..optimize.rejoin import find_rejoin, first_point, Rejoin
 from ..plan.plan import Plan
-from ..plan.tracking import Flight, Sighting
+from ..plan.tracking import Flight, MeasuredState
 
 _RESERVE = 0.5  # For what follows a solve, in s; at most half of the time there is.
 _DELIVERY = 0.2  # s that a plan needs to the one who flies it, before it takes effect.
 _REASONS = ('period', 'distance', 'deviation')
 
 
+class Rest(NamedTuple):
+    """
+    The rest of a mission that is to be solved anew.
+
+    :param plan: the plan that is flown.
+    :param first: the first point of its path that may change.
+    :param known: its scenario with the receivers as they are known now.
+    :param must_meet: whether the new plan must begin where the UAVs will be, even if no flight
+        from there keeps the limits; otherwise it then begins on the plan that is flown.
+    """
+
+    plan: Plan
+    first: int
+    states: Sequence[MeasuredState | None]
+    known: Scenario
+    must_meet: bool
+    tolerance: float
+    time_limit: float
+
+    def rejoin(self) -> Rejoin:
+        """
+        Return the beginning of the replan.
+
+        :raises InfeasibleMissionError: if it cannot be flown.
+        """
+        receivers = self.tolerance, self.known.ground_node, self.known.eavesdroppers
+        try:
+            return find_rejoin(self.plan, self.first, self.states, *receivers)
+        except InfeasibleMissionError:
+            if self.must_meet:
+                raise
+            return find_rejoin(self.plan, self.first, [None] * len(self.states), *receivers)
+
+
 class Replanning:
-    """
-    Starts a solve of the rest of the mission when one is due, and continues the plan with it.
+    """Says when the rest of the mission is due for a new solve, and what there is to solve."""
 
-    :param publish: called in the solver's thread with the new plan of the whole mission, the
-        Rejoin with which it begins, and the last plan when it was begun.
-    :param refuse: called with the error if there is no new plan, or publish raised it; with a
-        SupersededError if another plan came first, which has been reported already.
-    """
-
-    def __init__(self, worker: Worker, poses: PoseBook, tracking: PlanTracking,
-                 publish: Callable[[Plan, Rejoin, Plan], None],
-                 refuse: Callable[[Exception], None]) -> None:
-        self._worker, self._poses, self._tracking = worker, poses, tracking
-        self._publish, self._refuse = publish, refuse
+    def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
+        self._poses, self._tracking = poses, tracking
         self._last_planned = -math.inf
         self._failed = False  # The last replan that was due.
+        self._was_due = False
 
     def planned(self, now: float) -> None:
         """Note the time in s of a new plan, from which the next period is counted."""
         self._last_planned, self._failed = now, False
 
-    def start_when_due(self, last_plan: Callable[[], Plan | None], settings: Mapping[str, Any],
-                       now: float) -> None:
-        """Start a solve of the rest of a plan, if one is due and no other solve is under way."""
-        if self._worker.busy or not any(settings[f'replan_{reason}'] for reason in _REASONS):
-            return
-        last = last_plan()  # Only now: a solve that was under way may have published another.
+    def failed(self) -> None:
+        """Note that no plan came of the last replan."""
+        self._failed = self._was_due
+
+    def rest_if_due(self, last: Plan, settings: Mapping[str, Any], now: float) -> Rest | None:
+        """Return the rest of the mission if a solve of it is due now, or None."""
+        if not any(settings[f'replan_{reason}'] for reason in _REASONS):
+            return None
         flight = self._tracking.flight(now)
-        if last is None or flight is None or not flight.rate:
-            return  # There is no plan, or its time stands.
+        if flight is None or not flight.rate:
+            return None  # The time of the plan stands.
         plan = flight.playback.plan
         if plan.start_ns != last.start_ns:
-            return  # The last plan is not flown yet.
+            return None  # The last plan is not flown yet.
         lead = settings['replan_lead']
         first = first_point(plan.scenario, flight.time + lead * flight.rate)
         if first >= plan.scenario.slots:
-            return  # The mission ends before a new plan could take effect.
+            return None  # The mission ends before a new plan could take effect.
         try:
-            known = updated(plan.scenario, settings, self._poses, now)
+            known = update_receivers(plan.scenario, settings, self._poses, now)
         except PlanningError:
-            return  # Poses are missing or too old; the diagnostics report it.
+            return None  # Poses are missing or too old; the diagnostics report it.
         is_due = self._is_due(plan, known, settings, now)
         if not is_due and not (flight.state == 'flying' and self._is_off(settings, now)):
-            return
-        sightings = self._tracking.sightings(flight, settings, now)
-
-        def replan(solve: Callable[..., Plan]) -> tuple[Plan, Rejoin]:
-            rejoin = _rejoined(plan, first, sightings, settings, known, must_meet=not is_due)
-            found = solve(rejoin.scenario, method=settings['method'],
-                          objective=objective_from(settings), initial=rejoin.tail,
-                          time_limit=lead - min(_RESERVE, lead / 2))
-            return rejoin.continued(found), rejoin
-
-        def finish(future: 'Future[tuple[Plan, Rejoin]]') -> None:
-            try:
-                self._publish(*future.result(), last)
-            except Exception as error:
-                if not isinstance(error, SupersededError):
-                    self._failed = is_due
-                self._refuse(error)
-
-        try:
-            self._worker.start(replan, finish)
-        except (BusyError, StoppedError):
-            return  # A request was faster.
-        self._last_planned = now
+            return None
+        self._last_planned, self._was_due = now, is_due
+        states = self._tracking.states(flight, settings, now)
+        return Rest(plan, first, states, known, not is_due, settings['track_tolerance'],
+                    lead - min(_RESERVE, lead / 2))
 
     def _is_due(self, plan: Plan, known: Scenario, settings: Mapping[str, Any], now: float
                 ) -> bool:
@@ -111,21 +116,9 @@ class Replanning:
                    for name, distance in self._tracking.distances(settings, now).items())
 
 
-def _rejoined(plan: Plan, first: int, sightings: Sequence[Sighting | None],
-              settings: Mapping[str, Any], known: Scenario, must_meet: bool) -> Rejoin:
-    """Return the beginning of a replan; unless must_meet, from the plan if need be."""
-    arguments = (settings['track_tolerance'], known.ground_node, known.eavesdroppers)
-    try:
-        return rejoined(plan, first, sightings, *arguments)
-    except InfeasibleMissionError:
-        if must_meet:
-            raise
-        return rejoined(plan, first, [None] * len(sightings), *arguments)
-
-
-def check_in_time(is_last: bool, rejoin: Rejoin, flight: Flight | None) -> None:
+def check_in_time(rejoin: Rejoin, flight: Flight | None) -> None:
     """Raise an error if a replan comes too late for what is flown, or after another plan."""
-    if not is_last or flight is None or flight.playback.plan is not rejoin.plan:
+    if flight is None or flight.playback.plan is not rejoin.plan:
         raise SupersededError('replan: another plan came in between')
     if flight.time + _DELIVERY * flight.rate > rejoin.effect:
         raise LateError('replan: the new plan came after the moment it was to take effect; '

@@ -1,10 +1,289 @@
-"""The executable `replay`; the node is in replay_node."""
+"""The replay node: it plays plans by their time, as setpoints that never jump."""
 
+from collections.abc import Mapping
 from functools import partial
+import math
+import time
+from typing import Any
 
-from .start import run_executable
+from builtin_interfaces.msg import Time as Stamp
+from nav_msgs.msg import Odometry
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
 
-main = partial(run_executable, 'replay')
+from . import messages
+from .assembly import Assembly
+from .mission_parameters import channel_from
+from .node_parameters import Parameters
+from .parameters import REPLAY
+from .process import run_node
+from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
+from ..errors import brief, OptionError, ParameterError, PlanningError, shown
+from ..mission.scenario import Eavesdropper, Point
+from ..plan.plan import Plan
+from ..plan.playback import Moment
+from ..plan.player import due_ns, Place, Player
+
+_MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
+_LONGEST_WAIT = 10.0  # For a subscriber of simulated UAVs, in s.
+_LONGEST_SIMULATED_TICK = 2.0  # s
+_TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower counts as silent.
+_CLOCK_ERROR = 0.25  # s; of the node's clock between two ticks.
+_LATE = 3.0  # s after point 0; beyond the patience with the last messages of a plan.
+_FRESH = 1.0  # Largest age in s of the odometry from which a vehicle may start.
+
+
+class Replay(Node):
+    """Replays the plan of the topics, or a saved plan; see docs/replay.md."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('replay', **options)
+        self._settings = Parameters(self, REPLAY, _check)
+        self._uavs = self._settings['uavs']
+        self._frame_id = self._settings['frame_id']
+        self._player = Player(lambda reason: self.get_logger().warning(
+            brief(f'the new plan is not played: {reason}')))
+        self._released_ns, self._ticked = 0, time.monotonic()
+        self._waits: list[str] = []
+        self._odometry: dict[str, tuple[int, Odometry]] = {}  # Received in ns.
+        self._warned: set[str] = set()
+        self._starts_next = False  # Whether ~/start was for the plan whose messages arrive.
+        self._problem = ''  # Of the last messages that made no plan.
+        # All callbacks use the same player, so they run one at a time.
+        self._group = MutuallyExclusiveCallbackGroup()
+        plan = _saved_plan(self._settings['plan_file'])
+        if plan is not None:
+            self._uavs = [uav.name for uav in plan.scenario.uavs]
+        names = {} if plan is not None else subscribe(
+            self, TOPICS['replay', 'sub'], self._on_plan_message, self._group, self._uavs)
+        self._assembly = Assembly(
+            self._uavs, lambda topic: self.count_publishers(names[topic]) > 0)
+        self._make_interface()
+        if plan is not None:
+            self._take(plan, self._frame_id)
+        self._settings.warn_of_unknown()
+        self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
+
+    def _make_interface(self) -> None:
+        topics = dict(TOPICS['replay', 'pub'])
+        if self._settings['vehicle_odometry']:
+            odometry = topics.pop('<uav>/odom')
+            subscribe(self, {'<uav>/odom': odometry._replace(qos=SENSOR)}, self._on_odometry,
+                      self._group, self._uavs)
+        self._outputs = publishers(self, topics, self._uavs)
+        serve(self, {'~/start': self._on_start, '~/pause': self._on_pause,
+                     '~/reset': self._on_reset}, self._group)
+        rate = self._settings['rate']
+        self._streamed, self._ticks_each = 0, math.ceil(_TIME_RATE / rate)  # For each setpoint.
+        self.create_timer(1.0 / (rate * self._ticks_each), self._on_tick,
+                          callback_group=self._group, clock=timer_clock(self))
+
+    def close(self) -> bool:
+        """Return whether nothing is left running."""
+        return True
+
+    # Plans
+
+    def _on_plan_message(self, topic: str, message: Any) -> None:
+        self._assembly.take(topic, message, self.get_clock().now().nanoseconds)
+
+    def _assemble(self) -> None:
+        """Load the plan of the topics, or note why that fails."""
+        starts, self._starts_next = self._starts_next, False
+        try:
+            ground_node = tuple(self._settings['ground_node'])
+            plan, frame_id = self._assembly.plan(
+                ground_node=ground_node, channel=channel_from(self._settings),
+                eavesdroppers=(Eavesdropper(self._eavesdropper or ground_node),),
+                reference_snr_db=self._settings['reference_snr_db'])
+        except PlanningError as error:
+            reason = self._problem = brief(error)
+            if reason not in self._warned and len(self._warned) < _MOST_WARNINGS:
+                self._warned.add(reason)
+                self.get_logger().warning(f'the plan of the topics is not used: {reason}')
+            return
+        self._problem = ''
+        self._warned.clear()
+        if self._player.streaming and frame_id != self._frame_id:
+            self._player.refuse(f'it is in frame {shown(frame_id)} and the setpoints are in '
+                                f'{shown(self._frame_id)}; ~/reset ends them')
+            return
+        self._take(plan, frame_id, starts)
+        missing = self._assembly.without_trajectory()
+        if missing:
+            self.get_logger().warning(brief(
+                f'nothing has come on {", ".join(missing)} that belongs to this plan; it is flown '
+                'straight from point to point'))
+
+    def _take(self, plan: Plan, frame_id: str, starts: bool = False) -> None:
+        """Give a plan to the player, and release it if ~/start was for it or by `autostart`."""
+        self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
+                               f'{", ".join(self._uavs)}: {plan.identity}')
+        before = self._player.playback
+        if self._player.load(plan):
+            self._frame_id = frame_id
+            # A revision of the flight that is known goes on, or stays paused, as that does.
+            autostarts = self._settings['autostart'] and (
+                before is None or before.plan.start_ns != plan.start_ns)
+            is_late = not self._settings['plan_file'] and (
+                self.get_clock().now().nanoseconds - plan.start_ns > _LATE * 1e9)
+            if starts or autostarts and not is_late:
+                self._start()
+            elif autostarts:
+                self.get_logger().warning(f'plan {plan.identity} is not started: its time has '
+                                          'passed; ~/start plays it')
+
+    @property
+    def _eavesdropper(self) -> Point | None:
+        return tuple(self._settings['true_eavesdropper']) or None
+
+    def _on_odometry(self, topic: str, message: Odometry) -> None:
+        self._odometry[topic.partition('/')[0]] = self.get_clock().now().nanoseconds, message
+
+    def _place(self, name: str, now_ns: int) -> Place | str:
+        """Return where a UAV is by its odometry, or in words which odometry is missing."""
+        received, message = self._odometry.get(name, (0, None))
+        if message is None or not 0 <= now_ns - received <= _FRESH * 1e9:
+            return f'odometry of {name}'
+        header, at = message.header, message.pose.pose.position
+        age = (now_ns - (messages.nanoseconds(header.stamp) or received)) * 1e-9
+        place = (at.x, at.y, at.z)
+        if header.frame_id != self._frame_id:
+            return (f'odometry of {name} in frame {shown(self._frame_id)}, that which comes is in '
+                    f'{shown(header.frame_id)}')
+        if not all(map(math.isfinite, place)):
+            return f'finite odometry of {name}, its position is {shown(place)}'
+        if age > _FRESH:
+            return f'odometry of {name} of now, the stamp of that which comes is {age:.1f} s old'
+        return place
+
+    # Services
+
+    def _start(self) -> str:
+        """Release the plan; return in words what follows."""
+        self._player.start()
+        now = self.get_clock().now().nanoseconds
+        self._released_ns = now
+        self._waits = [] if self._player.streaming else self._waits_for(now)
+        player = self._player
+        ahead = ((due_ns(player.playback) or 0) - now) * 1e-9 if (
+            player.time <= player.playback.begin) else 0.0
+        follows = [f'waits for {wait}' for wait in self._waits] + (
+            [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
+        return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
+
+    def _on_start(self) -> tuple[bool, str]:
+        if self._assembly.is_whole():
+            self._assemble()
+        reason = self._assembly.problem or self._problem
+        self._starts_next = self._assembly.is_arriving()
+        try:
+            return True, (f'waits for the rest of the plan: {reason}' if self._starts_next
+                          else self._start())
+        except OptionError as error:
+            return False, f'{error}{reason and ": "}{reason}'
+
+    def _on_pause(self) -> tuple[bool, str]:
+        # A start that waits for the rest of a plan is withdrawn, too.
+        withdrawn, self._starts_next = self._starts_next, False
+        paused = self._player.pause() or withdrawn
+        return paused, 'paused' if paused else 'nothing is playing'
+
+    def _on_reset(self) -> tuple[bool, str]:
+        self._player.reset()
+        self._starts_next = False
+        return True, 'back at the start'
+
+    # Time
+
+    def _on_tick(self) -> None:
+        before, self._ticked, clock = self._ticked, time.monotonic(), self.get_clock().now()
+        # What can have passed since the last tick in s, whatever the clock says.
+        longest = (_LONGEST_SIMULATED_TICK if self.get_clock().ros_time_is_active
+                   else self._ticked - before + _CLOCK_ERROR)
+        now = clock.nanoseconds
+        if self._assembly.is_due(now):
+            self._assemble()
+        player, playback = self._player, self._player.playback
+        if player.playing and not player.streaming:
+            self._report(self._waits_for(now))
+        if not player.streaming:
+            self._streamed = 0
+        running = player.playing
+        moment = player.tick(now, self._settings['speed'], self._eavesdropper,
+                             is_ready=not self._waits, longest=longest)
+        if playback is not None:
+            self._outputs['plan_time'].publish(
+                messages.plan_time(player.playback.plan, player.time, clock.to_msg()))
+        if moment is not None:
+            if self._streamed % self._ticks_each == 0:
+                self._publish(moment, clock.to_msg())
+            self._streamed += 1
+        if running and player.ended:
+            self._announce_end()
+
+    def _waits_for(self, now_ns: int) -> list[str]:
+        """Return in words what the first setpoint waits for."""
+        settings, simulated = self._settings, not self._settings['vehicle_odometry']
+        found = [None if simulated else self._place(name, now_ns) for name in self._uavs]
+        waits = [place for place in found if isinstance(place, str)]
+        waits += self._player.away([None if isinstance(place, str) else place for place in found],
+                                   settings['start_tolerance'], settings['speed'])
+        # Who only watches simulated UAVs need not subscribe to each of them.
+        if simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
+            return waits
+        return waits + [f'a subscriber of the setpoints of {name}'
+                        for name in self._uavs
+                        if not any(self._outputs[topic].get_subscription_count() for topic in (
+                            f'{name}/setpoint/pose', f'{name}/setpoint/trajectory',
+                            f'{name}/odom') if topic in self._outputs)]
+
+    def _report(self, waits: list[str]) -> None:
+        """Note and log what is waited for, when that is something else than before."""
+        def kinds(of: list[str]) -> list[str]:
+            return [wait.partition(',')[0] for wait in of]  # Without the distance.
+        if waits and kinds(waits) != kinds(self._waits):
+            self.get_logger().info(brief(f'waiting for {", ".join(waits)}'))
+        self._waits = waits
+
+    def _publish(self, moment: Moment, stamp: Stamp) -> None:
+        for topic, message in messages.of_moment(
+                self._player.playback.plan.scenario, moment, self._frame_id, stamp):
+            if topic in self._outputs:  # With vehicle_odometry, others publish that.
+                self._outputs[topic].publish(message)
+        if self._eavesdropper is not None:
+            self._outputs['~/secrecy_rate'].publish(messages.float64(
+                self._player.playback.secrecy_rate(moment, self._eavesdropper)))
+
+    def _announce_end(self) -> None:
+        delivered, jump = self._player.delivered, self._player.largest_jump
+        what = ('delivered' if self._eavesdropper is None else 'delivered in secret')
+        detail = (' to the ground node, whatever leaked (true_eavesdropper is not set)'
+                  if self._eavesdropper is None else
+                  f', {delivered / self._player.playback.duration:.4f} bit/s/Hz on average')
+        self.get_logger().info(
+            f'end of the plan: {what} {delivered:.2f} bit/Hz{detail}; largest jump between '
+            f'consecutive setpoints {jump:.3f} m')
+        if self._settings['loop']:
+            self._player.reset()
+            self._start()
+
+
+def _saved_plan(file: str) -> Plan | None:
+    try:
+        return Plan.load(file) if file else None
+    except (OSError, ValueError) as error:
+        raise ParameterError(f'parameter plan_file: {brief(error)}') from None
+
+
+def _check(values: Mapping[str, Any]) -> None:
+    place = values['true_eavesdropper']
+    if len(place) == 1:
+        raise ParameterError(
+            f'true_eavesdropper is {shown(place)}; it must be (x, y) in m, or empty')
+
+
+main = partial(run_node, Replay)
 
 if __name__ == '__main__':
     main()

@@ -11,7 +11,7 @@ from .poses import error_radius, PoseBook
 from .topics import GROUND_NODE_TOPIC
 from ..errors import LateError, ScenarioError
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
-from ..plan.tracking import departing, expected, Flight, Sighting
+from ..plan.tracking import Flight, MeasuredState, predict_state, start_from_state
 
 _RESERVE = 1.0  # For what follows a solve, in s; at most half of the time there is.
 
@@ -70,38 +70,55 @@ class StartTime:
 
 
 def scenario_from(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
-                  sightings: Sequence[Sighting | None], flight: Flight | None) -> Scenario:
+                  states: Sequence[MeasuredState | None], flight: Flight | None) -> Scenario:
     """
     Return the Scenario of a new mission, from where the UAVs are or will be, if that is known.
 
-    :param sightings: where each UAV is, in the time of the flight or else in s of the clock.
+    :param states: where each UAV is, in the time of the flight or else in s of the clock.
     :param flight: the Flight from which it goes on, or None.
     :raises PlanningError: if poses cannot be used, or for a mission that cannot be flown.
     """
     poses.check(settings, start.asked_ns * 1e-9)
-    uavs = [_begun(uav_from(settings, name), index, sighting, settings, start, flight)
-            for index, (name, sighting) in enumerate(
-                zip(settings['uavs'], sightings, strict=True))]
+    uavs = [_with_start_state(uav_from(settings, name), index, state, settings, start, flight)
+            for index, (name, state) in enumerate(
+                zip(settings['uavs'], states, strict=True))]
+    return _scenario(settings, uavs, _receivers(settings, poses))
+
+
+def parameter_scenario(settings: Mapping[str, Any]) -> Scenario:
+    """
+    Return the Scenario of the parameters, with receivers at places of no account.
+
+    :raises PlanningError: for a mission that cannot be flown.
+    """
+    return _scenario(settings, [uav_from(settings, name) for name in settings['uavs']],
+                     {'ground_node': (0.0, 0.0), 'eavesdroppers': (Eavesdropper((0.0, 0.0)),)})
+
+
+def _scenario(settings: Mapping[str, Any], uavs: Sequence[Uav], receivers: Mapping[str, Any]
+              ) -> Scenario:
     return Scenario(
-        uavs=tuple(uavs), channel=channel_from(settings), **_receivers(settings, poses),
+        uavs=tuple(uavs), channel=channel_from(settings), **receivers,
         **airspace_from(settings), **{field: settings[field] for field in SCENARIO_FIELDS})
 
 
-def _begun(uav: Uav, index: int, sighting: Sighting | None, settings: Mapping[str, Any],
-           start: StartTime, flight: Flight | None) -> Uav:
+def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
+                      settings: Mapping[str, Any], start: StartTime, flight: Flight | None
+                      ) -> Uav:
     """Return a UAV with the place, and where it flies the velocity, with which it starts."""
-    if sighting is None and (flight is None or flight.state == 'waiting'):
+    if state is None and (flight is None or flight.state == 'waiting'):
         return uav
     time = start.effect_ns * 1e-9 if flight is None else flight.time + flight.rate * start.ahead
     is_reported = flight is not None and flight.is_reported
-    if sighting is None or is_reported and flight.is_under_way:
-        state = _planned(uav, index, flight, time)
+    if state is None or is_reported and flight.is_under_way:
+        start_state = _planned(uav, index, flight, time)
     elif is_reported or start.delay:
-        state = expected(sighting, time, flight and flight.playback, index,
-                         settings['track_tolerance'])
+        start_state = predict_state(
+            state, time, uav.max_acceleration, flight and flight.playback, index,
+            settings['track_tolerance'])
     else:
-        return replace(uav, start=sighting.position)
-    return departing(uav, *state, settings['duration'] / settings['slots'])
+        return replace(uav, start=state.position)
+    return start_from_state(uav, *start_state, settings['duration'] / settings['slots'])
 
 
 def _planned(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
@@ -122,8 +139,8 @@ def _planned(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, 
     return (x, y), (u, v)
 
 
-def updated(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, now: float
-            ) -> Scenario:
+def update_receivers(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, now: float
+                     ) -> Scenario:
     """Return the scenario with the present poses of the ground node and the eavesdroppers."""
     poses.check(settings, now, of_uavs=False)
     return replace(scenario, **_receivers(settings, poses))

@@ -46,11 +46,14 @@ class State:
         return RequestOutcome(DiagnosticStatus.OK if good else DiagnosticStatus.WARN, 'ok',
                               self.prefix + plan_summary(plan, self.bound))
 
-    def publish(self, plan: Plan, count: str, prefix: str) -> RequestOutcome:
-        """Note a plan that is being published, and increase one of the counts."""
-        self.plan, self.bound, self.prefix, self.refusal = plan, plan.bound, prefix, None
-        self.counts[count] += 1
-        return self.outcome
+    def count(self, kind: str, prefix: str) -> None:
+        """Increase one of the counts for a plan, whose summary has a prefix."""
+        self.counts[kind] += 1
+        self.prefix = prefix
+
+    def keep(self, plan: Plan) -> None:
+        """Take a plan for the last one."""
+        self.plan, self.bound, self.refusal = plan, plan.bound, None
 
     def end_flight(self) -> None:
         """Note that the last plan has been flown; a replan of it is no longer missed."""
@@ -66,19 +69,12 @@ class State:
         return text
 
 
-def is_evaluated(plan: Plan) -> bool:
-    """Return whether the worst-case rate of a plan is known; evaluating it can take long."""
-    return 'worst_case_rates' in vars(plan)
-
-
 def plan_summary(plan: Plan, bound: Bound | None) -> str:
     """Return a summary of a plan in one line, without any position."""
-    worst = (f'{plan.worst_case_rate:.4f} bit/s/Hz' if is_evaluated(plan)
-             else 'not evaluated yet (bit/s/Hz)')
     near, name = closest_approach_text(plan), plan.scenario.channel.rate_name
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: '
-            f'{name("guaranteed")} {plan.guaranteed_rate:.4f}, {name("worst_case")} {worst}, '
-            f'{plan.solve_time:.2f} s, '
+            f'{name("guaranteed")} {plan.guaranteed_rate:.4f}, {name("worst_case")} '
+            f'{plan.worst_case_rate:.4f} bit/s/Hz, {plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
             f'{plan.curve_rate:.4f}' + (f'; {near}' if near else '')
             + ('' if bound is None else f'; {bound.claim(plan)}'))
@@ -138,11 +134,10 @@ def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook
 
 def plan_values(plan: Plan) -> dict[str, Any]:
     """Return what a plan achieves and how it was found, as values of the status by key."""
-    found = {'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
-             **closest_approach_values(plan), **_energy_values(plan)}
-    if is_evaluated(plan):
-        found['plan.worst_case_rate'] = plan.worst_case_rate
-    return {**found, 'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
+    return {'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
+            **closest_approach_values(plan), **_energy_values(plan),
+            'plan.worst_case_rate': plan.worst_case_rate,
+            'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
             'plan.status': plan.status, 'plan.iterations': _iterations(plan),
             'plan.solve_time': plan.solve_time}
 

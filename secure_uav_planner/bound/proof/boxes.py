@@ -32,16 +32,14 @@ class Terms:
 
     :param region: of the UAV.
     :param stage: of every function, (M,).
-    :param weight: w0, for a jammer times its theta, (M,).
-    :param shares: v, for a jammer times its rho, (M, E).
+    :param weight: w0, (M,).
+    :param shares: v, (M, E).
     :param slope: linear part of the potential, (G, 2) in nats per unit.
     :param bend: quadratic part as (S_11, S_12, S_22), (G, 3) in nats per unit^2.
     :param tilt: a term f |u + S q| as (f, u_1, u_2, S_11, S_12, S_22), (G, 6); zeros for none.
     :param margin: for rounding, added to every bound, (G,).
     :param price: lam in nats per W.
-    :param log_gain: logarithm of the SNR at one unit and 1 W, for a jammer times how many jam.
-    :param powers: lower and upper limits of a jammer's log p, of all functions or (M,) each, or
-        None where no power counts.
+    :param powers: lower and upper limits of a jammer's log p, or None where no power counts.
     """
 
     region: ReachableSet
@@ -53,8 +51,7 @@ class Terms:
     tilt: Array
     margin: Array
     price: float = 0.0
-    log_gain: float = 0.0
-    powers: tuple[float | Array, float | Array] | None = None
+    powers: tuple[float, float] | None = None
 
     def __len__(self) -> int:
         return len(self.stage)
@@ -85,7 +82,6 @@ class Terms:
         """Return what the kernel reads."""
         region = self.region
         low, high = region.sides
-        powers = np.broadcast_arrays(*(self.powers or (0.0, 0.0)), self.weight)[:2]
         arrays = {name: getattr(region, name) for name in (
             'ground', 'eavesdroppers', 'radii', 'log_advantages', 'from_start', 'to_goal',
             'corner')}
@@ -94,10 +90,10 @@ class Terms:
         return {
             **{name: np.ascontiguousarray(array, float)
                for name, array in (*arrays.items(), ('low', low), ('high', high),
-                                   ('powers', np.stack(powers, -1)))},
-            **detour_fields([region.detours]), 'stage': np.ascontiguousarray(self.stage, np.int64),
+                                   ('powers', self.powers or (0.0, 0.0)))},
+            **detour_fields(region.detours), 'stage': np.ascontiguousarray(self.stage, np.int64),
             'altitude': region.altitude, 'distance': region.distance, 'price': float(self.price),
-            'log_gain': float(self.log_gain), 'jams': self.powers is not None}
+            'log_gain': region.log_gain, 'jams': self.powers is not None}
 
     def bounds(self, function: int, centre: Array, half: Array) -> tuple[float, float]:
         """

@@ -39,18 +39,6 @@ def entropy(weight: Array) -> Array:
     return -(weight * np.log(np.maximum(weight, 1e-300)) + rest * np.log(np.maximum(rest, 1e-300)))
 
 
-def mixing(shares: Array) -> Array:
-    """
-    Return H(shares) - log J along the first axis: what is added to sum_j shares_j log(1 + J x_j).
-
-    Lemma 8. By Gibbs' inequality, with y_j = 1/J + x_j, log(1 + sum_j x_j) is the largest
-    sum_j rho_j log(y_j / rho_j) over the simplex, and log(y_j) = log(1 + J x_j) - log J.
-
-    :param shares: (J, ...), with a sum of 1 along the first axis.
-    """
-    return -(shares * np.log(np.maximum(shares, 1e-300))).sum(0) - np.log(len(shares))
-
-
 def transmit_power(weight: Array, price: float, peak: float) -> tuple[Array, Array]:
     """
     Return max over 0 < p <= peak of weight log p - price p, and the p where it is attained.

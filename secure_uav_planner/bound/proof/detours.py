@@ -1,5 +1,5 @@
 """
-Lemma 11: the way around what a UAV may not enter takes time.
+Lemma 9: the way around what a UAV may not enter takes time.
 
 What is in the way of a UAV is a polygon O: its zones, and what the geofence's convex hull has and
 the fence has not, all a little smaller than they are. In slot n the UAV has flown a way around O
@@ -25,7 +25,7 @@ at the start. The speed between two middles is a mean of both moves', so the way
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TYPE_CHECKING
@@ -218,10 +218,9 @@ def _shadow(place: Array, outline: Array, reach: float) -> Any:
     return shapely.MultiPoint(np.concatenate([outline, far])).convex_hull
 
 
-def detour_fields(every: Iterable[Detours | None]) -> dict[str, Array]:
-    """Return what the kernel reads of some UAVs' detours; without any, cells have no size."""
-    none = Detours(np.zeros(2), np.zeros(2), np.zeros((2, SIDE, SIDE)))
-    known = [none if one is None else one for one in every]
-    size = np.array([one.size for one in known])
-    return {'detour_low': np.array([one.low for one in known]), 'detour_size': size,
-            'detour_lengths': np.array([one.lengths for one in known] if size.any() else [])}
+def detour_fields(detours: Detours | None) -> dict[str, Array]:
+    """Return what the kernel reads of a UAV's detours; without any, there are no cells."""
+    if detours is None:
+        detours = Detours(np.zeros(2), np.zeros(2), np.zeros((2, 0, 0)))
+    return {'detour_low': detours.low, 'detour_size': detours.size,
+            'detour_lengths': detours.lengths}

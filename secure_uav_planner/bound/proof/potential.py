@@ -1,4 +1,4 @@
-"""Lemmas 2 and 10: limits of speed and acceleration, paid for by potentials."""
+"""Lemmas 2 and 8: limits of speed and acceleration, paid for by potentials."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Potential:
     that cost something. W is an estimate of what being somewhere is worth for the rest of the
     flight.
 
-    Lemma 10 (acceleration). With the moves d_n = q[n+1] - q[n], d_{-1} and d_{N+1} being those
+    Lemma 8 (acceleration). With the moves d_n = q[n+1] - q[n], d_{-1} and d_{N+1} being those
     beyond the ends, and |d_n - d_{n-1}| <= A_n, for any vectors w_0..w_{N+1}
 
         0 <= sum over n = 0..N of (w_{n+1} - w_n) . d_n + sum over n = 0..N+1 of A_n |w_n|

@@ -30,7 +30,7 @@ class ReachableSet:
     `unit`, so that everything that matters lies within a few units. In slot n a UAV is within n
     moves of its start and N + 1 - n moves of its goal: a reachable set, the part that two discs
     share. Where the velocity changes by at most an acceleration limit, moves are short near ends
-    at which it is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 10 in potential.py.
+    at which it is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 8 in potential.py.
 
     :param unit: length of one unit in m.
     :param origin: of the frame, (2,) in m.
@@ -81,7 +81,7 @@ class ReachableSet:
 
     @classmethod
     def of(cls, scenario: Scenario, index: int, stages: Stages,
-           subset: EavesdropperSubset, follow: bool = True) -> ReachableSet:
+           subset: EavesdropperSubset) -> ReachableSet:
         """
         Return that of UAV `index` of a scenario, with all that a Plan tolerates.
 
@@ -89,7 +89,6 @@ class ReachableSet:
         :param index: of the UAV.
         :param stages: its slots in stages.
         :param subset: the eavesdroppers.
-        :param follow: whether ways around zones count; of a helper only discs do.
         """
         uav = scenario.uavs[index]
         start, goal = np.array(uav.start), np.array(uav.goal)
@@ -97,7 +96,7 @@ class ReachableSet:
         places = np.concatenate([people, [start, goal]])
         unit = max(float(np.hypot(*np.ptp(places, axis=0))) / 2, uav.altitude)
         length = float(np.hypot(*(goal - start)))
-        axes, around = frame_axes(uav), detours(scenario, index) if follow else None
+        axes, around = frame_axes(uav), detours(scenario, index)
         ends = end_tolerance(scenario)
         step = float(scenario.max_step[index]) + POSITION_TOLERANCE
         turn, end_turns, end_moves = _turns(scenario, index, step)
@@ -204,21 +203,6 @@ class ReachableSet:
         return np.array([np.moveaxis(scipy.ndimage.distance_transform_edt(
             late > max(0.0, late.min()), sampling=self.detours.size, return_distances=False,
             return_indices=True), 0, -1) for late in self._late()], np.int16)
-
-    def nearest(self, place: Array) -> Array:
-        """Return at most the distance from a place (2,) to every reachable set, (G,)."""
-        from_start = np.hypot(*place) - self.from_start
-        from_goal = np.hypot(place[0] - self.distance, place[1]) - self.to_goal
-        nearest = np.maximum(from_start, from_goal) - 4 * COORDINATE_ROUNDING
-        return np.asarray(np.maximum(nearest, 0.0))
-
-    def largest_gain(self) -> Array:
-        """Return at least the logarithm of a jammer's gain to any eavesdropper, (G,)."""
-        return np.asarray(np.max([
-            self.log_gain + advantage - np.log(
-                (self.nearest(place) + radius)**2 + self.altitude**2)
-            for place, radius, advantage in zip(
-                self.eavesdroppers, self.radii, self.log_advantages)], axis=0))
 
     def drawn_in(self, place: Array, stage: NDArray[np.integer[Any]]) -> Array:
         """Return places (..., 2) drawn into one disc, the other, and to where there is time."""

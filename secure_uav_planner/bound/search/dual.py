@@ -2,16 +2,13 @@
 The dual function on columns, smoothed, with two derivatives: what Newton's method minimises.
 
 It is the certificate's bound with every maximum taken over columns and over two branches, that is
-one breakpoint of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). A column has
-places and powers of all jammers, so that their noise is known exactly: lemma 8, with shares in
-boxes, comes close to that, and multipliers that are good for a few shares are not. It is jointly
+one breakpoint of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). It is jointly
 convex in the potentials, v and lam. v has a barrier at 0 where there are several eavesdroppers,
 w0 - s and lam have weak ones of their own: at a high SNR w0 - s is of the order of 1e-3 and below.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,11 +28,6 @@ BLUNT = 0.3
 """By how much the largest eigenvalue of S is smoothed, in nats per unit^2."""
 
 
-def parties(uavs: int) -> list[list[int]]:
-    """Return the transmitter, and the jammers, whose columns are chosen together."""
-    return [[0], [*range(1, uavs)]][:uavs]
-
-
 def monomials(place: Array, quadratic: bool) -> Array:
     """Return (x, y), or (x, y, x^2/2, x y, y^2/2), at places (..., 2)."""
     x, y = place[..., 0], place[..., 1]
@@ -48,7 +40,7 @@ class Dual:
 
     :param team: the UAVs.
     :param weight: w0 of the breakpoint that the multipliers have to be good for, (G,).
-    :param columns: of the transmitter, and of all jammers together.
+    :param columns: of every UAV.
     :param silent: for every UAV, those with which nothing is sent.
     :param tau: temperature of every smoothed maximum, in nats.
     """
@@ -161,20 +153,20 @@ class Dual:
         if second:
             grads[0], bends[0] = more
         sent, none = (self.weight, point.shares), (np.zeros(g), np.zeros((g, e)))
-        lists = [(1, [i], some, none) for i, some in enumerate(self.silent)]
-        lists += [(0, uavs, some, sent) for uavs, some in zip(parties(u), self.columns)]
-        for k, uavs, columns, (weight, v) in lists:
-            which = self._unknowns(uavs, point)
+        lists = [(1, i, some, none) for i, some in enumerate(self.silent)]
+        lists += [(0, i, some, sent) for i, some in enumerate(self.columns)]
+        for k, i, columns, (weight, v) in lists:
+            which = self._unknowns(i, point)
             own = len(which)
-            value, slope, bend = (np.empty((1, g, *more) if second or not more else 0)
+            value, slope, bend = (np.empty((g, *more) if second or not more else 0)
                                   for more in ((), (own,), (own, own)))
             core.bound_smooth_maxima(column_fields(
-                self.team, uavs, point, columns, weight[None], v[None], self.tau),
+                self.team, i, point, columns, weight, v, self.tau),
                 value, slope, bend)
-            values[k] += value[0]
+            values[k] += value
             if second:
-                grads[k][:, which] += slope[0]
-                bends[k][:, which[:, None], which] += bend[0]
+                grads[k][:, which] += slope
+                bends[k][:, which[:, None], which] += bend
         top = values.max(0)
         mix = np.exp((values - top) / self.tau)
         total = mix.sum(0)
@@ -189,11 +181,11 @@ class Dual:
         return best, stage * self.count[:, None], stages * self.count[:, None, None]
 
     @staticmethod
-    def _unknowns(uavs: Sequence[int], point: DualPoint) -> NDArray[np.intp]:
-        """Return where v and some UAVs' potentials and prices are among a stage's unknowns."""
+    def _unknowns(i: int, point: DualPoint) -> NDArray[np.intp]:
+        """Return where v and UAV i's potentials and price are among a stage's unknowns."""
         (u, p), e = point.potentials.shape[1:], point.shares.shape[-1]
-        own = np.add.outer(p * np.array(uavs), np.arange(p)).ravel()
-        return np.r_[0:e, e + own, e + u * p + own, e + 2 * u * p + np.array(uavs)]
+        own = e + p * i + np.arange(p)
+        return np.r_[0:e, own, own + u * p, e + 2 * u * p + i]
 
     def _powers(self, v: Array, price: float, size: int, second: bool) -> tuple[
             Array, Array, Array]:
@@ -215,23 +207,24 @@ class Dual:
         return value, grad, hess
 
 
-def column_fields(team: Team, uavs: Sequence[int], point: DualPoint, columns: Columns,
-                  weights: Array, shares: Array, tau: float = 1e-9) -> dict[str, Any]:
+def column_fields(team: Team, uav: int, point: DualPoint, columns: Columns, weight: Array,
+                  shares: Array, tau: float = 1e-9) -> dict[str, Any]:
     """
-    Return what the kernel reads: columns of some UAVs, potentials, branches of (w0, v).
+    Return what the kernel reads: columns of a UAV, its potential, and w0 and v.
 
-    :param weights: w0 of these UAVs, (B, G).
-    :param shares: their v, (B, G, E).
+    :param weight: w0 of this UAV, (G,).
+    :param shares: its v, (G, E).
     """
-    potentials = point.potentials[:, uavs]
+    potentials = point.potentials[:, uav]
     fields = {
         'place': columns.place, 'power': columns.power, 'ground': columns.ground,
         'leaks': columns.leaks, 'potentials': potentials, 'count': team.stages.count,
-        'step': [team.regions[i].steps for i in uavs], 'mean': team.stages.means,
-        'price': point.prices[uavs], 'weights': weights, 'shares': shares}
-    width = potentials.shape[2]
+        'step': team.regions[uav].steps, 'mean': team.stages.means, 'weights': weight,
+        'shares': shares}
+    width = potentials.shape[1]
     return {**{name: np.ascontiguousarray(array, float) for name, array in fields.items()},
-            'curved': curved(width), 'turns': width in (4, 7), 'tau': tau}
+            'curved': curved(width), 'turns': width in (4, 7), 'tau': tau,
+            'price': float(point.prices[uav])}
 
 
 def curved(width: int) -> bool:

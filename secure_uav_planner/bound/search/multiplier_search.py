@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,45 +14,20 @@ from .dual import column_fields, curved, Dual, unpacked
 from .initial_multipliers import InitialMultipliers
 from .newton import DualPoint
 from ..proof.conjugate import Array
-from ..proof.detours import detour_fields
 from ..proof.potential import Potential
 from ..proof.reachable_set import ReachableSet
 from ..proof.subset import circle
 from ..proof.team import Team
 from ...model.kernel import core
 
-MODES, APART = 6, 0.1
-"""Combinations of columns that are improved together, and how their shares differ."""
-
-NEARBY = (-5, -1, 0, 1, 5)
-"""
-From how many stages on the best combinations are tried here, too.
-
-Measured: without, what the search overlooks in a few stages leaves a mission of two jammers 3.4%
-above its plan instead of 2.3%; with the next stages alone it is 2.9%.
-"""
-
-FEW = ([0, 4], [0, 1, 4, 7, 9, 10, 11, 12])
-"""Of a jammer's powers those that are kept at the coarse places: alone, and among several."""
-
-THETAS = (0.0, 0.05, 0.2, 0.5, 0.8, 1.0)
-RHOS = {1: (0.0, 0.1, 0.5, 0.9, 1.0), 2: (0.0, 1.0), 3: (0.0, 1.0), 4: (0.0, 1.0)}
-"""For each of these theta and rho the best column of a jammer is kept."""
-
-NEAR = 7
-"""Powers up to the peak of jammers as near to every eavesdropper as they can be, always kept."""
+FEW = [0, 4]
+"""Of a jammer's powers those that are kept at the coarse places."""
 
 KEEP = 45
 """Columns that are kept of those that are best."""
 
 LATEST = 8
-"""
-How many of the latest lists of columns, and of combinations, are used.
-
-Measured: with one list, theta goes to and fro between two answers, and bounds with two jammers
-are 5 to 50% higher. With more than eight, nothing is gained. With two lists of pairs one mission
-was 16% above its plan instead of 4%.
-"""
+"""How many of the latest lists of columns are used for v."""
 
 ROUND = 16
 """Places on the reachable set's rim that are always kept, where a jammer is silent."""
@@ -91,7 +64,6 @@ class MultiplierSearch:
         self.grids: list[Array] = []
         self.base: list[Columns] = []
         self.places: list[Array] = []
-        self.near: list[Columns] = []
         for i, region in enumerate(team.regions):
             # Nearest to people, too.
             people = region.drawn_in(np.broadcast_to(
@@ -103,163 +75,49 @@ class MultiplierSearch:
             coarse = np.concatenate([candidates.grid(region, *candidates.COARSE), people], 1)
             power = (np.zeros((count, 1)) if region.transmits
                      else candidates.levels(region, initial.powers[i]))
-            few = power if region.transmits else power[:, FEW[team.jammers > 1]]
-            self.tables.append(Columns.product(region, place, power, team.copies))
+            few = power if region.transmits else power[:, FEW]
+            self.tables.append(Columns.product(region, place, power))
             self.grids.append(place)
-            self.near.append(Columns.product(region, people[:, 1:], np.tile(
-                region.peak * np.geomspace(1e-4, 1.0, NEAR), (count, 1)), team.copies))
             rim = region.farthest(circle(ROUND)[None])
             self.base.append(Columns.joined([
-                Columns.product(region, coarse, few, team.copies),
-                Columns.of(region, rim, np.zeros(rim.shape[:2]), team.copies)]))
+                Columns.product(region, coarse, few),
+                Columns.of(region, rim, np.zeros(rim.shape[:2]))]))
             self.places.append(np.concatenate(
                 [region.farthest(circle(candidates.RIM)[None]),
                  candidates.grid(region, *candidates.STILL)], 1))
         self.found: list[list[Columns]] = [[] for _ in team.regions]
         self._latest: list[list[Columns]] = []
-        self._seen: list[Columns] = []
-        self._jammed: list[Columns] = []
-        if team.jammers > 1:
-            self._jammed.append(Columns.together(self.apart(
-                initial.places[1:, :, None], initial.powers[1:, :, None])))
-        self._candidates: tuple[DualPoint, list[Columns]] = self.point, []
         self._damping = 1e-6
 
     # -- what the present multipliers ask for
 
-    def _shares(self, some: Columns) -> Array:
-        """Return y_j over the sum of all, y_j = 1 / J + x_j, (J, G, C, 1 + E)."""
-        noise = 1.0 + np.array([column.snr for column in self.apart(some.place, some.power)])
-        return np.asarray(noise / noise.sum(0))
-
-    def _differing(self, some: Columns, weight: Array, v: Array) -> NDArray[np.intp]:
-        """Return the indices of the best combinations whose shares differ, (G, MODES)."""
-        shares, row = np.moveaxis(self._shares(some), 0, -1), np.arange(len(v))
-        worth = self.values([*range(1, len(self.team.regions))], some, weight, v)
-        chosen = []
-        for _ in range(min(MODES, worth.shape[1])):
-            chosen.append(worth.argmax(1))
-            apart = np.abs(shares - shares[row, chosen[-1]][:, None]).max((2, 3))
-            worth[apart < APART] = -np.inf
-        return np.stack(chosen, 1)
-
-    def values(self, uavs: Sequence[int], columns: Columns, weight: Array | None = None,
+    def values(self, uav: int, columns: Columns, weight: Array | None = None,
                v: Array | None = None) -> Array:
         """
-        Return what columns of some UAVs are worth now, (G, C) in nats.
+        Return what columns of a UAV are worth now, (G, C) in nats.
 
-        :param weight: w0 of these UAVs, (G,); by default nothing is sent.
-        :param v: of these UAVs, (G, E).
+        :param weight: w0 of this UAV, (G,); by default nothing is sent.
+        :param v: of this UAV, (G, E).
         """
         if weight is None or v is None:
             weight, v = np.zeros(len(columns.ground)), np.zeros(columns.leaks.shape[::2])
-        found = np.empty((1, *columns.ground.shape))
-        core.bound_column_values(column_fields(
-            self.team, uavs, self.point, columns, weight[None], v[None]), found)
-        return np.asarray(found[0])
+        found = np.empty(columns.ground.shape)
+        core.bound_column_values(
+            column_fields(self.team, uav, self.point, columns, weight, v), found)
+        return found
 
     @property
     def seen(self) -> list[Columns]:
-        """Return the latest columns of every UAV together; none before the first ones."""
-        if not self._seen:
-            self._seen = [Columns.joined([*same]) for same in zip(self.base, *self._latest)]
-        return self._seen
-
-    @property
-    def candidates(self) -> list[Columns]:
-        """Return of the latest columns those that may matter, of every jammer."""
-        known, found = self._candidates
-        if known is not self.point or not found:
-            found = [self._few(j) for j in range(1, len(self.team.regions))]
-            self._candidates = self.point, found
-        return found
-
-    def _few(self, uav: int) -> Columns:
-        """Return the columns of a jammer that are best for some theta and some shares."""
-        columns = Columns.joined([self.seen[uav], self.tables[uav]])
-        v = self.point.shares
-        weights, shares = (np.array(part) for part in zip(*(
-            (self.weight * theta, v * rho) for theta in THETAS
-            for rho in product(RHOS[v.shape[-1]], repeat=v.shape[-1]))))
-        best = np.empty(weights.shape, np.int64)
-        core.bound_best_column(
-            column_fields(self.team, [uav], self.point, columns, weights, shares), best)
-        return Columns.joined([self.near[uav], columns.take(best.T)])
-
-    def listed(self, weight: Array, v: Array) -> list[Columns]:
-        """Return good columns of the transmitter and of all jammers at w0 (G,) and v (G, E)."""
-        if self.team.jammers < 2:
-            return self.seen
-        some = Columns.joined([
-            candidates.combined(self.candidates, self._base(self.candidates), weight, v),
-            self._nearby()])
-        chosen = some.take(self._differing(some, weight, v))
-        fields = self.fields(self.apart(chosen.place, chosen.power))
-        core.bound_improve_together({**fields, 'weight': np.ascontiguousarray(weight),
-                                     'shares': np.ascontiguousarray(v)})
-        better = self.apart(fields['place'], np.exp(fields['power']))
-        return [self.seen[0], Columns.joined([Columns.together(better), some])]
-
-    def _nearby(self) -> Columns:
-        """Return the combinations that were improved last, also those of stages close by."""
-        found, stage = self._jammed[-1], np.arange(len(self.weight))
-        parts = []
-        for shift in NEARBY:
-            other = np.clip(stage + shift, 0, len(stage) - 1)
-            place, power = found.place[:, other, :MODES], found.power[:, other, :MODES]
-            parts.append(Columns.together(self.apart(np.stack([
-                region.drawn_in(q, stage[:, None])
-                for region, q in zip(self.team.regions[1:], place)]), power)))
-        return Columns.joined(parts)
-
-    def apart(self, place: Array, power: Array) -> list[Columns]:
-        """Return columns of every jammer, for places (J, G, C, 2) and powers (J, G, C)."""
-        return [Columns.of(region, q, p, self.team.copies)
-                for region, q, p in zip(self.team.regions[1:], place, power)]
-
-    def _base(self, columns: list[Columns]) -> list[Array]:
-        """Return what columns of all jammers are worth where nothing is sent, (G, C) each."""
-        return [self.values([j], some) for j, some in enumerate(columns, 1)]
-
-    def fields(self, columns: list[Columns]) -> dict[str, Any]:
-        """Return what the kernel reads of all jammers and their columns."""
-        given: dict[str, list[Any]] = {}
-        for j, (some, base) in enumerate(zip(columns, self._base(columns)), 1):
-            region, price = self.team.regions[j], self.point.prices[j]
-            with np.errstate(divide='ignore'):
-                power = np.log(some.power)
-            for name, value in {
-                    'place': some.place, 'power': power,
-                    'base': base + price * some.power,
-                    'pull': self.potential(j).change[0],
-                    'people': np.concatenate([[region.ground], region.eavesdroppers]),
-                    'radii': np.append(0.0, region.radii),
-                    'gain': self.team.copies * np.exp(region.log_gain + np.append(
-                        0.0, region.log_advantages)),
-                    'altitude': region.altitude, 'distance': region.distance,
-                    'price': price, 'peak': np.log(region.peak),
-                    'from_start': region.from_start, 'to_goal': region.to_goal,
-                    'width': np.subtract(*region.sides[::-1]).max(1)}.items():
-                given.setdefault(name, []).append(value)
-        return {'stages': len(self.team.stages.count), **detour_fields(
-            region.detours for region in self.team.regions[1:]), **{
-            name: np.ascontiguousarray(value, float) for name, value in given.items()}}
+        """Return the latest columns of every UAV."""
+        return [Columns.joined([*same]) for same in zip(self.base, *self._latest)]
 
     def dual(self, tau: float) -> Dual:
         """Return the dual function on the columns that the present multipliers ask for."""
         self._latest = [*self._latest, [
             self._priced(i) for i in range(len(self.team.regions))]][-LATEST:]
         columns = [Columns.joined([*same]) for same in zip(self.base, self._latest[-1])]
-        self._seen, self._candidates = [], (self.point, [])
         for i in range(len(self.team.regions)):
             self._look_for_silence(i)
-        if self.team.jammers > 1:
-            some = self.listed(self.weight, self.point.shares)[1]
-            self._jammed = [*self._jammed, some][-LATEST:]
-            for found, better in zip(self.found[1:], self.apart(
-                    some.place[:, :, :MODES], some.power[:, :, :MODES])):
-                found.append(better)
-            columns = [columns[0], Columns.joined(self._jammed)]
         silent = [self.silent(i) for i in range(len(self.team.regions))]
         return Dual(self.team, self.weight, columns, silent, tau)
 
@@ -277,7 +135,7 @@ class MultiplierSearch:
             new = region.farthest(pull[:, None])
         else:
             pool = self.silent(i)
-            start = pool.take(_apart(region, pool, self.values([i], pool)))
+            start = pool.take(_apart(region, pool, self.values(i, pool)))
             new = self._improved(i, start, pool.ground[:, 0], pool.leaks[:, 0]).place
         fixed = candidates.RIM + candidates.STILL[0] * candidates.STILL[1]
         latest = np.concatenate([place[:, fixed:], new], 1)[:, -SILENT:]
@@ -287,10 +145,9 @@ class MultiplierSearch:
         """Return the columns of UAV i that are best for the present multipliers."""
         region, table = self.team.regions[i], self.tables[i].power.shape[1]
         # To be silent somewhere else is worth it even where the other UAV sends.
-        rim = Columns.of(region, self.places[i], np.zeros(self.places[i].shape[:2]),
-                         self.team.copies)
+        rim = Columns.of(region, self.places[i], np.zeros(self.places[i].shape[:2]))
         pool = Columns.joined([self.tables[i], rim, *self.found[i]])
-        value = self.values([i], pool, self.weight, self.point.shares)
+        value = self.values(i, pool, self.weight, self.point.shares)
         few = min(KEEP, value.shape[1])
         chosen = pool.take(np.argpartition(value, -few, axis=1)[:, -few:])
         # Of every place of the table only its best power.
@@ -324,15 +181,14 @@ class MultiplierSearch:
             trial = np.where(region.inside(trial, stage)[..., None], trial, place[:, :, None])
             watts = np.minimum(power[..., None] * np.exp(ratio[..., None] * moves[:, 2]),
                                region.peak)
-            flat = Columns.of(region, trial.reshape(count, -1, 2), watts.reshape(count, -1),
-                              self.team.copies)
-            value = self.values([i], flat, weight, v)
+            flat = Columns.of(region, trial.reshape(count, -1, 2), watts.reshape(count, -1))
+            value = self.values(i, flat, weight, v)
             pick = value.reshape(count, many, -1).argmax(-1)[..., None]
             place = np.take_along_axis(trial, pick[..., None], 2)[:, :, 0]
             power = np.take_along_axis(watts, pick, 2)[..., 0]
             stay = pick[..., 0] == 0
             step, ratio = (np.where(stay, size / 2.5, size) for size in (step, ratio))
-        return Columns.of(region, place, power, self.team.copies)
+        return Columns.of(region, place, power)
 
     def curve(self) -> None:
         """Give the potentials a quadratic part, at first none."""

@@ -1,4 +1,4 @@
-"""The plan from which a search begins, and the order of its jammers."""
+"""The plan from which a search begins."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from ..proof.conjugate import Array
 from ..proof.stages import MOST_STAGES
-from ..proof.subset import EavesdropperSubset
 from ...errors import PlanningError
 from ...mission.scenario import Scenario
 from ...optimize import solve
@@ -34,14 +33,3 @@ def start(scenario: Scenario, time_left: float, objective: str,
         powers = np.array([[uav.average_power] * slots for uav in scenario.uavs])
     point = np.round(np.linspace(0, slots + 1, scenario.slots + 2)).astype(int)
     return positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
-
-
-def by_use(scenario: Scenario, subset: EavesdropperSubset, positions: Array,
-           powers: Array) -> tuple[int, ...]:
-    """Return the jammers' indices, those first whose absence would leak most."""
-    harm = []
-    for i in range(1, len(scenario.uavs)):
-        without = powers.copy()
-        without[i] = 0.0
-        harm.append(subset.leaks(scenario, positions, without).max(0).sum())
-    return tuple(1 + int(i) for i in np.argsort(-np.array(harm), kind='stable'))

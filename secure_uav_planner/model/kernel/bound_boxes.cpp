@@ -113,7 +113,7 @@ public:
           bend_(given, "bend", 3 * stages_), tilt_(given, "tilt", 6 * stages_),
           margin_(given, "margin", stages_), stage_(given, "stage", count_),
           weight_(given, "weight", count_), shares_(given, "shares", count_ * eavesdroppers_),
-          powers_(given, "powers", 2 * count_), detours_(given) {
+          powers_(given, "powers", 2), detours_(given) {
         for (std::size_t k = 0; k < count_; ++k)
             expect(stage_[k] >= 0 && std::size_t(stage_[k]) < stages_, "stage");
     }
@@ -121,7 +121,6 @@ public:
     std::size_t size() const { return count_; }
     std::size_t stage(std::size_t k) const { return std::size_t(stage_[k]); }
     std::size_t parts() const { return eavesdroppers_ + 2; }
-    bool jams() const { return jams_; }
     int dimensions() const { return jams_ ? 3 : 2; }
 
     // What function k multiplies the expansions of a box by.
@@ -130,18 +129,10 @@ public:
                          : shares_[k * eavesdroppers_ + part - 1];
     }
 
-    // Both ends of log p in function k.
-    double low(std::size_t k) const { return powers_[2 * k]; }
-    double high(std::size_t k) const { return powers_[2 * k + 1]; }
-
     // The box that holds the reachable set of a stage and all powers.
     Box whole(std::size_t stage) const {
-        double low[3] = {low_[2 * stage], low_[2 * stage + 1], powers_[0]};
-        double high[3] = {high_[2 * stage], high_[2 * stage + 1], powers_[1]};
-        for (std::size_t k = 1; k < count_; ++k) {
-            low[2] = std::min(low[2], powers_[2 * k]);
-            high[2] = std::max(high[2], powers_[2 * k + 1]);
-        }
+        const double low[3] = {low_[2 * stage], low_[2 * stage + 1], powers_[0]};
+        const double high[3] = {high_[2 * stage], high_[2 * stage + 1], powers_[1]};
         Box box{};
         for (int i = 0; i < dimensions(); ++i) {
             box.centre[i] = (low[i] + high[i]) / 2;
@@ -186,12 +177,10 @@ public:
         return f;
     }
 
-    // The most that function f is in a box, for log p from `low` to `high` beyond the centre's, as
-    // closely as it takes to see whether that is `enough`.
-    double bound(std::size_t stage, const Box& box, const Expansion& f, double low, double high,
-                 double enough) const {
-        const double ha = box.half[0], hb = box.half[1];
-        const double base = f.value + f.rest + (jams_ ? largest(f.gp, f.kp, low, high) : 0.0);
+    // The most that function f is in a box, as closely as it takes to see whether that is `enough`.
+    double bound(std::size_t stage, const Box& box, const Expansion& f, double enough) const {
+        const double ha = box.half[0], hb = box.half[1], width = box.half[2];
+        const double base = f.value + f.rest + (jams_ ? largest(f.gp, f.kp, -width, width) : 0.0);
         double plane = largest(f.ga, f.ka, -ha, ha) + largest(f.gb, f.kb, -hb, hb);
         // Inside, the reachable set says no more than the box.
         if ((box.out[0] || box.out[1]) && !(base + plane <= enough)) {
@@ -324,14 +313,14 @@ private:
         }
         return apart(box.centre[0], box.half[0]) + across <= near * near
                && apart(box.centre[0] - distance_, box.half[0]) + across <= far * far
-               && detours_.reaches(0, low, high, near, far);
+               && detours_.reaches(low, high, near, far);
     }
 
     bool inside(const double* place, std::size_t stage) const {
         const double x = place[0], along = x - distance_, across = place[1] * place[1];
         const double near = from_start_[stage], far = to_goal_[stage];
         return x * x + across <= near * near && along * along + across <= far * far
-               && detours_.reaches(0, place, place, near, far);
+               && detours_.reaches(place, place, near, far);
     }
 
     // Whether a box sticks out of the disc about (middle, 0).
@@ -452,11 +441,6 @@ private:
         std::size_t begin, end;
     };
 
-    // How far a limit of log p is from a box's centre, a little farther than by rounding.
-    static double within(double limit, double middle, int sign) {
-        return limit - middle + sign * 4e-16 * (std::abs(limit) + std::abs(middle));
-    }
-
     // Bound the functions that ask for a box, and cut it for those whose bound is not enough.
     void visit(Node& node) {
         Box& box = node.box;
@@ -468,21 +452,14 @@ private:
         std::size_t cut = 0;
         for (std::size_t i = node.begin; i < node.end; ++i) {
             Function& one = functions_[asked_[i].function];
-            double low = 0.0, high = 0.0;
-            if (terms_.jams()) {
-                const double middle = box.centre[2], width = box.half[2];
-                low = std::max(within(terms_.low(one.number), middle, -1), -width);
-                high = std::min(within(terms_.high(one.number), middle, 1), width);
-                if (low > high) continue;
-            }
             double bound = asked_[i].bound;
             const bool ended = one.boxes++ >= budget_;
             // Written so that a NaN is never dropped.
             if (!(bound <= one.enough) && !(ended && std::isfinite(bound))) {
                 const Expansion f = terms_.sum(one.number, parts_.data());
-                if (box.inside && low <= 0 && high >= 0)
+                if (box.inside)
                     one.enough = std::max(one.enough, f.value + one.tolerance);
-                bound = terms_.bound(stage_, box, f, low, high, one.enough);
+                bound = terms_.bound(stage_, box, f, one.enough);
                 if (!ended && !(bound <= one.enough)) {
                     still_.push_back({asked_[i].function, bound});
                     if (!(bound - one.enough <= most)) {
@@ -573,7 +550,7 @@ py::tuple box(const py::dict& given, std::size_t function, const py::buffer& cen
     const std::size_t stage = terms.stage(function);
     terms.expand(stage, box, parts.data());
     const Expansion f = terms.sum(function, parts.data());
-    return py::make_tuple(f.value, terms.bound(stage, box, f, -box.half[2], box.half[2], -kHuge));
+    return py::make_tuple(f.value, terms.bound(stage, box, f, -kHuge));
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <vector>
 
 #include "array.hpp"
@@ -14,37 +13,32 @@ using kernel::Array;
 namespace {
 
 constexpr double kNegligible = 1e-10;   // Weight of a column that has no part in the derivatives.
-constexpr std::size_t kUavs = 3;        // Whose places and powers a column has, at most.
-constexpr std::size_t kSlopes = 42;     // Entries of their potentials at both edges of a stage.
+constexpr std::size_t kSlopes = 14;     // Entries of a potential at both edges of a stage, at most.
 constexpr double kLeast = -40.0;        // Logarithm of one that has no part in the value, either.
 
-// Columns of one UAV, or of several together, in G stages, C in each, and B branches: see dual.py
-// for what they hold.
+// Columns of a UAV in G stages, C in each: see dual.py for what they hold.
 class Columns {
 public:
     explicit Columns(const py::dict& given)
-        : stages_(kernel::size_of(given, "count")), uavs_(kernel::size_of(given, "price")),
+        : stages_(kernel::size_of(given, "count")),
           columns_(kernel::size_of(given, "ground") / std::max<std::size_t>(stages_, 1)),
-          branches_(kernel::size_of(given, "weights") / std::max<std::size_t>(stages_, 1)),
-          eavesdroppers_(kernel::size_of(given, "shares") / std::max<std::size_t>(
-              kernel::size_of(given, "weights"), 1)),
-          width_(kernel::size_of(given, "potentials") / ((stages_ + 1) * uavs_)),
+          eavesdroppers_(kernel::size_of(given, "shares") / std::max<std::size_t>(stages_, 1)),
+          width_(kernel::size_of(given, "potentials") / (stages_ + 1)),
           curved_(given["curved"].cast<bool>()), base_(curved_ ? 5 : 2),
           turns_(given["turns"].cast<bool>()), tau_(given["tau"].cast<double>()),
-          place_(given, "place", 2 * uavs_ * stages_ * columns_),
-          power_(given, "power", uavs_ * stages_ * columns_),
+          price_(given["price"].cast<double>()), place_(given, "place", 2 * stages_ * columns_),
+          power_(given, "power", stages_ * columns_),
           ground_(given, "ground", stages_ * columns_),
           leaks_(given, "leaks", stages_ * columns_ * eavesdroppers_),
-          potentials_(given, "potentials", (stages_ + 1) * uavs_ * width_),
-          count_(given, "count", stages_), step_(given, "step", uavs_ * stages_),
-          mean_(given, "mean", 2 * stages_), price_(given, "price", uavs_),
-          weights_(given, "weights", branches_ * stages_),
-          shares_(given, "shares", branches_ * stages_ * eavesdroppers_),
-          features_(eavesdroppers_ + uavs_ * (2 * width_ + 1)) {
-        kernel::expect(width_ == base_ + (turns_ ? 2 : 0) && uavs_ <= kUavs, "potentials");
+          potentials_(given, "potentials", (stages_ + 1) * width_),
+          count_(given, "count", stages_), step_(given, "step", stages_),
+          mean_(given, "mean", 2 * stages_), weights_(given, "weights", stages_),
+          shares_(given, "shares", stages_ * eavesdroppers_),
+          features_(eavesdroppers_ + 2 * width_ + 1) {
+        kernel::expect(width_ == base_ + (turns_ ? 2 : 0), "potentials");
     }
 
-    // Call `found` for every stage and branch, with all columns' values listed, and the best one.
+    // Call `found` for every stage with all columns' values listed, and the best one.
     template <typename Found>
     void evaluate(const Found& found) {
         potential_.resize(columns_);
@@ -54,12 +48,12 @@ public:
             const double level = curved_ ? 0.0 : tilts(g, 0, nullptr);
             for (std::size_t c = 0; c < columns_; ++c)
                 potential_[c] = change(g, c) + (curved_ ? tilts(g, c, nullptr) : level);
-            for (std::size_t b = 0; b < branches_; ++b) found(g, b * stages_ + g, list(g, b));
+            found(g, list(g));
         }
     }
 
     std::size_t columns() const { return columns_; }
-    std::size_t entries() const { return branches_ * stages_; }
+    std::size_t stages() const { return stages_; }
     std::size_t features() const { return features_; }
     const std::vector<double>& values() const { return worth_; }
 
@@ -84,15 +78,13 @@ public:
             const std::size_t column = g * columns_ + c;
             std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
             std::fill(row_.begin() + e, row_.end(), 0.0);
-            for (std::size_t u = 0; u < uavs_; ++u) {
-                double phi[5];
-                monomials(place(u, g, c), phi);
-                for (std::size_t i = 0; i < base_; ++i) {
-                    row_[e + entry(u, 0) + i] -= phi[i] / count_[g];
-                    row_[e + entry(u, 1) + i] += phi[i] / count_[g];
-                }
-                row_[f - uavs_ + u] = -power(u, g, c);
+            double phi[5];
+            monomials(&place_[2 * column], phi);
+            for (std::size_t i = 0; i < base_; ++i) {
+                row_[e + i] -= phi[i] / count_[g];
+                row_[e + width_ + i] += phi[i] / count_[g];
             }
+            row_[f - 1] = -power_[column];
             if (curved_) add_tilts(g, c, weight, hessian);
             for (std::size_t i = 0; i < f; ++i) slope[i] += weight * row_[i];
             add_square(hessian, weight / tau_, row_.data(), 0, f);
@@ -113,19 +105,7 @@ private:
         double factor, n0, n1, small;  // step / norm, the direction, and delta / norm.
     };
 
-    const double* place(std::size_t u, std::size_t g, std::size_t c) const {
-        return &place_[2 * ((u * stages_ + g) * columns_ + c)];
-    }
-    double power(std::size_t u, std::size_t g, std::size_t c) const {
-        return power_[(u * stages_ + g) * columns_ + c];
-    }
-    const double* potential(std::size_t u, std::size_t edge) const {
-        return &potentials_[(edge * uavs_ + u) * width_];
-    }
-    // Where an entry of UAV u's potential at an edge is among those of all at both edges.
-    std::size_t entry(std::size_t u, std::size_t edge) const {
-        return (edge * uavs_ + u) * width_;
-    }
+    const double* potential(std::size_t edge) const { return &potentials_[edge * width_]; }
     static void monomials(const double* q, double* phi) {
         const double x = q[0], y = q[1], all[5] = {x, y, x * x / 2, x * y, y * y / 2};
         std::copy(all, all + 5, phi);
@@ -133,52 +113,47 @@ private:
 
     // The potentials' changes at a column, less what its powers cost.
     double change(std::size_t g, std::size_t c) const {
-        double value = 0.0, phi[5];
-        for (std::size_t u = 0; u < uavs_; ++u) {
-            monomials(place(u, g, c), phi);
-            const double *before = potential(u, g), *after = potential(u, g + 1);
-            double sum = 0.0;
-            for (std::size_t i = 0; i < base_; ++i) sum += phi[i] * (after[i] - before[i]);
-            value += sum / count_[g] - price_[u] * power(u, g, c);
-        }
-        return value;
+        const std::size_t column = g * columns_ + c;
+        const double *before = potential(g), *after = potential(g + 1);
+        double sum = 0.0, phi[5];
+        monomials(&place_[2 * column], phi);
+        for (std::size_t i = 0; i < base_; ++i) sum += phi[i] * (after[i] - before[i]);
+        return sum / count_[g] - price_ * power_[column];
     }
 
     // The lengths |u + S q| at a column, smoothed.
     double tilts(std::size_t g, std::size_t c, Tilt* found) const {
+        const double step = step_[g], *q = &place_[2 * (g * columns_ + c)];
+        const double *before = potential(g), *after = potential(g + 1);
         double value = 0.0;
-        for (std::size_t u = 0; u < uavs_; ++u)
-            for (std::size_t edge = 0; edge < 2; ++edge) {
-                const double step = step_[u * stages_ + g];
-                const double factor = mean_[edge * stages_ + g] * step;
-                if (found) found[2 * u + edge].factor = 0.0;
-                if (factor == 0.0) continue;
-                const double *before = potential(u, g), *after = potential(u, g + 1);
-                const double *own = edge ? after : before, *q = place(u, g, c);
-                double g0 = own[0], g1 = own[1];
-                if (curved_) {
-                    g0 += own[2] * q[0] + own[3] * q[1];
-                    g1 += own[3] * q[0] + own[4] * q[1];
-                }
-                if (turns_) {
-                    g0 += (after[base_] - before[base_]) / count_[g];
-                    g1 += (after[base_ + 1] - before[base_ + 1]) / count_[g];
-                }
-                const double delta = tau_ / step;
-                const double norm = std::sqrt(g0 * g0 + g1 * g1 + delta * delta);
-                value += factor * (norm - delta);
-                if (found)
-                    found[2 * u + edge] = {factor / norm, g0 / norm, g1 / norm, delta / norm};
+        for (std::size_t edge = 0; edge < 2; ++edge) {
+            const double factor = mean_[edge * stages_ + g] * step;
+            if (found) found[edge].factor = 0.0;
+            if (factor == 0.0) continue;
+            const double* own = edge ? after : before;
+            double g0 = own[0], g1 = own[1];
+            if (curved_) {
+                g0 += own[2] * q[0] + own[3] * q[1];
+                g1 += own[3] * q[0] + own[4] * q[1];
             }
+            if (turns_) {
+                g0 += (after[base_] - before[base_]) / count_[g];
+                g1 += (after[base_ + 1] - before[base_ + 1]) / count_[g];
+            }
+            const double delta = tau_ / step;
+            const double norm = std::sqrt(g0 * g0 + g1 * g1 + delta * delta);
+            value += factor * (norm - delta);
+            if (found) found[edge] = {factor / norm, g0 / norm, g1 / norm, delta / norm};
+        }
         return value;
     }
 
     // The derivative of a . (u + S q + the change of w) by the potentials at both edges.
-    void chain(std::size_t g, std::size_t c, std::size_t u, std::size_t edge, double a0, double a1,
+    void chain(std::size_t g, std::size_t c, std::size_t edge, double a0, double a1,
                double* row) const {
         std::fill(row, row + kSlopes, 0.0);
-        double* own = row + entry(u, edge);
-        const double* q = place(u, g, c);
+        double* own = row + edge * width_;
+        const double* q = &place_[2 * (g * columns_ + c)];
         own[0] = a0;
         own[1] = a1;
         if (curved_) {
@@ -189,21 +164,21 @@ private:
         if (turns_) {
             const double turn[2] = {a0 / count_[g], a1 / count_[g]};
             for (std::size_t i = 0; i < 2; ++i) {
-                row[entry(u, 0) + base_ + i] = -turn[i];
-                row[entry(u, 1) + base_ + i] = turn[i];
+                row[base_ + i] = -turn[i];
+                row[width_ + base_ + i] = turn[i];
             }
         }
     }
 
-    // List the values of a stage's columns in a branch; return the best one.
-    std::size_t list(std::size_t g, std::size_t b) {
-        const std::size_t at = b * stages_ + g, e = eavesdroppers_;
+    // List the values of a stage's columns; return the best one.
+    std::size_t list(std::size_t g) {
+        const std::size_t e = eavesdroppers_;
         std::size_t best = 0;
         for (std::size_t c = 0; c < columns_; ++c) {
             const std::size_t column = g * columns_ + c;
-            double value = potential_[c] + weights_[at] * ground_[column];
+            double value = potential_[c] + weights_[g] * ground_[column];
             for (std::size_t i = 0; i < e; ++i)
-                value += shares_[at * e + i] * leaks_[column * e + i];
+                value += shares_[g * e + i] * leaks_[column * e + i];
             worth_[c] = value;
             if (value > worth_[best]) best = c;
         }
@@ -212,25 +187,24 @@ private:
 
     // Add the tilts' first derivatives to row_ and the second ones to a Hessian.
     void add_tilts(std::size_t g, std::size_t c, double weight, double* hessian) {
-        Tilt own[2 * kUavs];
+        Tilt own[2];
         tilts(g, c, own);
-        const std::size_t e = eavesdroppers_, last = features_ - uavs_;
-        for (std::size_t u = 0; u < uavs_; ++u)
-            for (std::size_t edge = 0; edge < 2; ++edge) {
-                const Tilt& tilt = own[2 * u + edge];
-                if (tilt.factor == 0.0) continue;
-                double row[kSlopes];
-                chain(g, c, u, edge, tilt.n0, tilt.n1, row);
-                for (std::size_t i = e; i < last; ++i)
-                    row_[i] += mean_[edge * stages_ + g] * step_[u * stages_ + g] * row[i - e];
-                // I - n n' = t t' + (delta / norm)^2 I with t across n.
-                const double ways[3][2] = {
-                    {-tilt.n1, tilt.n0}, {tilt.small, 0.0}, {0.0, tilt.small}};
-                for (const auto& way : ways) {
-                    chain(g, c, u, edge, way[0], way[1], row);
-                    add_square(hessian, weight * tilt.factor, row, e, last);
-                }
+        const std::size_t e = eavesdroppers_, last = features_ - 1;
+        for (std::size_t edge = 0; edge < 2; ++edge) {
+            const Tilt& tilt = own[edge];
+            if (tilt.factor == 0.0) continue;
+            double row[kSlopes];
+            chain(g, c, edge, tilt.n0, tilt.n1, row);
+            for (std::size_t i = e; i < last; ++i)
+                row_[i] += mean_[edge * stages_ + g] * step_[g] * row[i - e];
+            // I - n n' = t t' + (delta / norm)^2 I with t across n.
+            const double ways[3][2] = {
+                {-tilt.n1, tilt.n0}, {tilt.small, 0.0}, {0.0, tilt.small}};
+            for (const auto& way : ways) {
+                chain(g, c, edge, way[0], way[1], row);
+                add_square(hessian, weight * tilt.factor, row, e, last);
             }
+        }
     }
 
     // Add factor row row' to the lower triangle of a matrix, from `first` on.
@@ -244,51 +218,41 @@ private:
         }
     }
 
-    std::size_t stages_, uavs_, columns_, branches_, eavesdroppers_, width_;
+    std::size_t stages_, columns_, eavesdroppers_, width_;
     bool curved_;
     std::size_t base_;
     bool turns_;
-    double tau_;
-    Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_, price_,
+    double tau_, price_;
+    Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_,
         weights_, shares_;
     std::size_t features_;
     std::vector<double> potential_, worth_, row_;
 };
 
-// Write smoothed maxima, (B, G), and, unless these are empty, their derivatives.
+// Write smoothed maxima, (G,), and, unless these are empty, their derivatives.
 void smooth_maxima(const py::dict& given, const py::buffer& value, const py::buffer& slope,
                    const py::buffer& hessian) {
     Columns columns(given);
-    const std::size_t count = columns.entries(), f = columns.features();
+    const std::size_t count = columns.stages(), f = columns.features();
     const bool second = kernel::size_of(slope) > 0;
     const Array<double> values(value, "value", count);
     const Array<double> first(slope, "slope", second ? count * f : 0);
     const Array<double> bend(hessian, "hessian", second ? count * f * f : 0);
     const py::gil_scoped_release release;
-    columns.evaluate([&](std::size_t g, std::size_t at, std::size_t best) {
-        values[at] = columns.smooth(g, best, second ? &first[at * f] : nullptr,
-                                    second ? &bend[at * f * f] : nullptr);
+    columns.evaluate([&](std::size_t g, std::size_t best) {
+        values[g] = columns.smooth(g, best, second ? &first[g * f] : nullptr,
+                                   second ? &bend[g * f * f] : nullptr);
     });
 }
 
-// Write the values of all columns in all branches, (B, G, C).
+// Write the values of all columns, (G, C).
 void column_values(const py::dict& given, const py::buffer& values) {
     Columns columns(given);
-    const Array<double> found(values, "values", columns.entries() * columns.columns());
+    const Array<double> found(values, "values", columns.stages() * columns.columns());
     const py::gil_scoped_release release;
-    columns.evaluate([&](std::size_t, std::size_t at, std::size_t) {
+    columns.evaluate([&](std::size_t g, std::size_t) {
         std::copy(columns.values().begin(), columns.values().end(),
-                  &found[at * columns.columns()]);
-    });
-}
-
-// Write which column is worth most, (B, G).
-void best_column(const py::dict& given, const py::buffer& best) {
-    Columns columns(given);
-    const Array<std::int64_t> found(best, "best", columns.entries());
-    const py::gil_scoped_release release;
-    columns.evaluate([&](std::size_t, std::size_t at, std::size_t own) {
-        found[at] = std::int64_t(own);
+                  &found[g * columns.columns()]);
     });
 }
 
@@ -297,5 +261,4 @@ void best_column(const py::dict& given, const py::buffer& best) {
 void add_bound_dual(py::module_& module) {
     module.def("bound_smooth_maxima", &smooth_maxima);
     module.def("bound_column_values", &column_values);
-    module.def("bound_best_column", &best_column);
 }

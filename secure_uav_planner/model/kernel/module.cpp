@@ -14,7 +14,6 @@ namespace py = pybind11;
 
 void add_bound_boxes(py::module_& module);  // bound_boxes.cpp
 void add_bound_dual(py::module_& module);   // bound_dual.cpp
-void add_bound_shares(py::module_& module);  // bound_shares.cpp
 
 using kernel::Array;
 using kernel::expect;
@@ -385,7 +384,6 @@ PYBIND11_MODULE(_secure_uav_planner_kernel, module) {
     module.def("prove", &prove);
     add_bound_boxes(module);
     add_bound_dual(module);
-    add_bound_shares(module);
 
     py::class_<kernel::Channel, std::shared_ptr<kernel::Channel>>(module, "Channel")
         .def("gain", &gain);

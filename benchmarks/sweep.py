@@ -1,0 +1,80 @@
+"""The effect of each tuned number of the joint method on rate and time."""
+
+import argparse
+from contextlib import ExitStack
+import sys
+import time
+from unittest.mock import patch
+
+import numpy as np
+from secure_uav_planner.mission.scenario import Scenario
+from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
+from secure_uav_planner.optimize.joint import exchange, multistart, starts, stepper
+from secure_uav_planner.optimize.joint.method import improve
+from secure_uav_planner.optimize.search import Search
+
+from .missions import random_mission
+
+_MODULES = multistart, starts, stepper, exchange
+_LOW = 0.01  # bit/s/Hz, of which changes are shares where a rate is lower: some are nearly 0.
+
+
+def main(arguments=None):
+    """Measure and print a line for each changed number; return the exit status."""
+    parser = argparse.ArgumentParser(prog='python -m benchmarks.sweep',
+                                     description=sys.modules[__name__].__doc__)
+    parser.add_argument('--missions', type=int, default=100, help='number of random missions')
+    parser.add_argument('--slots', type=int, default=60, help='slots of each random mission')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the first of them')
+    parser.add_argument('--numbers', nargs='*', help='names of the numbers, by default all')
+    options = parser.parse_args(arguments)
+    scenarios = [Scenario.paper(duration) for duration in (102.0, 120.0, 200.0)]
+    scenarios += [random_mission(options.seed + index, options.slots)
+                  for index in range(options.missions)]
+    reference = _measured(scenarios)
+    print('number, change: rate in the mean and in the worst mission, time in all')
+    for name, value, changed in variants(options.numbers):
+        with ExitStack() as stack:
+            for module in _MODULES:
+                if vars(module).get(name) is value:
+                    stack.enter_context(patch.object(module, name, changed))
+            rates, times = _measured(scenarios)
+        gains = (rates - reference[0]) / np.maximum(reference[0], _LOW)
+        print(f'{name}, {value} to {changed}: {gains.mean():+.2%} {gains.min():+.2%}, '
+              f'{times.sum() / reference[1].sum():.2f} times', flush=True)
+    return 0
+
+
+def variants(names=None):
+    """Yield (name, value, changed value) for every number, halved and doubled."""
+    numbers = {name: value for module in _MODULES for name, value in vars(module).items()
+               if name.isupper() and not name.startswith('_')}
+    for name, value in numbers.items():
+        if not names or name in names:
+            for factor in (0.5, 2.0):
+                yield name, value, _scaled(value, factor)
+
+
+def _scaled(value, factor):
+    """Return a number times a factor, or a share near 1 whose distance from 1 is changed by it."""
+    if isinstance(value, tuple):
+        return tuple(_scaled(one, factor) for one in value)
+    if isinstance(value, int):
+        return max(1, round(value * factor))
+    return 1 - (1 - value) / factor if 0.5 < value < 1 else value * factor
+
+
+def _measured(scenarios):
+    """Return the rates in bit/s/Hz and the processor times in s."""
+    rates, times = [], []
+    for scenario in scenarios:
+        started = time.process_time()
+        search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
+        improve(search)
+        rates.append(search.rate)
+        times.append(time.process_time() - started)
+    return np.array(rates), np.array(times)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""
+The reference of topics, services and parameters.
+
+`python -m docs.tools.reference docs` puts it into the page of each node.
+"""
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from secure_uav_planner.output.autopilots import STACKS
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters,
+    zone_parameters)
+from secure_uav_planner.ros.spec import Spec
+from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
+
+
+class Interface(NamedTuple):
+    """One topic or service of a node."""
+
+    node: str
+    direction: str
+    name: str
+    kind: str
+    qos: str
+    meaning: str
+
+
+def interfaces() -> list[Interface]:
+    """Return every Interface of the nodes; the relay's depend on its parameter `stack`."""
+    found = [Interface(
+        node, direction, name, f'{topic.kind.__module__.split(".")[0]}/msg/{topic.kind.__name__}',
+        in_words(topic.qos), topic.meaning)
+        for (node, direction), topics in TOPICS.items() for name, topic in topics.items()]
+    found += [Interface(node, 'srv', name, 'std_srvs/srv/Trigger', '', meaning)
+              for (node, name), meaning in SERVICES.items()]
+    for name, stack in STACKS.items():
+        found += [Interface('relay', 'pub', f'<vehicle>/{topic}', f'{stack.package}/msg/{kind}',
+                            in_words(STREAM), f'with `stack` {name}')
+                  for kind, topic in stack.topics.items()]
+        found += [Interface('relay', 'sub', f'<vehicle>/{topic}', kind.replace('/', '/msg/'),
+                            in_words(SENSOR), f'with `stack` {name}: where the vehicle is')
+                  for kind, topic in stack.reports.items()]
+    return found
+
+
+def specs() -> dict[str, dict[str, Spec]]:
+    """Return the Spec of every parameter of each node by name; `<uav>` stands for any UAV."""
+    of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
+              **zone_parameters('<zone>')}
+    return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY,
+            'relay': {**RELAY, **relay_parameters('<uav>', 0)}}
+
+
+def markdown() -> dict[str, str]:
+    """Return the reference of each node by its name, as Markdown."""
+    pages = {}
+    for node, of_node in specs().items():
+        lines = ['## Topics and services', '',
+                 '| | name | type | QoS | meaning |', '| --- | --- | --- | --- | --- |']
+        lines += [f'| {one.direction} | `{one.name}` | {one.kind} | {one.qos} | {one.meaning} |'
+                  for one in interfaces() if one.node == node]
+        lines += ['', '## Parameters', '',
+                  '| name | default | allowed | meaning |', '| --- | --- | --- | --- |']
+        lines += [f'| `{name}` | {_default(name, spec)} | {spec.allowed} | {spec.description}'
+                  f'{" Set at start only." if spec.read_only else ""} |'
+                  for name, spec in of_node.items()]
+        pages[node] = '\n'.join(lines)
+    return pages
+
+
+def generated(text: str) -> tuple[str, str, str]:
+    """Return what is before, inside and behind the part of a page that is generated."""
+    before, begin, rest = text.partition('<!-- generated -->\n')
+    inside, end, behind = rest.partition('<!-- end of generated -->')
+    return before + begin, inside, end + behind
+
+
+def in_words(qos: QoSProfile) -> str:
+    """Return a quality of service in words."""
+    reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
+    latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return (f'{"reliable" if reliable else "best effort"}, '
+            f'{"transient local" if latched else "volatile"}, depth {qos.depth}')
+
+
+def _default(name: str, spec: Spec) -> str:
+    other = uav_parameters('<uav>', 1).get(name, spec)
+    return f'`{spec.default!r}`' + (
+        '' if other.default == spec.default else f', of the others `{other.default!r}`')
+
+
+def main() -> None:
+    """Bring the pages of the nodes up to date."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('folder', type=Path, help='with a page for each node, such as planner.md')
+    folder = parser.parse_args().folder
+    for node, text in markdown().items():
+        page = folder / f'{node}.md'
+        before, _, behind = generated(page.read_text())
+        page.write_text(f'{before}{text}\n\n{behind}')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,124 @@
+"""
+The demo: plan a mission with both nodes, replay it, save it and draw it.
+
+The planner and the replay node run in separate processes. This third process uses their topics
+and services over DDS, like any other program.
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+import pathlib
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import numpy as np
+from secure_uav_planner import Channel, fly_hover_fly, Plan, Scenario, solve
+from secure_uav_planner.bound import explain_refusal, upper_bound
+from secure_uav_planner.errors import PlanningError
+from secure_uav_planner.mission import Objective
+from secure_uav_planner.output.page import save_page
+from secure_uav_planner.output.picture import save_picture
+from secure_uav_planner.output.table import table
+from secure_uav_planner.ros.client import isolated, node_process, SecurePlanner
+from secure_uav_planner.ros.recording import record
+
+_MISSIONS = pathlib.Path(__file__).parents[1] / 'config'
+_REPLAY_SPEED = 50.0
+_PROOF = 10.0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the demo; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--mission', default='paper',
+                        help="'paper', 'city', or a mission file")
+    parser.add_argument('--out', type=pathlib.Path,
+                        help='folder for the results, by default out, or out/MISSION')
+    parser.add_argument('--method', help="optimisation method, by default the planner's")
+    options = parser.parse_args(argv)
+    try:
+        file = _mission_file(options.mission)
+        scenario = Scenario.load(file) if file else Scenario.paper()
+        out = options.out or pathlib.Path('out', file.stem if file else '')
+        out.mkdir(parents=True, exist_ok=True)
+        with isolated(out):
+            plan = _plan_and_replay(scenario, file, options.method)
+        plans = [fly_hover_fly(plan.scenario, 'constant'),
+                 fly_hover_fly(plan.scenario, 'optimised'), plan]
+        if refusal := explain_refusal(plan.scenario):
+            print(f'no bound: {refusal}', flush=True)
+        else:
+            print(f'proving how good they are, for at most {_PROOF:g} s ...', flush=True)
+            bound = upper_bound(plan.scenario, objective=plan.objective, plan=plan,
+                                time_limit=_PROOF)
+            plans = [one.with_bound(bound) for one in plans]
+        if not plan.scenario.channel.is_free_space:
+            print('planning for free space, to see what that would cost ...', flush=True)
+            plans.insert(2, planned_for_free_space(plan.scenario, plan.objective))
+    except (PlanningError, OSError) as error:
+        print(f'demo: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    print()
+    *others, plan = plans
+    print(table(plans))
+    files = [out / f'plan.{ending}' for ending in ('json', 'png', 'html', 'mcap')]
+    plan.save(files[0])
+    save_picture(plan, files[1], others)
+    save_page(plan, files[2])
+    record(plan, files[3])
+    print(f'\nsaved: {", ".join(map(str, files))}')
+    return 0
+
+
+def planned_for_free_space(scenario: Scenario, objective: Objective) -> Plan:
+    """Return the plan for free space, with the rates that it has in the scenario's channel."""
+    plan = solve(replace(scenario, channel=Channel()), objective=objective)
+    return replace(plan, scenario=scenario, method='planned for free space')
+
+
+def _mission_file(mission: str) -> pathlib.Path | None:
+    """Return the file of a mission: one of `config` by name, one by path, or the paper's."""
+    file = pathlib.Path(mission)
+    if file.suffix:
+        return file
+    return None if mission == 'paper' else _MISSIONS / f'{mission}.yaml'
+
+
+def _plan_and_replay(scenario: Scenario, file: pathlib.Path | None, method: str | None) -> Plan:
+    """Let the nodes plan and replay the scenario of a file; return the plan that was received."""
+    parameters = ['-p', f'mission_file:={file}'] if file else []  # The paper's is the default.
+    planner = [*parameters, '-p', f'method:={method}'] if method else parameters
+    eve = scenario.eavesdroppers[0]
+    place = np.subtract(eve.position, (eve.error_radius, 0.0))
+    replay = [*parameters, '-p', f'speed:={_REPLAY_SPEED}', '-p', 'autostart:=true',
+              '-p', f'true_eavesdropper:={place.tolist()}']
+    with node_process('planner', planner), node_process('replay', replay), \
+            SecurePlanner(scenario, on_status=_print_progress) as client:
+        client.wait_until(client.knows_poses, 'a status of the planner with all poses',
+                          client.send_poses)
+        print('planning ...', flush=True)
+        started = time.monotonic()
+        plan = client.plan()
+        elapsed = time.monotonic() - started
+        client.wait_until(lambda: client.status.get('plan.identity') == plan.identity,
+                          'the status of the plan')
+        print(f'replaying at {_REPLAY_SPEED:g} times real time ...', flush=True)
+        client.wait_until(lambda: client.status.get('track.state') == 'ended',
+                          'the end of the replay')
+    return replace(plan, scenario=scenario, method=client.status['plan.method'],
+                   solve_time=elapsed, objective=client.status['plan.objective'])
+
+
+def _print_progress(message: DiagnosticStatus) -> None:
+    status = {entry.key: entry.value for entry in message.values}
+    if 'progress.iteration' in status:
+        print(f'  iteration {status["progress.iteration"]:>3}  '
+              f'{status["progress.rate"]} bit/s/Hz', flush=True)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

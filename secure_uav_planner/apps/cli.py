@@ -1,0 +1,276 @@
+"""What the command accepts, and from there to an exit status."""
+
+import argparse
+from collections.abc import Sequence
+from importlib import import_module
+import os
+from pkgutil import resolve_name
+import signal
+import sys
+from typing import Any
+
+from .. import __version__
+from ..errors import (
+    MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError,
+    ScenarioError, shown, StoppedError)
+from ..mission import METHODS, OBJECTIVES, PLACES
+from ..mission.propagation import ENVIRONMENTS
+from ..output.autopilot_limits import AUTOPILOTS
+
+NAME = 'secure_uav_planner'
+
+NODES = ('planner', 'relay', 'replay')
+"""The nodes that the command can run."""
+
+DONE, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
+
+EXIT_STATUSES = {
+    DONE: 'done',
+    FAILED: 'failed on the way, for example because the disk is full',
+    BAD_INPUT: 'bad input: a wrong option, mission or plan, or a folder that cannot be written',
+    STOPPED: 'stopped by Ctrl-C or SIGTERM; a plan that was under way is kept as far as it had '
+             'come',
+}
+"""The meaning of each exit status."""
+
+_BAD_INPUTS = MissingPackageError, OptionError, PlanFileError, ScenarioError
+
+_ABOUT = """\
+Plan how UAVs fly and radiate so that a transmission stays secret. ROS is not needed.
+
+A first plan:
+  secure_uav_planner new mission.yaml      write an example, to edit
+  secure_uav_planner check mission.yaml    say all that is wrong with it
+  secure_uav_planner plan mission.yaml     plan it; results in out/
+"""
+_STATUS = 'exit status:\n' + '\n'.join(
+    f'  {number:<5}{text}' for number, text in EXIT_STATUSES.items())
+_COMPLETION = """
+
+completion, in bash and zsh:
+  eval "$(register-python-argcomplete secure_uav_planner)"
+"""
+_MISSION = 'mission file: YAML, or JSON if its name ends with .json'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with arguments, by default those of the process; return EXIT_STATUSES."""
+    argv = sys.argv[1:] if argv is None else list(argv)
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:  # The caller has closed it.
+            setattr(sys, name, open(os.devnull, 'w', encoding='utf-8'))
+    try:
+        if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
+            return _run_node(argv[1], argv[2:])
+        parser = make_parser()
+        if '_ARGCOMPLETE' in os.environ:  # A shell asks for completions.
+            import argcomplete
+            argcomplete.autocomplete(parser)
+        options = parser.parse_args(argv)
+        run = resolve_name(f'{__package__}.{options.run}')
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        status = run(options)
+        sys.stdout.flush()  # Here a reader that has gone is told of.
+        return status
+    except MissionFileError as error:
+        for line, text in error.problems:
+            _tell(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
+        return BAD_INPUT
+    except BrokenPipeError:
+        _drop_output()  # Whoever read has gone.
+        return FAILED
+    except OSError as error:
+        what = error.filename or ('standard output' if _is_output_lost() else None)
+        _tell(str(error) if what is None or error.strerror is None else
+              f'{what} cannot be written: {error.strerror}; what was written before is kept')
+        return FAILED
+    except (PlanningError, MemoryError) as error:
+        _tell(str(error) or type(error).__name__)
+        return STOPPED if isinstance(error, StoppedError) else BAD_INPUT if isinstance(
+            error, _BAD_INPUTS) else FAILED
+    except KeyboardInterrupt:
+        _tell('stopped')
+        return STOPPED
+
+
+def _is_output_lost() -> bool:
+    """Return whether nothing can be printed, by an empty line."""
+    try:
+        print(flush=True)
+    except OSError:
+        _drop_output()
+        return True
+    return False
+
+
+def _drop_output() -> None:
+    """Let Python not try again to write what was printed when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _tell(text: str) -> None:
+    print(f'secure_uav_planner: {text}', file=sys.stderr)
+
+
+def _run_node(name: str, arguments: list[str]) -> int:
+    """Run a node in this process, with all that follows its name for ROS."""
+    if name not in NODES:
+        _tell(f'there is no node {name}; there are {", ".join(NODES)}')
+        return BAD_INPUT
+    try:
+        import_module(f'..ros.{name}', __package__).main([sys.argv[0], *arguments])
+    except ModuleNotFoundError as error:
+        if (error.name or '').startswith(__package__.partition('.')[0]):
+            raise
+        _tell(f'the nodes need ROS, and {error.name} is not installed; '
+              'pip install "secure_uav_planner[ros]", or source an installed ROS')
+        return BAD_INPUT
+    return DONE
+
+
+def _seconds(text: str, least: str = '') -> float:
+    if not (_is_number(text) and float(text) > 0):
+        raise argparse.ArgumentTypeError(
+            f'{shown(text)} must be {least}a number above 0, in s and without a unit')
+    return float(text)
+
+
+def _seconds_or_none(text: str) -> float | None:
+    return None if _is_number(text) and float(text) == 0 else _seconds(text, '0 or ')
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _number_of(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
+    return {'type': float, 'metavar': metavar, 'help': text, **more}
+
+
+_OUT, _PLAN = '-o --out', {'help': 'a plan file, such as out/plan.json'}
+
+_COMMANDS: dict[str, tuple[str, str, str, dict[str, dict[str, Any]]]] = {
+    'plan': ('planning:make_plan', 'plan a mission and write what it needs', """
+
+It prints the plan's rates beside those of the baselines and a proven bound of what any plan can
+reach, and writes plan.json, plan.csv, plan.png and plan.html. Ctrl-C ends the search and keeps
+the best plan so far.""", {
+        'mission': {'help': _MISSION},
+        _OUT: {'default': 'out', 'metavar': 'FOLDER',
+               'help': 'folder for the results, made if needed (default: %(default)s)'},
+        '--method': {'choices': METHODS, 'default': METHODS[0],
+                     'help': 'optimisation method (default: %(default)s)'},
+        '--objective': {'choices': OBJECTIVES, 'help': 'rate to maximise: the lower bound by '
+                        'formula, or the true worst case over the discs, only with the method '
+                        'joint, of which it is the default'},
+        '--time-limit': {'type': _seconds, 'metavar': 'S', 'help': 'end the search for a plan '
+                         'after so many seconds and keep the best plan so far (default: none)'},
+        '--bound-time-limit': {
+            'type': _seconds_or_none, 'default': 10.0, 'metavar': 'S',
+            'help': 'the same for the bound; 0 for no bound (default: %(default)g)'},
+        '--no-baselines': {'action': 'store_true', 'help': 'leave out fly-hover-fly, with which '
+                           'the plan is compared'},
+        '--mcap': {'action': 'store_true', 'help': 'write plan.mcap as well, the recording of a '
+                   'flight for Foxglove and `ros2 bag`; needs ROS'}}),
+    'check': ('missions:check', 'say all that is wrong with a mission, line by line', '', {
+        'mission': {'help': _MISSION},
+        '--autopilot': {'choices': tuple(AUTOPILOTS), 'help': 'compare the speed and acceleration '
+                        'of its UAVs with what this autopilot carries by default, and name the '
+                        'parameters to change'}}),
+    'new': ('missions:new', 'write an example of a mission with every field explained', '', {
+        'mission': {'help': 'file to write'},
+        '--force': {'action': 'store_true', 'help': 'replace a file that is there'}}),
+    'show': ('planning:show', 'draw a saved plan and print its rates', '', {
+        'plan': _PLAN,
+        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) or web page (.html) to '
+               'write (default: a .png beside the plan, in place of the one that plan drew '
+               'there)'}}),
+    'assess': ('planning:assess_plan', 'say what a saved plan is worth when the world differs', """
+
+It draws worlds: places of the eavesdroppers, lines of sight, fading and errors of the UAVs. It
+prints the secrecy rate of the mission, the outage of its slots and what is delivered in secret
+beside what the plan promises, and draws them. Without options, the world differs only in what the
+plan allows for.""", {
+        'plan': _PLAN,
+        _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) to write (default: a '
+               '.assess.png beside the plan)'},
+        '--draws': {'type': int, 'default': 1000, 'metavar': 'D',
+                    'help': 'how many worlds (default: %(default)s)'},
+        '--seed': {'type': int, 'default': 0, 'metavar': 'S',
+                   'help': 'of the draws (default: %(default)s)'},
+        '--place': {'choices': PLACES, 'help': 'where each eavesdropper is: anywhere in its disc '
+                    '(the default), normal around its centre, in the ring of the width --beyond '
+                    'around the disc, or at --positions'},
+        '--beyond': _number_of('M', 'width of that ring'),
+        '--covariance': _number_of(('XX', 'XY', 'YY'), 'of the normal place in m^2 (default: the '
+                                   'disc has a probability of 95%%)', nargs=3),
+        '--positions': _number_of('X Y', 'fixed places (default: the centres)', nargs='+'),
+        '--receiver-db': _number_of(
+            'DB', "by how much the eavesdroppers' receivers are better than stated"),
+        '--tracking-std': _number_of(
+            'M', 'standard deviation of the UAVs in x and in y around their plan'),
+        '--tracking-time': _number_of('S', 'correlation time of these errors (default: 2)'),
+        '--exponent': _number_of('A', "another path loss exponent than the plan's"),
+        '--los': {'choices': ('none', *ENVIRONMENTS),
+                  'help': 'another environment, for the probability of lines of sight'},
+        '--rician-k-db': _number_of('DB', 'another Rician factor'),
+        '--los-distance': _number_of('M', 'way of a UAV after which its lines of sight are drawn '
+                                     'anew (default: 50)'),
+        '--mean-gain': {'action': 'store_true',
+                        'help': 'draw no lines of sight, but take the mean gain'}}),
+    'sweep': ('campaigns:sweep', 'plan all missions of a campaign', """
+
+A campaign is a mission, fields to vary over lists, ranges or random laws, and methods and
+objectives to compare. Every finished mission is written at once; a campaign that was stopped
+goes on with the same command. A mission that fails is a row with its reason; if that lies outside
+of it, such as too little memory, the same command plans it again.""", {
+        'mission': {'metavar': 'campaign', 'help': 'campaign file: YAML or JSON'},
+        _OUT: {'default': 'out/sweep', 'metavar': 'FOLDER',
+               'help': 'folder for the results (default: %(default)s)'},
+        '--jobs': {'type': int, 'default': -1, 'metavar': 'N',
+                   'help': 'processes on this computer (default: as many as there are cores)'},
+        '--scheduler': {'metavar': 'ADDRESS', 'help': 'a Dask scheduler, such as tcp://host:8786, '
+                        'whose workers are used instead; they need this package'}}),
+    'link-budget': ('missions:link_budget', 'compute reference_snr_db from data sheets', """
+
+The SNR at 1 m and 1 W in free space: G_t + G_r + 20 log10(c / (4 pi f)) - 10 log10(k T_0 B) - F,
+all in dB, with T_0 = 290 K. The receiver_advantage_db of an eavesdropper is by how much G_r - F
+of its receiver is larger than that of the ground node's.""", {
+        '--carrier-hz': _number_of('HZ', 'f, frequency of the carrier', required=True),
+        '--bandwidth-hz': _number_of('HZ', 'B, bandwidth of the receiver', required=True),
+        '--noise-figure-db': _number_of(
+            'DB', 'F, noise figure of the receiver with its cable (default: 0)', default=0.0),
+        '--transmit-gain-dbi': _number_of(
+            'DBI', "G_t, gain of the UAV's antenna downwards (default: 0)", default=0.0),
+        '--receive-gain-dbi': _number_of(
+            'DBI', "G_r, gain of the ground node's antenna upwards (default: 0)", default=0.0)}),
+}
+"""Of each command: the function `module:name` that runs it, what it does, more, its arguments."""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command."""
+    parser = argparse.ArgumentParser(
+        prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
+    commands = parser.add_subparsers(title='commands', metavar='command', required=True)
+    for name, (run, about, more, arguments) in _COMMANDS.items():
+        command = commands.add_parser(
+            name, help=about, description=f'{about[0].upper()}{about[1:]}.{more}', epilog=_STATUS,
+            formatter_class=argparse.RawDescriptionHelpFormatter)
+        command.set_defaults(run=run)
+        for names, options in arguments.items():
+            command.add_argument(*names.split(), **options)
+    node = commands.add_parser(
+        'node', help='run a node, where there is no `ros2 run`', usage=f'{NAME} node '
+        f'{{{",".join(NODES)}}} [--ros-args ...]', description='Run a node of this package. What '
+        'follows its name is for ROS, as with `ros2 run secure_uav_planner <node>`.')
+    node.add_argument('node', choices=NODES)
+    return parser

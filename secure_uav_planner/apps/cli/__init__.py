@@ -1,1 +1,0 @@
-"""The command `secure_uav_planner`, which needs no ROS; its parts are imported when they run."""

@@ -1,0 +1,161 @@
+"""Missions: `new`, `check` and `link-budget`, and how all parts read and write files."""
+
+import argparse
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+import sys
+import tempfile
+from typing import TypeVar
+
+from .cli import DONE
+from ..errors import (
+    InfeasibleMissionError, MissionFileError, OptionError, PlanningError, ScenarioError)
+from ..mission.files import atomic_file
+from ..mission.formats.example import EXAMPLE
+from ..mission.link_budget import reference_snr_db
+from ..mission.scenario import Scenario
+from ..model.clearance import CLOSE_DISTANCE, kept_apart_by_nothing
+from ..output.autopilot_limits import changes
+from ..plan.plan import Plan
+
+SHORTFALL_DRAWS = 200
+"""Of an assessment that says how often a slot has less than a rate that is no guarantee."""
+
+_Content = TypeVar('_Content')
+
+
+def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
+           kind: type[PlanningError] = ScenarioError) -> _Content:
+    """Return what a function loads from a file; if it cannot be read, raise this kind of error."""
+    try:
+        return load(path)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise kind(f'{path} cannot be read: {reason}') from None
+
+
+def picture_file(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
+    """Return the file of --out, or beside the plan with the default suffix, after a trial."""
+    file = Path(options.out) if options.out else Path(options.plan).with_suffix(default)
+    if file.suffix.lower() not in suffixes:
+        raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
+                          f'{", ".join(suffixes)}')
+    try:
+        if file.is_dir():
+            raise IsADirectoryError('it is a folder')
+        with tempfile.TemporaryFile(dir=file.parent):
+            return file
+    except OSError as error:
+        raise OptionError(f'{file} cannot be written: {error.strerror or error}; choose another '
+                          'file with --out') from None
+
+
+def writable(folder: Path) -> Path:
+    """Return a folder after it has been made and tried, before work that would be in vain."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        raise OptionError(
+            f'{folder} cannot be written to: {error.strerror or error}; choose another folder '
+            'with --out') from None
+
+
+def new(options: argparse.Namespace) -> int:
+    """Write the example; return the exit status."""
+    path = Path(options.mission)
+    if path.is_dir():
+        raise OptionError(
+            f'{path} is a folder; name a file in it, such as {path / "mission.yaml"}')
+    if path.exists() and not options.force:
+        raise OptionError(f'{path} is there already; --force replaces it')
+    if path.suffix.lower() == '.json':
+        raise OptionError(f'{path} cannot have comments as JSON; name it .yaml')
+    try:
+        with atomic_file(path) as file:
+            file.write(EXAMPLE)
+    except OSError as error:
+        raise OptionError(f'{path} cannot be written: {error.strerror or error}') from None
+    print(f'{path} is written; edit it, then: secure_uav_planner check {path}')
+    return DONE
+
+
+def check(options: argparse.Namespace) -> int:
+    """Check a mission; return the exit status."""
+    plan = _baseline(options.mission)
+    scenario = plan.scenario
+    jammers = len(scenario.uavs) - 1
+    print(f'{options.mission}: {scenario.uavs[0].name} transmits, {jammers} '
+          f'jam{"s" if jammers == 1 else ""}, {len(scenario.eavesdroppers)} '
+          f'listen{"s" if len(scenario.eavesdroppers) == 1 else ""}; {scenario.slots} slots of '
+          f'{scenario.slot_duration:g} s. It can be flown.')
+    if not scenario.channel.is_guarantee:
+        from ..assessment import assess
+        print(f'rates are {scenario.channel.promise}, not guaranteed: with fly-hover-fly, '
+              f'{assess(plan, SHORTFALL_DRAWS).shortfall}')
+    if (names := kept_apart_by_nothing(scenario)):
+        print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
+              f'{scenario.margin_text}; set separation, or altitudes that differ',
+              file=sys.stderr)
+    if options.autopilot:
+        print(*_advice(options.autopilot, scenario), sep='\n')
+    return DONE
+
+
+def _baseline(path: str) -> Plan:
+    """Fly-hover-fly in the mission of a file; raise all that is wrong with it."""
+    known = None
+    try:
+        scenario = loaded(path)
+    except MissionFileError as error:
+        if error.rest is None:
+            raise
+        known, scenario = error, error.rest
+    from ..optimize import fly_hover_fly
+    with lines_of(path, () if known is None else known.problems):
+        plan = fly_hover_fly(scenario)
+    if known is not None:
+        raise known
+    return plan
+
+
+@contextmanager
+def lines_of(path: str, known: Iterable[tuple[int | None, str]] = ()) -> Iterator[None]:
+    """Give errors of a mission the lines of its file, beside what else is known to be wrong."""
+    try:
+        yield
+    except InfeasibleMissionError as error:
+        from ..mission.formats import located
+        raise located(path, error, known) from None
+
+
+def _advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
+    """Yield in words what an autopilot needs to follow each UAV's plan."""
+    alike: dict[tuple[float, float | None], list[str]] = {}
+    for uav in scenario.uavs:
+        alike.setdefault((uav.max_speed, uav.max_acceleration), []).append(uav.name)
+    for (speed, acceleration), names in alike.items():
+        uavs = f'{", ".join((autopilot, *names))} at {speed:g} m/s'
+        if acceleration is None:
+            yield f'{uavs}: no autopilot follows a plan without max_acceleration'
+            continue
+        uavs += f' and {acceleration:g} m/s^2'
+        found = changes(autopilot, speed, acceleration)
+        if not found:
+            yield f'{uavs}: the defaults suffice'
+        for parameter, value in found:
+            text = f'set {parameter.name} to {value:g} {parameter.unit}'
+            if (least := parameter.least(speed, acceleration)) > value:
+                text = (f'{parameter.name} would have to be {least:.0f} {parameter.unit}; lower '
+                        'max_speed or max_acceleration')
+            yield f'{uavs}: {text} (default {parameter.default:g}, at most {parameter.most:g})'
+
+
+def link_budget(options: argparse.Namespace) -> int:
+    """Print the reference SNR; return the exit status."""
+    snr = reference_snr_db(options.carrier_hz, options.bandwidth_hz, options.noise_figure_db,
+                           options.transmit_gain_dbi, options.receive_gain_dbi)
+    print(f'reference_snr_db: {snr:.2f}')
+    return DONE

@@ -1,0 +1,105 @@
+"""
+The simulated time of a flight, and what the nodes send in it over DDS.
+
+This process publishes /clock, and goes on by a step when the setpoints of the step before have
+come. So a flight is the same however fast the machine is, and no setpoint comes earlier or later
+than it would in real time; the transport itself takes no time.
+"""
+
+from collections import Counter
+from contextlib import AbstractContextManager
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.client import ClientError, node_process, SecurePlanner
+from secure_uav_planner.ros.topics import STREAM
+from sensor_msgs.msg import TimeReference
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+RATE = 25.0
+"""Setpoints per second."""
+
+STEP_NS = round(1e9 / RATE)
+"""The clock goes on by so many ns at a time."""
+
+BEGIN_NS = 10**9
+"""The first time of the clock."""
+
+_COUNTS = ('plans', 'replans', 'refusals')
+
+
+def node(name: str, **parameters: object) -> AbstractContextManager[object]:
+    """Return the context of a node's process in simulated time."""
+    return node_process(name, ['-p', 'use_sim_time:=true', *(
+        word for key, value in parameters.items() for word in ('-p', f'{key}:={value}'))])
+
+
+class Link(SecurePlanner):
+    """
+    Publishes /clock and where the vehicles are, and receives the setpoints of every UAV.
+
+    :param nodes: how many nodes have this clock.
+    :ivar setpoints: the last Setpoint of each UAV by its name.
+    :ivar plan_time: the last sensor_msgs/TimeReference of the replay, or None.
+    :ivar warnings: how many times the planner's status was not OK, by its text.
+    :ivar is_solving: whether the planner solves, or has not said yet what has come of it.
+    """
+
+    def __init__(self, scenario, nodes):
+        super().__init__(scenario, on_status=self._note_status)
+        self.setpoints, self.plan_time, self.warnings = {}, None, Counter()
+        self.is_solving, self._settled, self._nodes = False, None, nodes
+
+    def __enter__(self):
+        super().__enter__()
+        make = self.node.create_publisher
+        self._clock = make(Clock, '/clock', STREAM)
+        self._odometry = {name: make(Odometry, f'{name}/odom', STREAM) for name in self.names}
+        for name in self.names:
+            self.receive(MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
+                         lambda message, name=name: self.setpoints.update(
+                             {name: messages.setpoint_of(message)}))
+        self.receive(TimeReference, 'plan_time',
+                     lambda message: setattr(self, 'plan_time', message))
+        self.wait_until(self._is_connected, 'a node')
+        return self
+
+    def _is_connected(self):
+        counts = [self.node.count_publishers(f'{name}/setpoint/trajectory')
+                  for name in self.names]
+        if max(counts) > 1:
+            raise ClientError(f'{max(counts)} nodes of this ROS domain publish setpoints; set '
+                              'ROS_DOMAIN_ID to another one')
+        return all(counts) and self._clock.get_subscription_count() >= self._nodes
+
+    def _note_status(self, message):
+        """Note warnings, and whether a solve is under way."""
+        if message.level != DiagnosticStatus.OK:
+            self.warnings[message.message] += 1
+        counts = [self.status[key] for key in _COUNTS]
+        if self.status['state'] == 'solving':
+            self.is_solving = True
+        elif not self.is_solving or counts != self._settled:
+            self.is_solving, self._settled = False, counts
+
+    def has_come_to(self, now_ns):
+        """Return whether the replay has come to a time in ns with all that it sends."""
+        return self.plan_time and messages.nanoseconds(
+            self.plan_time.header.stamp) == now_ns and len(self.setpoints) in (
+            0, len(self.names)) and all(
+                setpoint.time_ns == now_ns for setpoint in [*self.setpoints.values()])
+
+    def publish_clock(self, now_ns):
+        """Make a time in ns the present."""
+        self._clock.publish(Clock(clock=Time(nanoseconds=now_ns).to_msg()))
+
+    def report(self, now_ns, vehicles):
+        """Publish where everybody is at a time in ns."""
+        stamp = Time(nanoseconds=now_ns).to_msg()
+        self.send_poses(stamp)
+        for (name, publisher), vehicle in zip(self._odometry.items(), vehicles, strict=True):
+            publisher.publish(messages.odometry(
+                'map', f'{name}/base_link', stamp, vehicle.place, 0.0, vehicle.velocity[:2]))

@@ -1,0 +1,544 @@
+"""The replay node, in a process of its own over DDS."""
+
+from dataclasses import replace
+from itertools import pairwise
+import shutil
+import subprocess
+import time
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from ros_client import node_here, node_process, refusal, wait_for, wait_for_line
+from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner.model.curve import Curve
+from secure_uav_planner.plan.player import Player
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.topics import LATCHED
+from sensor_msgs.msg import TimeReference
+from std_msgs.msg import Float64
+from strategies import with_uavs
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+
+@pytest.fixture(scope='module')
+def plan():
+    return fly_hover_fly(Scenario.paper(104, slots=26), 'optimised')
+
+
+@pytest.fixture
+def file(plan, tmp_path):
+    path = tmp_path / 'plan.json'
+    plan.save(path)
+    return path
+
+
+def end_of(process):
+    return next((line for line in process.lines if 'end of the plan' in line), None)
+
+
+def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logged(
+        client, plan, file):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    watts = client.listen(Float64, 'uav2/setpoint/power', 1000)
+    odometry = client.listen(Odometry, 'uav2/odom', 1000)
+    rates = client.listen(Float64, 'replay/secrecy_rate', 1000)
+    with node_here('replay', plan_file=file, speed=20.0, rate=50.0,
+                   true_eavesdropper='[204.0, 3.0]') as process:
+        assert client.call('replay/start').success
+        line = wait_for(lambda: end_of(process), what='the end of the plan')
+        wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
+        wait_for(lambda: odometry and len(rates) > 10)
+    assert poses[0].header.frame_id == 'map'
+    path = np.array([(pose.pose.position.x, pose.pose.position.y) for pose in poses])
+    # Every setpoint is on the planned path.
+    at = np.interp(-path[:, 1], -plan.positions[0, :, 1], np.arange(28))
+    assert path[:, 0] == pytest.approx(
+        np.interp(at, np.arange(28), plan.positions[0, :, 0]), abs=1e-6)
+    assert {round(watt.data, 9) for watt in watts} <= {
+        0.0, *(round(power, 9) for power in plan.powers[1].tolist())}
+    assert max(rate.data for rate in rates) > 1.0
+    assert odometry[-1].child_frame_id == 'uav2/base_link'
+    assert odometry[-1].pose.pose.position.z == 110.0
+    player = Player()
+    player.load(plan)
+    player.start()
+    for seconds in (0, 1000):
+        player.tick((plan.start_ns or 0) + seconds * 10**9, 1.0, (204.0, 3.0), longest=1000.0)
+    delivered = float(line.split('delivered in secret ')[1].split(' bit/Hz')[0])
+    assert delivered == pytest.approx(player.delivered, rel=0.01)
+    assert 'largest jump between consecutive setpoints 0.000 m' in line
+
+
+def send(client, plan, start_ns, change=lambda kind, uav, message: None,
+         topics=('path', 'power')):
+    """Send the messages of a plan, each changed by a function, with no delay in between."""
+    plan = replace(plan, start_ns=start_ns)
+    makers = {'path': messages.path, 'power': lambda plan, index, _: messages.power(plan, index),
+              'trajectory': messages.trajectory}
+    made = []
+    for index, uav in enumerate(plan.scenario.uavs):
+        for topic in topics:
+            message = makers[topic](plan, index, 'earth')
+            change(topic, index, message)
+            publisher = client.publisher(type(message), f'{uav.name}/{topic}', LATCHED)
+            made.append((publisher, message))
+    for publisher, message in made:
+        publisher.publish(message)
+
+
+def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, plan):
+    poses = client.listen(PoseStamped, 'uav2/setpoint/pose', 1000)
+    with node_here('replay', speed=50.0, true_eavesdropper='[204.0, 3.0]') as process:
+        answer = client.call('replay/start')
+        assert not answer.success and answer.message == 'there is no plan yet'
+        send(client, plan, 10**18)
+        wait_for(lambda: any('got a plan of 26 slots' in line for line in process.lines))
+        assert not poses  # nobody asked for it to start
+        assert client.call('replay/start').success
+        wait_for(lambda: end_of(process))
+        wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
+        assert poses[-1].header.frame_id == 'earth'
+
+
+def test_pause_holds_and_reset_returns(client, file):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_here('replay', plan_file=file, speed=2.0):
+        assert not client.call('replay/pause').success
+        client.call('replay/start')
+        wait_for(lambda: poses and poses[-1].pose.position.y < 450)
+        assert client.call('replay/pause').success
+        wait_for(lambda: len(poses) > 3 and poses[-1].pose == poses[-3].pose)
+        held = poses[-1].pose.position.y
+        client.call('replay/start')
+        wait_for(lambda: poses[-1].pose.position.y < held)
+        client.call('replay/reset')
+        received = len(poses)
+        client.call('replay/start')
+        wait_for(lambda: any(pose.pose.position.y > held for pose in poses[received:]))
+
+
+def test_it_loops_and_starts_by_itself_when_asked(file):
+    with node_here('replay', plan_file=file, speed=2000.0, loop='true',
+                   autostart='true') as process:
+        wait_for(lambda: sum('end of the plan' in line for line in process.lines) >= 3)
+
+
+def begins_at(seconds):
+    """Return the time of point 0 in ns of a plan that begins so many s from now."""
+    return time.time_ns() + round(seconds * 1e9)
+
+
+def got(process):
+    return sum('got a plan' in line for line in process.lines)
+
+
+def test_autostart_leaves_a_plan_whose_time_has_passed_to_a_start(client, plan):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_here('replay', autostart='true') as process:
+        send(client, plan, begins_at(-60.0))
+        wait_for_line(process, 'is not started: its time has passed; ~/start plays it')
+        assert not client.call('replay/pause').success and not poses
+        assert client.call('replay/start').success
+        wait_for(lambda: poses)
+
+
+def test_with_autostart_a_pause_lasts_through_a_replan_until_a_start(client, plan):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_here('replay', autostart='true') as process:
+        start_ns = begins_at(3600.0)
+        send(client, plan, start_ns)
+        wait_for(lambda: len(poses) > 3)
+        assert client.call('replay/pause').success
+        # A plan of the same flight.
+        send(client, replace(plan, powers=plan.powers * 0.5), start_ns)
+        wait_for(lambda: got(process) == 2)
+        assert not client.call('replay/pause').success
+        # Another flight, from where the setpoints rest.
+        send(client, plan, start_ns + 10**9)
+        wait_for(lambda: got(process) == 3)
+        assert client.call('replay/pause').success
+
+
+def elsewhere(kind, uav, message):
+    if kind == 'path':
+        message.header.frame_id = 'elsewhere'
+        for pose in message.poses:
+            pose.header.frame_id = ''
+
+
+def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, plan):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 10000)
+    with node_here('replay', autostart='true') as process:
+        start_ns = begins_at(3600.0)
+        send(client, plan, start_ns)
+        wait_for(lambda: poses)
+        for seconds in (0, 1):
+            send(client, replace(plan, powers=plan.powers * 0.5), start_ns + seconds * 10**9,
+                 elsewhere)
+            wait_for(lambda: sum(
+                "it is in frame 'elsewhere' and the setpoints are in 'earth'" in line
+                for line in process.lines) > seconds)
+        count = len(poses)
+        wait_for(lambda: len(poses) > count + 3)
+        assert {pose.header.frame_id for pose in poses} == {'earth'}
+        # Without setpoints it is a plan like any other; one that is refused changes nothing.
+        assert client.call('replay/reset').success
+        send(client, plan, start_ns + 2 * 10**9, elsewhere)
+        wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
+
+
+def test_with_few_setpoints_the_time_of_the_plan_is_still_told_often(client, file):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    times = client.listen(TimeReference, 'plan_time', 1000)
+    with node_here('replay', plan_file=file, rate=0.5):
+        assert client.call('replay/start').success
+        wait_for(lambda: len(poses) >= 3)
+        stamps = [(pose.header.stamp.sec, pose.header.stamp.nanosec) for pose in poses]
+        told = [(one.header.stamp.sec, one.header.stamp.nanosec) for one in times]
+        assert poses[0].pose.position.y == 500.0  # The start itself.
+        for begin, end in pairwise(stamps):
+            assert sum(begin < stamp <= end for stamp in told) >= 8, told
+
+
+@pytest.mark.parametrize('service', ['pause', 'reset'])
+def test_a_start_that_waits_for_the_rest_of_a_plan_can_be_withdrawn(client, plan, service):
+    with node_here('replay') as process:
+        def is_withdrawn():
+            # The rest is waited for for two seconds only, which may pass on a busy machine.
+            send(client, plan, 10**18, topics=('path',))
+            return 'waits for the rest of the plan' in client.call('replay/start').message and (
+                client.call(f'replay/{service}').success)
+
+        wait_for(is_withdrawn)
+        send(client, plan, 10**18)
+        wait_for(lambda: got(process))
+        assert client.call('replay/pause').message == 'nothing is playing'
+
+
+# For a process whose system clock is as many s off as a file is long in bytes, backward.
+SHIFTED_CLOCK = """
+#define _GNU_SOURCE
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+int clock_gettime(clockid_t clock, struct timespec *now) {
+  int result = syscall(SYS_clock_gettime, clock, now);
+  struct stat file;
+  if (!result && clock == CLOCK_REALTIME && !stat(getenv("CLOCK_BEHIND"), &file))
+    now->tv_sec -= file.st_size;
+  return result;
+}
+"""
+
+
+@pytest.fixture
+def set_back(tmp_path, monkeypatch):
+    """Return a function that sets the clock of processes, which start from now on, back by s."""
+    if shutil.which('gcc') is None:
+        pytest.skip('the clock of a process is changed by a library, which gcc builds')
+    library, file = tmp_path / 'clock.so', tmp_path / 'behind'
+    subprocess.run(['gcc', '-shared', '-fPIC', '-x', 'c', '-', '-o', library],
+                   input=SHIFTED_CLOCK, text=True, check=True)
+    monkeypatch.setenv('LD_PRELOAD', str(library))
+    monkeypatch.setenv('CLOCK_BEHIND', str(file))
+    return lambda seconds: file.write_bytes(bytes(seconds))
+
+
+def test_setpoints_go_on_when_the_clock_is_set_back(client, plan, tmp_path, set_back):
+    file = tmp_path / 'plan.json'
+    replace(plan, start_ns=begins_at(0.0)).save(file)
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 10000)
+    with node_process('replay', plan_file=file):
+        assert client.call('replay/start').success
+        wait_for(lambda: poses and poses[-1].pose.position.y < 495.0)
+        before = poses[-1]
+        set_back(3600)
+        wait_for(lambda: poses[-1].header.stamp.sec < before.header.stamp.sec - 1800)
+        wait_for(lambda: poses[-1].pose.position.y < before.pose.position.y - 10.0)
+        assert client.call('replay/pause').success
+        # It has begun, although its time is to come once more.
+        assert client.call('replay/start').message.endswith(': playing')
+
+
+@pytest.mark.parametrize('text', ['', '{"format": "other"}', '[1, 2'])
+def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, capfd, text):
+    path = tmp_path / 'foreign.json'
+    path.write_text(text)
+    line = refusal(capfd, 'replay', plan_file=path)
+    assert 'parameter plan_file' in line and 'foreign.json is not a plan' in line
+
+
+def test_a_missing_file_ends_the_node_with_one_clear_line(tmp_path, capfd):
+    assert 'none.json' in refusal(capfd, 'replay', plan_file=tmp_path / 'none.json')
+
+
+def test_the_wrong_eavesdropper_is_refused(client, file):
+    with node_here('replay', plan_file=file):
+        result = client.set_parameters('replay', true_eavesdropper=[1.0])[0]
+        assert not result.successful and 'true_eavesdropper' in result.reason
+        assert client.set_parameters('replay', true_eavesdropper=[1.0, 2.0])[0].successful
+
+
+def shorter(kind, uav, message):
+    if kind == 'power' and uav == 0:
+        message.data = message.data[:5]
+
+
+def of_another_frame(kind, uav, message):
+    if kind == 'path' and uav == 1:
+        message.header.frame_id = 'odom'
+
+
+def of_a_long_frame(kind, uav, message):
+    if kind == 'path':
+        message.header.frame_id = 'x' * 10_000
+        for pose in message.poses:
+            pose.header.frame_id = ''
+
+
+def with_a_pose_of_another_frame(kind, uav, message):
+    if kind == 'path' and uav == 1:
+        message.poses[3].header.frame_id = 'odom'
+
+
+def of_another_plan(kind, uav, message):
+    if kind == 'path' and uav == 1:
+        message.header.stamp.sec += 5
+
+
+def irregular(kind, uav, message):
+    if kind == 'path' and uav == 0:
+        message.poses[7].header.stamp.sec += 1
+
+
+def climbing(kind, uav, message):
+    if kind == 'path' and uav == 1:
+        message.poses[9].pose.position.z += 5.0
+
+
+def beyond_numbers(kind, uav, message):
+    if kind == 'path' and uav == 0:
+        message.poses[2].pose.position.x = 1e300
+
+
+def of_endless_power(kind, uav, message):
+    if kind == 'power' and uav == 1:
+        message.data[2] = 1e308
+
+
+@pytest.mark.parametrize('change, reason', [
+    (shorter, 'uav1 has 28 points and 5 powers'),
+    (of_another_frame, "uav1/path in 'earth', uav2/path in 'odom'"),
+    (of_a_long_frame, 'the frame_id of the paths has 10000 characters; it may have 255'),
+    (with_a_pose_of_another_frame, "uav2/path is in frame 'earth' and has a pose in frame 'odom'"),
+    (of_another_plan, 'their stamps differ'), (irregular, 'equally spaced'),
+    (climbing, 'the altitude must be constant'), (beyond_numbers, 'coordinates beyond'),
+    (of_endless_power, 'values beyond')])
+def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
+        client, recwarn, plan, change, reason):
+    with node_here('replay') as process:
+        def refusals():
+            # On a busy machine, messages may have to wait for each other.
+            return [line for line in process.lines
+                    if 'not used' in line and 'nothing new has come' not in line]
+
+        send(client, plan, 10**18)
+        wait_for(lambda: any('got a plan' in line for line in process.lines))
+        send(client, plan, 11 * 10**17, change)
+        wait_for(refusals, what='the refusal')
+        time.sleep(0.5)
+        assert len(refusals()) == 1 and reason in refusals()[0], process.lines
+        assert sum('got a plan' in line for line in process.lines) == 1
+        assert not any('np.' in line for line in process.lines)
+        assert not [one for one in recwarn if issubclass(one.category, RuntimeWarning)]
+        assert client.call('replay/start').success  # the previous plan is kept
+        send(client, plan, 12 * 10**17)
+        wait_for(lambda: sum('got a plan' in line for line in process.lines) == 2)
+
+
+def test_a_start_says_why_the_messages_that_have_come_make_no_plan(client, plan):
+    with node_here('replay') as process:
+        send(client, plan, 10**18, of_endless_power)
+        wait_for(lambda: any('values beyond' in line for line in process.lines))
+        answer = client.call('replay/start')
+        assert not answer.success
+        assert 'there is no plan yet' in answer.message and 'values beyond' in answer.message
+
+
+def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
+    watts = client.listen(Float64, 'uav1/setpoint/power', 1000)
+    with node_here('replay', speed=50.0) as process:
+        send(client, plan, 10**18)
+        wait_for(lambda: any('got a plan' in line for line in process.lines))
+        lone = messages.power(plan, 0)
+        for slot in range(len(lone.data)):
+            lone.data[slot] = 3.21
+        client.publisher(type(lone), 'uav1/power', LATCHED).publish(lone)
+        wait_for(lambda: any('nothing new has come on uav1/path, uav2/path, uav2/power' in line
+                             for line in process.lines), what='the reason')
+        assert client.call('replay/start').success
+        wait_for(lambda: end_of(process))
+        wait_for(lambda: watts)
+        assert not any(watt.data == 3.21 for watt in watts)
+        assert sum('got a plan' in line for line in process.lines) == 1
+
+
+def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):
+    scenario = with_uavs(Scenario.paper(120.0, slots=40), max_acceleration=1.5)
+    smooth = fly_hover_fly(scenario)
+    smooth.save(tmp_path / 'smooth.json')
+    found = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
+    with node_here('replay', plan_file=tmp_path / 'smooth.json', speed=2.0, rate=50.0):
+        assert client.call('replay/start').success
+        wait_for(lambda: len(found) > 200)
+        assert client.call('replay/pause').success
+        wait_for(lambda: not found[-1].points[0].velocities[0].linear.y)
+    assert found[0].joint_names == ['uav1'] and found[0].header.frame_id == 'map'
+    curve = Curve(scenario, smooth.positions)
+    times = np.linspace(curve.begin, curve.end, 20001)
+    motion = curve.at(times)
+    for message in found[:200:10]:
+        point, = message.points
+        at = point.transforms[0]
+        assert at.translation.z == scenario.uavs[0].altitude
+        nearest = np.hypot(motion.positions[0, :, 0] - at.translation.x,
+                           motion.positions[0, :, 1] - at.translation.y).argmin()
+        velocity = np.array([point.velocities[0].linear.x, point.velocities[0].linear.y])
+        # Played at twice the speed.
+        assert velocity == pytest.approx(2 * motion.velocities[0, nearest], abs=0.1)
+        assert np.hypot(point.accelerations[0].linear.x,
+                        point.accelerations[0].linear.y) <= 4 * 1.5 + 1e-6
+    # It begins near rest and does not jump: from each to the next as its velocity says, however
+    # much later that one is.
+    y = np.array([message.points[0].transforms[0].translation.y for message in found[:200]])
+    speeds = np.array([message.points[0].velocities[0].linear.y for message in found[:200]])
+    later = np.diff([message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+                     for message in found[:200]])
+    assert (abs(np.diff(y) - speeds[:-1] * later) <= 4 * 1.5 / 2 * later**2 + 1e-3).all()
+    assert y[0] == pytest.approx(500.0, abs=5.0)
+
+
+# The curve of a plan on the topics
+
+ALL = ('path', 'power', 'trajectory')
+
+
+@pytest.fixture(scope='module')
+def smooth():
+    """Return a plan whose transmitter has a limit of acceleration and whose jammer has none."""
+    scenario = Scenario.paper(120.0, slots=30)
+    scenario = replace(scenario, uavs=(
+        replace(scenario.uavs[0], max_acceleration=1.5, start_velocity=(1.0, -2.0),
+                goal_velocity=None), scenario.uavs[1]))
+    return fly_hover_fly(scenario, 'optimised')
+
+
+def distance_from_curve(plan, uav, setpoints):
+    """Return how far setpoints are at most from the curve of a plan, in m and in m/s."""
+    curve = Curve(plan.scenario, plan.positions)
+    motion = curve.at(np.linspace(curve.begin, curve.end, 20001))
+    places = np.array([(at.x, at.y) for message in setpoints
+                       for at in [message.points[0].transforms[0].translation]])
+    apart = np.linalg.norm(motion.positions[uav][:, None] - places, axis=-1)
+    nearest = apart.argmin(axis=0)
+    velocities = np.array([(at.x, at.y) for message in setpoints
+                           for at in [message.points[0].velocities[0].linear]])
+    off = np.linalg.norm(velocities - motion.velocities[uav][nearest], axis=-1)
+    return apart.min(axis=0).max(), off.max()
+
+
+def moving(setpoints):
+    """Return the setpoints before the first that rests, after those that wait at the start."""
+    speeds = [np.hypot(at.x, at.y) for message in setpoints
+              for at in [message.points[0].velocities[0].linear]]
+    first = next(number for number, speed in enumerate(speeds) if speed)
+    return setpoints[first:next(
+        (number for number, speed in enumerate(speeds) if number > first and not speed), None)]
+
+
+def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from_a_file(
+        client, smooth):
+    with node_here('replay', speed=1.0, rate=50.0) as process:
+        send(client, smooth, 10**18, topics=ALL)
+        wait_for(lambda: any('got a plan of 30 slots' in line for line in process.lines))
+        assert client.set_parameters('replay', speed=20.0)[0].successful
+        setpoints = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
+        assert client.call('replay/start').success
+        wait_for(lambda: end_of(process))
+    for message in setpoints:
+        # As a vehicle sees it at real time.
+        linear = message.points[0].velocities[0].linear
+        linear.x, linear.y = linear.x / 20, linear.y / 20
+    flown = moving(setpoints)
+    assert len(flown) > 50
+    assert distance_from_curve(smooth, 0, flown)[0] < 0.05
+    # It begins and ends at speed, which the setpoints reach from rest and leave for rest.
+    fifth = len(flown) // 5
+    assert distance_from_curve(smooth, 0, flown[fifth:-fifth])[1] < 0.05
+    # The points are farther from the curve than that: nobody flies straight between them.
+    curve = Curve(smooth.scenario, smooth.positions).at(smooth.times).positions
+    assert np.linalg.norm(curve - smooth.positions, axis=-1)[0].max() > 0.5
+    assert not np.linalg.norm(curve - smooth.positions, axis=-1)[1].any()
+    assert not any('straight' in line for line in process.lines)
+
+
+def test_trajectories_may_come_in_any_order_and_late_ones_still_count(client, smooth):
+    with node_here('replay') as process:
+        def plans():
+            return sum('got a plan' in line for line in process.lines)
+
+        send(client, smooth, 10**18, topics=('trajectory', 'power', 'path'))
+        wait_for(lambda: plans() == 1)
+        # The replay knows now that somebody publishes trajectories, and misses them.
+        send(client, smooth, 11 * 10**17)
+        wait_for(lambda: plans() == 2)
+        wait_for(lambda: any('nothing has come on uav1/trajectory, uav2/trajectory' in line
+                             for line in process.lines))
+        send(client, smooth, 11 * 10**17, topics=('trajectory',))
+        wait_for(lambda: plans() == 3)
+        # A new plan of the same flight has the same stamp.
+        send(client, smooth, 11 * 10**17, topics=ALL)
+        wait_for(lambda: plans() == 4)
+        assert sum('straight' in line for line in process.lines) == 1
+        assert not any('not used' in line for line in process.lines)
+
+
+def of_another_curve(kind, uav, message):
+    if kind == 'trajectory' and uav == 0:
+        message.points[7].transforms[0].translation.x += 0.5
+
+
+def beyond_every_number(kind, uav, message):
+    if kind == 'trajectory' and uav == 0:
+        message.points[0].accelerations[0].linear.x = float('nan')
+
+
+def too_short(kind, uav, message):
+    if kind == 'trajectory' and uav == 0:
+        message.points = message.points[:-1]
+
+
+def of_a_curve_elsewhere(kind, uav, message):
+    if kind == 'trajectory' and uav == 0:
+        message.header.frame_id = 'odom'
+
+
+@pytest.mark.parametrize('change, reason', [
+    (of_another_curve, 'uav1/trajectory is not the curve of uav1/path: at point 7'),
+    (beyond_every_number, 'uav1/trajectory has values beyond'),
+    (too_short, 'uav1/trajectory has 31 points and uav1/path 32'),
+    (of_a_curve_elsewhere, "uav1/path is in frame 'earth', uav1/trajectory in 'odom'")])
+def test_trajectories_that_do_not_belong_to_their_paths_are_refused(
+        client, smooth, change, reason):
+    with node_here('replay') as process:
+        send(client, smooth, 10**18, change, topics=ALL)
+        wait_for(lambda: any('not used' in line and reason in line for line in process.lines))
+        assert not any('got a plan' in line for line in process.lines)
+        # The right one completes the plan.
+        send(client, smooth, 10**18, topics=('trajectory',))
+        wait_for(lambda: any('got a plan' in line for line in process.lines))
