@@ -10,7 +10,7 @@ export AMENT_PREFIX_PATH := $(abspath $(VENV))
 
 SOURCES := setup.py setup.cfg build_backend.py pyproject.toml package.xml \
 	$(wildcard */requirements.txt */*/requirements.txt) \
-	$(shell find secure_uav_planner config launch resource -type f -not -name '*.pyc')
+	$(shell find secure_uav_planner config launch resource scripts -type f -not -name '*.pyc')
 
 # The oldest versions have no wheels for Python 3.13, and Ubuntu 24.04 has 3.12.
 COMPAT_PYTHON ?= $(shell python3.12 -c 'print("python3.12")' 2>/dev/null || echo $(PYTHON))
@@ -75,7 +75,8 @@ $(VENV)/.%: $(SOURCES) | $(BIN)/pip
 		-r $(wildcard $*/requirements.txt studies/$*/requirements.txt)
 	touch $@
 
-.venv-%/.check: test/compat/%.txt test/compat/requirements.txt setup.py $(wildcard secure_uav_planner/model/kernel/*)
+.venv-%/.check: test/compat/%.txt test/compat/requirements.txt setup.py \
+		$(wildcard secure_uav_planner/model/kernel/*)
 	$(COMPAT_PYTHON) -m venv --clear .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --upgrade pip
 	.venv-$*/bin/python -m pip install --quiet --prefer-binary --constraint $< $(PACKAGE) \

@@ -76,8 +76,10 @@ setup(
     install_requires=[
         'setuptools', 'argcomplete>=2.0', 'clarabel>=0.11', 'cvxpy>=1.4', 'numpy>=1.26',
         'pyyaml>=6.0', 'scipy>=1.11', 'shapely>=2.0'],
-    # `ros` is for machines without ROS: an installed ROS has these already.
-    extras_require={'ros': ros, 'view': view, 'campaign': campaign, 'all': [*ros, *campaign]},
+    # `ros` is for machines without ROS: an installed ROS has these already. None has Python 3.14.
+    extras_require={
+        'ros': ros, 'view': view, 'campaign': campaign,
+        'all': [*campaign, *(f'{name}; python_version < "3.14"' for name in ros)]},
     zip_safe=False,
     author='secure_uav_planner maintainers',
     author_email='secure-uav-planner@users.noreply.github.com',

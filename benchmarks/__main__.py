@@ -7,6 +7,7 @@ from pathlib import Path
 import platform
 import sys
 
+import casadi
 import pandas
 from secure_uav_planner import __version__
 from secure_uav_planner.mission.scenario import Scenario
@@ -14,7 +15,6 @@ from secure_uav_planner.output.table import markdown_table
 
 from . import measuring
 from .missions import random_mission
-from .opponents import imported_casadi
 
 PAPER = ((102.0, 10.0, 1.3694), (104.0, 10.0, 1.5601), (120.0, 10.0, 1.9875),
          (150.0, 10.0, 2.5035), (200.0, 10.0, 3.0187), (200.0, 0.0, 3.1917))
@@ -32,11 +32,6 @@ def main(arguments=None):
     parser.add_argument('--seed', type=int, default=0, help='seed of the first random mission')
     parser.add_argument('--missions', type=int, help='number of random missions')
     options = parser.parse_args(arguments)
-    try:
-        casadi = imported_casadi()
-    except ImportError as error:
-        print(error, file=sys.stderr)
-        return 1
     options.out.mkdir(parents=True, exist_ok=True)
     count = options.missions or (4 if options.quick else 24)
     tables = {}

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 import time
 
+import casadi as ca
 import numpy as np
 from secure_uav_planner.model.limits import repaired
 from secure_uav_planner.optimize.search import without_losing_slots
@@ -37,7 +38,6 @@ def solve_by_ipopt(scenario, positions, powers):
     :param positions: of the start, (U, N+2, 2) in m.
     :param powers: of the start, (U, N) in W.
     """
-    ca = imported_casadi()
     most_leaked = _largest_leaks(scenario, positions, powers)  # Of the start: it is not timed.
     started = time.perf_counter()
     slots, uavs = scenario.slots, len(scenario.uavs)
@@ -80,7 +80,6 @@ def solve_by_fatrop(scenario, positions, powers):
     are the powers, the moves to the next slot and, with several eavesdroppers, the largest leakage
     rate. The arguments are those of solve_by_ipopt.
     """
-    ca = imported_casadi()
     most_leaked = _largest_leaks(scenario, positions, powers)  # Of the start: it is not timed.
     started = time.perf_counter()
     slots, uavs, eves = scenario.slots, len(scenario.uavs), len(scenario.eavesdroppers)
@@ -137,15 +136,6 @@ def solve_by_fatrop(scenario, positions, powers):
     return _judged(scenario, values, (started, built, solved), solver)
 
 
-def imported_casadi():
-    """Return the module casadi, or raise an ImportError that says what to install."""
-    try:
-        import casadi
-    except ImportError as error:
-        raise ImportError('the comparison needs CasADi: pip install casadi') from error
-    return casadi
-
-
 def rate_expressions(scenario, x, y, power):
     """
     Return expressions of r_0 and of the list of leaks, in nats, with the rows of the arguments.
@@ -155,7 +145,6 @@ def rate_expressions(scenario, x, y, power):
     :param x: expressions of the positions in UNITs, a column for each UAV; and y.
     :param power: of the powers in W, likewise.
     """
-    ca = imported_casadi()
     snr = scenario.reference_snr / UNIT**2
 
     def rate(place, radius, advantage=1.0):
@@ -177,13 +166,12 @@ def rate_expressions(scenario, x, y, power):
 
 def _ends(scenario, end):
     """Return x and y of the 'start' or 'goal' of the UAVs in UNITs, each (U, 1)."""
-    places = imported_casadi().DM(np.array([getattr(uav, end) for uav in scenario.uavs]) / UNIT)
+    places = ca.DM(np.array([getattr(uav, end) for uav in scenario.uavs]) / UNIT)
     return places[:, 0], places[:, 1]
 
 
 def _largest_leaks(scenario, positions, powers):
     """Return the largest leak of every slot at a start, where an epigraph begins, in nats."""
-    ca = imported_casadi()
     inner = ca.DM(positions[:, 1:-1, 0].T / UNIT), ca.DM(positions[:, 1:-1, 1].T / UNIT)
     symbols = [ca.SX.sym(name, *powers.T.shape) for name in 'xyp']
     leaks = ca.Function('leaks', symbols, [ca.horzcat(*rate_expressions(scenario, *symbols)[1])])

@@ -7,7 +7,7 @@ from .mission import views
 
 if TYPE_CHECKING:
     from .assessment import assess, Assessment, World
-    from .bound.upper_bound import upper_bound
+    from .bound.method import upper_bound
     from .errors import PlanningError
     from .mission.link_budget import reference_snr_db
     from .mission.propulsion import Propulsion

@@ -3,15 +3,14 @@
 import numpy as np
 from secure_uav_planner import Plan
 from secure_uav_planner.bound.proof.certificate import certify
+from secure_uav_planner.bound.proof.reachable_set import Team
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
-from secure_uav_planner.bound.proof.team import Team
-from secure_uav_planner.bound.search.breakpoints import breakpoint_multipliers
-from secure_uav_planner.bound.search.initial_multipliers import InitialMultipliers
-from secure_uav_planner.bound.search.multiplier_search import MultiplierSearch
+from secure_uav_planner.bound.search.breakpoints import build_multipliers
+from secure_uav_planner.bound.search.multipliers import InitialMultipliers, MultiplierSearch
 from secure_uav_planner.model.limits import repaired
 
 
-def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
+def run_search(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
     """Return a Search of a team that has found multipliers from a plan."""
     search = MultiplierSearch(team, InitialMultipliers.of(team, plan.positions, plan.powers))
     for tau in temperatures:
@@ -19,14 +18,19 @@ def searched(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
     return search
 
 
-def certified(plan, most=400, curved=False):
+def certify_plan(plan, most=400, curved=False):
     """Return the team and the certificate of a plan's scenario, objective (P2)."""
     team = Team.of(plan.scenario, EavesdropperSubset.of(plan.scenario, 'guaranteed'), most=most)
-    search = searched(team, plan)
+    search = run_search(team, plan)
     if curved:
-        search.curve()
+        search.add_quadratic_part()
         search.minimise(0.01, 12)
-    return team, certify(team, breakpoint_multipliers(search))
+    return team, certify(team, build_multipliers(search))
+
+
+def slot_stages(stages):
+    """Return the stage of every slot, (N,)."""
+    return np.repeat(np.arange(len(stages.count)), stages.count)
 
 
 def slot_rates(team, places, powers):
@@ -54,18 +58,18 @@ def lagrangian(team, certificate, stage, places, powers):
     """Return what the certificate's B of a stage is a bound of, at K places and powers."""
     value = slot_rates(team, places, powers) - certificate.prices @ powers
     for potential, place in zip(certificate.potentials, places):
-        slope, bend = (part[stage] for part in potential.change)
+        slope, curvature = (part[stage] for part in potential.change)
         x, y = place.T
-        value = value + place @ slope + bend @ np.array([x * x / 2, x * y, y * y / 2])
-        for share, edge, turned in zip(
-                team.stages.means, (stage, stage + 1), potential.turned):
-            u, (a, b, c) = turned[stage], potential.bend[edge]
-            tilt = np.hypot(u[0] + a * x + b * y, u[1] + b * x + c * y)
+        value = value + place @ slope + curvature @ np.array([x * x / 2, x * y, y * y / 2])
+        for share, edge, move_slopes in zip(
+                team.stages.means, (stage, stage + 1), potential.move_slopes):
+            u, (a, b, c) = move_slopes[stage], potential.curvature[edge]
+            speed_cost = np.hypot(u[0] + a * x + b * y, u[1] + b * x + c * y)
             largest = np.linalg.eigvalsh([[a, b], [b, c]])[1]
             step = potential.region.steps[stage]
             value = value + share[stage] * (
-                step * tilt + step**2 / 2 * max(0.0, largest)
-                + potential.region.turn * np.hypot(*potential.turn[edge]))
+                step * speed_cost + step**2 / 2 * max(0.0, largest)
+                + potential.region.max_move_change * np.hypot(*potential.acceleration[edge]))
     return value
 
 
@@ -75,15 +79,15 @@ def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
     index = np.full(count, stage)
 
     def inside(places):
-        return [np.where(region.inside(place, index)[:, None], place, old)
+        return [np.where(region.contains(place, index)[:, None], place, old)
                 for region, place, old in zip(regions, places, inside.old)]
 
     places, powers = [], []
     for i, region in enumerate(regions):
-        low, high = (corner[stage] for corner in region.sides)
+        low, high = (corner[stage] for corner in region.bounding_box)
         tried = rng.uniform(low, high, (40 * count, 2))
-        good = tried[region.inside(tried, np.full(len(tried), stage))][:count]
-        middle = region.farthest(np.array([[[1.0, 0.0]]]))[stage]
+        good = tried[region.contains(tried, np.full(len(tried), stage))][:count]
+        middle = region.find_farthest(np.array([[[1.0, 0.0]]]))[stage]
         good = np.concatenate([good, np.repeat(middle, count, 0)])[:count]
         if starts is not None:
             good[:count // 3] = starts[0][i]
@@ -99,7 +103,7 @@ def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
     size = np.exp(rng.uniform(-7, 0, count))
     for _ in range(rounds):
         inside.old = places
-        moved = inside([place + size[:, None] * (region.sides[1] - region.sides[0])[stage].max()
+        moved = inside([place + size[:, None] * np.subtract(*region.bounding_box)[stage].min()
                         * rng.normal(0, 0.5, place.shape)
                         for region, place in zip(regions, places)])
         watts = np.clip(powers * np.exp(size * rng.normal(0, 2, powers.shape)), -1e-9,
@@ -115,7 +119,7 @@ def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
 
 def largest_excess(plan, most=400, curved=False, count=60):
     """Return by how much points that climb from a plan exceed a stage's bound, at most."""
-    team, proof = certified(plan, most, curved)
+    team, proof = certify_plan(plan, most, curved)
     rng, excess = np.random.default_rng(7), []
     for stage in range(len(team.stages.count)):
         slot = team.stages.first[stage]

@@ -48,9 +48,11 @@ with suppress(ImportError):
 # What `rosdep install` does not bring, and which tests need it; without it they are skipped.
 # In package.xml is what all others import.
 OPTIONAL = {
+    'test_bench.py': ['casadi'],
     'test_colcon.py': ['colcon', 'colcon_ros'],
     'test_demo.py': ['mcap', 'plotly'],
     'test_fly.py': ['rotorpy'],
+    'test_measured.py': ['casadi'],
     'test_page.py': ['plotly', 'selenium'],
     'test_relay.py': message_package.NEEDED,
     'test_cli.py': ['plotly'],

@@ -39,4 +39,4 @@ def make_environment(name, wheel, folder):
 
 
 def _run(*command):
-    subprocess.run(command, cwd=ROOT, check=True, timeout=600, env=OUTSIDE)
+    subprocess.run(command, cwd=ROOT, check=True, timeout=3600, env=OUTSIDE)

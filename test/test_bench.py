@@ -1,5 +1,4 @@
 import csv
-import sys
 
 from benchmarks import __main__ as bench, measuring
 from benchmarks.missions import random_mission
@@ -22,7 +21,6 @@ def test_missions_are_the_same_for_a_seed_and_of_every_kind():
 @pytest.mark.parametrize('scenario', [
     Scenario.paper(104, slots=30), random_mission(1, slots=20)])
 def test_ipopt_solves_the_same_problem(scenario):
-    pytest.importorskip('casadi')
     answer = solve_by_ipopt(scenario, fly_hover_fly_positions(scenario),
                             constant_powers(scenario))
     plan = solve(scenario, objective='guaranteed')
@@ -34,25 +32,14 @@ def test_ipopt_solves_the_same_problem(scenario):
 @pytest.mark.parametrize('scenario', [
     Scenario.paper(104, slots=30), random_mission(1, slots=20), random_mission(4, 20, jammers=1)])
 def test_fatrop_reaches_the_rate_of_ipopt(scenario):
-    pytest.importorskip('casadi')
     start = fly_hover_fly_positions(scenario), constant_powers(scenario)
     answer, other = (solve(scenario, *start) for solve in (solve_by_fatrop, solve_by_ipopt))
     assert answer.rate == pytest.approx(other.rate, rel=1e-3)
     assert answer.build_time > 0 and answer.solve_time > 0
 
 
-def test_without_casadi_the_benchmark_says_what_to_install(monkeypatch, capsys, tmp_path):
-    monkeypatch.setitem(sys.modules, 'casadi', None)
-    assert bench.main(['--out', str(tmp_path)]) == 1
-    assert 'pip install casadi' in capsys.readouterr().err
-    scenario = Scenario.paper(102, slots=5)
-    with pytest.raises(ImportError, match='pip install casadi'):
-        solve_by_ipopt(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
-
-
 @pytest.mark.slow
 def test_the_quick_benchmark_writes_a_table_and_its_summary(monkeypatch, capsys, tmp_path):
-    pytest.importorskip('casadi')
     monkeypatch.setattr(bench, 'PAPER', bench.PAPER[:1])
     monkeypatch.setattr(bench, 'random_mission', lambda seed, slots=20, jammers=None:
                         random_mission(seed, 20, jammers))

@@ -1,7 +1,6 @@
 """The bound as a user sees it: above every plan, honest about what it ignores, quick to say no."""
 
 from dataclasses import replace
-from importlib import import_module
 import json
 import math
 import warnings
@@ -13,9 +12,10 @@ import numpy as np
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
-from secure_uav_planner.bound import upper_bound
+from secure_uav_planner.bound import method, upper_bound
+from secure_uav_planner.bound.method import compute_plain_bound, list_ignored_limits
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
-from secure_uav_planner.bound.upper_bound import ignored_limits, plain_bound
+from secure_uav_planner.bound.search import multipliers
 from secure_uav_planner.errors import OptionError, PlanFileError, PlanningError
 from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.limits import (
@@ -80,10 +80,10 @@ def test_no_disc_is_left_out_for_places_in_another():
     plan = solve(mission, objective='guaranteed')
     discs, places = (EavesdropperSubset.of(mission, objective)
                      for objective in ('guaranteed', 'worst_case'))
-    leaks = places.leaks(mission, plan.positions, plan.powers)
+    leaks = places.compute_leaks(mission, plan.positions, plan.powers)
     assert len(discs.owners) == 3 and len(places.owners) == 51
     for most, count in [(1, 1), (2, 2), (3, 3), (4, 3), (8, 3)]:
-        counted = places.loudest(leaks, most)
+        counted = places.select_loudest(leaks, most)
         assert len(counted.places) == most and len(set(counted.owners)) == count
         which = (places.places == counted.places[:, None]).all(2).argmax(1)
         assert leaks.sum(1).argmax() in which
@@ -271,8 +271,7 @@ def test_a_bound_says_in_words_what_it_proves(times, words, plan):
 
 
 def test_progress_comes_without_better_bounds_too_and_can_stop_a_long_proof(monkeypatch, plan):
-    module = import_module('secure_uav_planner.bound.upper_bound')
-    monkeypatch.setattr(module, 'REPORT_PERIOD', 0.0)
+    monkeypatch.setattr(method, 'REPORT_PERIOD', 0.0)
     seen = []
     bound = upper_bound(PAPER, plan=plan,
                         on_progress=lambda progress: seen.append(progress) or len(seen) == 5)
@@ -280,12 +279,38 @@ def test_progress_comes_without_better_bounds_too_and_can_stop_a_long_proof(monk
     assert plan.worst_case_rate <= bound.rate == seen[0].rate
 
 
+@pytest.mark.parametrize(
+    'mission', [PAPER, random_city_mission(6, slots=20)], ids=['open', 'city'])
+def test_progress_is_reported_and_stops_the_search_while_the_first_plan_is_sought(
+        mission, monkeypatch):
+    monkeypatch.setattr(method, 'REPORT_PERIOD', 0.0)
+    seen, events = [], []
+
+    def watched(*args, **options):
+        events.append(len(seen))
+        try:
+            return solve(*args, **options)
+        finally:
+            events.append(len(seen))
+    monkeypatch.setattr(multipliers, 'solve', watched)
+    bound = upper_bound(mission, on_progress=lambda progress: seen.append(progress) or (
+        len(seen) == 3))
+    assert bound.status == 'cancelled' and events == [1, 3]
+
+
+def test_a_bound_is_proven_before_the_search_ends(plan):
+    seen = []
+    bound = upper_bound(PAPER, plan=plan, on_progress=seen.append)
+    assert len({progress.rate for progress in seen}) >= 3
+    assert plan.rate < bound.rate < seen[-2].rate < seen[0].rate
+
+
 @given(scenarios())
 @settings(max_examples=50)
 def test_every_limit_but_those_that_count_is_said_to_be_ignored(scenario):
     counted = (SpeedLimit, AccelerationLimit, PeakPower, AveragePower)
     limits = [limit for limit in LIMITS if limit.applies_to(scenario) and limit not in counted]
-    assert len(ignored_limits(scenario)) >= len(limits)
+    assert len(list_ignored_limits(scenario)) >= len(limits)
 
 
 def test_the_gap_is_a_share_of_the_plans_rate(plan):
@@ -295,8 +320,8 @@ def test_the_gap_is_a_share_of_the_plans_rate(plan):
 
 
 def test_limits_that_are_not_counted_with_are_named():
-    assert ignored_limits(random_city_mission(0)) == ('separation',)
-    assert ignored_limits(PAPER) == ()
+    assert list_ignored_limits(random_city_mission(0)) == ('separation',)
+    assert list_ignored_limits(PAPER) == ()
 
 
 @pytest.mark.parametrize('snr', [-200.0, 0.0, 80.0, 125.0, 300.0])
@@ -343,7 +368,7 @@ def test_the_largest_mission_is_bounded_in_time():
     plan = fly_hover_fly(scenario)
     for objective in OBJECTIVES:
         bound = upper_bound(scenario, objective=objective, plan=plan)
-        assert rate(plan, objective) <= bound.rate < plain_bound(scenario) + 1e-9
+        assert rate(plan, objective) <= bound.rate < compute_plain_bound(scenario) + 1e-9
 
 
 def test_many_slots_share_stages():

@@ -2,16 +2,15 @@
 
 from dataclasses import replace
 
-from bound_attack import largest_excess
+from bound_attack import largest_excess, slot_stages
 import numpy as np
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav, upper_bound
+from secure_uav_planner.bound.method import list_ignored_limits
 from secure_uav_planner.bound.proof import certificate, detours, reachable_set
-from secure_uav_planner.bound.proof.reachable_set import ReachableSet
-from secure_uav_planner.bound.proof.stages import Stages
+from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Stages
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
-from secure_uav_planner.bound.upper_bound import ignored_limits
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.optimize.initial.visibility_graph import VisibilityGraph
 import shapely
@@ -20,9 +19,9 @@ import shapely
 @pytest.fixture(autouse=True)
 def forgotten():
     # A test may compute detours with a deliberate error.
-    detours.detours.cache_clear()
+    detours.find_detours.cache_clear()
     yield
-    detours.detours.cache_clear()
+    detours.find_detours.cache_clear()
 
 
 def regions_of(scenario, most=10**6):
@@ -49,7 +48,7 @@ def ways_and_bounds(seed, count=300):
         positions = place * region.unit @ region.axes + region.origin
         within = shapely.contains_xy(fence, positions)
         place, positions = place[within], positions[within]
-        found = region.detours.lengths[(slice(None), *region.detours.cell(place))] * region.unit
+        found = region.detours.lengths[(slice(None), *region.detours.locate(place))] * region.unit
         size = np.hypot(*region.detours.size) * region.unit
         for end, bound in zip((scenario.uavs[i].start, scenario.uavs[i].goal), found):
             yield graph.distances(positions, np.array(end)), bound, size
@@ -79,7 +78,7 @@ def test_no_place_within_a_zone_or_beyond_the_fence_is_reached():
         fence.convex_hull.buffer(cell), points)
     assert barred.sum() > 100
     slot = np.full(barred.sum(), len(stages.count) // 2)
-    assert not region.inside(region.local(places[barred]), slot).any()
+    assert not region.contains(region.local(places[barred]), slot).any()
 
 
 @pytest.mark.parametrize('seed', range(10))
@@ -98,7 +97,7 @@ def test_flights_are_never_late(seed):
     for most in (40, 7):
         stages, regions = regions_of(scenario, most)
         for region, positions in zip(regions, plan.positions):
-            assert region.inside(region.local(positions[1:-1]), stages.of_slots()).all()
+            assert region.contains(region.local(positions[1:-1]), slot_stages(stages)).all()
 
 
 def courtyard(gap):
@@ -116,9 +115,9 @@ def test_what_is_enclosed_is_left_by_its_gap_or_not_at_all():
     for gap, beyond in ((0, False), (20, True)):
         (region,) = regions_of(courtyard(gap))[1]
         there = region.detours.lengths[0]
-        inner = there[region.detours.cell(region.local(np.array([-40.0, 40.0])))] * region.unit
+        inner = there[region.detours.locate(region.local(np.array([-40.0, 40.0])))] * region.unit
         assert inner == pytest.approx(np.hypot(40, 40), abs=40)
-        outer = there[region.detours.cell(region.local(np.array([100.0, -100.0])))] * region.unit
+        outer = there[region.detours.locate(region.local(np.array([100.0, -100.0])))] * region.unit
         assert np.isfinite(outer) == beyond
         if beyond:
             # Around the corner of the wall with the gap.
@@ -141,15 +140,15 @@ def test_zones_and_fence_make_the_bound_tighter(seed, most, monkeypatch):
     plan = solve(scenario, objective='guaranteed')
     bound = upper_bound(scenario, objective='guaranteed', plan=plan)
     assert plan.rate <= bound.rate <= most * plan.rate
-    monkeypatch.setattr(reachable_set, 'detours', lambda scenario, index: None)
+    monkeypatch.setattr(reachable_set, 'find_detours', lambda scenario, index: None)
     assert bound.rate < upper_bound(scenario, objective='guaranteed', plan=plan).rate
 
 
 def test_zones_of_too_many_corners_are_said_to_be_ignored(monkeypatch):
     scenario = random_city_mission(9)
-    assert ignored_limits(scenario) == ('separation',)
+    assert list_ignored_limits(scenario) == ('separation',)
     monkeypatch.setattr(detours, 'MOST_CORNERS', 20)
-    assert ignored_limits(scenario) == ('separation', 'no_fly_zones', 'geofence')
+    assert list_ignored_limits(scenario) == ('separation', 'no_fly_zones', 'geofence')
     bound = upper_bound(scenario, objective='guaranteed')
     assert bound.ignored == ('separation', 'no_fly_zones', 'geofence')
     assert bound.rate > 1.2 * solve(scenario, objective='guaranteed').rate
@@ -158,13 +157,13 @@ def test_zones_of_too_many_corners_are_said_to_be_ignored(monkeypatch):
 # -- deliberate errors
 
 def longer(monkeypatch):
-    right = detours.shortest_lengths
-    monkeypatch.setattr(detours, 'shortest_lengths', lambda *args: 1.02 * right(*args))
+    right = detours.bound_path_lengths
+    monkeypatch.setattr(detours, 'bound_path_lengths', lambda *args: 1.02 * right(*args))
 
 
 def larger_shadows(monkeypatch):
-    right = detours._shadow
-    monkeypatch.setattr(detours, '_shadow', lambda *args: right(*args).buffer(5.0))
+    right = detours._cast_shadow
+    monkeypatch.setattr(detours, '_cast_shadow', lambda *args: right(*args).buffer(5.0))
 
 
 def fewer_corners(monkeypatch):
@@ -183,6 +182,6 @@ def test_ways_that_are_too_long_are_noticed(monkeypatch, error):
 
 
 def test_silence_where_nobody_has_to_be_is_noticed(monkeypatch):
-    right = certificate._still
-    monkeypatch.setattr(certificate, '_still', lambda *args: right(*args) - 3.0)
+    right = certificate.bound_silence
+    monkeypatch.setattr(certificate, 'bound_silence', lambda *args: right(*args) - 3.0)
     assert worst(9) > 0

@@ -7,24 +7,25 @@ from pathlib import Path
 import subprocess
 import sysconfig
 
-from bound_attack import certified, lagrangian, largest_excess
+from bound_attack import certify_plan, lagrangian, largest_excess, slot_stages
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pybind11
 import pytest
 from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
-from secure_uav_planner.bound.proof import (
-    boxes, certificate, chords, potential as potentials)
+from secure_uav_planner.bound.proof import boxes, certificate, potential as potentials
 from secure_uav_planner.bound.proof.boxes import Terms
-from secure_uav_planner.bound.proof.conjugate import entropy, sigmoid, softplus, transmit_power
+from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid
 from secure_uav_planner.bound.proof.potential import Potential
-from secure_uav_planner.bound.proof.reachable_set import ReachableSet
-from secure_uav_planner.bound.proof.stages import Stages
+from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Stages, Team
 from secure_uav_planner.bound.proof.subset import EavesdropperSubset
-from secure_uav_planner.bound.proof.team import Team
 from secure_uav_planner.model import kernel
 
 NUMBER = st.floats(-40, 40)
+
+
+def softplus(z):
+    return np.logaddexp(0.0, z)
 
 
 @given(NUMBER, st.lists(NUMBER, min_size=1, max_size=4), st.integers(0, 2**32 - 1))
@@ -44,7 +45,7 @@ def test_lemma_1_bounds_every_rate_for_every_choice_of_shares(z0, ze, seed):
 @given(st.floats(0, 1), st.floats(1e-6, 10), st.floats(1e-3, 10))
 def test_lemma_3_gives_the_largest_value_of_any_power(weight, price, peak):
     power = np.geomspace(1e-9, 1, 500) * peak
-    most, _ = transmit_power(np.array(weight), price, peak)
+    most, _ = maximise_power(np.array(weight), price, peak)
     assert most >= (weight * np.log(power) - price * power).max() - 1e-12
 
 
@@ -72,11 +73,11 @@ def region_of(seed, uav=0, **options):
 
 def places_in(region, stage, rng, count=400):
     """Return random places in a reachable set and on its rim."""
-    low, high = (corner[stage] for corner in region.sides)
+    low, high = (corner[stage] for corner in region.bounding_box)
     tried = rng.uniform(low, high, (20 * count, 2))
-    tried = tried[region.inside(tried, np.full(len(tried), stage))][:count]
-    rim = region.farthest(rng.normal(size=(1, count, 2)))[stage]
-    return np.concatenate([tried, rim[region.inside(rim, np.full(count, stage))]])
+    tried = tried[region.contains(tried, np.full(len(tried), stage))][:count]
+    rim = region.find_farthest(rng.normal(size=(1, count, 2)))[stage]
+    return np.concatenate([tried, rim[region.contains(rim, np.full(count, stage))]])
 
 
 @given(st.integers(0, 10**6), st.integers(0, 5))
@@ -84,14 +85,14 @@ def places_in(region, stage, rng, count=400):
 def test_the_rectangle_and_the_support_hold_the_lens(seed, stage):
     region, rng = region_of(seed), np.random.default_rng(seed)
     places = places_in(region, stage, rng)
-    low, high = (corner[stage] for corner in region.sides)
+    low, high = (corner[stage] for corner in region.bounding_box)
     assert (places >= low).all() and (places <= high).all()
     directions = rng.normal(size=(50, 2))
     support = region.support(directions, np.full(50, stage))
     if len(places):
         largest = (directions @ places.T).max(1)
         assert (support >= largest - 1e-12).all()
-    farthest = region.farthest(directions[None])[stage]
+    farthest = region.find_farthest(directions[None])[stage]
     exact = (farthest * directions).sum(-1)
     np.testing.assert_allclose(support, exact, rtol=1e-6, atol=1e-6)
 
@@ -137,39 +138,41 @@ def least_cost(seed, kind, limited):
     path, scenario = tight_flight(rng, limited)
     stages = Stages.of(6, most)
     region = ReachableSet.of(scenario, 0, stages, EavesdropperSubset.of(scenario, 'guaranteed'))
-    path, stage = region.local(path), stages.of_slots()
-    assert region.inside(path[1:-1], stage).all()
+    path, stage = region.local(path), slot_stages(stages)
+    assert region.contains(path[1:-1], stage).all()
     assert (np.hypot(*np.diff(path, axis=0)[1:].T) <= region.steps[stage]).all()
     least = np.inf
     for _ in range(20):
         potential = random_potential(region, stages, rng, curved)
         # Along the path's own moves, and at one change of them, the limits are felt most.
         if most == 6 and rng.random() < 0.5:
-            turn, slope, at = np.zeros((7, 2)), np.zeros((7, 2)), rng.integers(0, 8)
+            change, slope, at = np.zeros((7, 2)), np.zeros((7, 2)), rng.integers(0, 8)
             if at < 7:
-                turn[at] = [*np.diff(path, n=2, axis=0), rng.normal(size=2)][at]
-                slope = -np.diff(turn, axis=0, prepend=0.0)
+                change[at] = [*np.diff(path, n=2, axis=0), rng.normal(size=2)][at]
+                slope = -np.diff(change, axis=0, prepend=0.0)
             else:
                 slope[0] = rng.normal(size=2)
-            potential = Potential(slope, 0.0 * potential.bend, turn, stages, region)
+            potential = Potential(slope, 0.0 * potential.curvature, change, stages, region)
         elif rng.random() < 0.7:
             moves = np.diff(path, axis=0)[stages.edges] * rng.normal(0, 0.3)
-            potential = Potential(potential.slope * 0.1 + moves, potential.bend * 0.1,
-                                  potential.turn * rng.choice([0.0, 0.3, 1.0]), stages, region)
-        total = potential.ends()
+            potential = Potential(potential.slope * 0.1 + moves, potential.curvature * 0.1,
+                                  potential.acceleration * rng.choice([0.0, 0.3, 1.0]), stages,
+                                  region)
+        total = potential.end_cost()
         for n in range(1, 7):
             k = stage[n - 1]
-            slope, bend = (part[k] for part in potential.change)
+            slope, curvature = (part[k] for part in potential.change)
             x, y = path[n]
-            total += slope @ path[n] + bend @ [x * x / 2, x * y, y * y / 2]
+            total += slope @ path[n] + curvature @ [x * x / 2, x * y, y * y / 2]
             total += potential.constant()[k]
-            f, u1, u2, s11, s12, s22 = potential.tilt()[k]
+            f, u1, u2, s11, s12, s22 = potential.speed_cost()[k]
             total += f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
         least = min(least, total)
     return least
 
 
-@pytest.mark.parametrize('field', ['turn', 'end_turns', 'end_moves', 'steps', 'step'])
+@pytest.mark.parametrize(
+    'field', ['max_move_change', 'end_move_changes', 'end_moves', 'steps', 'step'])
 def test_a_limit_of_moves_taken_too_small_is_noticed(field, monkeypatch):
     right = ReachableSet.of
 
@@ -199,12 +202,12 @@ def test_quadratic_potentials_in_stages_of_several_slots_are_refused():
 def random_terms(region, stages, rng, curved, jams, count=12):
     potential = random_potential(region, stages, rng, curved)
     stage = rng.integers(0, len(stages.count), count)
-    slope, bend = potential.change
+    slope, curvature = potential.change
     weight = rng.random(count)
     shares = weight[:, None] * rng.random((count, 1)) * rng.dirichlet(
         np.ones(len(region.radii)), count)
     powers = (np.log(region.peak) - 12, np.log(region.peak)) if jams else None
-    return Terms(region, stage, weight, shares, slope, bend, potential.tilt(),
+    return Terms(region, stage, weight, shares, slope, curvature, potential.speed_cost(),
                  np.full(len(slope), 1e-10), 0.3, powers)
 
 
@@ -214,8 +217,8 @@ def values(terms, k, places, powers):
     ground, leaks = region.log_squares(places)
     x, y = places.T
     stage = terms.stage[k]
-    value = places @ terms.slope[stage] + terms.bend[stage] @ [x * x / 2, x * y, y * y / 2]
-    f, u1, u2, s11, s12, s22 = terms.tilt[stage]
+    value = places @ terms.slope[stage] + terms.curvature[stage] @ [x * x / 2, x * y, y * y / 2]
+    f, u1, u2, s11, s12, s22 = terms.speed_cost[stage]
     value += f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
     if terms.powers is None:
         return value + terms.weight[k] * (region.log_gain - ground) + (
@@ -232,17 +235,17 @@ def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
     region = region_of(seed, int(jams), eavesdroppers=eavesdroppers)
     terms = random_terms(region, Stages.of(6), rng, curved, jams)
     for k in range(len(terms)):
-        low, high = (corner[terms.stage[k]] for corner in region.sides)
+        low, high = (corner[terms.stage[k]] for corner in region.bounding_box)
         centre = rng.uniform(low, high)
         half = (high - low) * np.exp(rng.uniform(-6, 0)) * rng.random(2) + 1e-9
         if jams:
             centre = np.append(centre, rng.uniform(*terms.powers))
             half = np.append(half, np.exp(rng.uniform(-5, 1)))
-        value, bound = terms.bounds(k, centre, half)
+        value, bound = terms.bound_box(k, centre, half)
         points = rng.uniform(centre - half, centre + half, (300, len(centre)))
         corners = centre + half * rng.choice([-1, 1], (30, len(centre)))
         points = np.concatenate([points, corners])
-        points = points[region.inside(points[:, :2], np.full(len(points), terms.stage[k]))]
+        points = points[region.contains(points[:, :2], np.full(len(points), terms.stage[k]))]
         power = np.exp(points[:, 2]) if jams else None
         found = values(terms, k, points[:, :2], power)
         assert (found <= bound + 1e-9).all()
@@ -259,7 +262,7 @@ def test_branch_and_bound_is_above_every_sample_and_not_far_above_the_best(curve
     rng = np.random.default_rng(5)
     region = region_of(3, int(jams))
     terms = random_terms(region, Stages.of(6), rng, curved, jams)
-    found = terms.maxima(np.full(len(terms), -np.inf), np.full(len(terms), 1e-3))
+    found = terms.bound_maxima(np.full(len(terms), -np.inf), np.full(len(terms), 1e-3))
     for k in range(len(terms)):
         places = places_in(region, terms.stage[k], rng, 3000)
         powers = np.exp(rng.uniform(*terms.powers, len(places))) if jams else None
@@ -272,10 +275,10 @@ def test_a_search_that_is_cut_short_still_bounds():
     region = region_of(4, 1)
     terms = random_terms(region, Stages.of(6), rng, False, True)
     nothing, slack = np.full(len(terms), -np.inf), np.full(len(terms), 1e-3)
-    exact = terms.maxima(nothing, slack)
-    assert (terms.maxima(nothing, slack, budget=100) >= exact - 2e-3).all()
+    exact = terms.bound_maxima(nothing, slack)
+    assert (terms.bound_maxima(nothing, slack, budget=100) >= exact - 2e-3).all()
     calls = iter([False] * 5 + [True] * 10**6)
-    assert (terms.maxima(nothing, slack, stop=lambda: next(calls)) >= exact - 2e-3).all()
+    assert (terms.bound_maxima(nothing, slack, stop=lambda: next(calls)) >= exact - 2e-3).all()
 
 
 MISSIONS = [{'seed': 1}, {'seed': 2, 'eavesdroppers': 2}, {'seed': 3, 'jammers': 0},
@@ -306,8 +309,8 @@ def test_no_place_and_no_power_exceeds_a_stages_bound():
 def test_every_plan_satisfies_the_whole_of_the_proof(most, curved):
     scenario = mission(9, slots=9)
     plan = solve(scenario, objective='guaranteed')
-    team, proof = certified(plan, most, curved)
-    stage = team.stages.of_slots()
+    team, proof = certify_plan(plan, most, curved)
+    stage = slot_stages(team.stages)
     total = proof.offset
     for n in range(scenario.slots):
         places = [region.local(path[n + 1])[None]
@@ -322,18 +325,18 @@ def test_every_plan_satisfies_the_whole_of_the_proof(most, curved):
 # A deliberate error in every lemma, and the attack that has to notice it.
 
 def test_breakpoints_of_the_weight_without_a_chord_between_them_are_noticed(monkeypatch):
-    right = certificate.over_pieces
+    right = certificate.bound_pieces
 
     def wrong(team, silent, joint, weights, total, price):
         keep = [0, -1]
         return right(team, silent, joint[keep] - 0.05, weights[keep], total[keep], price)
-    monkeypatch.setattr(certificate, 'over_pieces', wrong)
+    monkeypatch.setattr(certificate, 'bound_pieces', wrong)
     assert worst({'seed': 1}) > 0
 
 
 def test_a_missing_cost_of_power_is_noticed(monkeypatch):
-    right = chords.transmit_power
-    monkeypatch.setattr(chords, 'transmit_power', lambda x, price, peak: (
+    right = certificate.maximise_power
+    monkeypatch.setattr(certificate, 'maximise_power', lambda x, price, peak: (
         right(x, price, peak)[0] - 0.1, right(x, price, peak)[1]))
     assert worst({'seed': 1}) > 0
 
@@ -344,13 +347,13 @@ def test_a_missing_cost_of_power_is_noticed(monkeypatch):
     ('return 2 * (x2 - square) / (q * q);', 'return 2 * (x2 - square) / (q * q) - 0.5 / square;'),
     ('extra += push[i]', 'extra += 0.9 * push[i]'),
     ('f.kb += more;', ''),
-    ('const double twice = phi2', 'const double twice = 0.2 * phi2'),
+    ('const double twice = softplus_curvature', 'const double twice = 0.2 * softplus_curvature'),
     ('f.kp = -bent * (1 - steep * rho / width);', 'f.kp = -4 * bent;'),
     ('f.ka += bent * steep', 'f.ka -= bent * steep'),
     ('f.ka = f.kb = 2 / q;', 'f.ka = f.kb = 1 / q;'),
-    ('f.kp += factor * one.kp;', ''),
+    ('f.kp += factor * own.kp;', ''),
 ], ids=[
-    'bound', 'radial', 'rim', 'tilt', 'power', 'ground', 'ground across', 'listener', 'weight'])
+    'bound', 'radial', 'rim', 'speed', 'power', 'ground', 'ground across', 'listener', 'weight'])
 def test_an_error_in_the_bound_of_a_box_is_noticed(right, wrong, monkeypatch, tmp_path):
     mutant = compiled_with(right, wrong, tmp_path)
     assert not boxes_fail()
@@ -371,10 +374,11 @@ def boxes_fail():
 
 def compiled_with(right, wrong, folder):
     """Return a module of the kernel's branch and bound with an error in it."""
-    sources = Path(kernel.__file__).parent
-    text = (sources / 'bound_boxes.cpp').read_text()
+    sources, terms = Path(kernel.__file__).parent, folder / 'bound_terms.hpp'
+    text = (sources / terms.name).read_text()
     assert right in text
-    (folder / 'mutant.cpp').write_text(text.replace(right, wrong) + (
+    terms.write_text(text.replace(right, wrong))
+    (folder / 'mutant.cpp').write_text((sources / 'bound_boxes.cpp').read_text() + (
         '\nPYBIND11_MODULE(mutant, module) { add_bound_boxes(module); }\n'))
     library = folder / 'mutant.so'
     subprocess.run(
@@ -388,8 +392,8 @@ def compiled_with(right, wrong, folder):
 
 
 def test_a_speed_that_costs_too_little_is_noticed(monkeypatch):
-    right = potentials.Potential.ends
-    monkeypatch.setattr(potentials.Potential, 'ends', lambda self: right(self) - 0.05 * abs(
+    right = potentials.Potential.end_cost
+    monkeypatch.setattr(potentials.Potential, 'end_cost', lambda self: right(self) - 0.05 * abs(
         right(self)) - 0.1)
     with pytest.raises(AssertionError):
         test_every_plan_satisfies_the_whole_of_the_proof(400, False)
@@ -403,10 +407,10 @@ def powers_above(seed, count=8):
     stage, weights = rng.integers(0, 6, count), rng.random(count)
     shares = (weights * rng.random(count))[:, None]
     price, tolerance = 0.3, np.full(count, 1e-3)
-    still = certificate._still(potential, price, np.full(6, -np.inf), tolerance[:6], bool)
-    found = certificate._maxima(team, potential, 1, still, stage, weights, shares, price,
-                                np.full(count, -np.inf), tolerance, bool)
-    terms, extra = certificate.terms_of(team, potential, 1, stage, weights, shares, price)
+    silent = certificate.bound_silence(potential, price, np.full(6, -np.inf), tolerance[:6], bool)
+    found = certificate.bound_terms(team, potential, 1, silent, stage, weights, shares, price,
+                                    np.full(count, -np.inf), tolerance, bool)
+    terms, extra = certificate.build_terms(team, potential, 1, stage, weights, shares, price)
     excess = []
     for k in range(count):
         places = places_in(team.regions[1], stage[k], rng)
@@ -424,7 +428,7 @@ def test_no_power_of_a_jammer_exceeds_its_maximum(seed):
 
 
 def test_powers_that_count_as_silence_too_early_are_noticed(monkeypatch):
-    right = certificate.powers_of
-    monkeypatch.setattr(certificate, 'powers_of', lambda team, uav: (
+    right = certificate.find_power_range
+    monkeypatch.setattr(certificate, 'find_power_range', lambda team, uav: (
         right(team, uav)[1] - 1, right(team, uav)[1]))
     assert max(map(powers_above, range(20))) > 0

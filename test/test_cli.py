@@ -1,6 +1,7 @@
 """The command, as a person or a script runs it."""
 
 import argparse
+from contextlib import suppress
 import csv
 from dataclasses import replace
 import math
@@ -9,6 +10,7 @@ from pathlib import Path
 import pty
 import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +19,7 @@ import threading
 import numpy as np
 from processes import environment
 import pytest
-from secure_uav_planner import Channel, METHODS, Plan, Scenario
+from secure_uav_planner import Channel, fly_hover_fly, METHODS, Plan, Scenario
 from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
 from secure_uav_planner.plan.plan import OBJECTIVES
 from secure_uav_planner.plan.playback import Playback
@@ -234,7 +236,10 @@ def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
     (['new', 'new.json'], 'cannot have comments'),
     (['new', '.', '--force'], '. is a folder; name a file in it, such as mission.yaml'),
     (['show', str(ROOT / 'docs' / 'plan.png')], 'plan.png is not a plan: it is not text in UTF-8'),
-    (['node', 'flyer'], 'there is no node flyer; there are planner, relay, replay')])
+    (['node', 'flyer'], "there is no node 'flyer'; there are planner, relay, replay"),
+    (['node', 'planer'], "there is no node 'planer'; did you mean planner?"),
+    (['pln', 'mission.json'], "there is no command 'pln'; did you mean plan?"),
+    (['fly'], "there is no command 'fly'; there are plan, check, new")])
 def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, arguments, reason):
     monkeypatch.chdir(tmp_path)
     Scenario.paper(120.0, slots=10).save('mission.json')
@@ -245,7 +250,7 @@ def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, argum
 
 
 @pytest.mark.parametrize('arguments', [
-    [], ['fly'], ['plan'], ['plan', 'a', '--method', 'magic'], ['plan', 'a', '--time-limit', '0'],
+    [], ['plan'], ['plan', 'a', '--method', 'magic'], ['plan', 'a', '--time-limit', '0'],
     ['plan', 'a', '--time-limit', 'soon'], ['check', 'a', 'b'], ['node', '--x']])
 def test_a_wrong_command_line_is_status_2_and_shows_the_usage(arguments, capsys):
     with pytest.raises(SystemExit) as error:
@@ -261,6 +266,22 @@ def test_a_time_with_a_unit_is_refused_with_what_is_allowed(capsys):
             main(['plan', 'mission.yaml', option, value])
         assert (f"'{value}' must be {least}a number above 0, in s and without a unit"
                 in capsys.readouterr().err)
+
+
+def test_a_number_with_a_unit_is_refused_with_what_is_allowed(capsys):
+    with pytest.raises(SystemExit):
+        main(['link-budget', '--carrier-hz', '2.4GHz', '--bandwidth-hz', '1e6'])
+    assert "--carrier-hz: '2.4GHz' must be a number, without its unit" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('arguments, option', [
+    (['--place', 'beyond'], '--beyond'), (['--beyond', '5'], '--beyond'),
+    (['--place', 'normal', '--covariance', '1', '2', '1'], '--covariance'),
+    (['--tracking-std', '-1'], '--tracking-std')])
+def test_a_wrong_world_names_the_option(tmp_path, capsys, arguments, option):
+    fly_hover_fly(Scenario.paper(120.0, slots=10)).save(tmp_path / 'plan.json')
+    assert main(['assess', str(tmp_path / 'plan.json'), *arguments]) == 2
+    assert capsys.readouterr().err.startswith(f'secure_uav_planner: {option}: ')
 
 
 def limited():
@@ -379,70 +400,103 @@ def test_ctrl_c_while_modules_are_imported_ends_the_command_without_a_traceback(
         assert done.stderr in ('', 'secure_uav_planner: stopped\n')
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
-    Scenario.paper(200.0, slots=500).save(tmp_path / 'mission.yaml')
+def stopped_at(text, number, folder, *arguments):
+    """
+    Send a signal to a plan of the command once it shows a text.
+
+    :return: its exit status, what it printed, and what it showed on its terminal.
+    """
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        [*MODULE, 'plan', 'mission.yaml', '--method', 'alternating', '--no-baselines',
-         '--bound-time-limit', '0'], cwd=tmp_path,
-        stdout=subprocess.PIPE, stderr=theirs, env=environment())
+        [*MODULE, 'plan', 'mission.yaml', *arguments], cwd=folder, stdout=subprocess.PIPE,
+        stderr=theirs, env=environment())
     os.close(theirs)
     guard = threading.Timer(PATIENCE, process.kill)
     guard.start()
+    shown = []
     try:
-        seen = b''
-        while b'(power)' not in seen:
-            seen += os.read(ours, 1000)
+        while text not in b''.join(shown):
+            shown.append(os.read(ours, 1000))
         process.send_signal(number)
         # The other end of a terminal that nobody reads would block.
-        threading.Thread(target=drain, args=[ours], daemon=True).start()
+        reader = threading.Thread(target=drain, args=[ours, shown], daemon=True)
+        reader.start()
         printed, _ = process.communicate()
+        reader.join(PATIENCE)
     finally:
         guard.cancel()
         process.kill()
-    assert process.returncode == 130, seen
-    plan = Plan.load(tmp_path / 'out' / 'plan.json')
-    assert plan.status == 'cancelled' and plan.message.encode() in printed
-    assert b'written: out/plan.json' in printed
+    return process.returncode, printed.decode(), b''.join(shown).decode()
 
 
-def drain(terminal):
+def drain(terminal, shown):
     """Read all that comes."""
-    try:
-        while os.read(terminal, 1000):
-            pass
-    except OSError:
-        pass
+    with suppress(OSError):
+        while text := os.read(terminal, 1000):
+            shown.append(text)
 
 
-def test_the_command_needs_neither_ros_nor_what_draws(planned, tmp_path):
-    (tmp_path / 'sitecustomize.py').write_text("""
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
+    Scenario.paper(200.0, slots=500).save(tmp_path / 'mission.yaml')
+    status, printed, shown = stopped_at(b'(power)', number, tmp_path, '--method', 'alternating',
+                                        '--no-baselines', '--bound-time-limit', '0')
+    assert status == 130 and 'secure_uav_planner: stopped; ' in shown, shown
+    plan = Plan.load(tmp_path / 'out' / 'plan.json')
+    assert plan.status == 'cancelled' and plan.message in printed
+    assert 'written: out/plan.json' in printed
+
+
+def test_ctrl_c_in_the_proof_keeps_plan_baselines_and_what_is_proven_and_says_so(tmp_path):
+    Scenario.paper(200.0).save(tmp_path / 'mission.yaml')
+    status, printed, shown = stopped_at(b'no plan has more', signal.SIGINT, tmp_path,
+                                        '--bound-time-limit', '600')
+    assert status == 130 and 'secure_uav_planner: stopped; ' in shown, shown
+    assert ', when it was stopped\n' in printed
+    plan = Plan.load(tmp_path / 'out' / 'plan.json')
+    assert plan.status == 'converged' and plan.bound.status == 'cancelled'
+    for scheme in ('fly_hover_fly_constant', 'fly_hover_fly_optimised', 'bound of any plan'):
+        assert scheme in printed
+
+
+PLAN = ('plan', 'mission.yaml', '--bound-time-limit', '0')
+ROS = 'rclpy', 'rcl_interfaces', 'std_msgs'
+
+
+@pytest.mark.parametrize('hidden, arguments, status, extra', [
+    (['matplotlib'], PLAN, 0, 'view'), (['plotly'], PLAN, 0, 'view'),
+    (['mcap'], [*PLAN, '--mcap'], 2, 'view'), (ROS, [*PLAN, '--mcap'], 2, 'ros'),
+    (ROS, ['node', 'planner'], 2, 'ros'), (['matplotlib'], ['show', 'a/b/plan.json'], 2, 'view'),
+    (['plotly'], ['show', 'a/b/plan.json', '-o', 'plan.html'], 2, 'view'),
+    (['matplotlib'], ['assess', 'a/b/plan.json', '--draws', '10'], 0, 'view'),
+    (['joblib'], ['sweep', 'campaign.yaml'], 2, 'campaign'),
+    (['tqdm'], ['sweep', 'campaign.yaml'], 2, 'campaign'),
+    (['distributed'], ['sweep', 'campaign.yaml', '--scheduler', 'tcp://127.0.0.1:1'], 2,
+     'campaign')])
+def test_of_a_package_that_is_missing_a_line_says_what_to_install(
+        planned, tmp_path, hidden, arguments, status, extra):
+    (tmp_path / 'sitecustomize.py').write_text(f"""
 import sys
 
 
 class Absent:
     def find_spec(self, name, path=None, target=None):
-        if name.partition('.')[0] in ('rclpy', 'rcl_interfaces', 'std_msgs', 'matplotlib',
-                                      'plotly', 'mcap'):
-            raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+        if name.partition('.')[0] in {hidden!r}:
+            raise ModuleNotFoundError(f'No module named {{name!r}}', name=name)
 
 
 sys.meta_path.insert(0, Absent())
 """)
+    shutil.copytree(planned[0], tmp_path, dirs_exist_ok=True)
+    (tmp_path / 'campaign.yaml').write_text('mission: mission.yaml')
     variables = environment()
     variables['PYTHONPATH'] = f'{tmp_path}{os.pathsep}{variables["PYTHONPATH"]}'
-    mission_file = planned[0] / 'mission.yaml'
-    status = {}
-    for arguments in (['plan', mission_file, '--bound-time-limit', '0'], ['node', 'planner'],
-                      ['show', 'out/plan.json'],
-                      ['plan', mission_file, '--mcap', '-o', 'refused']):
-        done = subprocess.run([*MODULE, *map(str, arguments)], cwd=tmp_path, env=variables,
-                              capture_output=True, text=True, timeout=PATIENCE)
-        status.setdefault(arguments[0], []).append(done.returncode)
-        assert 'is not installed' in done.stderr and 'Traceback' not in done.stderr
-    assert status == {'plan': [0, 2], 'node': [2], 'show': [2]}
-    assert Plan.load(tmp_path / 'out' / 'plan.json')
+    done = subprocess.run([*MODULE, *arguments], cwd=tmp_path, env=variables, text=True,
+                          capture_output=True, timeout=PATIENCE)
+    [line] = done.stderr.splitlines()
+    assert f'{hidden[0]} is not installed' in line or hidden is ROS
+    assert f'pip install "secure_uav_planner[{extra}]"' in line
+    assert done.returncode == status
 
 
 @pytest.mark.parametrize('line, expected', [

@@ -194,7 +194,7 @@ def test_table_picture_and_status_tell_it_for_each_uav_that_has_one(plan):
     assert labels == [f'uav1 (transmits)\n{total / 1e3:.3g} kJ (hovering {hovering / 1e3:.3g})',
                       'uav2 (jams)']
     state = State()
-    state.publish(plan_at(plan, 0), 'plans', '')
+    state.keep(plan_at(plan, 0))
     found = status_values(state, None, False, PoseBook(), {'uavs': [], 'eavesdroppers': []}, 0.0)
     assert {key: value for key, value in found.items() if 'energy' in key} == {
         'plan.energy.uav1': total, 'plan.energy.uav1.hovering': hovering,

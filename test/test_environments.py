@@ -1,4 +1,4 @@
-"""In its own environment each target of the Makefile has all that it imports."""
+"""Targets of the Makefile have all that they import in their own environments; a wheel is new."""
 
 import subprocess
 from zipfile import ZipFile

@@ -133,6 +133,9 @@ def test_the_workflows_run_what_the_readme_says(packaging):
     pythons = job['strategy']['matrix']['python']
     assert packaging['python_requires'] == f'>={pythons[0]}'
     assert f'Python {pythons[0]} to {pythons[-1]}' in readme
+    _, job = commands_of_workflow('wheels')
+    built = next(step['env']['CIBW_BUILD'] for step in job['steps'] if 'env' in step).split()
+    assert {f'cp{python.replace(".", "")}-manylinux_*' for python in pythons} < {*built}
     commands, _ = commands_of_workflow('ros')
     for line in re.findall('^pip install .*cvxpy.*?(?=  #|$)', readme, re.MULTILINE):
         assert line.strip() in commands

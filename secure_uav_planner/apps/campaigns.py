@@ -24,9 +24,8 @@ from ..mission.views import naming_what_is_missing
 JOURNAL = 'results.jsonl'
 
 
-def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int | None = -1,
-                 scheduler: str | None = None, backend: str | None = None, title: str = 'sweep'
-                 ) -> list[dict[str, Any]]:
+def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
+                 scheduler: str | None = None, title: str = 'sweep') -> list[dict[str, Any]]:
     """
     Return the rows of all missions of a campaign; only those are planned that have none.
 
@@ -36,10 +35,8 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int | 
 
     :param tasks: returns the tasks, the same ones every time.
     :param folder: where the journal and the kept plans are, or will be.
-    :param jobs: processes on this computer; -1 for as many as there are cores, None for joblib's
-        setting.
+    :param jobs: processes on this computer; -1 for as many as there are cores.
     :param scheduler: address of a Dask scheduler, whose workers are used instead.
-    :param backend: a backend of joblib, by default its own setting.
     :param title: of the progress bar.
     :raises OSError: when a row cannot be written; what is finished is kept.
     :raises OptionError: for a wrong number of jobs, or a journal that another process writes.
@@ -47,7 +44,7 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int | 
     """
     with naming_what_is_missing():
         from tqdm import tqdm
-    if jobs is not None and jobs < 1 and jobs != -1:
+    if jobs < 1 and jobs != -1:
         raise OptionError(f'jobs is {jobs}; it must be at least 1, or -1 for all cores')
     with _journal(folder / JOURNAL) as file:
         kept = {row['key']: row for row in map(json.loads, file)}
@@ -57,7 +54,7 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int | 
         with tqdm(total=len(rows), initial=len(rows) - missing, unit='mission',
                   desc=title, disable=None) as bar:
             left = _missing(tasks(), rows)
-            for row in () if not missing else on_cores(left, jobs, backend) if (
+            for row in () if not missing else on_cores(left, jobs) if (
                     scheduler is None) else on_cluster(left, scheduler):
                 plan = row.pop('plan', None)
                 if plan is not None:

@@ -1,7 +1,8 @@
 """What the command accepts, and from there to an exit status."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+import difflib
 from importlib import import_module
 import os
 from pkgutil import resolve_name
@@ -62,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
             return _run_node(argv[1], argv[2:])
+        if argv and not argv[0].startswith('-'):
+            _check_name('command', argv[0], (*_COMMANDS, 'node'))
         parser = make_parser()
         if '_ARGCOMPLETE' in os.environ:  # A shell asks for completions.
             import argcomplete
@@ -116,9 +119,7 @@ def _tell(text: str) -> None:
 
 def _run_node(name: str, arguments: list[str]) -> int:
     """Run a node in this process, with all that follows its name for ROS."""
-    if name not in NODES:
-        _tell(f'there is no node {name}; there are {", ".join(NODES)}')
-        return BAD_INPUT
+    _check_name('node', name, NODES)
     try:
         import_module(f'..ros.{name}', __package__).main([sys.argv[0], *arguments])
     except ModuleNotFoundError as error:
@@ -128,6 +129,13 @@ def _run_node(name: str, arguments: list[str]) -> int:
               'pip install "secure_uav_planner[ros]", or source an installed ROS')
         return BAD_INPUT
     return DONE
+
+
+def _check_name(kind: str, name: str, names: Iterable[str]) -> None:
+    if name not in names:
+        near = difflib.get_close_matches(name, names, 1)
+        raise OptionError(f'there is no {kind} {shown(name)}; ' + (
+            f'did you mean {near[0]}?' if near else f'there are {", ".join(names)}'))
 
 
 def _seconds(text: str, least: str = '') -> float:
@@ -149,8 +157,14 @@ def _is_number(text: str) -> bool:
     return True
 
 
+def _number(text: str) -> float:
+    if not _is_number(text):
+        raise argparse.ArgumentTypeError(f'{shown(text)} must be a number, without its unit')
+    return float(text)
+
+
 def _number_of(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
-    return {'type': float, 'metavar': metavar, 'help': text, **more}
+    return {'type': _number, 'metavar': metavar, 'help': text, **more}
 
 
 _OUT, _PLAN = '-o --out', {'help': 'a plan file, such as out/plan.json'}

@@ -9,11 +9,11 @@ import sys
 import time
 from typing import Any
 
-from .cli import DONE, STOPPED
+from .cli import DONE
 from .missions import lines_of, loaded, picture_file, SHORTFALL_DRAWS, writable
 from ..assessment import assess, World
 from ..bound import explain_refusal, upper_bound
-from ..errors import OptionError, PlanningError, ScenarioError
+from ..errors import OptionError, PlanningError, ScenarioError, StoppedError
 from ..mission.files import naming
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
@@ -86,11 +86,11 @@ def make_plan(options: argparse.Namespace) -> int:
         # whatever fails from here on, it is there.
         plan.save(out / 'plan.json')
         work.written.append(out / 'plan.json')
+        baselines = [] if options.no_baselines else _baselines(scenario, options, work)
         bound = _bound(plan, options, work)
         proven = plan.with_bound(bound)
         if bound:
             proven.save(out / 'plan.json')
-        baselines = [] if options.no_baselines else _baselines(scenario, options, work)
         work.say('drawing ...', force=True)
         work.written.extend(_write(proven, baselines, out))
         if options.mcap:
@@ -100,13 +100,16 @@ def make_plan(options: argparse.Namespace) -> int:
     if not scenario.channel.is_guarantee:
         print(f'{plan.method}: {assess(plan, SHORTFALL_DRAWS).shortfall}')
     print(f'\n{plan.message}' + (
-        f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else ''))
+        f'; {proven.claim}, which is proven, in {bound.solve_time:.1f} s' if bound else '') + (
+        ', when it was stopped' if bound and bound.status == 'cancelled' else ''))
     if options.bound_time_limit and (refusal := explain_refusal(scenario)):
         print(f'no bound: {refusal}')
     if plan.clearance.is_close:
         print(f'warning: {plan.clearance.between_uavs_text}', file=sys.stderr)
     print(f'written: {", ".join(map(str, work.written))}')
-    return STOPPED if work.is_stopped else DONE
+    if work.is_stopped:
+        raise StoppedError('stopped; what has been found is kept')
+    return DONE
 
 
 def _bound(plan: Plan, options: argparse.Namespace, work: _Work) -> Bound | None:
@@ -211,4 +214,7 @@ def _world(options: argparse.Namespace, plan: Plan) -> World:
             given['channel'] = replace(channel, **changes)
         except ScenarioError as error:
             raise OptionError(str(error)) from None
-    return World(**given)
+    try:
+        return World(**given)
+    except OptionError as error:
+        raise OptionError(f'--{error.place[0].replace("_", "-")}: {error}') from None

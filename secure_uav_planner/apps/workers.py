@@ -1,14 +1,14 @@
 """Where the tasks of a campaign run: on the cores of this computer, or on a Dask cluster."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from itertools import islice
 import os
 import signal
 from typing import Any
 
 from .tasks import empty_row, row_of, Task, WORKER_LOST
-from ..errors import OptionError, PlanningError, shown
+from ..errors import OptionError, PlanningError
 from ..mission.views import naming_what_is_missing
 
 THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
@@ -25,29 +25,21 @@ class ClusterError(PlanningError, RuntimeError):
     code = 'cluster'
 
 
-def on_cores(tasks: Iterable[Task], jobs: int | None,
-             backend: str | None = None) -> Iterator[dict[str, Any]]:
+def on_cores(tasks: Iterable[Task], jobs: int) -> Iterator[dict[str, Any]]:
     """
     Yield the rows of tasks as they are finished.
 
-    :param jobs: processes; -1 for as many as there are cores, None for joblib's setting.
-    :param backend: of joblib, by default its own setting.
-    :raises OptionError: for an unknown backend, or one that is not installed.
+    :param jobs: processes; -1 for as many as there are cores.
     :raises ClusterError: when a process was killed.
     """
     with naming_what_is_missing():
         import joblib
-    try:
-        chosen = nullcontext() if backend is None else joblib.parallel_config(backend)
-    except (ImportError, ValueError) as error:
-        raise OptionError(f'backend is {shown(backend)}: {error}') from None
     with _one_thread_each():
         # The workers inherit that Ctrl-C, which reaches all of a terminal, is for this process.
         handler = _ignore_interrupts()
         try:
-            with chosen:
-                rows = joblib.Parallel(jobs, return_as='generator_unordered', batch_size=1)(
-                    joblib.delayed(row_of)(task) for task in tasks)
+            rows = joblib.Parallel(jobs, return_as='generator_unordered', batch_size=1)(
+                joblib.delayed(row_of)(task) for task in tasks)
         finally:
             if handler is not None:
                 signal.signal(signal.SIGINT, handler)

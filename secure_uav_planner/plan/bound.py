@@ -77,7 +77,7 @@ class Bound:
 
     def gap(self, plan: Any) -> float:
         """
-        Return which share of its rate a plan may be missing, (bound - rate) / rate.
+        Return the gap of a plan as a share of its rate, (bound - rate) / rate.
 
         Infinite for a plan without a positive rate, unless nothing can be had: then 0. Negative
         for a bound that is wrong, for no plan has a larger rate than a true one.
@@ -93,7 +93,7 @@ class Bound:
 
     def share_missing(self, plan: Any) -> float:
         """
-        Return which share of the best possible rate a plan misses at most, (bound - rate) / bound.
+        Return the gap as a share of the best possible rate, (bound - rate) / bound.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.

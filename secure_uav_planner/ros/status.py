@@ -73,8 +73,9 @@ def plan_summary(plan: Plan, bound: Bound | None) -> str:
     """Return a summary of a plan in one line, without any position."""
     near, name = closest_approach_text(plan), plan.scenario.channel.rate_name
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: '
-            f'{name("guaranteed")} {plan.guaranteed_rate:.4f}, {name("worst_case")} '
-            f'{plan.worst_case_rate:.4f} bit/s/Hz, {plan.solve_time:.2f} s, '
+            f'{name("guaranteed")} {plan.guaranteed_rate:.4f}, '
+            f'{name("worst_case")} {plan.worst_case_rate:.4f} bit/s/Hz, '
+            f'{plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
             f'{plan.curve_rate:.4f}' + (f'; {near}' if near else '')
             + ('' if bound is None else f'; {bound.claim(plan)}'))

@@ -5,7 +5,6 @@ The exit status is 1 if setpoints jumped.
 """
 
 import argparse
-from importlib.util import find_spec
 from pathlib import Path
 import sys
 
@@ -15,7 +14,10 @@ from secure_uav_planner.optimize import solve
 from secure_uav_planner.plan.plan import Plan
 from secure_uav_planner.ros.client import isolated
 
+from .flight import fly_event, fly_plan
+from .flight_picture import save_flight
 from .missions import event_mission, EVENTS, paper_missions, random_missions
+from .report import event_report, flight_report, table
 
 _CITY = Path(__file__).parents[2] / 'config' / 'city.yaml'
 
@@ -25,7 +27,7 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(prog='python -m studies.flown',
                                      description=sys.modules[__name__].__doc__)
     parser.add_argument('--out', type=Path, default=Path('out/fly'), help='output folder')
-    parser.add_argument('--random', type=_number, default=5, help='number of random missions')
+    parser.add_argument('--random', type=int, default=5, help='number of random missions')
     parser.add_argument('--plans', type=Path, nargs='*', help='saved plans to fly instead')
     parser.add_argument('--events', nargs='*', choices=EVENTS, metavar='EVENT',
                         help=f'events to fly, of {", ".join(EVENTS)}; by default all, or '
@@ -33,10 +35,6 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     if options.events is None:
         options.events = [] if options.plans else EVENTS
-    if find_spec('rotorpy') is None:
-        print('fly: rotorpy is not installed; pip install . -r studies/flown/requirements.txt',
-              file=sys.stderr)
-        return 1
     options.out.mkdir(parents=True, exist_ok=True)
     try:
         with isolated(options.out):
@@ -46,14 +44,6 @@ def main(arguments=None):
         return 1
     except KeyboardInterrupt:
         return 130
-
-
-def _number(text):
-    """Return the number of random missions, of which there are as many as anybody wants."""
-    if not (text.isascii() and text.isdigit()):
-        raise argparse.ArgumentTypeError(
-            f'{text!r} is no number of missions; it must be a whole number, at least 0')
-    return int(text)
 
 
 def _plans(options):
@@ -68,9 +58,6 @@ def _plans(options):
 
 def _fly_all(options):
     """Fly, print and write; return whether no setpoint jumped."""
-    from .flight import fly_event, fly_plan
-    from .flight_picture import save_flight
-    from .report import event_report, flight_report, table
     reports, event_reports = [], []
     for number, (name, plan) in enumerate(_plans(options)):
         flight = fly_plan(name, plan, seed=number)

@@ -25,7 +25,6 @@ def main(argv=None):
     parser.add_argument('--out', type=pathlib.Path, default=pathlib.Path('out/study'),
                         help='folder for figures, tables and finished plans')
     parser.add_argument('--jobs', type=int, default=-1, help='processes, -1 for all cores')
-    parser.add_argument('--backend', help='joblib backend, such as loky, threading, dask or ray')
     parser.add_argument('--scheduler', help='a Dask scheduler, whose workers are used instead; '
                         'as for `secure_uav_planner sweep`')
     parser.add_argument('--quick', action='store_true', help='only a few points of every figure')
@@ -33,7 +32,7 @@ def main(argv=None):
     wanted = points(options.quick)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        rows = run(wanted, options.out, options.jobs, options.backend, options.scheduler)
+        rows = run(wanted, options.out, options.jobs, options.scheduler)
         written = save_tables(rows, options.out)
         if lost := [row for row in rows if row['outcome'] != 'ok']:
             print(f'study: {len(lost)} of {len(rows)} points failed, so there are no figures; '

@@ -99,14 +99,14 @@ def sources():
                   and path.relative_to(package).parts[0] not in _NOT_PLANNING)
 
 
-def run(wanted, folder, jobs=-1, backend=None, scheduler=None):
+def run(wanted, folder, jobs=-1, scheduler=None):
     """Return the rows of all Points after those without one, or a readable plan, are planned."""
     folder.mkdir(parents=True, exist_ok=True)
     for point in wanted:
         file = plan_file(folder, point.task['key'])
         if file.exists() and _loaded(file) is None:
             file.unlink()
-    return run_campaign(lambda: [point.task for point in wanted], folder, jobs, scheduler, backend,
+    return run_campaign(lambda: [point.task for point in wanted], folder, jobs, scheduler,
                         'study')
 
 

@@ -3,7 +3,7 @@ The certificate: from multipliers to a bound, with nothing taken on trust.
 
 With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
 
-    (1/N) [ sum over slots of B + sum over UAVs of Potential.ends ] + sum_i lam_i average_i,
+    (1/N) [ sum over slots of B + sum over UAVs of Potential.end_cost ] + sum_i lam_i average_i,
     B   = max over w0 of H(w0) - H(s) + m(w0 - s) + M(w0, v),   s = sum_e v_e, v = v(w0),
     M   = M_0 + sum over jammers of M_j,
     M_0 = max over q of w0 A_0(q) - sum_e v_e A_e(q) + potential(q),
@@ -11,7 +11,7 @@ With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
           + potential(q),
 
 A being the logarithm of a gain of the transmitter, b a gain of a jammer, m that of
-transmit_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few breakpoints w0.
+maximise_power. M_0 and M_j are bounded by branch and bound (boxes.py) at a few breakpoints w0.
 
 Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
 interpolated linearly between the breakpoints it lies below the chord from breakpoint to
@@ -29,50 +29,97 @@ import math
 import numpy as np
 
 from .boxes import Index, Terms
-from .chords import over_pieces
-from .conjugate import Array
 from .potential import Potential
-from .reachable_set import ReachableSet
+from .reachable_set import Team
 from .rounding import margin
-from .team import Team
+from ...mission.validation import Array
 from ...plan.plan import POWER_TOLERANCE
 
 FLOOR = 1e-6
 """Received SNR below which a jammer's power counts by the most that it can do."""
 
+PIECES = 24
+"""Pieces of the entropies between two breakpoints of w0."""
+
+
+def sigmoid(z: Array) -> Array:
+    """Return phi'(z) = 1 / (1 + exp(-z)) of phi(z) = log(1 + exp(z)), without overflow."""
+    return 1.0 / (1.0 + np.exp(-np.clip(z, -700.0, 700.0)))
+
+
+def entropy(weight: Array) -> Array:
+    """
+    Return the binary entropy H(w) = -w log w - (1 - w) log(1 - w), in nats; 0 at 0 and at 1.
+
+    Lemma 1. Let z0 be the logarithm of the SINR at the ground node and z_e that at eavesdropper
+    e. phi is convex with phi(z) = max over 0 <= w <= 1 of w z + H(w), attained at w = phi'(z).
+    For every v >= 0 with s = sum_e v_e <= 1,
+
+        max_e phi(z_e) >= sum_e v_e z_e + H(s),
+
+    because max_e z_e is at least the mean of the z_e with the weights v_e / s, phi increases, and
+    phi(z) >= s z + H(s). Hence, for any choice of v(w0) >= 0 with s(w0) <= w0,
+
+        phi(z0) - max_e phi(z_e)
+            <= max over w0 in [0, 1] of w0 z0 + H(w0) - sum_e v_e(w0) z_e - H(s(w0)).
+
+    z0 and z_e are sums of one term of each UAV, so the bracket is, too: the UAVs separate.
+    """
+    weight = np.clip(weight, 0.0, 1.0)
+    rest = 1.0 - weight
+    return -(weight * np.log(np.maximum(weight, 1e-300)) + rest * np.log(np.maximum(rest, 1e-300)))
+
+
+def maximise_power(weight: Array, price: float, peak: float) -> tuple[Array, Array]:
+    """
+    Return max over 0 < p <= peak of weight log p - price p, and the p where it is attained.
+
+    Lemma 3. In lemma 1 the logarithm of the transmit power comes with w0 - s >= 0, and its mean
+    over the slots is limited: for every price lam >= 0 the Lagrangian's term is this one. Its
+    maximum is at p = weight / lam, or at the peak where that is larger; for weight = 0 the
+    supremum is 0, as p goes to 0.
+
+    :param weight: w0 - s, at least 0.
+    :param price: lam in nats per W, at least 0.
+    :param peak: in W.
+    """
+    # Whatever p is returned, the value is exact for it only at the maximiser; p below 1e-300
+    # has a weight below 1e-300 * price, and the value is then 0 in this arithmetic.
+    power = np.minimum(weight / max(price, 1e-300), peak)
+    return weight * np.log(np.maximum(power, 1e-300)) - price * power, power
+
 
 @dataclass(frozen=True, eq=False)
 class Multipliers:
     """
-    What the certificate is made from: any numbers are valid, good ones make it tight.
+    The multipliers of a certificate: any numbers are valid, good ones make it tight.
 
     :param slope: u of every UAV's potential, (U, G + 1, 2) in nats per unit of its set.
-    :param bend: S of every UAV's potential, (U, G + 1, 3) in nats per unit^2.
-    :param turn: w of every UAV, (U, G + 1, 2) in nats per unit.
+    :param curvature: S of every UAV's potential, (U, G + 1, 3) in nats per unit^2.
+    :param acceleration: w of every UAV, (U, G + 1, 2) in nats per unit.
     :param prices: lam, (U,) in nats per W, not negative.
     :param weights: w0 at the breakpoints, rising, (K, G), within (0, 1].
     :param shares: v at the breakpoints, (K, G, E), not negative, with a sum of at most w0.
-    :param still: what the terms come close to where nothing is sent, (U, G) in nats.
-    :param known: the same at the breakpoints, (U, K, G).
-    :param slack: what the maxima may be too large, where nothing is sent and at every breakpoint,
-        (K + 1, G) in nats.
+    :param silent_incumbents: values near the maxima of the terms in silence, (U, G) in nats.
+    :param incumbents: the same at the breakpoints, (U, K, G).
+    :param tolerances: of the maxima, in silence and at every breakpoint, (K + 1, G) in nats.
     """
 
     slope: Array
-    bend: Array
-    turn: Array
+    curvature: Array
+    acceleration: Array
     prices: Array
     weights: Array
     shares: Array
-    still: Array
-    known: Array
-    slack: Array
+    silent_incumbents: Array
+    incumbents: Array
+    tolerances: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
     """
-    A proven bound, and what it is made of.
+    A proven bound and its parts.
 
     :param rate: mean over the slots that no plan exceeds, in bit/s/Hz.
     :param stages: B of every stage, (G,) in nats.
@@ -91,15 +138,15 @@ class Certificate:
 def certify(team: Team, given: Multipliers,
             stop: Callable[[], bool] = lambda: False) -> Certificate:
     """
-    Return the bound that the multipliers prove, whatever they are.
+    Return the certificate that multipliers give, whatever they are.
 
     :param team: the UAVs of the scenario.
     :param given: the multipliers.
-    :param stop: asked now and then; True ends the search, and the bound is valid but larger.
+    :param stop: asked now and then; True ends the branch and bound: the rate is valid, but larger.
     """
-    potentials = tuple(Potential(slope, bend, turn, team.stages, region)
-                       for slope, bend, turn, region in zip(
-                           given.slope, given.bend, given.turn, team.regions))
+    potentials = tuple(Potential(slope, curvature, acceleration, team.stages, region)
+                       for slope, curvature, acceleration, region in zip(
+                           given.slope, given.curvature, given.acceleration, team.regions))
     prices = np.maximum(given.prices, 0.0)
     if (np.diff(given.weights, axis=0) < 0).any() or (given.weights[-1] != 1).any():
         raise AssertionError('the breakpoints of w0 must rise to 1')
@@ -108,18 +155,21 @@ def certify(team: Team, given: Multipliers,
     total = shares.sum(-1, keepdims=True)
     shares = shares * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
     # The jammer's silence is part of all of its maxima, the transmitter's only of one.
-    still = [_still(potential, price, known, given.slack.min(0) if i else given.slack[0], stop)
-             for i, (potential, price, known) in enumerate(zip(potentials, prices, given.still))]
+    tolerances = given.tolerances
+    silent = [bound_silence(potential, price, incumbents,
+                            tolerances.min(0) if i else tolerances[0], stop)
+              for i, (potential, price, incumbents) in enumerate(zip(
+                  potentials, prices, given.silent_incumbents))]
     stage = np.tile(np.arange(weights.shape[1]), len(weights))
-    joint = np.sum([_maxima(
-        team, potential, i, still[i], stage, weights.ravel(), shares.reshape(-1, shares.shape[2]),
-        prices[i], given.known[i].ravel(), given.slack[1:].ravel(), stop)
+    joint = np.sum([bound_terms(
+        team, potential, i, silent[i], stage, weights.ravel(), shares.reshape(-1, shares.shape[2]),
+        prices[i], given.incumbents[i].ravel(), tolerances[1:].ravel(), stop)
         for i, potential in enumerate(potentials)], axis=0).reshape(weights.shape)
-    silent = sum(still) + team.negative
-    pieces = over_pieces(team, silent, joint, weights, shares.sum(-1), prices[0])
-    slots = np.maximum(silent, pieces.max((0, 1)))
-    slots = slots + 4 * sum(margin(p.region.altitude, p.size()) for p in potentials)
-    ends = sum(potential.ends() for potential in potentials)
+    total_silent = np.sum(silent, axis=0) + team.negative
+    pieces = bound_pieces(team, total_silent, joint, weights, shares.sum(-1), prices[0])
+    slots = np.maximum(total_silent, pieces.max((0, 1)))
+    slots = slots + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
+    ends = sum(potential.end_cost() for potential in potentials)
     powers = [team.stages.slots * price * region.average
               for price, region in zip(prices, team.regions)]
     offset = math.fsum([ends, *powers])
@@ -130,63 +180,95 @@ def certify(team: Team, given: Multipliers,
                        prices)
 
 
-def _still(potential: Potential, price: float, known: Array, tolerance: Array,
-           stop: Callable[[], bool]) -> Array:
-    """Return the maximum of a UAV's potential less lam p over its places and powers, (G,)."""
+def bound_silence(potential: Potential, price: float, incumbents: Array, tolerance: Array,
+                  stop: Callable[[], bool]) -> Array:
+    """Return a bound of a silent UAV's term, its potential less lam p, (G,) in nats."""
     region = potential.region
-    slope, bend = potential.change
+    slope, curvature = potential.change
     index = np.arange(len(slope))
     extra = potential.constant() + price * POWER_TOLERANCE
-    spare = margin(region.altitude, potential.size())
-    if not potential.curved and region.detours is None:
+    spare = margin(region.altitude, potential.magnitude())
+    if not potential.is_quadratic and region.detours is None:
         return np.asarray(region.support(slope, index) + extra + spare)
     none = np.zeros(len(slope))
-    terms = Terms(region, index, none, np.zeros((len(slope), len(region.radii))), slope, bend,
-                  potential.tilt(), spare)
-    return np.asarray(terms.maxima(known - extra, tolerance, stop=stop) + extra)
+    terms = Terms(region, index, none, np.zeros((len(slope), len(region.radii))), slope, curvature,
+                  potential.speed_cost(), spare)
+    return np.asarray(terms.bound_maxima(incumbents - extra, tolerance, stop=stop) + extra)
 
 
-def powers_of(team: Team, uav: int) -> tuple[float, float]:
-    """Return both ends of the logarithms of a jammer's powers; below, they count as silence."""
+def find_power_range(team: Team, uav: int) -> tuple[float, float]:
+    """Return both ends of log p of a jammer; lower powers count as silence."""
     region, top = team.regions[uav], math.log(team.regions[uav].peak)
     largest = region.log_gain + max(0.0, float(region.log_advantages.max()))
     return min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top
 
 
-def terms_of(team: Team, potential: Potential, uav: int, stage: Index, weights: Array,
-             shares: Array, price: float) -> tuple[Terms, Array]:
+def build_terms(team: Team, potential: Potential, uav: int, stage: Index, weights: Array,
+                shares: Array, price: float) -> tuple[Terms, Array]:
     """
-    Return M functions whose maxima are M_i at breakpoints, but for a constant, and that.
+    Return functions whose maxima are M_i at breakpoints, up to constants.
 
     :param stage: of every function, (M,).
     :param weights: w0, (M,).
     :param shares: v, (M, E).
-    :return: the functions, and what to add to each, (M,).
+    :return: M functions, and the constants to add, (M,).
     """
     region = potential.region
-    slope, bend = potential.change
-    spare = margin(region.altitude, potential.size() + price * region.peak)
-    terms = Terms(region, stage, weights, shares, slope, bend, potential.tilt(), spare, price,
-                  powers_of(team, uav) if uav else None)
+    slope, curvature = potential.change
+    spare = margin(region.altitude, potential.magnitude() + price * region.peak)
+    terms = Terms(region, stage, weights, shares, slope, curvature, potential.speed_cost(), spare,
+                  price, find_power_range(team, uav) if uav else None)
     return terms, potential.constant()[stage]
 
 
-def _maxima(team: Team, potential: Potential, uav: int, still: Array, stage: Index, weights: Array,
-            shares: Array, price: float, known: Array, tolerance: Array,
-            stop: Callable[[], bool]) -> Array:
+def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, stage: Index,
+                weights: Array, shares: Array, price: float, incumbents: Array, tolerance: Array,
+                stop: Callable[[], bool]) -> Array:
     """
-    Return M_i of (w0, v), (M,), in given stages.
+    Return bounds of M_i at (w0, v) in given stages, (M,).
 
     A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
-    potential is at most `still`, and the rates' part at most v log(1 + FLOOR) for a positive
+    potential is at most `silent`, and the rates' part at most v log(1 + FLOOR) for a positive
     power and -w0 log(1 - delta) for one of -POWER_TOLERANCE.
     """
-    terms, extra = terms_of(team, potential, uav, stage, weights, shares, price)
+    terms, extra = build_terms(team, potential, uav, stage, weights, shares, price)
     least = np.full(len(terms), -np.inf)
     if uav:
         below = team.delta[uav]
-        least = (still[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin[stage]
+        least = (silent[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin[stage]
                  + (-terms.weight * math.log1p(-below) if below < 1 else math.inf))
-    wanted = np.maximum(known, least - tolerance) - extra
-    found = terms.maxima(wanted, tolerance, stop=stop) + extra
-    return np.asarray(np.maximum(found, least))
+    incumbents = np.maximum(incumbents, least - tolerance) - extra
+    return np.asarray(np.maximum(
+        terms.bound_maxima(incumbents, tolerance, stop=stop) + extra, least))
+
+
+def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, total: Array,
+                 price: float) -> Array:
+    """
+    Return bounds over the pieces of w0, (PIECES, K, G) in nats; see lemma 4.
+
+    :param silent: bound of all terms in silence, (G,).
+    :param joint: bounds of M at the breakpoints, (K, G).
+    :param weights: w0 at the breakpoints, (K, G).
+    :param total: s there, (K, G).
+    :param price: lam of the transmitter.
+    """
+    zero = np.zeros((1, len(silent)))
+    weights, total = np.concatenate([zero, weights]), np.concatenate([zero, total])
+    values = np.concatenate([silent[None], joint])
+    x = piece_ends()[:, None, None]
+    fine, s, linear = (part[:-1] * (1 - x) + part[1:] * x for part in (weights, total, values))
+    convex = linear - entropy(s) + maximise_power(
+        np.maximum(fine - s, 0.0), price, team.regions[0].peak)[0]
+    width = fine[1:] - fine[:-1]
+    slope = (convex[1:] - convex[:-1]) / np.maximum(width, 1e-300)
+    at = np.clip(sigmoid(slope), fine[:-1], fine[1:])
+    value = convex[:-1] + slope * (at - fine[:-1]) + entropy(at)
+    narrow = np.maximum(convex[1:], convex[:-1]) + entropy(np.clip(0.5, fine[:-1], fine[1:]))
+    return np.asarray(np.where(width > 1e-9, np.minimum(value, narrow), narrow))
+
+
+def piece_ends() -> Array:
+    """Return the ends of the pieces between two breakpoints, from 0 to 1, (PIECES + 1,)."""
+    x = np.linspace(0.0, 1.0, PIECES + 1)
+    return np.asarray(x * x * (3 - 2 * x))

@@ -34,8 +34,8 @@ import numpy as np
 import scipy
 import shapely
 
-from .conjugate import Array
 from ...mission.polygons import convex_parts, pockets
+from ...mission.validation import Array
 from ...model.airspace import airspace_of
 from ...plan.plan import POSITION_TOLERANCE
 
@@ -64,7 +64,7 @@ Its convex parts overlap by a tenth of the first, so that nothing is seen betwee
 @dataclass(frozen=True, eq=False)
 class Detours:
     """
-    How long a UAV's ways to cells of a rectangle are at least, in its frame.
+    Lower bounds of the lengths of a UAV's ways to the cells of a rectangle, in its frame.
 
     :param low: the rectangle's lower corner, (2,).
     :param size: of a cell, (2,).
@@ -76,17 +76,17 @@ class Detours:
     size: Array
     lengths: Array
 
-    def scaled(self, unit: float) -> Detours:
+    def scale(self, unit: float) -> Detours:
         """Return the same with lengths divided by a unit."""
         return Detours(self.low / unit, self.size / unit, self.lengths / unit)
 
-    def cell(self, place: Array) -> tuple[Array, Array]:
+    def locate(self, place: Array) -> tuple[Array, Array]:
         """Return the indices of the cells of places (..., 2), or of those that are closest."""
-        found = np.floor((place - self.low) / self.size)
-        i, j = np.moveaxis(np.clip(found, 0, SIDE - 1).astype(int), -1, 0)
+        cell = np.floor((place - self.low) / self.size)
+        i, j = np.moveaxis(np.clip(cell, 0, SIDE - 1).astype(int), -1, 0)
         return i, j
 
-    def centre(self, cell: Array) -> Array:
+    def find_centre(self, cell: Array) -> Array:
         """Return the centres of cells (..., 2), alike."""
         return np.asarray(self.low + (cell + 0.5) * self.size)
 
@@ -100,11 +100,11 @@ def frame_axes(uav: Uav) -> Array:
 
 
 @lru_cache(maxsize=16)
-def detours(scenario: Scenario, index: int) -> Detours | None:
-    """Return those of UAV `index` in m; None where nothing is in its way, or more than is used."""
+def find_detours(scenario: Scenario, index: int) -> Detours | None:
+    """Return the detours of UAV `index` in m; None without obstacles, or with too many corners."""
     uav = scenario.uavs[index]
-    parts = _parts(scenario, uav.altitude)
-    if _is_too_much(parts) or not parts and scenario.keep_in is None:
+    parts = _split_obstacles(scenario, uav.altitude)
+    if _has_too_many_corners(parts) or not parts and scenario.keep_in is None:
         return None
     step = float(scenario.max_step[index]) + POSITION_TOLERANCE
     ends, saved, beside = np.array([uav.start, uav.goal]), np.full(2, SMALLER), 0.0
@@ -127,25 +127,25 @@ def detours(scenario: Scenario, index: int) -> Detours | None:
     cells = shapely.polygons(outlines @ frame_axes(uav) + uav.start)
     hull = None if scenario.keep_in is None else shapely.Polygon(
         scenario.keep_in).convex_hull.buffer(SMALLER, join_style='mitre')
-    lengths = shortest_lengths(parts, hull, ends, cells) - saved[:, None]
+    lengths = bound_path_lengths(parts, hull, ends, cells) - saved[:, None]
     return Detours(low, size, lengths.reshape(2, SIDE, SIDE))
 
 
-def are_used(scenario: Scenario) -> bool:
-    """Return whether what is in the way has few enough corners to be used at all altitudes."""
-    return not any(_is_too_much(_parts(scenario, altitude))
+def uses_detours(scenario: Scenario) -> bool:
+    """Return True if the obstacles at all altitudes have few enough corners to be used."""
+    return not any(_has_too_many_corners(_split_obstacles(scenario, altitude))
                    for altitude in {uav.altitude for uav in scenario.uavs})
 
 
-def _is_too_much(parts: tuple[Any, ...]) -> bool:
+def _has_too_many_corners(parts: tuple[Any, ...]) -> bool:
     return int(shapely.get_num_coordinates(parts).sum()) > MOST_CORNERS
 
 
 @lru_cache(maxsize=16)
-def _parts(scenario: Scenario, altitude: float) -> tuple[Any, ...]:
+def _split_obstacles(scenario: Scenario, altitude: float) -> tuple[Any, ...]:
     """Return convex polygons that overlap a little and make up O at an altitude in m."""
     far = airspace_of(scenario).far
-    # One at a time: a plan may fly between two that touch.
+    # Each alone: a plan may fly between two that touch.
     barred = [shapely.Polygon(vertices) for vertices, name in scenario.keep_out(altitude)
               if name not in far]
     if scenario.keep_in is not None:
@@ -155,12 +155,13 @@ def _parts(scenario: Scenario, altitude: float) -> tuple[Any, ...]:
                    for pocket in pockets(scenario.keep_in)]
     return tuple(
         shapely.Polygon(part).buffer(SMALLER / 10, join_style='mitre', mitre_limit=2)
-        for one in barred for polygon in _without_holes(one.buffer(-SMALLER, join_style='mitre'))
+        for solid in barred
+        for polygon in _split_at_holes(solid.buffer(-SMALLER, join_style='mitre'))
         for part in convex_parts(tuple(map(
             tuple, shapely.get_coordinates(polygon.exterior)[:-1].tolist()))))
 
 
-def _without_holes(solid: Any) -> Iterator[Any]:
+def _split_at_holes(solid: Any) -> Iterator[Any]:
     """Yield polygons without holes that make up a polygon or several."""
     for polygon in shapely.get_parts(solid):
         if not len(polygon.interiors):
@@ -171,13 +172,13 @@ def _without_holes(solid: Any) -> Iterator[Any]:
         middle = polygon.interiors[0].centroid.x
         for begin, end in ((left, middle), (middle, right)):
             half = polygon.intersection(shapely.box(begin, low, end, high))
-            yield from _without_holes([part for part in shapely.get_parts(half)
+            yield from _split_at_holes([part for part in shapely.get_parts(half)
                                        if part.geom_type == 'Polygon'])
 
 
-def shortest_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any) -> Array:
+def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any) -> Array:
     """
-    Return how long ways from two ends to cells around polygons are at least, (2, C) in m.
+    Return lower bounds of the ways from two ends to cells around polygons, (2, C) in m.
 
     :param parts: convex polygons, perhaps none.
     :param hull: a convex polygon that places are in, or None.
@@ -188,38 +189,38 @@ def shortest_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any) -
     places = np.concatenate([ends, np.unique(shapely.get_coordinates(solid), axis=0)])
     inner = solid.buffer(-10 * GRID)
     shapely.prepare(inner)
-    one, two = np.triu_indices(len(places), 1)
-    free = ~shapely.intersects(inner, shapely.linestrings(np.stack([places[one], places[two]], 1)))
+    i, j = np.triu_indices(len(places), 1)
+    free = ~shapely.intersects(inner, shapely.linestrings(np.stack([places[i], places[j]], 1)))
     graph = np.full((len(places), len(places)), np.inf)
-    graph[one[free], two[free]] = np.hypot(*(places[one] - places[two])[free].T)
+    graph[i[free], j[free]] = np.hypot(*(places[i] - places[j])[free].T)
     ways = scipy.sparse.csgraph.dijkstra(np.minimum(graph, graph.T), indices=[0, 1])
     frame = shapely.box(*shapely.total_bounds([*cells, shapely.MultiPoint(places)])).buffer(1.0)
     reach = 10 * np.hypot(*np.ptp(shapely.get_coordinates(frame), axis=0))
     frame = frame if hull is None else frame.intersection(hull)
     outlines = [shapely.get_coordinates(part) for part in parts]
-    found = np.full((2, len(cells)), np.inf)
+    lengths = np.full((2, len(cells)), np.inf)
     for place, way in zip(places, ways.T):
         lit = frame.difference(shapely.union_all(
-            [_shadow(place, outline, reach) for outline in outlines], grid_size=GRID).buffer(
+            [_cast_shadow(place, outline, reach) for outline in outlines], grid_size=GRID).buffer(
                 -10 * GRID))
         shapely.prepare(lit)
         seen = np.flatnonzero(shapely.intersects(lit, cells))
-        found[:, seen] = np.minimum(
-            found[:, seen], way[:, None] + shapely.distance(shapely.Point(place), cells[seen]))
-    return found
+        lengths[:, seen] = np.minimum(
+            lengths[:, seen], way[:, None] + shapely.distance(shapely.Point(place), cells[seen]))
+    return lengths
 
 
-def _shadow(place: Array, outline: Array, reach: float) -> Any:
-    """Return what a convex polygon (K, 2) hides from a place, itself too, as far as it reaches."""
+def _cast_shadow(place: Array, outline: Array, reach: float) -> Any:
+    """Return the part of the plane that a convex polygon (K, 2) hides from a place, itself too."""
     offset = outline - place
     length = np.hypot(*offset.T)
-    apart = length > 1e-9
-    far = place + offset[apart] * (reach / length[apart])[:, None]
+    distinct = length > 1e-9
+    far = place + offset[distinct] * (reach / length[distinct])[:, None]
     return shapely.MultiPoint(np.concatenate([outline, far])).convex_hull
 
 
-def detour_fields(detours: Detours | None) -> dict[str, Array]:
-    """Return what the kernel reads of a UAV's detours; without any, there are no cells."""
+def pack_detours(detours: Detours | None) -> dict[str, Array]:
+    """Return the kernel's arguments for a UAV's detours; without any, there are no cells."""
     if detours is None:
         detours = Detours(np.zeros(2), np.zeros(2), np.zeros((2, 0, 0)))
     return {'detour_low': detours.low, 'detour_size': detours.size,

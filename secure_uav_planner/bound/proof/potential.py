@@ -7,10 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from .conjugate import Array
-from .reachable_set import ReachableSet
+from .reachable_set import ReachableSet, Stages
 from .rounding import margin
-from .stages import Stages
+from ...mission.validation import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,99 +55,100 @@ class Potential:
     its mean over the slots of the stage is all that counts. S is for stages of one slot each.
 
     :param slope: u, (G + 1, 2) in nats per unit.
-    :param bend: S as (S_11, S_12, S_22), (G + 1, 3) in nats per unit^2.
-    :param turn: w_{n+1} at the edge after slot n, (G + 1, 2) in nats per unit.
+    :param curvature: S as (S_11, S_12, S_22), (G + 1, 3) in nats per unit^2.
+    :param acceleration: w_{n+1} at the edge after slot n, (G + 1, 2) in nats per unit.
     :param stages: between the edges.
     :param region: of the UAV.
     :raises AssertionError: for S in stages of several slots.
     """
 
     slope: Array
-    bend: Array
-    turn: Array
+    curvature: Array
+    acceleration: Array
     stages: Stages
     region: ReachableSet
 
     def __post_init__(self) -> None:
-        if self.curved and (self.stages.count > 1).any():
+        if self.is_quadratic and (self.stages.count > 1).any():
             raise AssertionError('quadratic potentials are for stages of one slot')
 
     @property
     def change(self) -> tuple[Array, Array]:
         """Change of (u, S) in one slot of every stage, (G, 2) and (G, 3)."""
         count = self.stages.count[:, None]
-        return np.diff(self.slope, axis=0) / count, np.diff(self.bend, axis=0) / count
+        return np.diff(self.slope, axis=0) / count, np.diff(self.curvature, axis=0) / count
 
     @property
-    def curved(self) -> bool:
+    def is_quadratic(self) -> bool:
         """Whether any S is not zero."""
-        return bool(self.bend.any())
+        return bool(self.curvature.any())
 
-    def jump(self) -> Array:
+    def curvature_cost(self) -> Array:
         """Return step^2 / 2 max(0, the largest eigenvalue of S) at every edge, (G + 1,)."""
-        half = (self.bend[:, 0] - self.bend[:, 2]) / 2
-        largest = (self.bend[:, 0] + self.bend[:, 2]) / 2 + np.hypot(half, self.bend[:, 1])
+        s11, s12, s22 = self.curvature.T
+        largest = (s11 + s22) / 2 + np.hypot((s11 - s22) / 2, s12)
         steps = np.append(self.region.step, self.region.steps)
         return np.asarray(steps**2 / 2 * np.maximum(largest, 0))
 
     @cached_property
-    def turned(self) -> Array:
+    def move_slopes(self) -> Array:
         """Return u + w_{n+1} - w_n at the edges before and after every stage, (2, G, 2)."""
-        change = np.diff(self.turn, axis=0) / self.stages.count[:, None]
+        change = np.diff(self.acceleration, axis=0) / self.stages.count[:, None]
         return np.stack([self.slope[:-1] + change, self.slope[1:] + change])
 
     def constant(self) -> Array:
-        """Return what a slot of every stage gets wherever the UAV is, (G,) in nats."""
-        if self.curved:
-            return np.asarray(self.jump()[1:] + self.turning())
+        """Return the terms of a slot of every stage that do not depend on the place, (G,)."""
+        if self.is_quadratic:
+            return np.asarray(self.curvature_cost()[1:] + self.acceleration_cost())
         before, after = self.stages.means
-        length = self.region.steps * np.hypot(*np.moveaxis(self.turned, 2, 0))
-        return np.asarray(before * length[0] + after * length[1] + self.turning())
+        length = self.region.steps * np.hypot(*np.moveaxis(self.move_slopes, 2, 0))
+        return np.asarray(before * length[0] + after * length[1] + self.acceleration_cost())
 
-    def turning(self) -> Array:
-        """Return the part A |w| of that, (G,) in nats."""
+    def acceleration_cost(self) -> Array:
+        """Return the part A |w| of these, (G,) in nats."""
         before, after = self.stages.means
-        turn = self.region.turn * np.hypot(*self.turn.T)
-        return np.asarray(before * turn[:-1] + after * turn[1:])
+        cost = self.region.max_move_change * np.hypot(*self.acceleration.T)
+        return np.asarray(before * cost[:-1] + after * cost[1:])
 
-    def tilt(self) -> Array:
+    def speed_cost(self) -> Array:
         """
         Return the term f |u + S q| of every stage as (f, u, S), (G, 6).
 
-        Zeros where S = 0: `constant` has it then.
+        Zeros if S = 0: then it is part of `constant`.
         """
-        found = np.concatenate(
-            [self.region.steps[:, None], self.turned[1], self.bend[1:]], axis=1)
-        return found if self.curved else 0.0 * found
+        cost = np.concatenate(
+            [self.region.steps[:, None], self.move_slopes[1], self.curvature[1:]], axis=1)
+        return cost if self.is_quadratic else 0.0 * cost
 
-    def ends(self) -> float:
+    def end_cost(self) -> float:
         """Return T_0(start) + W_0(start) - W_N(goal) - w . d_{N+1} with all tolerances."""
         region = self.region
         miss = 2e-6 / region.unit + 1e-12
         goal = region.distance
         first, last = self.slope[0], self.slope[-1]
-        size0, size1 = np.abs(self.bend[0]).sum(), np.abs(self.bend[-1]).sum()
-        push, pull = first + self.turn[0], self.turn[-1]
-        turns = region.end_turns
-        start = float(self.jump()[0] + region.turn * np.hypot(*self.turn[0])
+        size0, size1 = np.abs(self.curvature[0]).sum(), np.abs(self.curvature[-1]).sum()
+        push, pull = first + self.acceleration[0], self.acceleration[-1]
+        limits = region.end_move_changes
+        start = float(self.curvature_cost()[0]
+                      + region.max_move_change * np.hypot(*self.acceleration[0])
                       + min(region.step * np.hypot(*push),
-                            turns[0] * np.hypot(*push) + region.end_moves[0] @ push)
-                      + max(turns[1] - region.turn, 0.0) * np.hypot(*pull)
+                            limits[0] * np.hypot(*push) + region.end_moves[0] @ push)
+                      + max(limits[1] - region.max_move_change, 0.0) * np.hypot(*pull)
                       - region.end_moves[1] @ pull)
-        at_goal = last[0] * goal + self.bend[-1, 0] * goal**2 / 2
-        # At most |grad W| + |S| step, and |grad W|, times how far an end may be off.
+        at_goal = last[0] * goal + self.curvature[-1, 0] * goal**2 / 2
+        # At most |grad W| + |S| step, and |grad W|, times the tolerance of an end.
         first_slope = np.hypot(*first) + size0 * (region.step + miss)
         last_slope = np.hypot(*last) + size1 * (goal + miss)
         return float(start - at_goal + miss * (first_slope + last_slope)
-                     + margin(region.altitude, self.size()[[0, -1]].sum()))
+                     + margin(region.altitude, self.magnitude()[[0, -1]].sum()))
 
-    def size(self) -> Array:
-        """Return how large the terms of every stage can be, (G,) in nats, for `margin`."""
+    def magnitude(self) -> Array:
+        """Return a limit of the size of the terms of every stage, (G,) in nats, for `margin`."""
         region = self.region
         reach = np.minimum(region.from_start, region.distance + region.to_goal)
-        slope = np.hypot(*self.slope.T) + 2 * np.hypot(*self.turn.T)
-        bend = np.abs(self.bend).sum(1)
+        slope = np.hypot(*self.slope.T) + 2 * np.hypot(*self.acceleration.T)
+        curvature = np.abs(self.curvature).sum(1)
         slope = np.maximum(slope[:-1], slope[1:])
-        bend = np.maximum(bend[:-1], bend[1:])
-        return np.asarray((slope + bend * (reach + region.step)) * (reach + region.step)
+        curvature = np.maximum(curvature[:-1], curvature[1:])
+        return np.asarray((slope + curvature * (reach + region.step)) * (reach + region.step)
                           + np.abs(self.constant()))

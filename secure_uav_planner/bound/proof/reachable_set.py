@@ -1,4 +1,4 @@
-"""Where one UAV can be in every stage of the mission, in its own frame."""
+"""Reachable sets of the UAVs in every stage of a mission, each in its own frame."""
 
 from __future__ import annotations
 
@@ -10,15 +10,63 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from .conjugate import Array
-from .detours import Detours, detours, frame_axes
-from .rounding import COORDINATE_ROUNDING, end_tolerance
-from .stages import Stages
+from .detours import Detours, find_detours, frame_axes
+from .rounding import bound_negative_power, COORDINATE_ROUNDING, end_tolerance
 from .subset import EavesdropperSubset
+from ...mission.validation import Array
 from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
 
 if TYPE_CHECKING:
     from ...mission.scenario import Scenario
+
+MOST_STAGES = 400
+"""More slots than that share stages; time and memory are then those of as many slots."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """
+    The slots 1..N in G stages of neighbouring slots, of one slot each where N is small.
+
+    All slots of a stage share one reachable set, which holds the reachable sets of all of them,
+    and one set of multipliers; so one bound serves for all of them.
+
+    :param edges: number of slots before each stage, and N, (G + 1,).
+    """
+
+    edges: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, slots: int, most: int = MOST_STAGES) -> Stages:
+        """Return the stages of a mission of `slots` slots, at most `most`, as even as can be."""
+        count = min(slots, most)
+        return cls(np.arange(count + 1) * slots // count)
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """First slot of every stage, (G,)."""
+        return self.edges[:-1] + 1
+
+    @property
+    def last(self) -> NDArray[np.int64]:
+        """Last slot of every stage, (G,)."""
+        return self.edges[1:]
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """Number of slots of every stage, (G,)."""
+        return np.diff(self.edges)
+
+    @property
+    def means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean weights of the edges before and after a stage in its slots, (G,) each."""
+        count = self.count.astype(float)
+        return (count - 1) / (2 * count), (count + 1) / (2 * count)
+
+    @property
+    def slots(self) -> int:
+        """N."""
+        return int(self.edges[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +86,10 @@ class ReachableSet:
     :param distance: from start to goal, in units.
     :param step: largest move from one point to the next, tolerance included, in units.
     :param steps: the same after the slots of every stage, (G,).
-    :param turn: A, the largest change of a move from one slot to the next, in units; without a
-        limit of acceleration that is two steps.
-    :param end_turns: the same at the start and at the goal, where a free velocity counts as one
-        of zero that may change by a step, (2,).
+    :param max_move_change: A, the largest change of a move from one slot to the next, in units;
+        two steps without a limit of acceleration.
+    :param end_move_changes: the same at the start and at the goal, where a free velocity counts
+        as zero with changes of up to a step, (2,).
     :param end_moves: d_{-1} and d_{N+1}, the moves before the start and after the goal, (2, 2).
     :param from_start: radius of the disc about the start in every stage, (G,) in units.
     :param to_goal: radius of the disc about the goal in every stage, (G,) in units.
@@ -63,8 +111,8 @@ class ReachableSet:
     distance: float
     step: float
     steps: Array
-    turn: float
-    end_turns: Array
+    max_move_change: float
+    end_move_changes: Array
     end_moves: Array
     from_start: Array
     to_goal: Array
@@ -83,7 +131,7 @@ class ReachableSet:
     def of(cls, scenario: Scenario, index: int, stages: Stages,
            subset: EavesdropperSubset) -> ReachableSet:
         """
-        Return that of UAV `index` of a scenario, with all that a Plan tolerates.
+        Return the reachable set of UAV `index`, with all that a Plan tolerates.
 
         :param scenario: the mission.
         :param index: of the UAV.
@@ -92,25 +140,27 @@ class ReachableSet:
         """
         uav = scenario.uavs[index]
         start, goal = np.array(uav.start), np.array(uav.goal)
-        people = np.concatenate([[scenario.ground_node], subset.places])
-        places = np.concatenate([people, [start, goal]])
+        receivers = np.concatenate([[scenario.ground_node], subset.places])
+        places = np.concatenate([receivers, [start, goal]])
         unit = max(float(np.hypot(*np.ptp(places, axis=0))) / 2, uav.altitude)
         length = float(np.hypot(*(goal - start)))
-        axes, around = frame_axes(uav), detours(scenario, index)
+        axes, around = frame_axes(uav), find_detours(scenario, index)
         ends = end_tolerance(scenario)
         step = float(scenario.max_step[index]) + POSITION_TOLERANCE
-        turn, end_turns, end_moves = _turns(scenario, index, step)
+        max_move_change, end_move_changes, end_moves = _limit_move_changes(scenario, index, step)
         number = np.arange(1, scenario.slots + 2)
-        ramps = np.hypot(*end_moves.T)[:, None] + end_turns[:, None] + (number - 1) * turn
+        ramps = (np.hypot(*end_moves.T)[:, None] + end_move_changes[:, None]
+                 + (number - 1) * max_move_change)
         # A move is a difference of coordinates, each of them rounded.
         moves = np.minimum(step, np.minimum(ramps[0], ramps[1, ::-1]) * (1 + 1e-12))
         ahead = np.concatenate([[0.0], np.cumsum(moves)]) * (1 + 1e-12)
         behind = np.concatenate([np.cumsum(moves[::-1])[::-1], [0.0]]) * (1 + 1e-12)
-        frame = (people - start) @ axes.T / unit
+        frame = (receivers - start) @ axes.T / unit
         return cls(
             unit=unit, origin=start, axes=axes, distance=length / unit, step=step / unit,
             steps=np.maximum.reduceat(moves[1:], stages.edges[:-1]) / unit,
-            turn=turn / unit, end_turns=end_turns / unit, end_moves=end_moves @ axes.T / unit,
+            max_move_change=max_move_change / unit, end_move_changes=end_move_changes / unit,
+            end_moves=end_moves @ axes.T / unit,
             from_start=(ahead[stages.last] + ends) / unit * (1 + COORDINATE_ROUNDING),
             to_goal=(behind[stages.first] + ends) / unit * (1 + COORDINATE_ROUNDING),
             altitude=uav.altitude / unit,
@@ -121,14 +171,14 @@ class ReachableSet:
             transmits=index == 0,
             peak=uav.peak_power + POWER_TOLERANCE,
             average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE,
-            detours=around and around.scaled(unit))
+            detours=around and around.scale(unit))
 
     def local(self, positions: Array) -> Array:
         """Return positions (..., 2) in m in the frame, in units."""
         return np.asarray((positions - self.origin) @ self.axes.T / self.unit)
 
     @cached_property
-    def sides(self) -> tuple[Array, Array]:
+    def bounding_box(self) -> tuple[Array, Array]:
         """
         Return the lower and the upper corner of a rectangle about each reachable set, (G, 2).
 
@@ -148,18 +198,18 @@ class ReachableSet:
         high = np.stack([np.minimum(near, distance + far) + slack, half + slack], -1)
         if self.detours is None:
             return low, high
-        # Of a stage without any cell all of them.
-        late = self._late()
+        # A stage that no cell is free for keeps all those of the least delay.
+        late = self._lateness()
         free = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
         cells = free.any(2), free.any(1)
-        first = np.stack([some.argmax(1) for some in cells], -1)
-        last = np.stack([some.shape[1] - some[:, ::-1].argmax(1) for some in cells], -1)
+        first = np.stack([flags.argmax(1) for flags in cells], -1)
+        last = np.stack([flags.shape[1] - flags[:, ::-1].argmax(1) for flags in cells], -1)
         step = self.detours.size
         return (np.maximum(low, self.detours.low + (first - 1e-6) * step),
                 np.minimum(high, self.detours.low + (last + 1e-6) * step))
 
-    def _late(self) -> Array:
-        """Return by how much ways to every cell, or from there, are too long, (G, SIDE, SIDE)."""
+    def _lateness(self) -> Array:
+        """Excess of the ways to every cell and from there over the time, (G, SIDE, SIDE)."""
         assert self.detours is not None
         there, back = self.detours.lengths
         return np.maximum(there - self.from_start[:, None, None],
@@ -178,34 +228,34 @@ class ReachableSet:
         """Return the upper crossing of the circles, (G, 2), or zeros where there is none."""
         first = self._crossing()
         across = np.sqrt(np.maximum((self.from_start - first) * (self.from_start + first), 0.0))
-        found = np.isfinite(first) & (across > 0)
-        return np.where(found[:, None], np.stack([first, across], -1), 0.0)
+        crosses = np.isfinite(first) & (across > 0)
+        return np.where(crosses[:, None], np.stack([first, across], -1), 0.0)
 
-    def inside(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return whether places (..., 2) are in the reachable set of their stage (...)."""
+    def contains(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Return True for places (..., 2) in the reachable set of their stage (...)."""
         across = place[..., 1]**2
         return np.asarray(
             (place[..., 0]**2 + across <= self.from_start[stage]**2)
             & ((place[..., 0] - self.distance)**2 + across <= self.to_goal[stage]**2)
-            & self._in_time(place, stage))
+            & self._is_in_time(place, stage))
 
-    def _in_time(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return whether detours leave time for places (..., 2) in their stage (...)."""
+    def _is_in_time(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Return True for places (..., 2) that detours leave time for in their stage (...)."""
         if self.detours is None:
             return np.ones(place.shape[:-1], bool)
-        there, back = self.detours.lengths[(slice(None), *self.detours.cell(place))]
+        there, back = self.detours.lengths[(slice(None), *self.detours.locate(place))]
         return np.asarray((there <= self.from_start[stage]) & (back <= self.to_goal[stage]))
 
     @cached_property
-    def _nearest(self) -> NDArray[np.int16]:
-        """Return the closest cells for which there is time in every stage, (G, SIDE, SIDE, 2)."""
+    def _closest_cells(self) -> NDArray[np.int16]:
+        """For every stage and cell the closest cell in time, (G, SIDE, SIDE, 2)."""
         assert self.detours is not None
         return np.array([np.moveaxis(scipy.ndimage.distance_transform_edt(
             late > max(0.0, late.min()), sampling=self.detours.size, return_distances=False,
-            return_indices=True), 0, -1) for late in self._late()], np.int16)
+            return_indices=True), 0, -1) for late in self._lateness()], np.int16)
 
-    def drawn_in(self, place: Array, stage: NDArray[np.integer[Any]]) -> Array:
-        """Return places (..., 2) drawn into one disc, the other, and to where there is time."""
+    def clip(self, place: Array, stage: NDArray[np.integer[Any]]) -> Array:
+        """Return places (..., 2), moved into both discs and to the closest cell in time."""
         for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):
             offset = place - [centre, 0.0]
             length = np.sqrt((offset * offset).sum(-1))
@@ -214,22 +264,23 @@ class ReachableSet:
             place = [centre, 0.0] + offset * ratio[..., None]
         if self.detours is None:
             return np.asarray(place)
-        closest = self.detours.centre(self._nearest[(stage, *self.detours.cell(place))])
-        return np.where(self._in_time(place, stage)[..., None], place, closest)
+        cell = self._closest_cells[(stage, *self.detours.locate(place))]
+        return np.where(
+            self._is_in_time(place, stage)[..., None], place, self.detours.find_centre(cell))
 
-    def farthest(self, direction: Array) -> Array:
+    def find_farthest(self, direction: Array) -> Array:
         """Return the reachable set's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
         norm = np.hypot(direction[..., 0], direction[..., 1])[..., None]
         unit = np.where(norm > 0, direction / np.maximum(norm, 1e-300), [1.0, 0.0])
         goal = np.array([self.distance, 0.0])
-        one = self.from_start[:, None, None] * unit
-        two = goal + self.to_goal[:, None, None] * unit
+        at_start = self.from_start[:, None, None] * unit
+        at_goal = goal + self.to_goal[:, None, None] * unit
         corner = self.corner[:, None] * np.stack(
             [np.ones_like(unit[..., 1]), np.sign(unit[..., 1])], -1)
-        at_one = ((one - goal)**2).sum(-1) <= self.to_goal[:, None]**2
-        at_two = (two**2).sum(-1) <= self.from_start[:, None]**2
-        return self.drawn_in(np.where(at_one[..., None], one, np.where(
-            at_two[..., None], two, corner)), np.arange(len(one))[:, None])
+        near_goal = ((at_start - goal)**2).sum(-1) <= self.to_goal[:, None]**2
+        near_start = (at_goal**2).sum(-1) <= self.from_start[:, None]**2
+        return self.clip(np.where(near_goal[..., None], at_start, np.where(
+            near_start[..., None], at_goal, corner)), np.arange(len(at_start))[:, None])
 
     def log_squares(self, place: Array) -> tuple[Array, Array]:
         """
@@ -278,12 +329,48 @@ class ReachableSet:
         return np.asarray(best)
 
 
-def _turns(scenario: Scenario, index: int, step: float) -> tuple[float, Array, Array]:
+def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[float, Array, Array]:
     """Return A, A at both ends, (2,), and the moves beyond them, (2, 2), all in m; see of."""
     uav = scenario.uavs[index]
     if uav.max_acceleration is None:
         return 2 * step, np.array([step, step]), np.zeros((2, 2))
-    turn = min(uav.max_acceleration * scenario.slot_duration**2 + POSITION_TOLERANCE, 2 * step)
+    change = min(uav.max_acceleration * scenario.slot_duration**2 + POSITION_TOLERANCE, 2 * step)
     ends = (uav.start_velocity, uav.goal_velocity)
-    return (turn, np.array([step if velocity is None else turn for velocity in ends]),
+    return (change, np.array([step if velocity is None else change for velocity in ends]),
             scenario.slot_duration * np.array([velocity or (0.0, 0.0) for velocity in ends]))
+
+
+@dataclass(frozen=True, eq=False)
+class Team:
+    """
+    The reachable sets of the UAVs, at most one of which jams, in all stages of a mission.
+
+    :param stages: the slots in stages.
+    :param regions: of the transmitter, and of the jammer.
+    :param negative: rate of a slot without a transmission by powers below zero, in nats.
+    :param delta: largest size of the negative received SNR of every UAV, (U,).
+    """
+
+    stages: Stages
+    regions: tuple[ReachableSet, ...]
+    negative: float
+    delta: Array
+
+    @classmethod
+    def of(cls, scenario: Scenario, subset: EavesdropperSubset, most: int = MOST_STAGES) -> Team:
+        """
+        Return the team of a scenario.
+
+        :param scenario: the mission.
+        :param subset: the eavesdroppers.
+        :param most: largest number of stages.
+        """
+        stages = Stages.of(scenario.slots, most)
+        regions = tuple(ReachableSet.of(scenario, i, stages, subset)
+                        for i in range(len(scenario.uavs)))
+        return cls(stages, regions, *bound_negative_power(scenario))
+
+    @property
+    def accelerates(self) -> bool:
+        """True if a UAV has a limit of acceleration."""
+        return any(region.max_move_change < 2 * region.step for region in self.regions)

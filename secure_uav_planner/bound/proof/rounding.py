@@ -4,7 +4,7 @@ What a Plan tolerates and what floating point loses: argued here, and nowhere el
 **Tolerances.** A Plan may exceed a step, or miss its ends in every coordinate, by
 POSITION_TOLERANCE, and exceed every limit of power, the lower one too, by POWER_TOLERANCE. Steps,
 discs and powers are widened by that much. What powers below zero can do is the subject of
-`negative_power`.
+`bound_negative_power`.
 
 **Rounding.** Let eps = 2^-52. Lengths are in units of about the mission's extent, so that the
 places of people and goals are numbers of at most about 2 with an absolute error of a few eps, and
@@ -43,7 +43,7 @@ COORDINATE_ROUNDING = 1e-12
 
 def end_tolerance(scenario: Scenario) -> float:
     """
-    Return how far an end may be off, in m.
+    Return the tolerance of an end, in m.
 
     The tolerance is one of each coordinate, hence the factor; and coordinates that are compared in
     a UAV's own frame are off by a few eps of the mission's extent.
@@ -56,7 +56,7 @@ def end_tolerance(scenario: Scenario) -> float:
 
 def margin(altitude: float, size: np.ndarray) -> np.ndarray:
     """
-    Return what is added to a sum of logarithms and potentials, in nats.
+    Return the margin of a sum of logarithms and potentials, in nats.
 
     :param altitude: of the UAV, in units.
     :param size: of the potentials' terms, in nats.
@@ -64,9 +64,9 @@ def margin(altitude: float, size: np.ndarray) -> np.ndarray:
     return np.asarray(EPSILON * (200.0 + 10.0 / altitude + size))
 
 
-def negative_power(scenario: Scenario) -> tuple[float, np.ndarray]:
+def bound_negative_power(scenario: Scenario) -> tuple[float, np.ndarray]:
     """
-    Return what powers of -POWER_TOLERANCE can add to a slot that sends nothing, in nats.
+    Return the largest rate of a slot without transmission, by powers below zero, in nats.
 
     Lemma 7. Let delta_i = POWER_TOLERANCE g a / H_i^2, the largest size of a negative received
     SNR, a being the largest advantage of an eavesdropper's receiver, or 1 if that is larger.

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..proof.conjugate import Array
 from ..proof.reachable_set import ReachableSet
-from ..proof.subset import circle
+from ..proof.subset import unit_circle
+from ...mission.validation import Array
 
 RINGS = (0.01, 0.03, 0.1, 0.3)
-"""Radii of rings of places about a plan's, in the set's units; twelve places on each."""
+"""Radii of rings of twelve places around a plan's place, in units."""
 
-GRID, COARSE, STILL = (11, 13), (4, 5), (5, 5)
-"""Places along and across a set: to look for columns, to keep always, to be silent at."""
+GRID, COARSE_GRID, SILENT_GRID = (11, 13), (4, 5), (5, 5)
+"""Places along and across a set: of candidates, of columns always kept, and of silent ones."""
 
 RIM = 32
-"""Directions in which the reachable set's farthest place is a place to be silent at."""
+"""Silent places on the rim of a reachable set, the farthest in as many directions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,8 @@ class Columns:
 
     :param place: (G, C, 2) in units.
     :param power: (G, C) in W; 0 for the transmitter, whose power has a closed form.
-    :param ground: what w0 multiplies, (G, C) in nats.
-    :param leaks: what v multiplies, (G, C, E) in nats.
+    :param ground: factor of w0, (G, C) in nats.
+    :param leaks: factors of v, (G, C, E) in nats.
     """
 
     place: Array
@@ -60,15 +60,15 @@ class Columns:
                        self.ground[row, index], self.leaks[row, index])
 
     @staticmethod
-    def joined(parts: list[Columns]) -> Columns:
-        """Return all columns of several."""
+    def concatenate(parts: list[Columns]) -> Columns:
+        """Return all columns of several lists."""
         return Columns(*(np.concatenate([getattr(part, name) for part in parts], 1)
                          for name in ('place', 'power', 'ground', 'leaks')))
 
 
-def grid(region: ReachableSet, along: int, across: int) -> Array:
+def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
     """Return a grid over every reachable set, its boundary included, (G, along * across, 2)."""
-    low, high = region.sides
+    low, high = region.bounding_box
     even = np.linspace(0, 1, along)
     step = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
     a = low[:, :1] + (high - low)[:, :1] * step
@@ -78,19 +78,19 @@ def grid(region: ReachableSet, along: int, across: int) -> Array:
     left, right = np.maximum(-half, low[:, 1:]), np.minimum(half, high[:, 1:])
     b = left[..., None] + (right - left)[..., None] * np.linspace(0, 1, across)
     place = np.stack(np.broadcast_arrays(a[:, :, None], b), -1).reshape(len(a), -1, 2)
-    return region.drawn_in(place, np.arange(len(a))[:, None])
+    return region.clip(place, np.arange(len(a))[:, None])
 
 
-def rings(region: ReachableSet, centre: Array) -> Array:
-    """Return places about others (G, 2), those too, as far as they are in the reachable set."""
-    offset = np.concatenate([[[0.0, 0.0]], *(radius * circle(12) for radius in RINGS)])
+def sample_rings(region: ReachableSet, centre: Array) -> Array:
+    """Return centres (G, 2) and rings around them, as far as they are in the set, (G, K, 2)."""
+    offset = np.concatenate([[[0.0, 0.0]], *(radius * unit_circle(12) for radius in RINGS)])
     place = centre[:, None] + offset
     stage = np.arange(len(place))[:, None]
-    return np.asarray(np.where(region.inside(place, stage)[..., None], place, centre[:, None]))
+    return np.asarray(np.where(region.contains(place, stage)[..., None], place, centre[:, None]))
 
 
-def levels(region: ReachableSet, power: Array) -> Array:
-    """Return powers of a jammer about a plan's, (G,), and others up to the peak, (G, 13)."""
+def sample_powers(region: ReachableSet, power: Array) -> Array:
+    """Return powers of a jammer around a plan's, (G,), and up to the peak, (G, 13)."""
     about = np.clip(power, 1e-6 * region.peak, region.peak)[:, None]
     return np.asarray(np.minimum(np.concatenate([
         np.zeros_like(about), about * np.exp(np.linspace(-1.2, 1.2, 7)),

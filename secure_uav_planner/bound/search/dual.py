@@ -1,37 +1,178 @@
 """
-The dual function on columns, smoothed, with two derivatives: what Newton's method minimises.
+The smoothed dual function on columns, with its gradient and Hessian, and Newton's step for it.
 
-It is the certificate's bound with every maximum taken over columns and over two branches, that is
-one breakpoint of w0 and "nothing is sent", and smoothed to tau log sum exp(. / tau). It is jointly
-convex in the potentials, v and lam. v has a barrier at 0 where there are several eavesdroppers,
-w0 - s and lam have weak ones of their own: at a high SNR w0 - s is of the order of 1e-3 and below.
+It is the certificate's bound with every maximum taken over columns and over two branches, a single
+breakpoint of w0 and silence, and smoothed to tau log sum exp(. / tau). It is jointly convex in the
+potentials, v and lam. v has a barrier at 0 if there are several eavesdroppers. The slack w0 - s
+and lam have weak barriers: at a high SNR the slack is of the order of 1e-3 and below.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+import scipy
 
 from .columns import Columns
-from .newton import DualDerivatives, DualPoint
-from ..proof.conjugate import Array, entropy, transmit_power
-from ..proof.team import Team
+from ..proof.certificate import entropy, maximise_power
+from ..proof.reachable_set import Team
+from ...mission.validation import Array
 from ...model.kernel import core
 
-SHARE_BARRIER, ROOM_BARRIER, PRICE_BARRIER = 0.3, 1e-6, 1e-7
+SHARE_BARRIER, SLACK_BARRIER, PRICE_BARRIER = 0.3, 1e-6, 1e-7
 """Barriers of v, times tau, of w0 - s, and of lam, in nats."""
 
+SMOOTHING = 0.3
+"""Smoothing of the largest eigenvalue of S, in nats per unit^2."""
 
-BLUNT = 0.3
-"""By how much the largest eigenvalue of S is smoothed, in nats per unit^2."""
+
+@dataclass(frozen=True)
+class PotentialLayout:
+    """
+    The entries of a potential at an edge: u (2), then S (3) and w (2) where it has them.
+
+    :param quadratic: True with S.
+    :param acceleration: True with w, for UAVs with a limit of acceleration.
+    """
+
+    quadratic: bool
+    acceleration: bool
+
+    @classmethod
+    def of(cls, potentials: Array) -> PotentialLayout:
+        """Return the layout of potentials (..., P)."""
+        width = potentials.shape[-1]
+        return cls(width >= 5, width in (4, 7))
 
 
-def monomials(place: Array, quadratic: bool) -> Array:
-    """Return (x, y), or (x, y, x^2/2, x y, y^2/2), at places (..., 2)."""
-    x, y = place[..., 0], place[..., 1]
-    return np.stack([x, y, x * x / 2, x * y, y * y / 2], -1) if quadratic else place
+def split_potentials(x: Array) -> tuple[Array, Array, Array]:
+    """Return u, S and w of potentials (..., P), zeros for those that they do not have."""
+    layout, zeros = PotentialLayout.of(x), np.zeros(x.shape[:-1] + (3,))
+    return (x[..., :2], x[..., 2:5] if layout.quadratic else zeros,
+            x[..., -2:] if layout.acceleration else zeros[..., :2])
+
+
+@dataclass(frozen=True, eq=False)
+class DualPoint:
+    """
+    The unknowns of the dual function.
+
+    :param potentials: at every edge, see PotentialLayout, (G + 1, U, P).
+    :param shares: v, (G, E).
+    :param prices: lam, (U,).
+    """
+
+    potentials: Array
+    shares: Array
+    prices: Array
+
+    def move(self, step: DualPoint, length: float) -> DualPoint:
+        """Return this point moved along a step."""
+        return DualPoint(self.potentials + length * step.potentials,
+                         self.shares + length * step.shares, self.prices + length * step.prices)
+
+    def shorten(self, point: DualPoint, slack: Array) -> DualPoint:
+        """Return this step, shortened so that every slot's v, slack and prices stay positive."""
+        with np.errstate(divide='ignore', invalid='ignore'):
+            total = -self.shares.sum(-1)
+            most = np.minimum(
+                np.where(self.shares < 0, -point.shares / self.shares, np.inf).min(-1),
+                np.where(total < 0, -slack / total, np.inf))
+            prices = np.where(self.prices < 0, -point.prices / self.prices, np.inf)
+        return replace(self, shares=self.shares * np.minimum(1.0, 0.9 * most)[..., None],
+                       prices=self.prices * np.minimum(1.0, 0.9 * prices))
+
+
+@dataclass(frozen=True, eq=False)
+class DualDerivatives:
+    """
+    Gradient and Hessian in blocks; a stage's unknowns are v, both edges' potentials, and lam.
+
+    :param stage: gradient of the stages' terms, (G, V + 2 U P + U).
+    :param stages: their Hessians, (G, V + 2 U P + U, V + 2 U P + U).
+    :param edge: gradient of the edges' own terms, (G + 1, U P).
+    :param edges: their Hessians, (G + 1, U P, U P).
+    :param price: gradient of the prices' own terms, (U,).
+    :param prices: the diagonal of their Hessian, (U,).
+    :param sharpness: number of slots of a stage, divided by the temperature, (G,).
+    """
+
+    stage: Array
+    stages: Array
+    edge: Array
+    edges: Array
+    price: Array
+    prices: Array
+    sharpness: Array
+
+    def slope(self, step: DualPoint) -> float:
+        """Return the derivative along a step."""
+        count = len(self.stage)
+        x = step.potentials.reshape(count + 1, -1)
+        local = np.concatenate([step.shares, x[:-1], x[1:],
+                                np.broadcast_to(step.prices, (count, len(step.prices)))], 1)
+        return float((self.stage * local).sum() + (self.edge * x).sum()
+                     + self.price @ step.prices)
+
+    def solve(self, damping: float) -> DualPoint:
+        """
+        Return the damped Newton step.
+
+        If a single column is far better than the rest, the function is linear near the point, and
+        a full step would leave that neighbourhood. `damping` stands for a variance of the columns
+        of a stage in units^2: it limits changes of the potentials from edge to edge, and of those
+        at both ends. The diagonal of v and of the prices is raised by it as a share.
+
+        v is eliminated in every stage, then the potentials by a banded Cholesky factorisation.
+
+        :raises numpy.linalg.LinAlgError: where the Hessian is not positive definite.
+        """
+        count, up, u = len(self.stage), self.edge.shape[1], len(self.price)
+        e = self.stage.shape[1] - 2 * up - u
+        vv = self.stages[:, :e, :e]
+        vv = vv + (damping * np.einsum('gii->gi', vv) + 1e-12)[:, :, None] * np.eye(e)
+        vr = self.stages[:, :e, e:]
+        solved = np.linalg.solve(vv, np.concatenate([vr, self.stage[:, :e, None]], -1))
+        local = self.stages[:, e:, e:] - np.matmul(vr.transpose(0, 2, 1), solved[..., :-1])
+        rest = self.stage[:, e:] - np.matmul(
+            vr.transpose(0, 2, 1), solved[..., -1:])[..., 0]
+        move = (damping * self.sharpness)[:, None, None] * np.eye(up)
+        local[:, :up, :up] += move
+        local[:, up:2 * up, up:2 * up] += move
+        local[:, up:2 * up, :up] -= move
+        local[:, :up, up:2 * up] -= move
+        before, after, price = slice(0, up), slice(up, 2 * up), slice(2 * up, None)
+        diagonal, edge = self.edges.copy(), self.edge.copy()
+        border = np.zeros((count + 1, up, u))
+        for at, part in ((slice(0, -1), before), (slice(1, None), after)):
+            diagonal[at] += local[:, part, part]
+            edge[at] += rest[:, part]
+            border[at] += local[:, part, price]
+        diagonal = diagonal + 1e-9 * np.eye(up)
+        diagonal[[0, -1]] += move[[0, -1]]
+        band = np.zeros((2 * up, (count + 1) * up))
+        for row in range(up):
+            for column in range(up):
+                if row >= column:
+                    band[row - column, column::up] = diagonal[:, row, column]
+                band[up + row - column, column:count * up:up] = local[:, up + row, column]
+        factor = scipy.linalg.cholesky_banded(
+            band, lower=True, check_finite=False, overwrite_ab=True)
+        prices_by_edge = border.reshape(-1, u)
+        answer = scipy.linalg.cho_solve_banded((factor, True), np.concatenate(
+            [prices_by_edge, edge.reshape(-1, 1)], 1), check_finite=False)
+        corner = (np.diag(self.prices) + local[:, price, price].sum(0)
+                  - prices_by_edge.T @ answer[:, :u])
+        corner = corner + damping * np.diag(np.abs(np.diag(corner)))
+        prices = -np.linalg.solve(corner, self.price + rest[:, price].sum(0)
+                                  - prices_by_edge.T @ answer[:, u])
+        x = (-answer[:, u] - answer[:, :u] @ prices).reshape(count + 1, up)
+        steps = np.concatenate([x[:-1], x[1:], np.broadcast_to(prices, (count, u))], 1)
+        shares = -solved[..., -1] - np.matmul(solved[..., :-1], steps[..., None])[..., 0]
+        return DualPoint(x.reshape(count + 1, u, -1), shares, prices)
 
 
 class Dual:
@@ -39,9 +180,9 @@ class Dual:
     The dual function of a team on given columns.
 
     :param team: the UAVs.
-    :param weight: w0 of the breakpoint that the multipliers have to be good for, (G,).
-    :param columns: of every UAV.
-    :param silent: for every UAV, those with which nothing is sent.
+    :param weight: w0 of the branch in which the transmitter sends, (G,).
+    :param columns: of every UAV in that branch.
+    :param silent: of every UAV in the branch of silence.
     :param tau: temperature of every smoothed maximum, in nats.
     """
 
@@ -51,14 +192,14 @@ class Dual:
         self.columns, self.silent = columns, silent
         self.count = team.stages.count.astype(float)
         self.average = np.array([region.average for region in team.regions])
-        # How often an edge counts; the start's, at the first edge, comes on top.
+        # The number of slots that an edge counts for, and one more at the start.
         before, after = team.stages.means
         self.edge = np.zeros(len(self.count) + 1)
         self.edge[:-1] += self.count * before
         self.edge[1:] += self.count * after
         self.edge[0] += 1
 
-    def room(self, shares: Array) -> Array:
+    def slack(self, shares: Array) -> Array:
         """Return w0 - s, (G,)."""
         return np.asarray(self.weight - shares.sum(-1))
 
@@ -76,32 +217,32 @@ class Dual:
         value, stage, stages = self._stages(point, second)
         shares, prices = point.shares, point.prices
         bar = SHARE_BARRIER * (self.tau if shares.shape[-1] > 1 else 1e-5)
-        room = self.room(shares)
+        slack = self.slack(shares)
         slots = float(self.count.sum())
         value += slots * float(prices @ self.average - PRICE_BARRIER * np.log(prices).sum())
-        value -= float(((bar * np.log(shares).sum(-1) + ROOM_BARRIER * np.log(room))
+        value -= float(((bar * np.log(shares).sum(-1) + SLACK_BARRIER * np.log(slack))
                         * self.count).sum())
         edge, edges = self._edges(point)
         value += edge
         if not second:
             return value, None
         e = shares.shape[-1]
-        stage[:, :e] += self.count[:, None] * (-bar / shares + (ROOM_BARRIER / room)[:, None])
+        stage[:, :e] += self.count[:, None] * (-bar / shares + (SLACK_BARRIER / slack)[:, None])
         stages[:, :e, :e] += self.count[:, None, None] * (
-            (bar / shares**2)[:, :, None] * np.eye(e) + (ROOM_BARRIER / room**2)[:, None, None])
+            (bar / shares**2)[:, :, None] * np.eye(e) + (SLACK_BARRIER / slack**2)[:, None, None])
         return value, DualDerivatives(
             stage, stages, *edges, slots * (self.average - PRICE_BARRIER / prices),
             slots * PRICE_BARRIER / prices**2, self.count / self.tau)
 
     def _edges(self, point: DualPoint) -> tuple[float, tuple[Array, Array]]:
-        """Return value, gradient and Hessian of what is outside the stages: what ends cost."""
-        x = point.potentials
+        """Return value, gradient and Hessian of the terms at the edges and the ends."""
+        x, layout, value = point.potentials, PotentialLayout.of(point.potentials), 0.0
         count, u, p = x.shape
-        value = 0.0
         grad, hess = np.zeros((count, u, p)), np.zeros((count, u * p, u * p))
 
-        def length(i: int, firsts: tuple[int, ...], vector: Array, factor: Array) -> float:
-            """Add lengths of sums (count, 2) of the unknowns from all of `firsts` on."""
+        def add_lengths(i: int, firsts: tuple[int, ...], factor: Array) -> float:
+            """Add factor |x|, smoothed, x (count, 2) the sum of the pairs that begin at firsts."""
+            vector = np.sum([x[:, i, first:first + 2] for first in firsts], 0)
             delta = self.tau / self.team.regions[i].step
             norm = np.sqrt((vector * vector).sum(-1) + delta * delta)
             share = factor / norm
@@ -109,33 +250,34 @@ class Dual:
                 np.eye(2) - vector[:, :, None] * vector[:, None] / (norm * norm)[:, None, None])
             for first in firsts:
                 grad[:, i, first:first + 2] += share[:, None] * vector
-                for other in firsts:
+                for column in firsts:
                     hess[:, i * p + first:i * p + first + 2,
-                         i * p + other:i * p + other + 2] += second
+                         i * p + column:i * p + column + 2] += second
             return float(factor @ norm)
 
         for i, region in enumerate(self.team.regions):
             # The slope of the first move: u_0, and w_1 where accelerations are limited.
-            turns, (limited, at_rest) = p in (4, 7), (region.end_turns, region.end_moves)
-            shorter = turns and limited[0] < region.step
-            start = (limited[0] if shorter else region.step) * np.eye(1, count)[0]
-            firsts = (0, p - 2) if turns else (0,)
-            value += length(i, firsts, np.sum([x[:, i, at:at + 2] for at in firsts], 0), start)
-            if turns:
+            limits, moves = region.end_move_changes, region.end_moves
+            shorter = layout.acceleration and limits[0] < region.step
+            start = (limits[0] if shorter else region.step) * np.eye(1, count)[0]
+            firsts = (0, p - 2) if layout.acceleration else (0,)
+            value += add_lengths(i, firsts, start)
+            if layout.acceleration:
                 for at in firsts if shorter else ():
-                    value += float(x[0, i, at:at + 2] @ at_rest[0])
-                    grad[0, i, at:at + 2] += at_rest[0]
-                value -= float(x[-1, i, -2:] @ at_rest[1])
-                grad[-1, i, -2:] -= at_rest[1]
-                last = max(limited[1] - region.turn, 0.0) * np.eye(1, count)[0][::-1]
-                value += length(i, (p - 2,), x[:, i, -2:], region.turn * self.edge + last)
-            goal = monomials(np.array([region.distance, 0.0]), curved(p))
+                    value += float(x[0, i, at:at + 2] @ moves[0])
+                    grad[0, i, at:at + 2] += moves[0]
+                value -= float(x[-1, i, -2:] @ moves[1])
+                grad[-1, i, -2:] -= moves[1]
+                last = max(limits[1] - region.max_move_change, 0.0) * np.eye(1, count)[0][::-1]
+                value += add_lengths(i, (p - 2,), region.max_move_change * self.edge + last)
+            d = region.distance
+            goal = np.array([d, 0.0, d * d / 2, 0.0, 0.0])[:5 if layout.quadratic else 2]
             value -= float(goal @ x[-1, i, :len(goal)])
             grad[-1, i, :len(goal)] -= goal
-            if curved(p):
-                jump, slope, second = _jump(x[:, i, 2:5])
+            if layout.quadratic:
+                largest, slope, second = _smooth_largest_eigenvalue(x[:, i, 2:5])
                 factor = np.append(region.step, region.steps)**2 / 2 * self.edge
-                value += float(factor @ jump)
+                value += float(factor @ largest)
                 grad[:, i, 2:5] += factor[:, None] * slope
                 three = slice(i * p + 2, i * p + 5)
                 hess[:, three, three] += factor[:, None, None] * second
@@ -146,27 +288,27 @@ class Dual:
         u, p = point.potentials.shape[1:]
         g, e = point.shares.shape
         size = e + 2 * u * p + u
-        # Of the two branches: w0, and nothing sent.
-        values, grads, bends = (np.zeros((2, g, *more) if second or not more else 0)
-                                for more in ((), (size,), (size, size)))
-        values[0], *more = self._powers(point.shares, point.prices[0], size, second)
+        # Of the two branches: w0, and silence.
+        values, grads, hessians = (np.zeros((2, g, *shape) if second or not shape else 0)
+                                   for shape in ((), (size,), (size, size)))
+        values[0], *derivatives = self._powers(point.shares, point.prices[0], size, second)
         if second:
-            grads[0], bends[0] = more
-        sent, none = (self.weight, point.shares), (np.zeros(g), np.zeros((g, e)))
-        lists = [(1, i, some, none) for i, some in enumerate(self.silent)]
-        lists += [(0, i, some, sent) for i, some in enumerate(self.columns)]
-        for k, i, columns, (weight, v) in lists:
-            which = self._unknowns(i, point)
-            own = len(which)
-            value, slope, bend = (np.empty((g, *more) if second or not more else 0)
-                                  for more in ((), (own,), (own, own)))
-            core.bound_smooth_maxima(column_fields(
-                self.team, i, point, columns, weight, v, self.tau),
-                value, slope, bend)
-            values[k] += value
+            grads[0], hessians[0] = derivatives
+        lists = [(1, i, columns, np.zeros(g), np.zeros((g, e)))
+                 for i, columns in enumerate(self.silent)]
+        lists += [(0, i, columns, self.weight, point.shares)
+                  for i, columns in enumerate(self.columns)]
+        for branch, i, columns, weight, v in lists:
+            index = self._unknowns(i, point)
+            own = len(index)
+            value, grad, hessian = (np.empty((g, *shape) if second or not shape else 0)
+                                    for shape in ((), (own,), (own, own)))
+            core.bound_smooth_maxima(pack_columns(
+                self.team, i, point, columns, weight, v, self.tau), value, grad, hessian)
+            values[branch] += value
             if second:
-                grads[k][:, which] += slope
-                bends[k][:, which[:, None], which] += bend
+                grads[branch][:, index] += grad
+                hessians[branch][:, index[:, None], index] += hessian
         top = values.max(0)
         mix = np.exp((values - top) / self.tau)
         total = mix.sum(0)
@@ -175,24 +317,24 @@ class Dual:
         if not second:
             return best, values, values
         stage = (mix[..., None] * grads).sum(0)
-        stages = sum(share[:, None, None] * (bend + grad[:, :, None] * grad[:, None] / self.tau)
-                     for share, grad, bend in zip(mix, grads, bends))
+        stages = sum(share[:, None, None] * (hessian + grad[:, :, None] * grad[:, None] / self.tau)
+                     for share, grad, hessian in zip(mix, grads, hessians))
         stages = stages - stage[:, :, None] * stage[:, None] / self.tau
         return best, stage * self.count[:, None], stages * self.count[:, None, None]
 
     @staticmethod
     def _unknowns(i: int, point: DualPoint) -> NDArray[np.intp]:
-        """Return where v and UAV i's potentials and price are among a stage's unknowns."""
+        """Return the indices of v and of UAV i's potentials and price among a stage's unknowns."""
         (u, p), e = point.potentials.shape[1:], point.shares.shape[-1]
         own = e + p * i + np.arange(p)
         return np.r_[0:e, own, own + u * p, e + 2 * u * p + i]
 
     def _powers(self, v: Array, price: float, size: int, second: bool) -> tuple[
             Array, Array, Array]:
-        """Return entropies and the transmit power's maximum, with derivatives."""
+        """Return the entropies and the maximum over the transmit power, with derivatives."""
         s, peak = v.sum(-1), self.team.regions[0].peak
-        room, e = self.room(v), v.shape[-1]
-        value, power = transmit_power(room, price, peak)
+        slack, e = self.slack(v), v.shape[-1]
+        value, power = maximise_power(slack, price, peak)
         value = value - entropy(s) + entropy(self.weight)
         if not second:
             return value, np.zeros(0), np.zeros(0)
@@ -201,56 +343,44 @@ class Dual:
         inner = power < peak * (1 - 1e-12)
         grad[:, :e] = (np.log(s / (1 - s)) - np.log(power))[:, None]
         grad[:, la] = -power
-        hess[:, :e, :e] = (1 / (s * (1 - s)) + inner / room)[:, None, None]
+        hess[:, :e, :e] = (1 / (s * (1 - s)) + inner / slack)[:, None, None]
         hess[:, :e, la] = hess[:, la, :e] = (inner / price)[:, None]
-        hess[:, la, la] = inner * room / price**2
+        hess[:, la, la] = inner * slack / price**2
         return value, grad, hess
 
 
-def column_fields(team: Team, uav: int, point: DualPoint, columns: Columns, weight: Array,
-                  shares: Array, tau: float = 1e-9) -> dict[str, Any]:
+def pack_columns(team: Team, uav: int, point: DualPoint, columns: Columns, weight: Array,
+                 shares: Array, tau: float = 1e-9) -> dict[str, Any]:
     """
-    Return what the kernel reads: columns of a UAV, its potential, and w0 and v.
+    Return the kernel's arguments: columns of a UAV, its potential, and w0 and v.
 
-    :param weight: w0 of this UAV, (G,).
-    :param shares: its v, (G, E).
+    :param weight: w0, (G,).
+    :param shares: v, (G, E).
     """
     potentials = point.potentials[:, uav]
-    fields = {
+    layout = PotentialLayout.of(potentials)
+    arrays = {
         'place': columns.place, 'power': columns.power, 'ground': columns.ground,
         'leaks': columns.leaks, 'potentials': potentials, 'count': team.stages.count,
         'step': team.regions[uav].steps, 'mean': team.stages.means, 'weights': weight,
         'shares': shares}
-    width = potentials.shape[1]
-    return {**{name: np.ascontiguousarray(array, float) for name, array in fields.items()},
-            'curved': curved(width), 'turns': width in (4, 7), 'tau': tau,
+    return {**{name: np.ascontiguousarray(array, float) for name, array in arrays.items()},
+            'quadratic': layout.quadratic, 'acceleration': layout.acceleration, 'tau': tau,
             'price': float(point.prices[uav])}
 
 
-def curved(width: int) -> bool:
-    """Return whether potentials of so many entries have a quadratic part."""
-    return width >= 5
-
-
-def unpacked(x: Array) -> tuple[Array, Array, Array]:
-    """Return u, S and w, zero where there are none, of potentials (..., P)."""
-    none = np.zeros(x.shape[:-1] + (3,))
-    return (x[..., :2], x[..., 2:5] if curved(x.shape[-1]) else none,
-            x[..., -2:] if x.shape[-1] in (4, 7) else none[..., :2])
-
-
-def _jump(bend: Array) -> tuple[Array, Array, Array]:
-    """Return max(0, the largest eigenvalue of S), smoothed, for S (G, 3), with derivatives."""
-    h, b = (bend[:, 0] - bend[:, 2]) / 2, bend[:, 1]
-    r = np.sqrt(h * h + b * b + BLUNT**2)
-    largest = (bend[:, 0] + bend[:, 2]) / 2 + r
-    root = np.sqrt(largest * largest + BLUNT**2)
+def _smooth_largest_eigenvalue(curvature: Array) -> tuple[Array, Array, Array]:
+    """Return max(0, largest eigenvalue of S), smoothed, for S (G, 3), with derivatives."""
+    h, b = (curvature[:, 0] - curvature[:, 2]) / 2, curvature[:, 1]
+    r = np.sqrt(h * h + b * b + SMOOTHING**2)
+    largest = (curvature[:, 0] + curvature[:, 2]) / 2 + r
+    root = np.sqrt(largest * largest + SMOOTHING**2)
     first = (1 + largest / root) / 2
     slope = np.stack([0.5 + h / (2 * r), b / r, 0.5 - h / (2 * r)], -1)
     # The second derivatives of r by h and b, and by S through them.
     move = np.array([[0.5, 0.0, -0.5], [0.0, 1.0, 0.0]])
-    way = np.stack([h, b], -1) / r[:, None]
-    inner = (np.eye(2) - way[:, :, None] * way[:, None]) / r[:, None, None]
+    unit = np.stack([h, b], -1) / r[:, None]
+    inner = (np.eye(2) - unit[:, :, None] * unit[:, None]) / r[:, None, None]
     second = (first[:, None, None] * (move.T @ inner @ move)
-              + (BLUNT**2 / (2 * root**3))[:, None, None] * slope[:, :, None] * slope[:, None])
+              + (SMOOTHING**2 / (2 * root**3))[:, None, None] * slope[:, :, None] * slope[:, None])
     return (largest + root) / 2, first[:, None] * slope, second

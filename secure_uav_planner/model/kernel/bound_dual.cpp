@@ -24,8 +24,8 @@ public:
           columns_(kernel::size_of(given, "ground") / std::max<std::size_t>(stages_, 1)),
           eavesdroppers_(kernel::size_of(given, "shares") / std::max<std::size_t>(stages_, 1)),
           width_(kernel::size_of(given, "potentials") / (stages_ + 1)),
-          curved_(given["curved"].cast<bool>()), base_(curved_ ? 5 : 2),
-          turns_(given["turns"].cast<bool>()), tau_(given["tau"].cast<double>()),
+          quadratic_(given["quadratic"].cast<bool>()), base_(quadratic_ ? 5 : 2),
+          acceleration_(given["acceleration"].cast<bool>()), tau_(given["tau"].cast<double>()),
           price_(given["price"].cast<double>()), place_(given, "place", 2 * stages_ * columns_),
           power_(given, "power", stages_ * columns_),
           ground_(given, "ground", stages_ * columns_),
@@ -35,37 +35,37 @@ public:
           mean_(given, "mean", 2 * stages_), weights_(given, "weights", stages_),
           shares_(given, "shares", stages_ * eavesdroppers_),
           features_(eavesdroppers_ + 2 * width_ + 1) {
-        kernel::expect(width_ == base_ + (turns_ ? 2 : 0), "potentials");
+        kernel::expect(width_ == base_ + (acceleration_ ? 2 : 0), "potentials");
     }
 
-    // Call `found` for every stage with all columns' values listed, and the best one.
-    template <typename Found>
-    void evaluate(const Found& found) {
+    // Call `visit` for every stage with all columns' values listed, and the best one.
+    template <typename Visit>
+    void evaluate(const Visit& visit) {
         potential_.resize(columns_);
-        worth_.resize(columns_);
+        values_.resize(columns_);
         for (std::size_t g = 0; g < stages_; ++g) {
             // What linear potentials cost is the same everywhere.
-            const double level = curved_ ? 0.0 : tilts(g, 0, nullptr);
+            const double level = quadratic_ ? 0.0 : lengths(g, 0, nullptr);
             for (std::size_t c = 0; c < columns_; ++c)
-                potential_[c] = change(g, c) + (curved_ ? tilts(g, c, nullptr) : level);
-            found(g, list(g));
+                potential_[c] = change(g, c) + (quadratic_ ? lengths(g, c, nullptr) : level);
+            visit(g, list(g));
         }
     }
 
     std::size_t columns() const { return columns_; }
     std::size_t stages() const { return stages_; }
     std::size_t features() const { return features_; }
-    const std::vector<double>& values() const { return worth_; }
+    const std::vector<double>& values() const { return values_; }
 
     // The smoothed maximum of the values listed last, with derivatives where there is room.
     double smooth(std::size_t g, std::size_t best, double* slope, double* hessian) {
         const std::size_t e = eavesdroppers_, f = features_;
-        const double top = worth_[best];
+        const double top = values_[best];
         double total = 0.0;
-        for (double& worth : worth_) {
-            const double less = (worth - top) / tau_;
-            worth = less > kLeast ? std::exp(less) : 0.0;
-            total += worth;
+        for (double& value : values_) {
+            const double less = (value - top) / tau_;
+            value = less > kLeast ? std::exp(less) : 0.0;
+            total += value;
         }
         const double value = top + tau_ * std::log(total);
         if (!slope) return value;
@@ -73,7 +73,7 @@ public:
         std::fill(hessian, hessian + f * f, 0.0);
         row_.resize(f);
         for (std::size_t c = 0; c < columns_; ++c) {
-            const double weight = worth_[c] / total;
+            const double weight = values_[c] / total;
             if (weight < kNegligible) continue;
             const std::size_t column = g * columns_ + c;
             std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
@@ -85,14 +85,14 @@ public:
                 row_[e + width_ + i] += phi[i] / count_[g];
             }
             row_[f - 1] = -power_[column];
-            if (curved_) add_tilts(g, c, weight, hessian);
+            if (quadratic_) add_lengths(g, c, weight, hessian);
             for (std::size_t i = 0; i < f; ++i) slope[i] += weight * row_[i];
             add_square(hessian, weight / tau_, row_.data(), 0, f);
         }
         add_square(hessian, -1.0 / tau_, slope, 0, f);
-        if (!curved_) {
+        if (!quadratic_) {
             std::fill(row_.begin(), row_.end(), 0.0);
-            add_tilts(g, 0, 1.0, hessian);
+            add_lengths(g, 0, 1.0, hessian);
             for (std::size_t i = 0; i < f; ++i) slope[i] += row_[i];
         }
         for (std::size_t i = 0; i < f; ++i)
@@ -101,7 +101,7 @@ public:
     }
 
 private:
-    struct Tilt {
+    struct Length {
         double factor, n0, n1, small;  // step / norm, the direction, and delta / norm.
     };
 
@@ -122,28 +122,28 @@ private:
     }
 
     // The lengths |u + S q| at a column, smoothed.
-    double tilts(std::size_t g, std::size_t c, Tilt* found) const {
+    double lengths(std::size_t g, std::size_t c, Length* terms) const {
         const double step = step_[g], *q = &place_[2 * (g * columns_ + c)];
         const double *before = potential(g), *after = potential(g + 1);
         double value = 0.0;
         for (std::size_t edge = 0; edge < 2; ++edge) {
             const double factor = mean_[edge * stages_ + g] * step;
-            if (found) found[edge].factor = 0.0;
+            if (terms) terms[edge].factor = 0.0;
             if (factor == 0.0) continue;
             const double* own = edge ? after : before;
             double g0 = own[0], g1 = own[1];
-            if (curved_) {
+            if (quadratic_) {
                 g0 += own[2] * q[0] + own[3] * q[1];
                 g1 += own[3] * q[0] + own[4] * q[1];
             }
-            if (turns_) {
+            if (acceleration_) {
                 g0 += (after[base_] - before[base_]) / count_[g];
                 g1 += (after[base_ + 1] - before[base_ + 1]) / count_[g];
             }
             const double delta = tau_ / step;
             const double norm = std::sqrt(g0 * g0 + g1 * g1 + delta * delta);
             value += factor * (norm - delta);
-            if (found) found[edge] = {factor / norm, g0 / norm, g1 / norm, delta / norm};
+            if (terms) terms[edge] = {factor / norm, g0 / norm, g1 / norm, delta / norm};
         }
         return value;
     }
@@ -156,12 +156,12 @@ private:
         const double* q = &place_[2 * (g * columns_ + c)];
         own[0] = a0;
         own[1] = a1;
-        if (curved_) {
+        if (quadratic_) {
             own[2] = a0 * q[0];
             own[3] = a0 * q[1] + a1 * q[0];
             own[4] = a1 * q[1];
         }
-        if (turns_) {
+        if (acceleration_) {
             const double turn[2] = {a0 / count_[g], a1 / count_[g]};
             for (std::size_t i = 0; i < 2; ++i) {
                 row[base_ + i] = -turn[i];
@@ -179,30 +179,30 @@ private:
             double value = potential_[c] + weights_[g] * ground_[column];
             for (std::size_t i = 0; i < e; ++i)
                 value += shares_[g * e + i] * leaks_[column * e + i];
-            worth_[c] = value;
-            if (value > worth_[best]) best = c;
+            values_[c] = value;
+            if (value > values_[best]) best = c;
         }
         return best;
     }
 
     // Add the tilts' first derivatives to row_ and the second ones to a Hessian.
-    void add_tilts(std::size_t g, std::size_t c, double weight, double* hessian) {
-        Tilt own[2];
-        tilts(g, c, own);
+    void add_lengths(std::size_t g, std::size_t c, double weight, double* hessian) {
+        Length own[2];
+        lengths(g, c, own);
         const std::size_t e = eavesdroppers_, last = features_ - 1;
         for (std::size_t edge = 0; edge < 2; ++edge) {
-            const Tilt& tilt = own[edge];
-            if (tilt.factor == 0.0) continue;
+            const Length& length = own[edge];
+            if (length.factor == 0.0) continue;
             double row[kSlopes];
-            chain(g, c, edge, tilt.n0, tilt.n1, row);
+            chain(g, c, edge, length.n0, length.n1, row);
             for (std::size_t i = e; i < last; ++i)
                 row_[i] += mean_[edge * stages_ + g] * step_[g] * row[i - e];
             // I - n n' = t t' + (delta / norm)^2 I with t across n.
             const double ways[3][2] = {
-                {-tilt.n1, tilt.n0}, {tilt.small, 0.0}, {0.0, tilt.small}};
+                {-length.n1, length.n0}, {length.small, 0.0}, {0.0, length.small}};
             for (const auto& way : ways) {
                 chain(g, c, edge, way[0], way[1], row);
-                add_square(hessian, weight * tilt.factor, row, e, last);
+                add_square(hessian, weight * length.factor, row, e, last);
             }
         }
     }
@@ -219,14 +219,14 @@ private:
     }
 
     std::size_t stages_, columns_, eavesdroppers_, width_;
-    bool curved_;
+    bool quadratic_;
     std::size_t base_;
-    bool turns_;
+    bool acceleration_;
     double tau_, price_;
     Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_,
         weights_, shares_;
     std::size_t features_;
-    std::vector<double> potential_, worth_, row_;
+    std::vector<double> potential_, values_, row_;
 };
 
 // Write smoothed maxima, (G,), and, unless these are empty, their derivatives.
@@ -248,11 +248,11 @@ void smooth_maxima(const py::dict& given, const py::buffer& value, const py::buf
 // Write the values of all columns, (G, C).
 void column_values(const py::dict& given, const py::buffer& values) {
     Columns columns(given);
-    const Array<double> found(values, "values", columns.stages() * columns.columns());
+    const Array<double> written(values, "values", columns.stages() * columns.columns());
     const py::gil_scoped_release release;
     columns.evaluate([&](std::size_t g, std::size_t) {
         std::copy(columns.values().begin(), columns.values().end(),
-                  &found[g * columns.columns()]);
+                  &written[g * columns.columns()]);
     });
 }
 

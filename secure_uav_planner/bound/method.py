@@ -1,4 +1,4 @@
-"""From a scenario to a bound: who counts, a search for multipliers, a certificate."""
+"""From a scenario to a bound: choose eavesdroppers, search for multipliers, certify."""
 
 from __future__ import annotations
 
@@ -10,63 +10,60 @@ import time
 import numpy as np
 
 from .proof.certificate import certify
-from .proof.conjugate import Array
-from .proof.detours import are_used
-from .proof.rounding import negative_power
-from .proof.stages import MOST_STAGES, Stages
+from .proof.detours import uses_detours
+from .proof.reachable_set import MOST_STAGES, Stages, Team
+from .proof.rounding import bound_negative_power
 from .proof.subset import EavesdropperSubset
-from .proof.team import Team
-from .search import reference
-from .search.breakpoints import breakpoint_multipliers
-from .search.initial_multipliers import InitialMultipliers
-from .search.multiplier_search import MultiplierSearch
-from .search.newton import DualPoint
+from .search.breakpoints import build_multipliers
+from .search.dual import DualPoint
+from .search.multipliers import find_start, InitialMultipliers, MultiplierSearch
 from ..errors import OptionError
 from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
 from ..mission.validation import (
-    checked_callback, checked_choice, checked_kind, checked_time_limit)
+    Array, checked_callback, checked_choice, checked_kind, checked_time_limit)
 from ..plan.bound import Bound, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
 
 FEWEST_PLACES, MOST_PLACES = 3, 8
 """
-Places of eavesdroppers that are counted with: one for everybody who listens, within these.
+Limits of the number of places that the bound uses; between them a place for every eavesdropper.
 
-With one disc all are places in it, for the worst case: more bound the paper's missions no closer.
+Against the worst case in a single disc they all lie in it: more places bound the paper's missions
+no closer.
 """
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
 """
-Temperatures in nats, and how often columns are chosen anew at each, of coarse stages.
+Temperatures of coarse stages in nats, with the rounds of new columns at each.
 
-Measured: once each leaves 2% at T = 102 s against the worst case instead of 0.4%, and 25% instead
-of 0.4% in a mission of 8 slots, in the same time.
+Measured: a single round at each leaves 2% at T = 102 s against the worst case instead of 0.4%, and
+25% instead of 0.4% in a mission of 8 slots, in the same time.
 """
 
 FINE = ((0.03, 1),)
-"""The same where every slot is a stage, with linear potentials."""
+"""The same of fine stages, with linear potentials."""
 
-CURVED = ((0.03, 2), (0.01, 2), (0.003, 2))
-"""The same with quadratic potentials."""
+QUADRATIC = ((0.03, 2), (0.01, 2), (0.003, 2))
+"""The same after these, with quadratic potentials."""
 
-LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
-"""What follows instead where potentials must stay linear."""
+LINEAR = ((0.01, 1), (0.003, 2))
+"""The same with linear potentials, where a stage has several slots."""
 
 SLOTS_A_STAGE, FEWEST = 4, 20
-"""Slots in a coarse stage, and how many such stages there are at least."""
+"""Slots of a coarse stage, and the least number of coarse stages."""
 
 ITERATIONS = 5
-"""Newton steps on the same columns."""
+"""Newton steps of a round."""
 
 FIRST_CERTIFICATE = 0.7
-"""Share of a time limit that is kept for the first certificate."""
+"""Share of a time limit that is reserved for the first certificate."""
 
 LONGER = 1.5
-"""How many times longer a stage's certificate may take than on coarse stages, if time is short."""
+"""Time that is reserved for a certificate per fine stage, over that of a coarse one."""
 
 REPORT_PERIOD = 0.5
-"""Time in s after which progress is reported although no better bound was proven."""
+"""Time in s after which progress is reported without a better bound."""
 
 
 def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan | None = None,
@@ -101,18 +98,18 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     if plan is not None:
         checked_plan(plan, scenario)
     run = _Run(started, limit, on_progress)
-    run.offer(plain_bound(scenario))
-    # Where nothing but infinity is true, or where the plain bound is nothing, no search helps.
+    run.offer(compute_plain_bound(scenario))
+    # If it is 0 or infinite, no search helps.
     if 0 < run.rate < math.inf:
-        # Whatever is not a number on the way makes a bound infinite, never wrong; see boxes.
+        # A NaN on the way makes a bound infinite, never wrong; see boxes.
         with np.errstate(all='ignore'):
-            _search(run, scenario, objective, plan)
-    return Bound(scenario, run.rate, objective, ignored_limits(scenario),
+            _search_multipliers(run, scenario, objective, plan)
+    return Bound(scenario, run.rate, objective, list_ignored_limits(scenario),
                  time.monotonic() - started, run.outcome)
 
 
 def explain_refusal(scenario: Scenario) -> str:
-    """Return why nothing is proven for a scenario, in one line; nothing where a bound is."""
+    """Return the reason for which a scenario has no bound, in one line; empty if it has one."""
     jammers = len(scenario.uavs) - 1
     if jammers > 1:
         return f'scenario has {jammers} jammers; the proof of upper_bound holds for at most one'
@@ -122,15 +119,15 @@ def explain_refusal(scenario: Scenario) -> str:
     return ''
 
 
-def plain_bound(scenario: Scenario) -> float:
+def compute_plain_bound(scenario: Scenario) -> float:
     """
-    Return a bound that takes no search, in bit/s/Hz, perhaps infinite.
+    Return a bound that needs no search, in bit/s/Hz, perhaps infinite.
 
-    No plan does better than with the transmitter above the ground node and nobody listening: then
+    No plan does better than with the transmitter above the ground node and no eavesdropper: then
     log(1 + g p / H^2) in every slot, whose mean is at most that of the mean power. Jammers below
-    zero may lower the noise by the share delta, as in rounding.negative_power.
+    zero may lower the noise by the share delta, see rounding.bound_negative_power.
     """
-    negative, delta = negative_power(scenario)
+    negative, delta = bound_negative_power(scenario)
     if not math.isfinite(negative):
         return math.inf
     uav = scenario.uavs[0]
@@ -141,18 +138,19 @@ def plain_bound(scenario: Scenario) -> float:
     return float((np.logaddexp(0.0, log_snr) + negative) / math.log(2.0) * (1 + 1e-12))
 
 
-def ignored_limits(scenario: Scenario) -> tuple[str, ...]:
+def list_ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
-    names = ['separation'] if are_used(scenario) else ['separation', 'no_fly_zones', 'geofence']
+    names = ('separation',) if uses_detours(scenario) else (
+        'separation', 'no_fly_zones', 'geofence')
     return tuple(name for name in names if getattr(scenario, name))
 
 
 class _Run:
-    """The clock, the callback and the best bound of one call."""
+    """The clock, the callback and the best bound of a call of upper_bound."""
 
     def __init__(self, started: float, limit: float | None,
                  on_progress: Callable[[Progress], bool | None] | None) -> None:
-        self.rate, self.status, self.limited = math.inf, '', limit is not None
+        self.rate, self.status = math.inf, ''
         self._started, self._on_progress = started, on_progress
         self._deadline = math.inf if limit is None else started + limit
         self._proving = 0.0 if limit is None else FIRST_CERTIFICATE * limit
@@ -165,11 +163,11 @@ class _Run:
         """Time until the deadline in s, infinite without one."""
         return self._deadline - time.monotonic()
 
-    def keeping(self, times: float) -> Callable[[], bool]:
+    def reserve_time(self, times: float) -> Callable[[], bool]:
         """
-        Return what tells a search to end while there is time for its certificate.
+        Return the `stop` of a search that leaves time for its certificate.
 
-        :param times: how much longer than the last certificate the next one may take.
+        :param times: ratio of the times of that certificate and of the last one.
         """
         def stop() -> bool:
             if not self.status and self.time_left <= times * self._proving:
@@ -179,10 +177,11 @@ class _Run:
         return stop
 
     def prove(self, search: MultiplierSearch) -> None:
-        """Offer what a search's multipliers prove, in the time that is left."""
+        """Offer the bound that a search's multipliers prove in the time left."""
+        if self.stop():
+            return
         before = time.monotonic()
-        self.offer(certify(
-            search.team, breakpoint_multipliers(search), self.stop).rate)
+        self.offer(certify(search.team, build_multipliers(search), self.stop).rate)
         self._proving = time.monotonic() - before
 
     def offer(self, rate: float) -> None:
@@ -204,7 +203,7 @@ class _Run:
         return self.status or ('time_limit' if self._late else 'converged')
 
     def stop(self) -> bool:
-        """Return whether the search must end, and remember why."""
+        """Return True if the search must end; report progress if it is due."""
         if not self.status and self.time_left <= 0:
             self.status = 'time_limit'
         elif not self.status and time.monotonic() - self._reported > REPORT_PERIOD:
@@ -212,46 +211,43 @@ class _Run:
         return bool(self.status)
 
 
-def _search(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) -> None:
-    """Offer what the search proves."""
-    positions, powers = reference.start(scenario, run.time_left, objective, plan)
+def _search_multipliers(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) -> None:
+    """Search for multipliers on coarse and on fine stages, and prove a bound with each."""
+    positions, powers = find_start(scenario, run.time_left, objective, plan, run.stop)
     if run.stop():
         return
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
-    everyone = EavesdropperSubset.of(scenario, objective)
-    # A few hundred slots tell who counts.
-    some = np.unique(np.linspace(1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
-    chosen = everyone.loudest(everyone.leaks(
-        scenario, positions[:, [0, *some, scenario.slots + 1]], powers[:, some - 1]), most)
+    subset = EavesdropperSubset.of(scenario, objective)
+    # A few hundred slots show which eavesdroppers matter.
+    sample = np.unique(np.linspace(
+        1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
+    subset = subset.select_loudest(subset.compute_leaks(
+        scenario, positions[:, [0, *sample, scenario.slots + 1]], powers[:, sample - 1]), most)
 
-    def level(slots: int) -> tuple[Team, InitialMultipliers]:
-        team = Team.of(scenario, chosen, slots)
+    def build_level(stages: int) -> tuple[Team, InitialMultipliers]:
+        team = Team.of(scenario, subset, stages)
         return team, InitialMultipliers.of(team, positions, powers)
 
-    slots = min(scenario.slots, MOST_STAGES)
-    coarse = max(-(-slots // SLOTS_A_STAGE), min(slots, FEWEST))
-    search = MultiplierSearch(*level(coarse), None, run.keeping(1.0))
-    _follow(search, COARSE)
-    proven = run.limited
-    if proven:
-        run.prove(search)
-    team, initial = level(slots)
-    finer = MultiplierSearch(team, initial, _finer(search, team.stages, initial.weight),
-                             run.keeping(LONGER * slots / coarse))
-    if not finer.stop():
-        search, proven = finer, False
-        _follow(search, FINE)
+    stages = min(scenario.slots, MOST_STAGES)
+    coarse_stages = max(-(-stages // SLOTS_A_STAGE), min(stages, FEWEST))
+    coarse = MultiplierSearch(*build_level(coarse_stages), None, run.reserve_time(1.0))
+    _anneal(coarse, COARSE)
+    run.prove(coarse)
+    team, initial = build_level(stages)
+    fine = MultiplierSearch(team, initial, _refine_point(coarse, team.stages, initial.weight),
+                            run.reserve_time(LONGER * stages / coarse_stages))
+    if not fine.stop():
+        _anneal(fine, FINE)
         if scenario.slots > MOST_STAGES:
-            _follow(search, LINEAR)
+            _anneal(fine, LINEAR)
         else:
-            search.curve()
-            _follow(search, CURVED)
-    if not proven and not run.stop():
-        run.prove(search)
+            fine.add_quadratic_part()
+            _anneal(fine, QUADRATIC)
+        run.prove(fine)
 
 
-def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:
-    """Take a search through temperatures."""
+def _anneal(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:
+    """Minimise the dual function at falling temperatures."""
     for tau, times in schedule:
         for _ in range(times):
             if search.stop():
@@ -259,9 +255,9 @@ def _follow(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
             search.minimise(tau, ITERATIONS)
 
 
-def _finer(search: MultiplierSearch, new: Stages, weights: Array) -> DualPoint:
+def _refine_point(search: MultiplierSearch, new: Stages, weights: Array) -> DualPoint:
     """
-    Return a search's multipliers for shorter stages.
+    Return a search's multipliers, interpolated to shorter stages.
 
     :param weights: w0 of the new stages.
     """
@@ -269,9 +265,9 @@ def _finer(search: MultiplierSearch, new: Stages, weights: Array) -> DualPoint:
     x = point.potentials.reshape(len(old.edges), -1)
     potentials = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
     stage = np.searchsorted(old.last, (new.first + new.last) // 2)
-    # What matters is w0 - s, which may be tiny: it is kept.
+    # The slack w0 - s, which may be tiny, stays the same.
     v = point.shares[stage]
     total = v.sum(-1)
-    wanted = np.clip(weights - (weight[stage] - total), 0.02, weights * (1 - 1e-7))
+    new_total = np.clip(weights - (weight[stage] - total), 0.02, weights * (1 - 1e-7))
     return replace(point, potentials=potentials.reshape(-1, *point.potentials.shape[1:]),
-                   shares=v * (wanted / total)[..., None])
+                   shares=v * (new_total / total)[..., None])

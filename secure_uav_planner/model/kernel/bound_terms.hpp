@@ -1,0 +1,397 @@
+// Lemma 5 of bound/proof: the largest value of one UAV's term, by branch and bound.
+//
+// boxes.py says what is bounded and what its arrays hold; rounding.py what the margins cover.
+//
+// On a box with centre m a function F is at most F(m) + grad F(m) . dq + K |dq|^2 / 2, K being at
+// least every second derivative in the box, negative where it can be. With q = d^2 + H^2 at a
+// distance d from a receiver, the eigenvalues of the second derivatives are
+//
+//     of -log q:                   -2 / q across and 2 (d^2 - H^2) / q^2 along the radius; the
+//                                  second is the larger one,
+//     of log q:                    those with the other sign, at most 2 / q,
+//     of -log((d + eps)^2 + H^2):  at most 2 (x^2 - H^2) / (x^2 + H^2)^2, x = d + eps; its kink at
+//                                  d = 0 points upwards, so any supergradient serves there.
+//
+// log([d - eps]+^2 + H^2) needs no such search: the square of the distance from a disc changes by at
+// most its gradient times dq plus |dq|^2, and log(q + x) <= log q + x / q. So 2 / q at the centre,
+// with [d - eps]+ for d, serves for K over every box.
+//
+// A jammer's term is taken in pi = log p, with y = p b(q) and z = log y, so that
+// phi' = y / (1 + y) and phi'' = y / (1 + y)^2. v phi(z_e) adds v phi'' (|dpi| + G |dq|)^2, G being
+// the largest gradient of z_e, 2 x / (x^2 + H^2), and v phi' times the eigenvalue above, with the
+// largest phi' where that is positive and the smallest where it is not. -w0 phi(z0) adds at most
+// w0 phi'(z0) 2 / q and takes away the least w0 phi'' times (dpi + g . dq)^2, |g| <= G, which for
+// any 0 < t <= 1 is at least (1 - t) dpi^2 - (1 / t - 1) G^2 |dq|^2: t = G rho / width leaves the
+// most, where that is below 1. -lam e^pi adds no more than -lam times its least value. Every factor
+// is taken at the end of its range over the box where it is largest.
+//
+// The potential's q . S q / 2 is bounded as it is, and for its |g + S dq| with g = u + S m both
+// |g| + g . S dq / |g| + |S dq|^2 / (2 |g|) and |g| + g . S dq / |g| + 2 |S dq| are bounds. What is
+// linear is at most the box's maximum, and the reachable set's (support); on the rim `press_on_rim`
+// takes the slope across it away. Second order matters: near a maximum inside the reachable set,
+// or on its rim, the number of boxes does not grow as they shrink.
+//
+// All of that but the reachable set's part is linear in the weights w0 and v, which are not
+// negative. So the functions of a stage are searched together: a box has one expansion for each
+// weight and one that none multiplies, and every function that still asks for it adds them up.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+#include "array.hpp"
+#include "bound_detours.hpp"
+
+namespace kernel {
+
+constexpr double kBoxRounding = 1e-14;  // Share by which the halves of a box are widened.
+constexpr double kTiny = 1e-300;
+constexpr double kHuge = std::numeric_limits<double>::infinity();
+
+// The value and slopes of a function at a box's centre, numbers such that
+// ka da^2 + kb db^2 + kp dpi^2 is at least its second derivative along (da, db, dpi) anywhere in the
+// box, and what else may be added.
+struct Expansion {
+    double value, ga, gb, gp, ka, kb, kp, rest;
+};
+
+struct Box {
+    double centre[3], half[3];
+    bool meets, inside;  // The reachable set; whether its centre is in it.
+    bool out[2];         // Whether it sticks out of the discs about start and goal.
+};
+
+// The largest slope x + bend x^2 / 2 for low <= x <= high.
+inline double max_of_quadratic(double slope, double bend, double low, double high) {
+    const auto value = [&](double x) { return (slope + bend * x / 2) * x; };
+    if (bend < 0 && -slope < low * bend && -slope > high * bend)
+        return slope * slope / (-2 * bend);
+    return std::max(value(low), value(high));
+}
+
+// The largest second derivative of -log(x^2 + H^2) for low <= x <= high:
+// 2 (x^2 - H^2) / (x^2 + H^2)^2 rises up to x = sqrt(3) H and falls beyond.
+inline double max_radial_curvature(double low, double high, double altitude) {
+    const double x = std::min(std::max(low, std::sqrt(3.0) * altitude), high), x2 = x * x;
+    const double square = altitude * altitude, q = x2 + square;
+    return 2 * (x2 - square) / (q * q);
+}
+
+// The largest gradient 2 x / (x^2 + H^2) of log(x^2 + H^2) for low <= x <= high.
+inline double max_gradient(double low, double high, double altitude) {
+    const double x = std::min(std::max(altitude, low), high);
+    return 2 * x / (x * x + altitude * altitude);
+}
+
+// The second derivative of log(1 + e^z) where e^z is y; it is largest at y = 1.
+inline double softplus_curvature(double y) { return y / ((1 + y) * (1 + y)); }
+
+inline double positive_part(double x) { return x > 0 ? x : 0; }
+
+class Terms {
+public:
+    explicit Terms(const py::dict& given)
+        : count_(size_of(given, "weight")), stages_(size_of(given, "from_start")),
+          eavesdroppers_(size_of(given, "radii")), altitude_(given["altitude"].cast<double>()),
+          distance_(given["distance"].cast<double>()), price_(given["price"].cast<double>()),
+          log_gain_(given["log_gain"].cast<double>()),
+          jams_(given["jams"].cast<bool>()), ground_(given, "ground", 2),
+          places_(given, "eavesdroppers", 2 * eavesdroppers_),
+          radii_(given, "radii", eavesdroppers_),
+          log_advantages_(given, "log_advantages", eavesdroppers_),
+          from_start_(given, "from_start", stages_), to_goal_(given, "to_goal", stages_),
+          corner_(given, "corner", 2 * stages_), low_(given, "low", 2 * stages_),
+          high_(given, "high", 2 * stages_), slope_(given, "slope", 2 * stages_),
+          curvature_(given, "curvature", 3 * stages_), speed_cost_(given, "speed_cost", 6 * stages_),
+          margin_(given, "margin", stages_), stage_(given, "stage", count_),
+          weight_(given, "weight", count_), shares_(given, "shares", count_ * eavesdroppers_),
+          powers_(given, "powers", 2), detours_(given) {
+        for (std::size_t k = 0; k < count_; ++k)
+            expect(stage_[k] >= 0 && std::size_t(stage_[k]) < stages_, "stage");
+    }
+
+    std::size_t size() const { return count_; }
+    std::size_t stage(std::size_t k) const { return std::size_t(stage_[k]); }
+    std::size_t parts() const { return eavesdroppers_ + 2; }
+    int dimensions() const { return jams_ ? 3 : 2; }
+
+    // The factor of an expansion of a box in function k.
+    double factor(std::size_t k, std::size_t part) const {
+        return part == 0 ? weight_[k] : part > eavesdroppers_ ? 1.0
+                         : shares_[k * eavesdroppers_ + part - 1];
+    }
+
+    // The box that holds the reachable set of a stage and all powers.
+    Box whole(std::size_t stage) const {
+        const double low[3] = {low_[2 * stage], low_[2 * stage + 1], powers_[0]};
+        const double high[3] = {high_[2 * stage], high_[2 * stage + 1], powers_[1]};
+        Box box{};
+        for (int i = 0; i < dimensions(); ++i) {
+            box.centre[i] = (low[i] + high[i]) / 2;
+            // The centre is off by a few eps of the corners, so the box reaches farther.
+            box.half[i] = (high[i] - low[i]) / 2 * (1 + kBoxRounding)
+                          + 4e-16 * (std::abs(low[i]) + std::abs(high[i]));
+        }
+        return box;
+    }
+
+    // Locate a box in the reachable set, and expand it: for the ground node, for each eavesdropper,
+    // and for what no weight multiplies.
+    void expand(std::size_t stage, Box& box, Expansion* parts) const {
+        box.meets = meets(box, stage);
+        box.inside = inside(box.centre, stage);
+        box.out[0] = sticks_out(box, 0.0, from_start_[stage]);
+        box.out[1] = sticks_out(box, distance_, to_goal_[stage]);
+        const double ha = box.half[0], hb = box.half[1], rho = std::sqrt(ha * ha + hb * hb);
+        for (std::size_t part = 0; part < this->parts(); ++part) parts[part] = Expansion{};
+        if (jams_) {
+            jammer(box, rho, parts);
+        } else {
+            transmitter(box, rho, parts);
+        }
+        potential(stage, box, rho, parts[eavesdroppers_ + 1]);
+    }
+
+    // The expansion of function k in a box.
+    Expansion sum(std::size_t k, const Expansion* parts) const {
+        Expansion f = parts[eavesdroppers_ + 1];
+        for (std::size_t part = 0; part <= eavesdroppers_; ++part) {
+            const double factor = this->factor(k, part);
+            const Expansion& own = parts[part];
+            f.value += factor * own.value;
+            f.ga += factor * own.ga;
+            f.gb += factor * own.gb;
+            f.gp += factor * own.gp;
+            f.ka += factor * own.ka;
+            f.kb += factor * own.kb;
+            f.kp += factor * own.kp;
+        }
+        return f;
+    }
+
+    // The most that function f is in a box, as closely as it takes to see whether that is `enough`.
+    double bound(std::size_t stage, const Box& box, const Expansion& f, double enough) const {
+        const double ha = box.half[0], hb = box.half[1], width = box.half[2];
+        const double base = f.value + f.rest + (jams_ ? max_of_quadratic(f.gp, f.kp, -width, width) : 0.0);
+        double plane = max_of_quadratic(f.ga, f.ka, -ha, ha) + max_of_quadratic(f.gb, f.kb, -hb, hb);
+        // Inside, the reachable set says no more than the box.
+        if ((box.out[0] || box.out[1]) && !(base + plane <= enough)) {
+            const double whole = support(f.ga, f.gb, stage)
+                - (f.ga * box.centre[0] + f.gb * box.centre[1])
+                + (positive_part(f.ka) * ha * ha + positive_part(f.kb) * hb * hb) / 2;
+            double g[2] = {f.ga, f.gb}, bend[2] = {f.ka, f.kb};
+            const double extra = press_on_rim(box, g, bend, stage);
+            const double rim = extra + max_of_quadratic(g[0], bend[0], -ha, ha)
+                + max_of_quadratic(g[1], bend[1], -hb, hb);
+            plane = std::min(plane, std::min(whole, rim));
+        }
+        return base + plane;
+    }
+
+private:
+    void transmitter(const Box& box, double rho, Expansion* parts) const {
+        const double square = altitude_ * altitude_;
+        const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
+        const double d = std::sqrt(da * da + db * db), q = d * d + square;
+        Expansion& f = parts[0];
+        f.value = log_gain_ - std::log(q);
+        f.ga = -2 / q * da;
+        f.gb = -2 / q * db;
+        f.ka = f.kb = max_radial_curvature(positive_part(d - rho), d + rho, altitude_);
+        for (std::size_t e = 0; e < eavesdroppers_; ++e) {
+            const double ea = box.centre[0] - places_[2 * e];
+            const double eb = box.centre[1] - places_[2 * e + 1];
+            const double d = std::sqrt(ea * ea + eb * eb), x = positive_part(d - radii_[e]);
+            const double q = x * x + square, factor = 2 * x / (q * std::max(d, kTiny));
+            Expansion& f = parts[e + 1];
+            f.value = std::log(q) - (log_gain_ + log_advantages_[e]);
+            f.ga = factor * ea;
+            f.gb = factor * eb;
+            f.ka = f.kb = 2 / q;
+        }
+    }
+
+    void jammer(const Box& box, double rho, Expansion* parts) const {
+        const double square = altitude_ * altitude_, width = box.half[2];
+        const double watts = std::exp(box.centre[2]), more = std::exp(width);
+        const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
+        const double d2 = da * da + db * db, q = d2 + square;
+        const double received = std::exp(log_gain_) * watts, y = received / q, use = y / (1 + y);
+        Expansion& f = parts[0];
+        f.value = -std::log(1 + y);
+        f.ga = 2 * use / q * da;
+        f.gb = 2 * use / q * db;
+        f.gp = -use;
+        const double d = std::sqrt(d2), nearest = positive_part(d - rho), farthest = d + rho;
+        const double near = nearest * nearest + square, far = farthest * farthest + square;
+        const double top = received * more / near, least = received / more / far;
+        f.ka = top / (1 + top) * 2 / near;
+        const double steep = max_gradient(nearest, farthest, altitude_);
+        if (steep * rho < width) {
+            const double bent = std::min(softplus_curvature(top), softplus_curvature(least));
+            f.kp = -bent * (1 - steep * rho / width);
+            f.ka += bent * steep * (width / std::max(rho, kTiny) - steep);
+        }
+        f.kb = f.ka;
+        for (std::size_t e = 0; e < eavesdroppers_; ++e) {
+            const double gain = std::exp(log_gain_ + log_advantages_[e]) * watts;
+            const double ea = box.centre[0] - places_[2 * e];
+            const double eb = box.centre[1] - places_[2 * e + 1];
+            const double d = std::sqrt(ea * ea + eb * eb), x = d + radii_[e];
+            const double q = x * x + square, y = gain / q, use = y / (1 + y);
+            const double factor = -use * 2 * x / (q * std::max(d, kTiny));
+            Expansion& f = parts[e + 1];
+            f.value = std::log(1 + y);
+            f.ga = factor * ea;
+            f.gb = factor * eb;
+            f.gp = use;
+            const double low = positive_part(d - rho) + radii_[e], high = x + rho;
+            const double top = gain * more / (low * low + square);
+            const double least = gain / more / (high * high + square);
+            const double twice = softplus_curvature(std::min(std::max(least, 1.0), top));
+            const double steep = max_gradient(low, high, altitude_);
+            // (|dpi| + G |dq|)^2: the two squares and the product are shared out.
+            const double plane = twice * steep * (steep + width / std::max(rho, kTiny));
+            const double round = max_radial_curvature(low, high, altitude_);
+            const double at = round > 0 ? top : least;
+            f.ka = f.kb = plane + at / (1 + at) * round;
+            f.kp = twice * (1 + steep * rho / std::max(width, kTiny));
+        }
+        const double cost = price_ * watts;
+        Expansion& paid = parts[eavesdroppers_ + 1];
+        paid.value = paid.gp = -cost;
+        paid.kp = -cost / more;
+    }
+
+    // Add the potential and the margin.
+    void potential(std::size_t stage, const Box& box, double rho, Expansion& f) const {
+        const double a = box.centre[0], b = box.centre[1];
+        const double *u = &slope_[2 * stage], *s = &curvature_[3 * stage], *t = &speed_cost_[6 * stage];
+        const double sa = s[0] * a + s[1] * b, sb = s[1] * a + s[2] * b;
+        f.value += u[0] * a + u[1] * b + (sa * a + sb * b) / 2;
+        f.ga += u[0] + sa;
+        f.gb += u[1] + sb;
+        f.ka += s[0];
+        f.kb += s[2];
+        f.rest += margin_[stage] + std::abs(s[1]) * box.half[0] * box.half[1];
+        if (t[0] == 0) return;
+        const double ta = t[1] + t[3] * a + t[4] * b, tb = t[2] + t[4] * a + t[5] * b;
+        const double safe = std::max(std::sqrt(ta * ta + tb * tb), 1e-150);
+        f.value += t[0] * safe;
+        f.ga += t[0] * (t[3] * ta + t[4] * tb) / safe;
+        f.gb += t[0] * (t[4] * ta + t[5] * tb) / safe;
+        const double norm = std::sqrt(t[3] * t[3] + 2 * t[4] * t[4] + t[5] * t[5]);
+        if (norm * rho > 4 * safe) {
+            f.rest += 2 * t[0] * norm * rho;
+        } else {
+            const double more = t[0] * norm * norm / safe;
+            f.ka += more;
+            f.kb += more;
+        }
+    }
+
+    // Whether a box meets both discs.
+    bool meets(const Box& box, std::size_t stage) const {
+        const auto apart = [](double x, double half) {
+            const double far = positive_part(std::abs(x) - half);
+            return far * far;
+        };
+        const double across = apart(box.centre[1], box.half[1]);
+        const double near = from_start_[stage], far = to_goal_[stage];
+        double low[2], high[2];
+        for (int i = 0; i < 2; ++i) {
+            low[i] = box.centre[i] - box.half[i];
+            high[i] = box.centre[i] + box.half[i];
+        }
+        return apart(box.centre[0], box.half[0]) + across <= near * near
+               && apart(box.centre[0] - distance_, box.half[0]) + across <= far * far
+               && detours_.reaches(low, high, near, far);
+    }
+
+    bool inside(const double* place, std::size_t stage) const {
+        const double x = place[0], along = x - distance_, across = place[1] * place[1];
+        const double near = from_start_[stage], far = to_goal_[stage];
+        return x * x + across <= near * near && along * along + across <= far * far
+               && detours_.reaches(place, place, near, far);
+    }
+
+    // Whether a box sticks out of the disc about (middle, 0).
+    static bool sticks_out(const Box& box, double middle, double radius) {
+        const double x = std::abs(box.centre[0] - middle) + box.half[0];
+        const double y = std::abs(box.centre[1]) + box.half[1];
+        return x * x + y * y > radius * radius;
+    }
+
+    // ReachableSet.support, which derives it (lemma 6).
+    double support(double ga, double gb, std::size_t stage) const {
+        const double near = from_start_[stage], far = to_goal_[stage];
+        const double along = corner_[2 * stage], across = corner_[2 * stage + 1];
+        const double norm = std::sqrt(ga * ga + gb * gb);
+        double best = std::min(near * norm, far * norm + ga * distance_);
+        if (across > 0) {
+            const double share =
+                positive_part((along * std::abs(gb) / across - ga) / distance_);
+            const double sa = share * (along - distance_);
+            const double sb = share * (gb > 0 ? across : gb < 0 ? -across : 0.0);
+            best = std::min(best, near * std::sqrt((ga - sa) * (ga - sa) + (gb - sb) * (gb - sb))
+                                      + far * std::sqrt(sa * sa + sb * sb) + sa * distance_);
+        }
+        return best;
+    }
+
+    // What slope and second derivatives become on the rim, and what is added to the value.
+    //
+    // In a disc about c the function (R^2 - |q - c|^2) / (2 R) is not negative, and for any a >= 0
+    // so many times it may be added to a function before it is bounded. With a the slope's part
+    // along q - c that slope is gone, and a / R is taken from the second derivative: what is left
+    // is second order near a maximum on the rim, too.
+    double press_on_rim(const Box& box, double* slope, double* bend, std::size_t stage) const {
+        const double radius[2] = {from_start_[stage], to_goal_[stage]}, y = box.centre[1];
+        const double x[2] = {box.centre[0], box.centre[0] - distance_};
+        double far[2], na[2], nb[2], along[2];
+        bool use[2];
+        for (int i = 0; i < 2; ++i) {
+            far[i] = std::sqrt(x[i] * x[i] + y * y);
+            // A place in the middle of a disc has no side to speak of.
+            use[i] = box.out[i] && far[i] > radius[i] / 2;
+            na[i] = x[i] / std::max(far[i], kTiny);
+            nb[i] = y / std::max(far[i], kTiny);
+            along[i] = use[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
+        }
+        const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
+        double push[2] = {(along[0] - cosine * along[1]) / sine2,
+                          (along[1] - cosine * along[0]) / sine2};
+        // Nearly opposite sides would take pushes far larger than the slope, with its rounding.
+        if (!(use[0] && use[1] && push[0] > 0 && push[1] > 0 && sine2 > 1e-2)) {
+            const int stronger = along[0] > along[1] ? 0 : 1;
+            push[stronger] = positive_part(along[stronger]);
+            push[1 - stronger] = 0.0;
+        }
+        double extra = 0.0;
+        for (int i = 0; i < 2; ++i) {
+            const double share = push[i] / radius[i];
+            extra += push[i] * (radius[i] - far[i]) * (radius[i] + far[i]) / (2 * radius[i]);
+            slope[0] -= share * x[i];
+            slope[1] -= share * y;
+            bend[0] -= share;
+            bend[1] -= share;
+        }
+        return extra;
+    }
+
+    std::size_t count_, stages_, eavesdroppers_;
+    double altitude_, distance_, price_, log_gain_;
+    bool jams_;
+    Array<const double> ground_, places_, radii_, log_advantages_, from_start_, to_goal_, corner_,
+        low_, high_, slope_, curvature_, speed_cost_, margin_;
+    Array<const std::int64_t> stage_;
+    Array<const double> weight_, shares_, powers_;
+    kernel::Detours detours_;
+};
+
+}  // namespace kernel
