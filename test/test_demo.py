@@ -26,12 +26,12 @@ def demo(tmp_path_factory):
 def test_the_demo_plans_and_prints_the_plan_beside_its_baselines(demo):
     _, text = demo
     rates = {line.split('  ')[0]: float(line.split()[-4]) for line in text.splitlines()
-             if line.startswith(('fly_hover_fly', 'planned over DDS'))}
+             if line.startswith(('fly_hover_fly', 'joint'))}
     assert rates['fly_hover_fly_constant'] == pytest.approx(1.442, abs=1e-3)
     assert rates['fly_hover_fly_optimised'] == pytest.approx(2.640, abs=1e-3)
-    assert rates['planned over DDS'] > 3.007
+    assert rates['joint'] > 3.007
     missing = [float(line.split()[-1].rstrip('%')) for line in text.splitlines()
-               if line.startswith(('fly_hover_fly', 'planned over DDS'))]
+               if line.startswith(('fly_hover_fly', 'joint'))]
     assert missing[0] > missing[1] > missing[2] > 0
 
 

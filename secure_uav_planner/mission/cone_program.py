@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from importlib import import_module
 import logging
+from queue import SimpleQueue
 import threading
 from typing import Any
 
@@ -10,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ANSWERS = 'Solved', 'AlmostSolved', 'InsufficientProgress'  # As near as doubles come.
-_PERIOD = 0.02  # In s, after which the caller is asked again whether to go on.
 _LOG = logging.getLogger(__name__)
 
 
@@ -30,7 +30,7 @@ def solve_cone_program(
     :param matrix: A, a sparse matrix (M, K).
     :param right: b, (M,).
     :param accuracy: of the duality gap and of the constraints.
-    :param check: called some times a second; what it raises ends the solve and is passed on.
+    :param check: called after each iteration; what it raises ends the solve and is passed on.
     :return: x, (K,), or None where Clarabel finds no solution.
     """
     clarabel: Any = import_module('clarabel')  # Here, for few missions need it.
@@ -39,25 +39,28 @@ def solve_cone_program(
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
-    stop, solutions = threading.Event(), []
+    stop, solutions, iterations = threading.Event(), [], SimpleQueue[bool]()
+
+    def note_iteration(_: Any) -> bool:
+        iterations.put(True)
+        return stop.is_set()
 
     def run() -> None:
         try:
             solver = clarabel.DefaultSolver(
                 quadratic.tocsc(), linear, matrix.tocsc(), right, cones, settings)
-            solver.set_termination_callback(lambda _: stop.is_set())
+            solver.set_termination_callback(note_iteration)
             solutions.append(solver.solve())
         except BaseException as error:
             if not is_solver_failure(error):
                 raise
             _LOG.debug('Clarabel failed', exc_info=True)
+        finally:
+            iterations.put(False)
 
-    thread = threading.Thread(target=run)
-    check()
     try:
-        thread.start()
-        while thread.is_alive():
-            thread.join(_PERIOD)
+        threading.Thread(target=run).start()
+        while iterations.get():
             check()
     finally:
         stop.set()

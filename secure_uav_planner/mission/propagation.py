@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-from .validation import checked_number, set_checked
+from . import OBJECTIVES
+from .validation import checked_choice, checked_number, set_checked
 from ..errors import ScenarioError, shown
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
@@ -74,7 +75,11 @@ class Channel:
         return self.los is None
 
     def rate_name(self, objective: str) -> str:
-        """Name the rate of an objective, such as 'guaranteed rate', as all views do."""
+        """
+        Name the rate of an objective, such as 'guaranteed rate', as all views do.
+
+        :raises OptionError: for another objective.
+        """
         return rate_name(objective, self.promise)
 
     @property
@@ -90,6 +95,7 @@ class Channel:
 
 def rate_name(objective: str, promise: str) -> str:
     """Name the rate of an objective with the promise of a channel."""
+    checked_choice('objective', objective, OBJECTIVES)
     if promise == 'guaranteed':
         return 'guaranteed rate' if objective == 'guaranteed' else 'worst-case rate'
     return f'{"lower bound" if objective == "guaranteed" else "worst-case rate"} {promise}'

@@ -11,6 +11,7 @@ from secure_uav_planner.plan.plan import Plan
 
 from .experiments import PROPOSED
 
+_MAP_WIDTH = 2.0  # In inches.
 _SIZE = (9.0, 6.0)
 _DOTS_PER_INCH = 200
 _CONSTANT, _OPTIMISED = BASELINES
@@ -130,17 +131,21 @@ def _curves(rates, label):
 
 
 def _trajectories(plans):
-    figure = Figure(figsize=(_SIZE[0], 2.9 * len(plans)))
-    # Leave room for the legend beside the first map, as in the picture of a plan.
-    grid = figure.subplots(len(plans), 1, squeeze=False, gridspec_kw={
-        'left': 0.085, 'right': 0.77, 'bottom': 0.06, 'top': 0.96, 'hspace': 0.35})[:, 0]
+    """Return a Figure of the maps of plans by their durations, side by side, with one legend."""
     extent = extent_of(next(iter(plans.values())).scenario, plans.values())
-    for axes, (duration, plan) in zip(grid, plans.items()):
-        draw_map(axes, plan, legend=axes is grid[0], extent=extent)
-        axes.set_title(
-            f'T = {duration:g} s, planned for the {plan.objective.replace("_", "-")} rate: '
-            f'{plan.guaranteed_rate:.3f} bit/s/Hz guaranteed, {plan.worst_case_rate:.3f} in the '
-            'worst case', fontsize=10, loc='left')
+    tall = _MAP_WIDTH * np.divide(*(extent[1] - extent[0])[::-1])
+    figure = Figure(figsize=((_MAP_WIDTH + 0.4) * len(plans) + 2.7, tall + 1.4))
+    width, height = figure.get_size_inches()
+    for number, (duration, plan) in enumerate(plans.items()):
+        left = 0.8 + (_MAP_WIDTH + 0.4) * number
+        axes = figure.add_axes((
+            left / width, 0.6 / height, _MAP_WIDTH / width, tall / height))
+        draw_map(axes, plan, legend=number + 1 == len(plans), extent=extent)
+        axes.set_title(f'T = {duration:g} s\nguaranteed {plan.guaranteed_rate:.3f},\n'
+                       f'worst case {plan.worst_case_rate:.3f} bit/s/Hz', fontsize=9, loc='left')
+        if number:
+            axes.set_ylabel('')
+            axes.tick_params(labelleft=False)
     return figure
 
 
