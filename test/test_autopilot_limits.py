@@ -1,6 +1,7 @@
 """What autopilots need to follow a plan, against flights in simulators, and as it is told."""
 
 from dataclasses import replace
+import math
 from pathlib import Path
 
 from hypothesis import given
@@ -15,8 +16,21 @@ GUIDE = Path(__file__).resolve().parents[1] / 'docs' / 'how-to.md'
 speeds, accelerations = st.floats(0.5, 25), st.floats(0.1, 8)
 
 
-def test_what_flew_with_defaults_needs_no_change_and_what_did_not_gets_what_flew():
-    assert changes('ardupilot', 10.0, 2.0) == changes('px4', 10.0, 2.0) == ()
+def test_every_limit_has_a_third_more_than_the_plan_needs():
+    ardupilot = {parameter.name: parameter for parameter in AUTOPILOTS['ardupilot']}
+    assert ardupilot['WPNAV_SPEED'].least(10.0, 2.0) == pytest.approx(1000 * 4 / 3)
+    assert ardupilot['WPNAV_ACCEL'].least(10.0, 2.0) == pytest.approx(200 * 4 / 3)
+    needed, least = lean(10.0, 2.0), ardupilot['ANGLE_MAX'].least(10.0, 2.0) / 100
+    tangents = [math.tan(math.radians(angle)) for angle in (needed, least)]
+    assert tangents[1] == pytest.approx(tangents[0] * 4 / 3)
+
+
+def test_what_flew_at_its_limits_gets_a_reserve_and_what_did_not_gets_what_flew():
+    assert {one.name: value for one, value in changes('ardupilot', 10.0, 2.0)} == {
+        'WPNAV_SPEED': 1500.0, 'WPNAV_ACCEL': 350.0, 'ANGLE_MAX': 4000.0}
+    assert {one.name: value for one, value in changes('px4', 10.0, 2.0)} == {
+        'MPC_XY_VEL_MAX': 15.0}
+    assert not changes('px4', 8.0, 2.0)
     assert {one.name: value for one, value in changes('ardupilot', 10.0, 3.0)} == {
         'WPNAV_SPEED': 1500.0, 'WPNAV_ACCEL': 500.0, 'ANGLE_MAX': 4500.0}
 
@@ -58,12 +72,12 @@ def mission(folder, *limits):
 
 
 @pytest.mark.parametrize('autopilot, limits, lines', [
-    ('px4', [(10.0, 2.0)] * 2, ['px4, uav1, uav2 at 10 m/s and 2 m/s^2: the defaults suffice']),
-    ('ardupilot', [(10.0, 2.0), (8.0, 5.5)], [
-        'ardupilot, uav1 at 10 m/s and 2 m/s^2: the defaults suffice',
+    ('px4', [(8.0, 2.0)] * 2, ['px4, uav1, uav2 at 8 m/s and 2 m/s^2: the defaults suffice']),
+    ('ardupilot', [(5.0, 1.5), (8.0, 5.5)], [
+        'ardupilot, uav1 at 5 m/s and 1.5 m/s^2: the defaults suffice',
         'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: set WPNAV_SPEED to 1200 cm/s (default 1000, at '
         'most 2000)',
-        'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: WPNAV_ACCEL would have to be 550 cm/s^2; lower '
+        'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: WPNAV_ACCEL would have to be 733 cm/s^2; lower '
         'max_speed or max_acceleration (default 250, at most 500)',
         'ardupilot, uav2 at 8 m/s and 5.5 m/s^2: set ANGLE_MAX to 5000 cdeg (default 3000, at '
         'most 8000)']),

@@ -116,22 +116,22 @@ def test_after_a_reset_the_flight_begins_again_once_the_uavs_can_be_back(plan):
     assert not bench.player.streaming
     bench.player.start()
     unknown = [None, None]
-    waits = bench.player.away(unknown, 5.0, 1.0)
+    waits = bench.player.not_at_start(unknown, 5.0, 1.0)
     assert len(waits) == 2 and 'uav1 to reach its start, another' in waits[0]
     # A clock that jumps brings nobody back.
     bench.now += 60 * SECOND
     bench.run(STEP, is_ready=False)
-    assert len(bench.player.away(unknown, 5.0, 1.0)) == 2
+    assert len(bench.player.not_at_start(unknown, 5.0, 1.0)) == 2
     bench.run(60.0, is_ready=False)
-    assert not bench.player.away(unknown, 5.0, 1.0)
+    assert not bench.player.not_at_start(unknown, 5.0, 1.0)
     # Where they are measured, that counts.
     places = [(*uav.start, uav.altitude) for uav in plan.scenario.uavs]
-    assert not bench.player.away(places, 5.0, 1.0)
+    assert not bench.player.not_at_start(places, 5.0, 1.0)
     places[1] = (0.0, 0.0, 110.0)
-    assert bench.player.away(places, 5.0, 1.0) == [
+    assert bench.player.not_at_start(places, 5.0, 1.0) == [
         'uav2 to be at its start, 509.9 m away']
     places[1] = (math.nan, 500.0, 110.0)
-    assert bench.player.away(places, 5.0, 1.0) == ['uav2 to be at its start, nan m away']
+    assert bench.player.not_at_start(places, 5.0, 1.0) == ['uav2 to be at its start, nan m away']
 
 
 def onward(bench, plan, ahead, start_ns=None, **fields):
@@ -162,23 +162,80 @@ def test_a_new_plan_takes_over_at_its_time_without_a_jump(plan):
     assert bench.lag == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_new_plan_that_does_not_begin_where_the_setpoints_are_is_refused(plan):
+def test_a_plan_that_waits_takes_over_after_a_pause_as_it_would_have_without(plan):
+    bench = Bench(plan)
+    bench.run(8.0)
+    bench.player.start()
+    bench.run(20.0)
+    next_plan = onward(bench, plan, 6.0)
+    bench.player.load(next_plan)
+    bench.run(1.0)
+    assert bench.player.pause()
+    assert not bench.run(20.0).velocities.any() and bench.player.playback.plan is plan
+    bench.player.start()
+    bench.run(15.0)
+    assert bench.player.playback.plan is next_plan and not bench.refused
+    assert 10.0 < bench.lag < 30.0
+
+
+def test_a_pause_while_a_plan_takes_over_comes_to_rest_on_the_new_one(plan):
     bench = Bench(plan)
     bench.player.start()
     bench.run(25.0)
-    bench.player.load(onward(bench, plan, 3.0))
+    next_plan = onward(bench, plan, 1.0)
+    bench.player.load(next_plan)
+    bench.run(0.8)
+    bench.player.pause()
+    assert not bench.run(15.0).velocities.any() and not bench.refused
+    limited = plan.scenario.uavs[0].max_acceleration is not None
+    assert (bench.player.playback.plan is next_plan) == limited  # Others stop at once.
+
+
+def test_at_rest_a_plan_from_elsewhere_is_refused_and_one_from_there_is_played(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(25.0)
     bench.player.pause()
     bench.run(15.0)
+    bench.player.load(replace(fly_hover_fly(plan.scenario), start_ns=bench.now + SECOND))
     assert len(bench.refused) == 1 and 'm from the last one' in bench.refused[0]
     assert bench.player.playback.plan is plan and bench.player.rate == 0.0
     # One from where they are held is played, when it is released.
-    found = onward(bench, plan, 1.0)
-    bench.player.load(found)
-    assert bench.player.playback.plan is found
+    next_plan = onward(bench, plan, 1.0)
+    bench.player.load(next_plan)
+    assert bench.player.playback.plan is next_plan
     assert not bench.run(5.0).velocities.any()
     bench.player.start()
     bench.run(5.0)
-    assert bench.player.time > found.scenario.slot_duration and len(bench.refused) == 1
+    assert bench.player.time > next_plan.scenario.slot_duration and len(bench.refused) == 1
+
+
+def test_a_pause_before_the_end_holds_the_plan_that_was_to_begin_after_it(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    bench.run(25.0)
+    back = replace(plan.scenario, uavs=tuple(
+        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
+    home = replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
+    bench.player.load(home)
+    while bench.player.time < bench.player.playback.duration - 0.5:
+        bench.run(STEP)
+    bench.player.pause()
+    assert not bench.run(60.0).velocities.any() and not bench.player.playing
+    bench.player.start()
+    bench.run(20.0)
+    assert bench.player.playback.plan is home and not bench.refused
+
+
+def test_a_reason_never_says_that_two_places_are_nought_apart(plan):
+    bench = Bench(plan)
+    bench.player.start()
+    held = bench.run(3.0)
+    nearby = replace(plan.scenario, uavs=tuple(
+        replace(uav, start=(at[0], at[1] + 0.013))
+        for uav, at in zip(plan.scenario.uavs, held.positions.tolist())))
+    bench.player.load(replace(fly_hover_fly(nearby), start_ns=BEGIN + 60 * SECOND))
+    assert '0.013 m from the last one' in bench.refused[0]
 
 
 def test_a_new_altitude_is_a_jump(plan):
@@ -187,7 +244,7 @@ def test_a_new_altitude_is_a_jump(plan):
     bench.run(25.0)
     bench.player.load(onward(bench, plan, 1.0, altitude=150.0))
     bench.run(3.0)
-    assert '50.0 m from the last one' in bench.refused[0]
+    assert '50 m from the last one' in bench.refused[0]
 
 
 def test_a_plan_that_came_during_the_flight_begins_after_it_at_its_own_time(plan):
@@ -308,7 +365,7 @@ class AnyOrder(RuleBasedStateMachine):
         for _ in range(count):
             self.bench.now += round(seconds * SECOND)
             ready = not self.player.playing or self.player.playback is None or (
-                not self.player.away([None, None], 5.0, self.speed))
+                not self.player.not_at_start([None, None], 5.0, self.speed))
             self.observe(self.player.tick(self.bench.now, self.speed, is_ready=ready), seconds)
 
     @rule(seconds=st.floats(-100.0, 100.0))

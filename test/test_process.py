@@ -51,6 +51,38 @@ def test_a_node_starts_without_the_parts_of_scipy_that_few_missions_need():
                     'assert not {"scipy.sparse", "scipy.linalg"} & {*sys.modules}'], check=True)
 
 
+BLOCKED = """
+import ctypes, signal, sys, threading
+from rclpy.node import Node
+from secure_uav_planner.ros.process import run_node
+
+class Blocked(Node):
+    def __init__(self):
+        super().__init__('blocked')
+        if sys.argv[1] == 'callback':
+            self.create_timer(0.01, self.block)
+        threading.Timer(0.5, signal.raise_signal, [signal.SIGINT]).start()
+
+    def block(self):
+        threading.Event().wait()
+
+    def close(self):
+        return True
+
+    def destroy_node(self):
+        if sys.argv[1] == 'destructor':  # With the interpreter's lock.
+            ctypes.PyDLL(None).pause()
+
+run_node(Blocked, args=[])
+"""
+
+
+@pytest.mark.parametrize('place, status', [('callback', 0), ('destructor', -signal.SIGALRM)])
+def test_a_node_ends_after_a_signal_whatever_hangs(place, status):
+    ended = subprocess.run([sys.executable, '-c', BLOCKED, place], timeout=PATIENCE)
+    assert ended.returncode == status
+
+
 def test_a_wrong_command_line_is_named():
     with node_process('planner', '--params-file', 'no/such/file.yaml') as process:
         assert process.wait(timeout=PATIENCE) == 1

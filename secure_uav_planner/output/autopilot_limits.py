@@ -8,13 +8,14 @@ _GRAVITY = 9.81  # In m/s^2.
 _DRAG = 0.036  # Of a multicopter: its deceleration over the square of its speed, in 1/m.
 # In ArduPilot's simulator, 30 degrees carried 2 and not 3 m/s^2 at 10 m/s: 0.027 to 0.037.
 
+_RESERVE = 4 / 3  # Of limits to what the plan needs: with none, what has fallen behind stays there.
 _SPEED, _ACCELERATION = 1.5, 1.6  # Of recommended limits to the plan's, as flown with 3 m/s^2.
 _STEPS = {'speed': 0.5, 'acceleration': 0.5, 'lean': 5.0}  # To which these are rounded.
 
 
-def lean(speed: float, acceleration: float) -> float:
-    """Return the lean in degrees that carries an acceleration in m/s^2 at a speed in m/s."""
-    return math.degrees(math.atan2(acceleration + _DRAG * speed**2, _GRAVITY))
+def lean(speed: float, acceleration: float, reserve: float = 1.0) -> float:
+    """Return the lean in degrees that carries an acceleration in m/s^2 and the drag at a speed."""
+    return math.degrees(math.atan2(reserve * (acceleration + _DRAG * speed**2), _GRAVITY))
 
 
 @dataclass(frozen=True)
@@ -27,17 +28,17 @@ class Parameter:
     factor: float  # 1 m/s, 1 m/s^2 or 1 degree in that unit.
     default: float
     most: float  # The largest value that the documentation allows.
-    share: float = 1.0  # What it must be at least, over what the plan uses.
 
     def least(self, speed: float, acceleration: float) -> float:
-        """Return the smallest value that carries a plan with limits in m/s and m/s^2."""
-        needed = {'speed': speed, 'acceleration': acceleration, 'lean': lean(speed, acceleration)}
-        return self.factor * self.share * needed[self.limits]
+        """Return the smallest value for a plan with limits in m/s and m/s^2, with a reserve."""
+        return self.factor * {
+            'speed': _RESERVE * speed, 'acceleration': _RESERVE * acceleration,
+            'lean': lean(speed, acceleration, _RESERVE)}[self.limits]
 
     def recommended(self, speed: float, acceleration: float) -> float:
-        """Return a value, at most `most`, that also carries what makes up for a delay."""
+        """Return a round value, at most `most`, that also carries what makes up for a delay."""
         wanted = {'speed': _SPEED * speed, 'acceleration': _ACCELERATION * acceleration,
-                  'lean': lean(speed, _ACCELERATION * acceleration)}[self.limits]
+                  'lean': lean(speed, acceleration, _RESERVE)}[self.limits]
         step = _STEPS[self.limits]
         return min(self.most, self.factor * step * math.ceil(wanted / step))
 
@@ -48,7 +49,7 @@ AUTOPILOTS: Mapping[str, tuple[Parameter, ...]] = {
                   Parameter('WPNAV_ACCEL', 'acceleration', 'cm/s^2', 100, 250, 500),
                   Parameter('ANGLE_MAX', 'lean', 'cdeg', 100, 3000, 8000)),
     # In OFFBOARD the first limits the sum of the plan's velocity and its correction.
-    'px4': (Parameter('MPC_XY_VEL_MAX', 'speed', 'm/s', 1, 12, 20, share=1.2),
+    'px4': (Parameter('MPC_XY_VEL_MAX', 'speed', 'm/s', 1, 12, 20),
             Parameter('MPC_TILTMAX_AIR', 'lean', 'deg', 1, 45, 89)),
 }
 """What limits a flight along setpoints, by the name of the autopilot."""
@@ -66,7 +67,7 @@ def changes(autopilot: str, speed: float,
     :param acceleration: likewise in m/s^2.
     """
     plan, parameters = (speed, acceleration), AUTOPILOTS[autopilot]
-    if all(one.default >= one.least(*plan) for one in parameters):
+    if all(parameter.default >= parameter.least(*plan) for parameter in parameters):
         return ()
-    return tuple((one, one.recommended(*plan)) for one in parameters
-                 if one.default < one.recommended(*plan))
+    return tuple((parameter, parameter.recommended(*plan)) for parameter in parameters
+                 if parameter.default < parameter.recommended(*plan))

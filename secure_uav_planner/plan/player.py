@@ -4,7 +4,7 @@ Plays plans in time, each by its time of point 0, so that no setpoint ever jumps
 The time of the plan goes on with a rate: 1 is real time, 0 stands still. A pause, a start and
 another speed change the rate no faster than every UAV's limit of acceleration allows, along the
 same curve, so that all clearances of the plan hold. A new plan is joined only where its setpoints
-go on from those that are being sent; else it is refused, with the reason.
+continue those that are being sent; else it is refused, with the reason.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,24 +51,25 @@ class Player:
         self.playback: Playback | None = None
         self.time = self.rate = self.delivered = self.largest_jump = 0.0
         self.playing = self.streaming = False
-        self._say, self._refusal = refuse, ''  # Of the last plan, if that is not played.
+        self._on_refusal, self._refusal = refuse, ''  # Of the last plan, if that is not played.
         self._latest: Playback | None = None  # What a reset returns to.
-        self._next: Playback | None = None  # What takes over when its time has come.
+        self._next: tuple[Playback, float] | None = None  # It takes over at this time, in s.
         self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one does.
         self._ticked_ns: int | None = None
-        self._sent: Moment | None = None  # The last setpoint, and the s since the stream ended.
-        self._rested = 0.0
+        self._last_setpoint: Moment | None = None
+        self._seconds_since_stream_end = 0.0
         self._braking: tuple[Playback, float, Array, Array] | None = None
 
     # Plans
 
     def load(self, plan: Plan) -> bool:
         """
-        Take up a plan, or refuse it; return whether it will be played.
+        Adopt a plan, or refuse it; return whether it will be played.
 
         A plan with the same point 0 as the one that is played is a revision of the same flight
-        and takes over at once. Any other one takes over when its own time has come, or at once
-        where the setpoints rest at its start.
+        and takes over at once. Any other one takes over at once where the setpoints rest, and
+        otherwise at the time of this flight that is due when the new one begins, or at its end.
+        A pause and another speed delay both flights alike.
         """
         new, current = Playback(plan), self.playback
         if current is not None and plan.identity == current.plan.identity:
@@ -87,49 +88,56 @@ class Player:
             else:
                 self.playback = new
         else:
-            self._next = new
-            self._join_at_rest()
-        return new in (self.playback, self._next)
+            ahead = max(0, (due_ns(new) or 0) - (self._ticked_ns or 0)) * 1e-9
+            self._next = new, self.time + self.rate * ahead
+            self._take_over(0.0)
+        return not self._refusal
 
     def refuse(self, reason: str) -> None:
-        """Say why a plan is not played."""
+        """Report why a plan is not played."""
         self._refusal = reason
-        self._say(reason)
+        self._on_refusal(reason)
 
     def _wait_at_start(self, playback: Playback) -> None:
         self.playback, self._next = playback, None
         self.time, self.rate, self.delivered, self.largest_jump = playback.begin, 0.0, 0.0, 0.0
 
-    def _join_at_rest(self) -> None:
-        """Go over to the next plan if the setpoints rest, where that is its start."""
-        # It does not rest where time will go on without another word.
-        waits = self.playback is not None and self.time <= self.playback.begin
-        if self._next is None or self.rate or self.playing and not (self.ended or waits):
-            return
-        new, self._next = self._next, None
-        problem = self._problem(new, new.begin, 0.0)
+    def _take_over(self, elapsed: float) -> bool:
+        """Go over to the next plan when its time has come, unless that is a jump."""
+        if self._next is None:
+            return False
+        (new, begin), rate = self._next, self.rate
+        since = self.time + rate * elapsed - begin
+        if since < 0.0 and not self.ended:
+            return False
+        self._next, time = None, new.begin + (rate and since)
+        problem = self._problem(new, time, rate and elapsed)
         if problem:
-            self.refuse(f'{problem}, where the setpoints rest; ~/reset ends them')
             self.playing = self.playing and not self.ended
-        else:
-            self._wait_at_start(new)
+            self.refuse(f'{problem}; ~/plan makes another one')
+            return False
+        self._wait_at_start(new)
+        self.time, self.rate = time, rate
+        return True
 
     def _problem(self, new: Playback, time: float, elapsed: float) -> str:
-        """Return why the setpoints cannot go on with a plan at a time, or an empty string."""
-        sent, moment = self._sent, _seen(new, time, self.rate)
-        if sent is None or self.playback is None:
+        """Explain why the setpoints cannot continue with a plan at a time; empty if they can."""
+        last, moment = self._last_setpoint, _to_clock_time(new, time, self.rate)
+        if last is None or self.playback is None:
             return ''
         altitudes, quick = self.playback.plan.scenario.altitudes, max(1.0, self.rate)
         for index, uav in enumerate(new.plan.scenario.uavs):
-            distance = math.dist(moment.positions[index], sent.positions[index])
-            climb = abs(uav.altitude - altitudes[index])
-            if distance > uav.max_speed * quick * elapsed + POSITION_JUMP or climb > POSITION_JUMP:
-                return (f'its setpoint of {uav.name} is {math.hypot(distance, climb):.1f} m from '
-                        'the last one')
-            change = math.dist(moment.velocities[index], sent.velocities[index])
-            if uav.max_acceleration is not None and (
-                    change > uav.max_acceleration * quick**2 * elapsed + VELOCITY_JUMP):
-                return f'its velocity of {uav.name} differs by {change:.2f} m/s from the last one'
+            distance = math.dist((*moment.positions[index], uav.altitude),
+                                 (*last.positions[index], altitudes[index]))
+            most = uav.max_speed * quick * elapsed + POSITION_JUMP
+            if distance > most or abs(uav.altitude - altitudes[index]) > POSITION_JUMP:
+                return (f'its setpoint of {uav.name} would be {distance:.3g} m from the last one, '
+                        f'and at most {most:.3g} m is no jump')
+            change = math.dist(moment.velocities[index], last.velocities[index])
+            most = (uav.max_acceleration or math.inf) * quick**2 * elapsed + VELOCITY_JUMP
+            if uav.max_acceleration is not None and change > most:
+                return (f'its velocity of {uav.name} would differ by {change:.3g} m/s from the '
+                        f'last one, and at most {most:.3g} m/s is no jump')
         return ''
 
     # What a user asks for
@@ -162,13 +170,14 @@ class Player:
         """End the setpoints; the newest plan waits at its start."""
         self.playing = False
         if self.streaming:
-            self.streaming, self._rested = False, 0.0
+            self.streaming, self._seconds_since_stream_end = False, 0.0
         if self._latest is not None:
             self._wait_at_start(self._latest)
 
-    def away(self, places: Sequence[Place | None], tolerance: float, speed: float) -> list[str]:
+    def not_at_start(self, places: Sequence[Place | None], tolerance: float, speed: float
+                     ) -> list[str]:
         """
-        Return which UAVs cannot be at the start of the plan, in words.
+        Name the UAVs that cannot be at the start of the plan, and how far they are from it.
 
         :param places: the measured (x, y, z) of each UAV in m, None where it is not known. Such a
             UAV counts as where its last setpoint was, and is given the time to fly from there.
@@ -176,21 +185,21 @@ class Player:
         """
         assert self.playback is not None
         starts, quick = self.playback.at(self.playback.begin).positions, max(1.0, speed)
-        found = []
+        last, waits = self._last_setpoint, []
         for index, (uav, place) in enumerate(
                 zip(self.playback.plan.scenario.uavs, places, strict=True)):
             if place is not None:
                 distance = math.dist(place, (*starts[index], uav.altitude))
                 if not distance <= tolerance:
-                    found.append(f'{uav.name} to be at its start, {distance:.1f} m away')
-            elif self._sent is not None and not self.streaming:
-                needed = math.dist(self._sent.positions[index], starts[index]) / uav.max_speed
-                needed += math.hypot(*self._sent.velocities[index]) / quick / (
+                    waits.append(f'{uav.name} to be at its start, {distance:.1f} m away')
+            elif last is not None and not self.streaming:
+                needed = math.dist(last.positions[index], starts[index]) / uav.max_speed
+                needed += math.hypot(*last.velocities[index]) / quick / (
                     uav.max_acceleration or math.inf)
-                left = needed / quick - self._rested
+                left = needed / quick - self._seconds_since_stream_end
                 if left > 0:
-                    found.append(f'{uav.name} to reach its start, another {left:.1f} s')
-        return found
+                    waits.append(f'{uav.name} to reach its start, another {left:.1f} s')
+        return waits
 
     # Time
 
@@ -213,51 +222,35 @@ class Player:
         elapsed, self._ticked_ns = min(max(0.0, elapsed), longest), now_ns
         if not self.streaming:
             # The first setpoint is the start itself.
-            self._rested, elapsed = self._rested + elapsed, 0.0
+            self._seconds_since_stream_end, elapsed = self._seconds_since_stream_end + elapsed, 0.0
             if self.playback is None or not (self.playing and is_ready):
                 return None
-            self.streaming, self._sent = True, None
-        last_rate, moved, sent = self.rate, self.rate * elapsed, self._sent
-        if not self._took_over(now_ns, elapsed):
+            self.streaming, self._last_setpoint = True, None
+        last_rate, moved, last = self.rate, self.rate * elapsed, self._last_setpoint
+        if not self._take_over(elapsed):
             begin = self.time
             self._advance(now_ns, elapsed, speed)
             moved = self.time - begin
             assert self.playback is not None
             self.delivered += _delivered(self.playback, begin, self.time, eavesdropper)
         assert self.playback is not None
-        moment = self._sent = _seen(self.playback, self.time, self.rate)
-        if sent is not None:
+        moment = self._last_setpoint = _to_clock_time(self.playback, self.time, self.rate)
+        if last is not None:
             scenario = self.playback.plan.scenario
             if self.rate != last_rate:
                 # The time of the plan goes on at another rate, which moves UAVs with a limit.
                 limited = np.isfinite(scenario.max_accelerations)
                 moment.accelerations[limited] = (
-                    moment.velocities - sent.velocities)[limited] / elapsed
-            distances = np.linalg.norm(moment.positions - sent.positions, axis=-1)
+                    moment.velocities - last.velocities)[limited] / elapsed
+            distances = np.linalg.norm(moment.positions - last.positions, axis=-1)
             self.largest_jump = max(
                 self.largest_jump, float((distances - scenario.max_speeds * moved).max()))
         return moment
 
-    def _took_over(self, now_ns: int, elapsed: float) -> bool:
-        """Return whether the next plan has just taken over, or refuse it if it cannot."""
-        self._join_at_rest()
-        new, due = self._next, due_ns(self._next)
-        if new is None or not self.playing or due is not None and now_ns < due:
-            return False
-        self._next, rate = None, self.rate
-        time = new.begin + (0.0 if due is None else rate * (now_ns - due) * 1e-9)
-        problem = self._problem(new, time, elapsed)
-        if problem:
-            self.refuse(f'{problem}, at the time at which it begins')
-            return False
-        self._wait_at_start(new)
-        self.time, self.rate = time, rate
-        return True
-
     def _advance(self, now_ns: int, elapsed: float, speed: float) -> None:
         playback, due = self.playback, due_ns(self.playback)
         assert playback is not None
-        if self.time <= playback.begin and due is not None:
+        if not self.rate and self.time <= playback.begin and due is not None:
             elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)  # It does not begin before.
         if elapsed == 0.0:
             return
@@ -267,13 +260,13 @@ class Player:
         if self.time > playback.duration - _AT_THE_END:
             self.time = playback.duration
             # A plan that came during the flight begins without another word.
-            self.rate, self.playing = 0.0, self._next is not None
+            self.rate, self.playing = 0.0, self.playing and self._next is not None
 
     def _next_rate(self, playback: Playback, target: float, elapsed: float) -> float:
         """Return the rate nearest to a target that keeps all limits of acceleration."""
         limits = playback.plan.scenario.max_accelerations
         limited = np.isfinite(limits)
-        if not limited.any() or self._sent is None:
+        if not limited.any() or self._last_setpoint is None:
             return target
         most = max(target, self.rate)
         if self._braking is None or self._braking[0] is not playback or self._braking[1] < most:
@@ -283,11 +276,11 @@ class Player:
             target = min(target, float(np.interp(
                 self.time + self.rate * elapsed, times, rates, left=target)))
         most_change = limits * max(1.0, target, self.rate)**2 * elapsed * (1 + 1e-9) + 1e-9
-        sent = self._sent.velocities
+        last = self._last_setpoint.velocities
 
         def is_allowed(rate: float) -> bool:
             velocities = playback.at(self.time + rate * elapsed).velocities * rate
-            change = np.linalg.norm(velocities - sent, axis=-1)
+            change = np.linalg.norm(velocities - last, axis=-1)
             return bool((change <= most_change)[limited].all())
 
         if is_allowed(target):
@@ -301,14 +294,14 @@ class Player:
 
 
 def due_ns(playback: Playback | None) -> int | None:
-    """Return when the first UAV leaves its start by the time of the plan, in ns, or None."""
+    """Return the time at which the first UAV leaves its start, in ns, or None without one."""
     if playback is None or playback.plan.start_ns is None:
         return None
     return playback.plan.start_ns + round(playback.begin * 1e9)
 
 
-def _seen(playback: Playback, time: float, rate: float) -> Moment:
-    """Return a Moment as it is seen when the time of the plan goes on with a rate."""
+def _to_clock_time(playback: Playback, time: float, rate: float) -> Moment:
+    """Scale the velocities of a time of the plan by its rate, and accelerations by the square."""
     moment = playback.at(time)
     return replace(moment, velocities=moment.velocities * rate,
                    accelerations=moment.accelerations * rate**2)

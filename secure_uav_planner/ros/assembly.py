@@ -3,11 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from nav_msgs.msg import Path
 import numpy as np
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from .messages import nanoseconds
+from .cdr import PathContent, read_path, read_power, read_trajectory, stamp_of
 from .parameters import LONGEST_FRAME
 from ..errors import PlanError, shown
 from ..mission.scenario import Array, RANGES, Scenario, Uav
@@ -35,12 +33,12 @@ class Assembly:
         self._names, self._expects = names, expects
         self._needed = [f'{name}/{kind}' for kind in ('path', 'power') for name in names]
         self._optional = [f'{name}/trajectory' for name in names]
-        self._new: dict[str, Any] = {}  # Messages by their topics, since the last plan.
-        self._last: dict[str, Any] = {}  # Those of the last plan.
+        self._new: dict[str, bytes] = {}  # Messages by their topics, since the last plan.
+        self._last: dict[str, bytes] = {}  # Those of the last plan.
         self._received: int | None = None
 
-    def take(self, topic: str, message: Any, now_ns: int) -> None:
-        """Keep a message as the newest of its topic."""
+    def take(self, topic: str, message: bytes, now_ns: int) -> None:
+        """Keep a serialized message as the newest of its topic."""
         self._new[topic] = message
         # A trajectory that comes before everything else of its plan waits in silence.
         if self._has_begun() or self._late():
@@ -81,9 +79,10 @@ class Assembly:
         missing = [topic for topic in self._needed if topic not in chosen]
         if missing:
             raise PlanError(_nothing_on(missing))
-        found = _plan_from(self._names, chosen, fields)
+        paths = {name: read_path(chosen[f'{name}/path']) for name in self._names}
+        plan = _plan_from(paths, chosen, fields)
         self._new, self._last = {}, chosen
-        return found, chosen[f'{self._names[0]}/path'].header.frame_id
+        return plan, paths[self._names[0]].frame
 
     def without_trajectory(self) -> list[str]:
         """Return the topics that are published and of which nothing came for the last plan."""
@@ -94,24 +93,24 @@ class Assembly:
         """Return whether anything but trajectories is new."""
         return any(topic in self._new for topic in self._needed)
 
-    def _chosen(self) -> dict[str, Any]:
-        """Return the messages of the next plan, or of the last one and what comes late for it."""
+    def _chosen(self) -> dict[str, bytes]:
+        """Messages of the plan being assembled; late trajectories are merged into the last."""
         if not self._has_begun() and (late := self._late()):
             return self._last | late
         return self._trajectories(self._new) | {
             topic: self._new[topic] for topic in self._needed if topic in self._new}
 
-    def _late(self) -> dict[str, Any]:
+    def _late(self) -> dict[str, bytes]:
         """Return the new trajectories that the last plan was made without."""
         return {topic: message for topic, message in self._trajectories(self._last).items()
                 if topic not in self._last}
 
-    def _trajectories(self, plan: Mapping[str, Any]) -> dict[str, Any]:
+    def _trajectories(self, plan: Mapping[str, bytes]) -> dict[str, bytes]:
         """Return the new trajectories that have the stamps of a plan's paths."""
         return {f'{name}/trajectory': self._new[f'{name}/trajectory'] for name in self._names
                 if f'{name}/path' in plan and f'{name}/trajectory' in self._new and (
-                    self._new[f'{name}/trajectory'].header.stamp
-                    == plan[f'{name}/path'].header.stamp)}
+                    stamp_of(self._new[f'{name}/trajectory'])
+                    == stamp_of(plan[f'{name}/path']))}
 
     def _missing(self) -> list[str]:
         """Return the topics on which something is waited for."""
@@ -124,55 +123,48 @@ def _nothing_on(topics: Sequence[str]) -> str:
     return f'nothing new has come on {", ".join(topics)}'
 
 
-def _plan_from(names: Sequence[str], messages: Mapping[str, Any], fields: Mapping[str, Any]
-               ) -> Plan:
+def _plan_from(paths: Mapping[str, PathContent], messages: Mapping[str, bytes],
+               fields: Mapping[str, Any]) -> Plan:
     """Return the Plan that messages contain; its limits are the smallest that the plan keeps."""
-    paths = {name: messages[f'{name}/path'] for name in names}
-    powers = [messages[f'{name}/power'].data for name in names]
+    names, powers = list(paths), [read_power(messages[f'{name}/power']) for name in paths]
     slots = len(powers[0])
+    _check_frames(paths)
     for name, levels in zip(names, powers, strict=True):
-        points = len(paths[name].poses)
+        points = len(paths[name].places)
         if points != slots + 2 or len(levels) != slots or not slots:
             raise PlanError(f'{name} has {points} points and {len(levels)} powers; there must be '
                             'two points more than powers, the same for all')
-    _check_frames(paths)
     start_ns, slot_duration = _timing(paths)
-    places = np.array([[(at.pose.position.x, at.pose.position.y, at.pose.position.z)
-                        for at in path.poses] for path in paths.values()])
-    watts = np.array(powers, dtype=float)
+    places, watts = np.array([path.places for path in paths.values()]), np.array(powers)
     _check_values(names, places, watts)
     positions = places[..., :2]
     motions = {name: motion for name in names if f'{name}/trajectory' in messages and (
         motion := _motion(name, messages[f'{name}/trajectory'], paths[name])) is not None}
+    average = np.maximum(watts.mean(axis=1) * (1 + 1e-9), RANGES['average_power'][0])
+    peak = np.maximum(watts.max(axis=1) * (1 + 1e-9), average)
     uavs = tuple(
         Uav(name, tuple(line[0].tolist()), tuple(line[-1].tolist()), float(line_z),
-            average_power=max(float(level.mean()) * (1 + 1e-9), RANGES['average_power'][0]),
-            peak_power=max(float(level.max()) * (1 + 1e-9), RANGES['peak_power'][0]),
+            average_power=float(mean), peak_power=float(most),
             **flown(line, slot_duration, *motions.get(name, [])[1:])._asdict())
-        for name, line, line_z, level in zip(
-            names, positions, places[:, 0, 2], watts, strict=True))
+        for name, line, line_z, mean, most in zip(
+            names, positions, places[:, 0, 2], average, peak, strict=True))
     scenario = Scenario(uavs=uavs, duration=slot_duration * slots, slots=slots, **fields)
     plan = Plan(scenario, positions, watts, start_ns=start_ns)
     _check_motions(plan, motions)
     return plan
 
 
-def _motion(name: str, message: MultiDOFJointTrajectory, path: Path) -> list[Array] | None:
+def _motion(name: str, message: bytes, path: PathContent) -> list[Array] | None:
     """Return positions, velocities and accelerations at the points, (N+2, 2) each, or None."""
-    if message.header.frame_id != path.header.frame_id:
-        raise PlanError(f'{name}/path is in frame {shown(path.header.frame_id)}, '
-                        f'{name}/trajectory in {shown(message.header.frame_id)}')
-    if len(message.points) != len(path.poses):
-        raise PlanError(f'{name}/trajectory has {len(message.points)} points and {name}/path '
-                        f'{len(path.poses)}; there must be as many')
-    kinds = ('transforms', 'velocities', 'accelerations')
-    if not all(getattr(at, kind) for at in message.points for kind in kinds):
-        return None
-    motion = [np.array([(vector.x, vector.y) for at in message.points
-                        for vector in [getattr(getattr(at, kind)[0], part)]])
-              for kind, part in zip(kinds, ('translation', 'linear', 'linear'), strict=True)]
+    frame, size, motion = read_trajectory(message)
+    if frame != path.frame:
+        raise PlanError(f'{name}/path is in frame {shown(path.frame)}, '
+                        f'{name}/trajectory in {shown(frame)}')
+    if size != len(path.places):
+        raise PlanError(f'{name}/trajectory has {size} points and {name}/path '
+                        f'{len(path.places)}; there must be as many')
     low, high = RANGES['coordinate']
-    if not all(((values >= low) & (values <= high)).all() for values in motion):
+    if not all(((values >= low) & (values <= high)).all() for values in motion or ()):
         raise PlanError(f'{name}/trajectory has values beyond {low:g} to {high:g}')
     return motion
 
@@ -188,31 +180,28 @@ def _check_motions(plan: Plan, motions: Mapping[str, list[Array]]) -> None:
                 f'{apart.argmax()} they are {apart.max():.3g} m apart')
 
 
-def _check_frames(paths: Mapping[str, Path]) -> None:
-    frames = {name: path.header.frame_id for name, path in paths.items()}
+def _check_frames(paths: Mapping[str, PathContent]) -> None:
+    frames = {name: path.frame for name, path in paths.items()}
     if len(set(frames.values())) > 1:
         raise PlanError('the paths are in different frames: ' + ', '.join(
             f'{name}/path in {shown(frame)}' for name, frame in list(frames.items())[:4]))
     for name, path in paths.items():
-        frame = frames[name]
+        frame = path.frame
         if len(frame) > LONGEST_FRAME:
             raise PlanError(f'the frame_id of the paths has {len(frame)} characters; it may have '
                             f'{LONGEST_FRAME}')
-        other = next((at.header.frame_id for at in path.poses
-                      if at.header.frame_id not in ('', frame)), frame)
-        if other != frame:
+        if path.pose_frames not in ([frame], ['']):
             raise PlanError(f'{name}/path is in frame {shown(frame)} and has a pose in frame '
-                            f'{shown(other)}')
+                            f'{shown(path.pose_frames[-1])}')
 
 
-def _timing(paths: Mapping[str, Path]) -> tuple[int, float]:
+def _timing(paths: Mapping[str, PathContent]) -> tuple[int, float]:
     """Return the time of point 0 in ns and the length of a slot in s."""
-    stamps = {name: nanoseconds(path.header.stamp) for name, path in paths.items()}
+    stamps = {name: path.stamp_ns for name, path in paths.items()}
     if len(set(stamps.values())) > 1:
         raise PlanError('the paths are of different plans, their stamps differ: ' + ', '.join(
             f'{name}/path {stamp * 1e-9:.3f} s' for name, stamp in list(stamps.items())[:4]))
-    times = np.array([[nanoseconds(at.header.stamp) for at in path.poses]
-                      for path in paths.values()])
+    times = np.array([path.times_ns for path in paths.values()])
     first, step = times[0, 0], (times[0, -1] - times[0, 0]) / (times.shape[1] - 1)
     if not step > 0:
         raise PlanError('the stamps of the poses do not increase')

@@ -55,7 +55,8 @@ class Replay(Node):
         if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
         names = {} if plan is not None else subscribe(
-            self, TOPICS['replay', 'sub'], self._on_plan_message, self._group, self._uavs)
+            self, TOPICS['replay', 'sub'], self._on_plan_message, self._group, self._uavs,
+            raw=True)
         self._assembly = Assembly(
             self._uavs, lambda topic: self.count_publishers(names[topic]) > 0)
         self._make_interface()
@@ -84,7 +85,7 @@ class Replay(Node):
 
     # Plans
 
-    def _on_plan_message(self, topic: str, message: Any) -> None:
+    def _on_plan_message(self, topic: str, message: bytes) -> None:
         self._assembly.take(topic, message, self.get_clock().now().nanoseconds)
 
     def _assemble(self) -> None:
@@ -178,15 +179,18 @@ class Replay(Node):
         reason = self._assembly.problem or self._problem
         self._starts_next = self._assembly.is_arriving()
         try:
-            return True, (f'waits for the rest of the plan: {reason}' if self._starts_next
-                          else self._start())
+            text = (f'waits for the rest of the plan: {reason}' if self._starts_next
+                    else self._start())
         except OptionError as error:
             return False, f'{error}{reason and ": "}{reason}'
+        self._on_tick()  # Who tracks the time of the plan hears of it before the answer.
+        return True, text
 
     def _on_pause(self) -> tuple[bool, str]:
         # A start that waits for the rest of a plan is withdrawn, too.
         withdrawn, self._starts_next = self._starts_next, False
         paused = self._player.pause() or withdrawn
+        self._on_tick()
         return paused, 'paused' if paused else 'nothing is playing'
 
     def _on_reset(self) -> tuple[bool, str]:
@@ -198,7 +202,7 @@ class Replay(Node):
 
     def _on_tick(self) -> None:
         before, self._ticked, clock = self._ticked, time.monotonic(), self.get_clock().now()
-        # What can have passed since the last tick in s, whatever the clock says.
+        # Upper bound on the elapsed time in s, from the monotonic clock.
         longest = (_LONGEST_SIMULATED_TICK if self.get_clock().ros_time_is_active
                    else self._ticked - before + _CLOCK_ERROR)
         now = clock.nanoseconds
@@ -227,8 +231,9 @@ class Replay(Node):
         settings, simulated = self._settings, not self._settings['vehicle_odometry']
         found = [None if simulated else self._place(name, now_ns) for name in self._uavs]
         waits = [place for place in found if isinstance(place, str)]
-        waits += self._player.away([None if isinstance(place, str) else place for place in found],
-                                   settings['start_tolerance'], settings['speed'])
+        waits += self._player.not_at_start(
+            [None if isinstance(place, str) else place for place in found],
+            settings['start_tolerance'], settings['speed'])
         # Who only watches simulated UAVs need not subscribe to each of them.
         if simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
             return waits

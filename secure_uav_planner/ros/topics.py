@@ -118,18 +118,19 @@ def publishers(node: Node, topics: Mapping[str, Topic], uavs: Sequence[str]
 
 
 def subscribe(node: Node, topics: Mapping[str, Topic], callback: Callable[[str, Any], None],
-              group: CallbackGroup, uavs: Sequence[str], eavesdroppers: Sequence[str] = ()
-              ) -> dict[str, str]:
+              group: CallbackGroup, uavs: Sequence[str], eavesdroppers: Sequence[str] = (),
+              raw: bool = False) -> dict[str, str]:
     """
     Subscribe to each topic.
 
     :param callback: called with the name of the topic, which has that of its member, and a
         message.
+    :param raw: whether messages are bytes, as they are sent.
     :return: the names in the graph of ROS, by those names.
     """
     return {name: node.create_subscription(
         topic.kind, name, partial(callback, name), topic.qos, callback_group=group,
-        qos_overriding_options=OVERRIDABLE).topic_name
+        qos_overriding_options=OVERRIDABLE, raw=raw).topic_name
         for name, topic in _named(topics, {'<uav>': uavs, '<eavesdropper>': eavesdroppers})}
 
 

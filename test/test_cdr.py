@@ -1,0 +1,109 @@
+"""Plans from serialized messages, against rclpy's own reading of them."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+from geometry_msgs.msg import PoseStamped, Transform, Twist
+from nav_msgs.msg import Path
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from secure_uav_planner.errors import PlanError
+from secure_uav_planner.ros.cdr import read_path, read_power, read_trajectory, stamp_of
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+NAMES = st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=9)
+ROWS = st.lists(st.lists(st.floats(allow_nan=False), min_size=6, max_size=6), max_size=5)
+READERS = (read_path, read_power, read_trajectory)
+
+
+def path_of(frame, pose_frames, rows=None):
+    message = Path()
+    message.header.frame_id, message.header.stamp.sec = frame, 7
+    for index, (pose_frame, row) in enumerate(zip(pose_frames, rows or [[0.0] * 6] * 9)):
+        pose = PoseStamped()
+        pose.header.frame_id, pose.header.stamp.nanosec = pose_frame, index + 1
+        pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = row[:3]
+        message.poses.append(pose)
+    return message
+
+
+def trajectory_of(frame, joint, rows):
+    message = MultiDOFJointTrajectory(joint_names=[joint])
+    message.header.frame_id = frame
+    for row in rows:
+        transform, velocity, acceleration = Transform(), Twist(), Twist()
+        for vector, (x, y) in ((transform.translation, row[:2]), (velocity.linear, row[2:4]),
+                               (acceleration.linear, row[4:])):
+            vector.x, vector.y = x, y
+        message.points.append(MultiDOFJointTrajectoryPoint(
+            transforms=[transform], velocities=[velocity], accelerations=[acceleration]))
+    return message
+
+
+@given(NAMES, NAMES, ROWS)
+def test_a_path_has_its_stamps_frames_and_places(frame, pose_frame, rows):
+    message = path_of(frame, [pose_frame] * len(rows), rows)
+    content = read_path(serialize_message(message))
+    assert (content.stamp_ns, content.frame) == (7 * 10**9, frame)
+    assert content.pose_frames == [pose_frame] * bool(rows)
+    assert content.times_ns.tolist() == [*range(1, len(rows) + 1)]
+    assert content.places.tolist() == [row[:3] for row in rows]
+
+
+@given(NAMES, st.lists(NAMES, min_size=2, max_size=6))
+def test_a_path_names_the_first_pose_frame_that_is_another(frame, pose_frames):
+    content = read_path(serialize_message(path_of(frame, pose_frames)))
+    assert content.pose_frames == pose_frames[:1] + [
+        name for name in pose_frames if name != pose_frames[0]][:1]
+
+
+@given(NAMES, st.lists(st.floats(allow_nan=False)))
+def test_a_power_has_its_numbers_behind_any_layout(label, levels):
+    message = Float64MultiArray(data=levels)
+    message.layout.dim = [MultiArrayDimension(label=label)] * len(label)
+    assert read_power(serialize_message(message)).tolist() == levels
+
+
+@given(NAMES, NAMES, ROWS)
+def test_a_trajectory_has_its_motion(frame, joint, rows):
+    message = trajectory_of(frame, joint, rows)
+    content = read_trajectory(serialize_message(message))
+    assert (content.frame, content.size) == (frame, len(rows))
+    assert (content.motion is None) == (not rows)
+    if rows:
+        assert np.concatenate(content.motion, axis=1).tolist() == rows
+
+
+@pytest.mark.parametrize('part', ['transforms', 'velocities', 'accelerations'])
+@pytest.mark.parametrize('count', [0, 2])
+@pytest.mark.parametrize('point', [0, 1, 2])
+def test_a_trajectory_without_one_of_each_part_has_no_motion(part, count, point):
+    message = trajectory_of('map', 'uav1', [[1.0] * 6] * 3)
+    setattr(message.points[point], part, getattr(message.points[point], part) * count)
+    assert read_trajectory(serialize_message(message)).motion is None
+
+
+def test_path_and_trajectory_of_one_time_have_the_same_stamp():
+    path, trajectory = path_of('map', ['map']), trajectory_of('', 'uav1', [])
+    assert stamp_of(serialize_message(path)) != stamp_of(serialize_message(trajectory))
+    trajectory.header.stamp = path.header.stamp
+    assert stamp_of(serialize_message(path)) == stamp_of(serialize_message(trajectory))
+
+
+@given(st.binary(max_size=300), st.booleans())
+def test_bytes_that_are_no_message_are_refused_or_read(data, is_cdr):
+    for read in READERS:
+        try:
+            read(b'\0\1\0\0' * is_cdr + data)
+        except PlanError:
+            pass
+
+
+@pytest.mark.parametrize('read, message', [
+    (read_path, path_of('map', ['map'] * 5)), (read_power, Float64MultiArray(data=[1.0] * 5))])
+def test_a_message_that_ends_early_is_refused(read, message):
+    data = bytes(serialize_message(message))
+    for end in range(len(data) - 3):  # It is filled up to a multiple of four.
+        with pytest.raises(PlanError):
+            read(data[:end])
