@@ -79,7 +79,7 @@ class Terms:
 
     @cached_property
     def kernel_arguments(self) -> dict[str, Any]:
-        """The kernel's arguments."""
+        """Return the kernel's arguments."""
         region = self.region
         low, high = region.bounding_box
         arrays = {name: getattr(region, name) for name in (

@@ -54,7 +54,7 @@ class Stages:
 
     @property
     def count(self) -> NDArray[np.int64]:
-        """Number of slots of every stage, (G,)."""
+        """Return the number of slots of every stage, (G,)."""
         return np.diff(self.edges)
 
     @property
@@ -372,5 +372,5 @@ class Team:
 
     @property
     def accelerates(self) -> bool:
-        """True if a UAV has a limit of acceleration."""
+        """Return True if a UAV has a limit of acceleration."""
         return any(region.max_move_change < 2 * region.step for region in self.regions)
