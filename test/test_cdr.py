@@ -1,15 +1,22 @@
 """Plans from serialized messages, against rclpy's own reading of them."""
 
+from dataclasses import replace
+import sys
+
+from geometry_msgs.msg import PoseStamped, Transform, Twist
 from hypothesis import given
 from hypothesis import strategies as st
-from geometry_msgs.msg import PoseStamped, Transform, Twist
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.errors import PlanError
+from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.assembly import Assembly
 from secure_uav_planner.ros.cdr import read_path, read_power, read_trajectory, stamp_of
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from strategies import with_uavs
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 NAMES = st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=9)
@@ -107,3 +114,30 @@ def test_a_message_that_ends_early_is_refused(read, message):
     for end in range(len(data) - 3):  # It is filled up to a multiple of four.
         with pytest.raises(PlanError):
             read(data[:end])
+
+
+def assembled(plan):
+    """Return a plan after its messages, and how many functions were called to assemble it."""
+    assembly, calls = Assembly(['uav1', 'uav2'], lambda topic: True), []
+    for topic, message in messages.of_plan(plan, 'map'):
+        assembly.take(topic, bytes(serialize_message(message)), 0)
+    sys.setprofile(lambda frame, event, argument: calls.append(event))
+    try:
+        made, _ = assembly.plan(
+            ground_node=(0.0, 0.0), eavesdroppers=plan.scenario.eavesdroppers,
+            reference_snr_db=80.0)
+    finally:
+        sys.setprofile(None)
+    return made, len(calls)
+
+
+def test_more_slots_take_no_more_calls_so_that_the_stream_goes_on():
+    counts = []
+    for slots in (100, 100, 1000):  # Modules may be imported at first.
+        scenario = with_uavs(Scenario.paper(150.0, slots=slots), max_acceleration=2.0)
+        plan = replace(fly_hover_fly(scenario), start_ns=10**18)
+        made, count = assembled(plan)
+        assert np.array_equal(made.positions, plan.positions)
+        assert np.array_equal(made.powers, plan.powers)
+        counts.append(count)
+    assert counts[2] < 1.2 * counts[1]

@@ -204,6 +204,28 @@ def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_
         assert there.twist.twist.linear.x == 3.0
 
 
+@pytest.mark.parametrize('part', ['orientation', 'velocity'])
+def test_odometry_that_is_not_finite_is_not_passed_on_and_its_place_still_counts(
+        packages, client, part):
+    odometry = client.listen(Odometry, 'uav1/odom', 1000)
+    with node_here('relay', stack='mavros') as process:
+        publisher = client.publisher(Odometry, 'uav1/mavros/local_position/odom')
+        source, message = Source(client, 'uav1'), Odometry()
+        message.pose.pose.position.x = 500.0
+        vector = message.pose.pose.orientation if part == 'orientation' else (
+            message.twist.twist.linear)
+        vector.x = math.nan
+
+        def says(text):
+            publisher.publish(message)
+            time.sleep(0.02)
+            return any(text in line for line in process.lines)
+
+        wait_for(lambda: says(f'its {part} is (nan, '))
+        source.until(lambda: says('m from the vehicle and start_tolerance is 5 m'))
+        assert not odometry
+
+
 def test_px4_gets_ned_and_a_stream_that_stops_is_held_without_speed_and_then_ends(
         packages, client):
     targets = client.listen(packages('px4_msgs', 'TrajectorySetpoint'),

@@ -202,6 +202,25 @@ def test_with_few_setpoints_the_time_of_the_plan_is_still_told_often(client, fil
             assert sum(begin < stamp <= end for stamp in told) >= 8, told
 
 
+def test_a_start_and_a_pause_tell_the_time_of_the_plan_at_once(client, file):
+    times = client.listen(TimeReference, 'plan_time', 1000)
+    # Nobody sends the simulated time, so that nothing else tells it.
+    with node_here('replay', plan_file=file, use_sim_time='true'):
+        wait_for(lambda: client.call('replay/start').success and times)
+        count = len(times)
+        assert client.call('replay/pause').success
+        wait_for(lambda: len(times) > count)
+
+
+def test_a_plan_of_constant_power_is_played_although_its_mean_is_rounded_up(client, plan):
+    powers = np.full_like(plan.powers, 0.38)
+    assert powers[0].mean() > 0.38
+    with node_here('replay') as process:
+        send(client, replace(plan, powers=powers), 10**18)
+        wait_for(lambda: got(process) or any('not used' in line for line in process.lines))
+        assert got(process), process.lines
+
+
 @pytest.mark.parametrize('service', ['pause', 'reset'])
 def test_a_start_that_waits_for_the_rest_of_a_plan_can_be_withdrawn(client, plan, service):
     with node_here('replay') as process:

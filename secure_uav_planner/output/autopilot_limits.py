@@ -8,7 +8,7 @@ _GRAVITY = 9.81  # In m/s^2.
 _DRAG = 0.036  # Of a multicopter: its deceleration over the square of its speed, in 1/m.
 # In ArduPilot's simulator, 30 degrees carried 2 and not 3 m/s^2 at 10 m/s: 0.027 to 0.037.
 
-_RESERVE = 4 / 3  # Of limits to what the plan needs: with none, what has fallen behind stays there.
+_RESERVE = 4 / 3  # Of limits to what the plan needs: with none, a delay is never made up.
 _SPEED, _ACCELERATION = 1.5, 1.6  # Of recommended limits to the plan's, as flown with 3 m/s^2.
 _STEPS = {'speed': 0.5, 'acceleration': 0.5, 'lean': 5.0}  # To which these are rounded.
 

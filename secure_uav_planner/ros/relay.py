@@ -115,13 +115,16 @@ class Relay(Node):
             return
         try:
             odometry = filled(Odometry(), self._stack.odometry(*map(reports.get, kinds)))
-            place = _place_of(odometry)
+            pose = odometry.pose.pose
+            place = _finite('position', pose.position, 'xyz')
+            self._guard_of[name].see(place, self._now)
+            _finite('orientation', pose.orientation, 'xyzw')
+            _finite('velocity', odometry.twist.twist.linear, 'xyz')
         except PlanningError as error:
             self._logger_of[name].warning(
                 f'what {name} reports of itself is not used: {brief(error)}',
                 throttle_duration_sec=_WARN_AGAIN)
             return
-        self._guard_of[name].see(place, self._now)
         if self._odometry:
             self._publish_odometry(name, odometry, place)
 
@@ -141,12 +144,12 @@ class Relay(Node):
                 throttle_duration_sec=_WARN_AGAIN)
 
 
-def _place_of(odometry: Odometry) -> Vector:
-    position = odometry.pose.pose.position
-    place = (position.x, position.y, position.z)
-    if not all(map(math.isfinite, place)):
-        raise PoseError(f'its position is {shown(place)}; it must be finite')
-    return place
+def _finite(name: str, message: Any, fields: str) -> Any:
+    """Return the numbers in fields of a message, or raise a PoseError with the name."""
+    values = tuple(getattr(message, field) for field in fields)
+    if not all(map(math.isfinite, values)):
+        raise PoseError(f'its {name} is {shown(values)}; it must be finite')
+    return values
 
 
 def _kinds_of(name: str, stack: Stack) -> dict[str, type]:
