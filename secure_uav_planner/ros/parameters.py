@@ -93,8 +93,8 @@ PLANNER = {
         'true worst case over the discs (worst_case), which only the method joint can and '
         'maximises by default.', choices=(OWN_OBJECTIVE, *OBJECTIVES)),
     'bound': Spec('off', 'Whether to prove, after a plan has been published, how far below the '
-                  'best possible it is at most; the result is part of the status and of '
-                  'plan_file.', choices=('off', 'after')),
+                  'best possible it is at most (for at most one jammer in free space); the '
+                  'result is part of the status and of plan_file.', choices=('off', 'after')),
     'time_limit': Spec(60.0, 'Deadline of a solve in s, after which the best feasible plan so '
                        'far is published; 0 for none.', (0.0, 86400.0)),
     'confidence': Spec(0.95, 'Probability that an eavesdropper is within the error radius taken '
