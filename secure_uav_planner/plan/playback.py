@@ -1,7 +1,6 @@
 """A plan in continuous time: where the UAVs are between its points, and what is delivered."""
 
 from dataclasses import dataclass
-import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,12 +53,14 @@ class Playback:
         """
         time = checked_real('time', time)
         motion = self.curve.at([time])
-        slots = self.plan.scenario.slots
-        slot = math.floor(time / self.plan.scenario.slot_duration + 1e-9)
-        powers = (self.plan.powers[:, slot - 1] if 1 <= slot <= slots
-                  else np.zeros(len(self.plan.powers)))
         return Moment(motion.positions[:, 0], motion.velocities[:, 0], motion.headings[:, 0],
-                      powers, motion.accelerations[:, 0])
+                      self._powers_at(np.array([time]))[:, 0], motion.accelerations[:, 0])
+
+    def _powers_at(self, times: Array) -> Array:
+        """Return the powers at times (K,) in s, (U, K) in W."""
+        slots = np.floor(times / self.plan.scenario.slot_duration + 1e-9)
+        padded = np.pad(self.plan.powers, ((0, 0), (1, 1)))
+        return padded[:, np.clip(slots, 0, self.plan.scenario.slots + 1).astype(int)]
 
     @property
     def guaranteed_rates(self) -> Array:
@@ -73,9 +74,16 @@ class Playback:
         :param eavesdropper: where it really is, (2,) in m, or None to leave it out.
         """
         checked_kind('moment', moment, Moment)
-        positions = np.repeat(moment.positions[:, None], 3, axis=1)
-        powers = moment.powers[:, None]
+        return float(self._rates(moment.positions[:, None], moment.powers[:, None],
+                                 eavesdropper)[0])
+
+    def secrecy_rates(self, times: Array, eavesdropper: ArrayLike | None = None) -> Array:
+        """Return the secrecy rates at times (K,) in s, (K,) in bit/s/Hz; see secrecy_rate."""
+        return self._rates(self.curve.at(times).positions, self._powers_at(times), eavesdropper)
+
+    def _rates(self, positions: Array, powers: Array, eavesdropper: ArrayLike | None) -> Array:
+        points = np.pad(positions, ((0, 0), (1, 1), (0, 0)))
         if eavesdropper is None:
-            return float(channel.ground_rates(self.plan.scenario, positions, powers)[0])
-        rate = channel.secrecy_rates(self.plan.scenario, positions, powers, eavesdropper)[0]
-        return max(0.0, float(rate))
+            return channel.ground_rates(self.plan.scenario, points, powers)
+        return np.maximum(0.0, channel.secrecy_rates(
+            self.plan.scenario, points, powers, eavesdropper))
