@@ -21,10 +21,13 @@ from typing import Any
 from builtin_interfaces.msg import Time as Stamp
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rcl_interfaces.srv import GetParameters
 import rclpy
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from . import messages
@@ -69,8 +72,10 @@ class SecurePlanner:
         self.status: dict[str, str] = {}
         self.last_plan: Plan | None = None
         self._namespace, self._on_status = namespace, on_status
+        self._services: dict[str, Client] = {}
         self._arrived = threading.Condition()
         self._stop = threading.Event()
+        self._failure: Exception | None = None  # Of a callback.
 
     def __enter__(self) -> 'SecurePlanner':
         self._context = Context()
@@ -87,7 +92,8 @@ class SecurePlanner:
         for topic, (kind, *_) in TOPICS['replay', 'sub'].items():
             for name in self.names:
                 member_topic = topic.replace('<uav>', name)
-                self.receive(kind, member_topic, partial(self._take, member_topic), LATCHED)
+                self.node.create_subscription(
+                    kind, member_topic, partial(self._take, member_topic), LATCHED, raw=True)
         self.receive(DiagnosticStatus, 'planner/status', self._take_status, LATCHED)
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -179,6 +185,8 @@ class SecurePlanner:
         """
         until, repeated = time.monotonic() + timeout, 0.0
         while not condition():
+            if self._failure is not None:
+                raise ClientError('a message cannot be used') from self._failure
             now = time.monotonic()
             if now > until:
                 raise TimeoutError(f'{what} did not come within {timeout:g} s')
@@ -195,9 +203,7 @@ class SecurePlanner:
         :raises ClientError: if it fails, with its message.
         :raises TimeoutError: without an answer in so many s.
         """
-        client = self.node.create_client(Trigger, service)
-        self.wait_until(client.service_is_ready, f'the service {service}', timeout=timeout)
-        future = client.call_async(Trigger.Request())
+        future = self._service(service).call_async(Trigger.Request())
         self.wait_until(future.done, f'the answer of {service}', timeout=timeout)
         if not future.result().success:
             raise ClientError(f'{service}: {future.result().message}')
@@ -209,10 +215,28 @@ class SecurePlanner:
         """Call a function with every message of a topic, in the thread of the client."""
         self.node.create_subscription(kind, topic, call, qos)
 
+    def _service(self, name: str) -> Client:
+        """
+        Return the client of a service, once its server knows it.
+
+        A server drops its answer to a client that it has not met. It meets clients in their order:
+        it has met this one when it has answered one that was made later.
+        """
+        if name not in self._services:
+            client = self.node.create_client(Trigger, name)
+            later = self.node.create_client(
+                GetParameters, f'{name.rpartition("/")[0]}/get_parameters')
+            answers: list[Future] = []
+            self.wait_until(
+                lambda: any(answer.done() for answer in answers), f'the service {name}',
+                lambda: answers.append(later.call_async(GetParameters.Request())))
+            self._services[name] = client
+        return self._services[name]
+
     def _stamp(self) -> Stamp:
         return self.node.get_clock().now().to_msg()
 
-    def _take(self, topic: str, message: Any) -> None:
+    def _take(self, topic: str, message: bytes) -> None:
         self._assembly.take(topic, message, time.monotonic_ns())
         if self._assembly.is_whole():
             self.last_plan, _ = self._assembly.plan(**{
@@ -224,7 +248,10 @@ class SecurePlanner:
 
     def _spin(self) -> None:
         while not self._stop.is_set():
-            self._executor.spin_once(timeout_sec=0.05)
+            try:
+                self._executor.spin_once(timeout_sec=0.05)
+            except Exception as error:
+                self._failure = error
             with self._arrived:
                 self._arrived.notify_all()
 

@@ -135,7 +135,7 @@ class Planner(Node):
             self._take_pose(topic, *self._new_poses.pop(topic))
         while self._new_reports:
             self._tracking.take_report(*self._new_reports.popleft())
-        while self._posted:
+        while self._posted and not self._closed:
             self._posted.popleft()()
 
     def _take_pose(self, topic: str, message: Message, received: float) -> None:
@@ -201,7 +201,8 @@ class Planner(Node):
         initial = last if last and similar(scenario, last.scenario) else None
 
         def work(job: Job) -> tuple[Plan, dict[str, bytes]]:
-            left = limit and max(_SHORTEST_SOLVE, limit - (time.monotonic() - began))
+            left = None if limit is None else max(
+                _SHORTEST_SOLVE, limit - (time.monotonic() - began))
             plan = self._solve(job, scenario, settings, left, initial)
             plan = replace(plan, start_ns=start.start_of(self._now_ns()))
             return plan, self._messages_of(plan)
@@ -292,7 +293,7 @@ class Planner(Node):
         flight = self._tracking.flight(now)
         if flight is not None and flight.state == 'ended':
             self._state.end_flight()
-        if self._solver.is_solving or self._state.plan is None:
+        if self._solver.is_solving or self._state.plan is None or self._closed:
             return
         rest = self._replanning.rest_if_due(self._state.plan, settings, now)
         if rest is not None:
