@@ -91,6 +91,12 @@ def random_powers(scenario, rng):
     return powers * np.minimum(1, averages / np.maximum(powers.mean(axis=1, keepdims=True), 1e-9))
 
 
+def random_flight(scenario, rng):
+    """Return positions (U, N+2, 2) that keep no limit, and feasible powers."""
+    positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
+    return positions, random_powers(scenario, rng)
+
+
 def crowded(uavs, eavesdroppers, slots):
     """Return a random scenario of so many UAVs, eavesdroppers and slots."""
     rng = np.random.default_rng(0)
