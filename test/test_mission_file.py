@@ -96,19 +96,6 @@ def test_numbers_and_words_are_those_of_yaml_1_2(tmp_path):
     assert "duration is '3:20'" in problems(written(tmp_path, text))[0][1]
 
 
-def test_one_uav_may_be_written_by_what_differs_from_another(tmp_path):
-    scenario = Scenario.load(written(tmp_path, """
-ground_node: [0, 0]
-duration: 200
-slots: 100
-eavesdroppers: [{position: [200, 0]}]
-uavs:
-  - &first {name: one, start: [0, 0], goal: [100, 0], altitude: 100, max_speed: 10}
-  - {<<: *first, name: two, altitude: 110}
-"""))
-    assert scenario.uavs[1] == replace(scenario.uavs[0], name='two', altitude=110.0)
-
-
 def test_everything_that_is_wrong_is_told_with_its_line(tmp_path):
     found = problems(written(tmp_path, """\
 ground_node: [0, 0]
@@ -134,10 +121,19 @@ uavs:
     altitude: 36
     max_speed: [10]
     hover: true
+    propulsion:
+      blade_power: 70 W
+      solid: 0.1
 no_fly_zones:
   - {vertices: [[0, 0], [1, 1]], floor: 5, ceiling: 1}
 duration: 100
 separation: -3
+channel:
+  exponent: 7
+  loss: urban
+  los: town
+  outage: 0.1
+colluding: maybe
 """))
     expected = [
         (1, 'mission lacks slots'),
@@ -149,9 +145,14 @@ separation: -3
         (21, "'altitude' comes twice"),
         (22, 'c.max_speed is [10]; it must be a number'),
         (23, "uavs[2]: UAV has no field 'hover'"),
-        (25, 'zone vertices'), (25, 'zone floor is 5 m; it must be at most ceiling'),
-        (26, 'duration is 100 s; b needs at least'),
-        (27, 'separation is -3; it must be a number from 0 to 1e+06 m')]
+        (25, "c.propulsion.blade_power is '70 W'; it must be a number from 0 to 1e+06, in W, "
+         'without its unit'),
+        (26, "c.propulsion has no field 'solid'; did you mean solidity?"),
+        (28, 'zone vertices'), (28, 'zone floor is 5 m; it must be at most ceiling'),
+        (29, 'duration is 100 s; b needs at least'),
+        (30, 'separation is -3; it must be a number from 0 to 1e+06 m'),
+        (31, 'rician_k_db is null'), (32, 'channel.exponent is 7'), (33, "no field 'loss'"),
+        (34, 'null, one of suburban, urban, dense_urban, highrise'), (36, 'colluding is')]
     assert_told(found, expected)
 
 
@@ -198,18 +199,21 @@ tracking: 1
     assert_told(found, expected)
 
 
-def test_what_a_mission_leaves_out_takes_the_defaults_of_its_class(tmp_path):
+def test_what_is_left_out_takes_the_default_of_its_class_or_is_that_of_the_uav_it_differs_from(
+        tmp_path):
     scenario = Scenario.load(written(tmp_path, """
 ground_node: [0, 0]
 duration: 200
 slots: 1e2
 eavesdroppers: [{position: [200, 0]}]
-uavs: [{name: one, start: [0, 0], goal: [100, 0], altitude: 100, max_speed: 10}]
+uavs:
+  - &first {name: one, start: [0, 0], goal: [100, 0], altitude: 100, max_speed: 10}
+  - {<<: *first, name: two, altitude: 110}
 no_fly_zones: [{vertices: [[150, 0], [160, 0], [150, 10]]}]
 """))
     assert scenario == Scenario((0, 0), (Eavesdropper((200, 0)),), (
-        Uav('one', (0, 0), (100, 0), 100, 10),), 200, 100, no_fly_zones=(
-        NoFlyZone(((150, 0), (160, 0), (150, 10))),))
+        Uav('one', (0, 0), (100, 0), 100, 10), Uav('two', (0, 0), (100, 0), 110, 10)), 200, 100,
+        no_fly_zones=(NoFlyZone(((150, 0), (160, 0), (150, 10))),))
 
 
 @pytest.mark.parametrize('path, value, start, end', [

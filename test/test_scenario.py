@@ -84,11 +84,6 @@ def test_eavesdroppers_of_one_name_are_refused_and_those_without_a_name_numbered
     assert caught.value.field == 'eavesdroppers[2].name'
 
 
-def test_a_channel_in_plain_values_is_told_how_to_be_written():
-    with pytest.raises(ScenarioError, match='Channel\\(los='):
-        replace(Scenario.paper(), channel={'los': 'urban'})
-
-
 def test_what_is_too_large_to_plan_in_time_is_refused_with_the_most_that_is_not():
     uav = Scenario.paper().uavs[0]
     crowd = tuple(replace(uav, name=f'uav{number}') for number in range(32))
