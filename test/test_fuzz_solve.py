@@ -147,13 +147,8 @@ def test_every_plan_of_a_hard_mission_is_feasible_and_not_below_the_baseline(met
 
 @pytest.mark.soak
 @pytest.mark.parametrize('method, objective', METHODS)
-def test_hundreds_of_hard_missions(method, objective):
+def test_hundreds_of_hard_missions_and_some_of_two_thousand_slots(method, objective):
     print('\n' + fuzz(method, objective, hard_missions(), 490))
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize('method, objective', METHODS)
-def test_hard_missions_of_two_thousand_slots(method, objective):
     print('\n' + fuzz(method, objective, hard_missions(slots=2000), 10, time_limit=4.0))
 
 

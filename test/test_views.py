@@ -117,6 +117,7 @@ def test_a_plan_is_equal_to_what_its_file_holds_and_to_no_other(tmp_path):
     plan.save(tmp_path / 'plan.json')
     assert 'Infinity' not in (tmp_path / 'plan.json').read_text()
     again = Plan.load(tmp_path / 'plan.json')
+    assert again.objective == plan.objective == 'worst_case'
     assert again == plan and hash(again) == hash(plan) and len({again, plan}) == 1
     for change in ({'start_ns': 6}, {'method': 'other'}, {'bound': None}, {'history': ()},
                    {'powers': 0.5 * plan.powers}, {'solve_time': 0.0}):

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 import numpy as np
 import oracle
 import pytest
-from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
-from secure_uav_planner.errors import OptionError
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario, solve, Uav
 from secure_uav_planner.model import channel
 from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
@@ -100,16 +99,6 @@ def test_a_callback_stops_it_with_the_best_plan_so_far(calls):
                  on_iteration=lambda one: seen.append(one) or len(seen) == calls)
     assert plan.status == 'cancelled' and list(plan.history) == seen
     assert plan.worst_case_rate >= fly_hover_fly(Scenario.paper(120.0)).worst_case_rate - 1e-9
-
-
-def test_the_file_keeps_the_objective_and_other_objectives_are_refused(tmp_path):
-    plan = solve(Scenario.paper(102.0, slots=20), objective='worst_case')
-    plan.save(tmp_path / 'plan.json')
-    assert Plan.load(tmp_path / 'plan.json').objective == 'worst_case'
-    with pytest.raises(OptionError, match="objective is 'best'; it must be one of"):
-        solve(plan.scenario, objective='best')
-    with pytest.raises(OptionError, match="'alternating' has only 'guaranteed'"):
-        solve(plan.scenario, method='alternating', objective='worst_case')
 
 
 def test_by_default_every_method_maximises_its_own_objective_and_goes_on_with_a_plans():
