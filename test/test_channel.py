@@ -7,7 +7,7 @@ import oracle
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.model import channel
-from strategies import missions, random_flight
+from strategies import missions, random_flight, turned
 
 # design: duration, error radius, fly-hover-fly with constant power, before the [x]^+ of each slot,
 # and with optimised power
@@ -92,30 +92,22 @@ def test_the_worst_case_is_that_of_a_fine_search(scenario, seed):
 @given(missions(), st.integers(0, 2**32 - 1), st.floats(-3, 3), st.floats(-300, 300))
 def test_rotation_and_translation_change_no_rate(scenario, seed, angle, shift):
     positions, powers = random_flight(scenario, np.random.default_rng(seed))
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-    def move(places):
-        return np.asarray(places) @ turn.T + shift
-
-    moved = replace(
-        scenario, ground_node=move(scenario.ground_node),
-        eavesdroppers=tuple(replace(eve, position=move(eve.position))
-                            for eve in scenario.eavesdroppers),
-        uavs=tuple(replace(uav, start=move(uav.start), goal=move(uav.goal),
-                           max_speed=uav.max_speed * (1 + 1e-9),
-                           max_acceleration=None) for uav in scenario.uavs))
+    moved, move = turned(scenario, angle, shift)
     for rates in (channel.guaranteed_rates, channel.worst_case_rates):
         assert rates(moved, move(positions), powers) == pytest.approx(
             rates(scenario, positions, powers), abs=1e-6)
 
 
-@given(missions(), st.integers(0, 2**32 - 1), st.floats(0, 100))
-def test_a_larger_error_radius_never_helps(scenario, seed, more):
+@pytest.mark.parametrize('field, most', [('error_radius', 100), ('receiver_advantage_db', 30)])
+@given(missions(), st.integers(0, 2**32 - 1), st.floats(0, 1))
+def test_a_larger_error_radius_or_a_better_receiver_never_helps(
+        field, most, scenario, seed, share):
     positions, powers = random_flight(scenario, np.random.default_rng(seed))
-    wider = replace(scenario, eavesdroppers=tuple(
-        replace(eve, error_radius=eve.error_radius + more) for eve in scenario.eavesdroppers))
+    worse = replace(scenario, eavesdroppers=tuple(
+        replace(eve, **{field: getattr(eve, field) + share * most})
+        for eve in scenario.eavesdroppers))
     for rates in (channel.guaranteed_rates, channel.worst_case_rates):
-        assert (rates(wider, positions, powers)
+        assert (rates(worse, positions, powers)
                 <= rates(scenario, positions, powers) + 1e-6).all()
 
 

@@ -18,7 +18,7 @@ from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.starts import several_starts
 from secure_uav_planner.optimize.joint.stepper import Stepper
 from secure_uav_planner.optimize.search import Search
-from strategies import crowded, PLACE, scenarios
+from strategies import crowded, PLACE, scenarios, turned
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.
 
@@ -131,20 +131,9 @@ def test_the_joint_method_beats_the_alternating_one_on_a_team():
 @settings(max_examples=8)
 @given(st.floats(0, 2 * np.pi), PLACE)
 def test_turning_and_shifting_the_map_changes_nothing(angle, shift):
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-    def moved(place):
-        return tuple((turn @ place + shift).tolist())
-
     scenario = Scenario.paper(120, slots=60)
-    elsewhere = replace(
-        scenario, ground_node=moved(scenario.ground_node),
-        eavesdroppers=tuple(replace(eve, position=moved(eve.position))
-                            for eve in scenario.eavesdroppers),
-        uavs=tuple(replace(uav, start=moved(uav.start), goal=moved(uav.goal))
-                   for uav in scenario.uavs))
-    assert solve(elsewhere, method='joint').guaranteed_rate == pytest.approx(
-        solve(scenario, method='joint').guaranteed_rate, rel=1e-5)
+    assert solve(turned(scenario, angle, shift)[0], method='joint').guaranteed_rate == (
+        pytest.approx(solve(scenario, method='joint').guaranteed_rate, rel=1e-5))
 
 
 @pytest.mark.parametrize('calls', [1, 5, 30, 45])
