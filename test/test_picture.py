@@ -70,7 +70,7 @@ def test_north_is_up_and_the_plots_are_where_a_long_map_leaves_room(plans):
 def test_the_labels_of_times_cover_no_zone_disc_or_path_nor_each_other(tmp_path):
     main(['new', str(tmp_path / 'mission.yaml')])
     for plan, beyond in ((fly_hover_fly(Scenario.load(CITY)), 5),
-                       (solve(Scenario.load(tmp_path / 'mission.yaml')), 10)):
+                         (solve(Scenario.load(tmp_path / 'mission.yaml')), 10)):
         figure = draw_plan(plan)
         figure.draw_without_rendering()
         axes = figure.axes[0]
