@@ -91,6 +91,28 @@ def random_powers(scenario, rng):
     return powers * np.minimum(1, averages / np.maximum(powers.mean(axis=1, keepdims=True), 1e-9))
 
 
+def random_flight(scenario, rng):
+    """Return positions (U, N+2, 2) that keep no limit, and feasible powers."""
+    positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
+    return positions, random_powers(scenario, rng)
+
+
+def turned(scenario, angle, shift):
+    """Return a scenario on a map that is turned and shifted, and what moves places there."""
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    def move(places):
+        return np.asarray(places) @ turn.T + shift
+
+    return replace(
+        scenario, ground_node=move(scenario.ground_node),
+        eavesdroppers=tuple(replace(eve, position=move(eve.position))
+                            for eve in scenario.eavesdroppers),
+        uavs=tuple(replace(uav, start=move(uav.start), goal=move(uav.goal),
+                           max_speed=uav.max_speed * (1 + 1e-9), max_acceleration=None)
+                   for uav in scenario.uavs)), move
+
+
 def crowded(uavs, eavesdroppers, slots):
     """Return a random scenario of so many UAVs, eavesdroppers and slots."""
     rng = np.random.default_rng(0)

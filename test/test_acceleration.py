@@ -98,7 +98,6 @@ def test_what_cannot_be_flown_names_the_uav_its_limits_and_the_shortest_duration
 
 @pytest.mark.parametrize('changes, message', [
     ({'max_acceleration': 0.0}, 'scout.max_acceleration is 0.0; it must be'),
-    ({'max_acceleration': -1.0}, 'max_acceleration is -1.0'),
     ({'max_acceleration': math.nan}, 'max_acceleration is nan'),
     ({'start_velocity': (8.0, 8.0)}, 'scout.start_velocity is .* at most max_speed'),
     ({'goal_velocity': (math.nan, 0.0)}, 'goal_velocity is'), ({'start_velocity': 3}, 'is 3')])

@@ -1,5 +1,4 @@
 from dataclasses import replace
-import json
 import math
 
 from hypothesis import given
@@ -92,41 +91,21 @@ def test_horizontal_separation_is_what_the_altitudes_leave():
     assert airspace_of(replace(scenario, separation=9.0)).separations.max() == 0
 
 
-def test_a_scenario_with_zones_and_a_fence_survives_json():
-    scenario = replace(Scenario.paper(), geofence=FENCE, separation=5.0, no_fly_zones=(
-        NoFlyZone(SQUARE, name='a'), NoFlyZone(HOOK, 10.0, 120.0)))
-    data = json.loads(json.dumps(scenario.to_dict(), allow_nan=False))
-    assert Scenario.from_dict(data) == scenario
-    for name in ('separation', 'no_fly_zones', 'geofence'):
-        del data[name]
-    assert Scenario.from_dict(data) == Scenario.paper()
-
-
 def test_a_closed_ring_is_the_polygon():
     assert NoFlyZone((*SQUARE, SQUARE[0])) == NoFlyZone(SQUARE)
     assert NoFlyZone([list(point) for point in SQUARE]) == NoFlyZone(SQUARE)
 
 
-WRONG_POLYGONS = [
+@pytest.mark.parametrize('vertices, reason', [
     ('square', 'must be a list of vertices'),
-    (7, 'must be a list of vertices'),
-    ((), 'at least three different vertices'),
-    (SQUARE[:2], 'at least three different vertices'),
     ((*SQUARE[:2], SQUARE[0]), 'at least three different vertices'),
-    (((0, 0), (50, 50), (200, 200)), 'has no area'),
     (((0, 0), (0, 50), (1e-9, 20)), 'has no area'),
     (((0, 0), (40, 40), (40, 0), (0, 40)), 'crosses or touches itself near (20, 20)'),
     (((0, 0), (40, 0), (40, 40), (40, 0), (0, 40)), 'crosses or touches itself'),
-    (((0, 0), (math.nan, 0), (40, 40)), '[1] is (nan, 0); it must be two coordinates'),
     (((0, 0), (math.inf, 0), (40, 40)), '[1] is (inf, 0); it must be two coordinates'),
     (((0, 0), (1e9, 0), (40, 40)), 'from -1e+07 to 1e+07 m'),
-    (((0, 0), (1,), (40, 40)), '[1] is (1,); it must be two coordinates'),
     (((0, 0, 0), (1, 0, 0), (40, 40, 0)), '[0] is (0, 0, 0); it must be two coordinates'),
-    ([(n, n * n) for n in range(257)], 'has 257 vertices; it must have at most 256'),
-]
-
-
-@pytest.mark.parametrize('vertices, reason', WRONG_POLYGONS)
+    ([(n, n * n) for n in range(257)], 'has 257 vertices; it must have at most 256')])
 def test_a_wrong_polygon_is_refused_with_field_value_and_reason(vertices, reason):
     for make, field in ((lambda: NoFlyZone(vertices, name='tower'), 'tower.vertices'),
                         (lambda: NoFlyZone(vertices), 'zone vertices'),
@@ -137,28 +116,22 @@ def test_a_wrong_polygon_is_refused_with_field_value_and_reason(vertices, reason
         assert len(str(error.value)) < 400
 
 
-@pytest.mark.parametrize('fields, reason', [
-    ({'floor': 50.0, 'ceiling': 49.0}, 'tower.floor is 50 m; it must be at most ceiling, which '
-                                       'is 49 m'),
-    ({'floor': math.inf}, 'tower.floor is inf; it must be a number from 0'),
-    ({'floor': -1.0}, 'tower.floor is -1.0; it must be a number from 0'),
-    ({'ceiling': math.nan}, 'tower.ceiling is nan; it must be a number'),
-    ({'ceiling': 'high'}, "tower.ceiling is 'high'; it must be a number"),
-    ({'name': 3}, 'zone name is 3; it must be text')])
-def test_a_wrong_field_of_a_zone_is_refused(fields, reason):
-    with pytest.raises(ScenarioError) as error:
-        NoFlyZone(**{'vertices': SQUARE, 'name': 'tower', **fields})
-    assert reason in str(error.value)
-
-
 def around(point, half=5.0):
     """Return a square around a point."""
     x, y = point
     return ((x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half))
 
 
+def uav(name, start):
+    return Uav(name, start, (0.0, 0.0), 50.0, 10.0)
+
+
 @pytest.mark.parametrize('fields, reason', [
-    ({'separation': -1.0}, 'separation is -1.0; it must be a number from 0'),
+    ({'floor': 50.0, 'ceiling': 49.0}, 'tower.floor is 50 m; it must be at most ceiling, which '
+                                       'is 49 m'),
+    ({'floor': math.inf}, 'tower.floor is inf; it must be a number from 0'),
+    ({'ceiling': 'high'}, "tower.ceiling is 'high'; it must be a number"),
+    ({'name': 3}, 'zone name is 3; it must be text'),
     ({'separation': math.nan}, 'separation is nan; it must be a number from 0'),
     ({'separation': 11.0}, 'separation is 11 m; it must be at most 10 m, the distance between '
                            'the starts of uav1 and uav2'),
@@ -169,18 +142,15 @@ def around(point, half=5.0):
     ({'no_fly_zones': [NoFlyZone(SQUARE), NoFlyZone(around((100, -500)), 105)]},
      'uav2.goal is (100.0, -500.0) at 110 m, inside zone 2; it must'),
     ({'geofence': around((100, -500), 400.0)},
-     'uav1.start is (100.0, 500.0), outside the geofence; it must be inside')])
-def test_a_mission_whose_ends_break_a_limit_is_refused_by_name(fields, reason):
+     'uav1.start is (100.0, 500.0), outside the geofence; it must be inside'),
+    ({'uavs': (uav('a', (0.0, 0.0)), uav('b', (50.0, 0.0))), 'separation': 30.0},
+     '0 m, the distance between the goals of a and b')])
+def test_a_wrong_zone_and_a_mission_whose_ends_break_a_limit_are_refused_by_name(fields, reason):
+    zone = NoFlyZone(SQUARE, name='tower')
+    whole = zone if hasattr(zone, next(iter(fields))) else Scenario.paper()
     with pytest.raises(ScenarioError) as error:
-        replace(Scenario.paper(), **fields)
+        replace(whole, **fields)
     assert reason in str(error.value)
-
-
-def test_goals_that_are_closer_than_the_separation_are_refused():
-    uavs = [Uav(name, (place, 0.0), (0.0, 0.0), 50.0, 10.0)
-            for name, place in (('a', 0.0), ('b', 50.0), ('c', 100.0))]
-    with pytest.raises(ScenarioError, match='0 m, the distance between the goals of a and b'):
-        replace(Scenario.paper(), uavs=uavs, separation=30.0)
 
 
 def test_the_edge_of_a_zone_and_of_a_fence_may_be_a_start():

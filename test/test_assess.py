@@ -1,11 +1,8 @@
 """Assessments: draws have the laws that they should, and rates are those of every world drawn."""
 
-import csv
 from dataclasses import replace
 import itertools
-import json
 import math
-from pathlib import Path
 import tracemalloc
 
 from hypothesis import given, settings, strategies as st
@@ -18,7 +15,7 @@ from secure_uav_planner import (
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment import draws as drawn
 from secure_uav_planner.assessment.monte_carlo import promised_rates
-from secure_uav_planner.errors import MissionFileError, OptionError
+from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.assessment_picture import draw_assessment
@@ -173,15 +170,6 @@ def test_the_outage_of_every_slot_is_at_most_the_promised_one(seed):
     assert found.outage > 0 or seed % 3 == 2
 
 
-def test_a_better_receiver_than_stated_is_one_that_is_stated_better(plan):
-    better = replace(plan.scenario, eavesdroppers=tuple(
-        replace(eve, receiver_advantage_db=eve.receiver_advantage_db + 6.0)
-        for eve in plan.scenario.eavesdroppers))
-    stated = Plan(better, plan.positions, plan.powers)
-    np.testing.assert_allclose(assess(plan, 50, world=World(receiver_db=6.0)).rates,
-                               assess(stated, 50).rates, rtol=1e-12)
-
-
 def test_the_quantiles_are_those_of_the_missions_and_the_answer_is_short_and_true(plan):
     found = assess(plan, 200, world=World('normal'))
     assert found.quantile(0.05) == np.sort(found.rates)[[9, 10]] @ [0.05, 0.95]
@@ -307,21 +295,15 @@ def test_memory_does_not_grow_with_the_slots():
 
 @pytest.mark.parametrize('fields, words', [
     ({'place': 'here'}, "place is 'here'; it must be one of disc, normal, beyond, fixed"),
-    ({'beyond': -1.0}, 'beyond is -1.0; it must be a number from 0'),
     ({'beyond': 5.0}, "beyond is 5.0 and place is 'disc'; it counts only with the place 'beyond'"),
     ({'place': 'beyond'}, "beyond is 0.0; with the place 'beyond' it must be above 0 m"),
-    ({'positions': ((0, 0),)}, "it counts only with the place 'fixed'"),
     ({'place': 'fixed', 'positions': ((0, 'x'),)}, r'positions\[0\] is .* two coordinates'),
     ({'place': 'fixed', 'positions': 5}, 'positions is 5; it must be a list of pairs'),
     ({'place': 'normal', 'covariance': ((1, 0),)}, 'it must be a list of 2 pairs'),
     ({'place': 'normal', 'covariance': ((1, 2), (2, 1))}, 'positive semidefinite'),
     ({'place': 'normal', 'covariance': ((1, 2), (0, 9))}, 'symmetric'),
-    ({'channel': 'urban'}, "channel is 'urban'; it must be a Channel"),
     ({'channel': {'exponent': 1.0}}, r'channel\.exponent is 1\.0; it must be a number from 2 to'),
-    ({'los_distance': -3}, 'los_distance is -3; it must be a number from 0'),
-    ({'receiver_db': math.nan}, 'receiver_db is nan; it must be a number from -100 to 100'),
-    ({'tracking_std': '3 m'}, "tracking_std is '3 m'; it must be a number from 0"),
-    ({'tracking_time': True}, 'tracking_time is True; it must be a number from 0')])
+    ({'receiver_db': math.nan}, 'receiver_db is nan; it must be a number from -100 to 100')])
 def test_a_wrong_world_is_refused_with_field_value_and_what_is_allowed(fields, words):
     with pytest.raises(OptionError, match=words) as caught:
         World(**fields)
@@ -331,8 +313,7 @@ def test_a_wrong_world_is_refused_with_field_value_and_what_is_allowed(fields, w
 
 @pytest.mark.parametrize('arguments, words', [
     ({'draws': 0}, 'draws is 0; it must be a whole number from 1 to 1000000'),
-    ({'draws': 10.0}, 'draws is 10.0'), ({'seed': -1}, 'seed is -1; it must be a whole number'),
-    ({'seed': True}, 'seed is True'),
+    ({'seed': -1}, 'seed is -1; it must be a whole number'),
     ({'world': World('fixed', positions=((0, 0),))}, 'positions has 1 places; .* 2 eavesdroppers'),
     ({'flown': np.zeros((3, 11, 2))}, r'flown is .*; it must be finite positions of the shape'),
     ({'flown': [[['x']]]}, 'flown is'), ({'flown': np.full((3, 12, 2), np.nan)}, 'finite'),
@@ -349,7 +330,7 @@ def test_where_uavs_really_were_counts_instead_of_the_plan(plan):
     assert aside.is_flown and (aside.rates != assess(plan, 9).rates).all()
 
 
-# Command, picture, table and campaign
+# Command, picture and table
 
 
 def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, capsys):
@@ -369,15 +350,19 @@ def test_the_command_prints_and_draws_what_is_found(plan, tmp_path, capsys):
     assert assessment_table(wanted) in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('options', [
-    ['--draws', '0'], ['--place', 'beyond'], ['--positions', '1', '--place', 'fixed'],
-    ['--out', 'a.html'], ['--exponent', '9'], ['--beyond', '-3']])
-def test_wrong_options_of_the_command_are_bad_input(plan, tmp_path, monkeypatch, capsys, options):
+@pytest.mark.parametrize('options, named', [
+    (['--place', 'beyond'], '--beyond: '), (['--beyond', '5'], '--beyond: '),
+    (['--place', 'normal', '--covariance', '1', '2', '1'], '--covariance: '),
+    (['--tracking-std', '-1'], '--tracking-std: '), (['--draws', '0'], ''),
+    (['--positions', '1', '--place', 'fixed'], ''), (['--out', 'a.html'], ''),
+    (['--exponent', '9'], '')])
+def test_wrong_options_of_the_command_are_bad_input_and_named(
+        plan, tmp_path, monkeypatch, capsys, options, named):
     monkeypatch.chdir(tmp_path)
     plan.save('plan.json')
     assert main(['assess', 'plan.json', *options]) == 2
     told = capsys.readouterr().err
-    assert told.count('\n') == 1 and told.startswith('secure_uav_planner: ')
+    assert told.count('\n') == 1 and told.startswith(f'secure_uav_planner: {named}')
 
 
 def test_the_table_has_what_is_found_beside_what_was_promised(plan):
@@ -407,27 +392,3 @@ def test_the_picture_shows_the_fan_the_outages_and_the_promise(plan, world):
     low, high = missions.get_xlim()
     assert low <= min(found.rates.min(), found.promised_rate)
     assert high >= max(found.rates.max(), found.promised_rate)
-
-
-def test_a_campaign_has_columns_for_it_where_it_asks_for_them(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    mission = Scenario.paper(120.0, slots=8).to_dict()
-    given = {'draws': 20, 'seed': 5, 'place': 'normal', 'channel': {'los': 'urban'}}
-    Path('a.json').write_text(json.dumps({'mission': mission, 'assess': given}))
-    assert main(['sweep', 'a.json', '--out', 'out', '--jobs', '1']) == 0
-    with open('out/results.csv', newline='') as file:
-        [row] = csv.DictReader(file)
-    plan = solve(Scenario.from_dict(json.loads(json.dumps(mission))))
-    wanted = assess(plan, 20, 5, World('normal', channel=Channel(los='urban'))).summary
-    assert {name: float(row[f'assess.{name}']) for name in wanted} == pytest.approx(wanted)
-
-
-@pytest.mark.parametrize('given, words', [
-    ({'draw': 5}, "world has no field 'draw'"), ({'draws': 0}, 'draws is 0'), (7, 'assess is 7'),
-    ({'channel': {'exponent': 9}}, 'channel.exponent is 9')])
-def test_a_campaign_with_a_wrong_assessment_is_refused(tmp_path, given, words):
-    from secure_uav_planner.apps.specification import load_campaign
-    (tmp_path / 'a.json').write_text(json.dumps(
-        {'mission': Scenario.paper().to_dict(), 'assess': given}))
-    with pytest.raises(MissionFileError, match=words):
-        load_campaign(tmp_path / 'a.json')

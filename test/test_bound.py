@@ -143,12 +143,9 @@ def test_every_bound_is_reported_and_none_is_above_the_one_before(plan):
     assert all(b.rate <= a.rate for a, b in zip(seen, seen[1:]))
     assert all(b.elapsed >= a.elapsed for a, b in zip(seen, seen[1:]))
     assert seen[-1].rate == bound.rate
-
-
-def test_a_callback_that_returns_true_ends_the_search(plan):
-    bound = upper_bound(PAPER, plan=plan, on_progress=lambda progress: True)
-    assert bound.status == 'cancelled'
-    assert plan.worst_case_rate <= bound.rate < math.inf
+    # It is proven before the search ends.
+    assert len({progress.rate for progress in seen}) >= 3
+    assert plan.rate < bound.rate < seen[-2].rate < seen[0].rate
 
 
 @pytest.mark.parametrize('limit', [1e-9, 1e-3, 0.02, 0.1, 0.3])
@@ -173,12 +170,8 @@ def test_an_infinite_time_limit_is_none():
 
 @pytest.mark.parametrize('options, words', [
     ({'objective': 'best'}, ['objective', 'best', 'guaranteed', 'worst_case']),
-    ({'objective': None}, ['objective', 'None']),
     ({'time_limit': 0}, ['time_limit', '0', 'above 0 s']),
-    ({'time_limit': -1.0}, ['time_limit', '-1.0']),
     ({'time_limit': math.nan}, ['time_limit', 'nan']),
-    ({'time_limit': True}, ['time_limit', 'True']),
-    ({'time_limit': 'soon'}, ['time_limit', 'soon']),
     ({'plan': 'mine'}, ['plan', 'mine', 'Plan']),
     ({'on_progress': 3}, ['on_progress', '3', 'callable']),
 ])
@@ -186,11 +179,6 @@ def test_what_is_wrong_is_named(options, words):
     with pytest.raises(ValueError) as error:
         upper_bound(PAPER, **options)
     assert all(word in str(error.value) for word in words)
-
-
-def test_something_else_than_a_scenario_is_refused():
-    with pytest.raises(ValueError, match='scenario'):
-        upper_bound('paper')
 
 
 def test_a_plan_of_another_scenario_is_refused(plan):
@@ -201,24 +189,9 @@ def test_a_plan_of_another_scenario_is_refused(plan):
         Bound(other, 3.0).gap(plan)
 
 
-def test_a_bound_survives_its_dictionary():
-    for bound in (Bound(PAPER, 1.5, 'guaranteed', ('separation',), 0.25, 'time_limit'),
-                  Bound(PAPER, math.inf)):
-        written = json.loads(json.dumps(bound.to_dict(), allow_nan=False))
-        assert Bound.from_dict(written, PAPER) == bound
-
-
-@pytest.mark.parametrize('change, word', [
-    ({'rate': 'much'}, 'rate'), ({'rate': math.nan}, 'rate'), ({'objective': 'x'}, 'objective'),
-    ({'status': 'x'}, 'status'), ({'more': 1}, 'more'), (None, 'fields')])
-def test_a_damaged_dictionary_is_refused(change, word):
-    data = None if change is None else {**Bound(PAPER, 1.0).to_dict(), **change}
-    with pytest.raises(ValueError, match=word):
-        Bound.from_dict(data, PAPER)
-
-
 def test_a_plan_keeps_its_bound_in_its_file_and_its_parts_have_none(plan, tmp_path):
-    bound = Bound(PAPER, 1.01 * plan.worst_case_rate, 'worst_case', ('separation',), 0.25)
+    bound = Bound(PAPER, 1.01 * plan.worst_case_rate, 'worst_case', ('separation',), 0.25,
+                  'time_limit')
     proven = plan.with_bound(bound)
     proven.save(tmp_path / 'plan.json')
     loaded = Plan.load(tmp_path / 'plan.json')
@@ -238,15 +211,17 @@ def test_a_plan_refuses_what_is_no_bound_of_its_scenario(bound, plan):
         plan.with_bound(bound)
 
 
-@pytest.mark.parametrize('change', [
-    {'rate': 'much'}, {'ignored': 5}, {'ignored': [5]}, {'solve_time': -1}, {'solve_time': 'x'},
-    {'objective': 3}, {'status': None}, 'tight', 5, []], ids=str)
-def test_a_file_with_a_damaged_bound_is_refused(change, plan, tmp_path):
+@pytest.mark.parametrize('change, word', [
+    ({'rate': 'much'}, 'rate'), ({'rate': math.nan}, None), ({'ignored': [5]}, 'ignored'),
+    ({'solve_time': -1}, 'solve_time'), ({'objective': 'x'}, 'objective'),
+    ({'status': None}, 'status'), ({'more': 1}, 'more'), ('tight', 'fields'), ([], 'fields')],
+    ids=str)
+def test_a_file_with_a_damaged_bound_is_refused(change, word, plan, tmp_path):
     plan.with_bound(Bound(PAPER, 9.0)).save(tmp_path / 'plan.json')
     document = json.loads((tmp_path / 'plan.json').read_text())
     document['bound'] = {**document['bound'], **change} if isinstance(change, dict) else change
     (tmp_path / 'plan.json').write_text(json.dumps(document))
-    with pytest.raises(PlanFileError):
+    with pytest.raises(PlanFileError, match=word):
         Plan.load(tmp_path / 'plan.json')
 
 
@@ -298,13 +273,6 @@ def test_progress_is_reported_and_stops_the_search_while_the_first_plan_is_sough
     assert bound.status == 'cancelled' and events == [1, 3]
 
 
-def test_a_bound_is_proven_before_the_search_ends(plan):
-    seen = []
-    bound = upper_bound(PAPER, plan=plan, on_progress=seen.append)
-    assert len({progress.rate for progress in seen}) >= 3
-    assert plan.rate < bound.rate < seen[-2].rate < seen[0].rate
-
-
 @given(scenarios())
 @settings(max_examples=50)
 def test_every_limit_but_those_that_count_is_said_to_be_ignored(scenario):
@@ -317,11 +285,6 @@ def test_the_gap_is_a_share_of_the_plans_rate(plan):
     bound = Bound(PAPER, 1.1 * plan.guaranteed_rate, 'guaranteed')
     assert bound.gap(plan) == pytest.approx(0.1)
     assert Bound(PAPER, 0.5 * plan.guaranteed_rate, 'guaranteed').gap(plan) == -0.5
-
-
-def test_limits_that_are_not_counted_with_are_named():
-    assert list_ignored_limits(random_city_mission(0)) == ('separation',)
-    assert list_ignored_limits(PAPER) == ()
 
 
 @pytest.mark.parametrize('snr', [-200.0, 0.0, 80.0, 125.0, 300.0])

@@ -291,18 +291,12 @@ def worst(options, most=400, curved=False, count=60):
     return largest_excess(solve(mission(**options), objective='guaranteed'), most, curved, count)
 
 
-@pytest.mark.parametrize('options', MISSIONS, ids=str)
-def test_no_place_and_no_power_exceeds_a_slots_bound(options):
-    assert worst(options) <= 0
-
-
-@pytest.mark.parametrize('options', MISSIONS[:3], ids=str)
-def test_no_place_and_no_power_exceeds_a_slots_bound_with_quadratic_potentials(options):
-    assert worst(options, curved=True) <= 0
-
-
-def test_no_place_and_no_power_exceeds_a_stages_bound():
-    assert worst({'seed': 8, 'slots': 9}, most=4) <= 0
+@pytest.mark.parametrize('options, most, curved', [
+    *((options, 400, False) for options in MISSIONS),
+    *((options, 400, True) for options in MISSIONS[:3]), ({'seed': 8, 'slots': 9}, 4, False)],
+    ids=str)
+def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_stage(options, most, curved):
+    assert worst(options, most, curved) <= 0
 
 
 @pytest.mark.parametrize('most, curved', [(400, False), (400, True), (4, False)])

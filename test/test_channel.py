@@ -7,16 +7,12 @@ import oracle
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.model import channel
-from strategies import missions, random_powers
+from strategies import missions, random_flight, turned
 
 # design: duration, error radius, fly-hover-fly with constant power, before the [x]^+ of each slot,
 # and with optimised power
 REFERENCE = [(102, 10, 0.616, 1.140), (104, 10, 0.649, 1.199), (120, 10, 0.868, 1.600),
              (150, 10, 1.154, 2.121), (200, 10, 1.439, 2.640), (200, 0, 1.488, 2.780)]
-
-
-def random_positions(scenario, rng):
-    return rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
 
 
 def by_the_paper(scenario, place_of, powers, eavesdropper):
@@ -46,7 +42,7 @@ def test_baselines_have_the_reference_rates(duration, radius, constant, optimise
 @given(missions(), st.integers(0, 2**32 - 1))
 def test_rates_are_the_equations_of_the_paper(scenario, seed):
     rng = np.random.default_rng(seed)
-    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    positions, powers = random_flight(scenario, rng)
     place = rng.uniform(-400, 400, 2)
     rates = channel.secrecy_rates(scenario, positions, powers, place)
     slot = rng.integers(scenario.slots)
@@ -57,7 +53,7 @@ def test_rates_are_the_equations_of_the_paper(scenario, seed):
 @given(missions(), st.integers(0, 2**32 - 1))
 def test_no_eavesdropper_in_a_disc_beats_the_worst_case_nor_that_the_guarantee(scenario, seed):
     rng = np.random.default_rng(seed)
-    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    positions, powers = random_flight(scenario, rng)
     guaranteed = channel.guaranteed_rates(scenario, positions, powers)
     worst = channel.worst_case_rates(scenario, positions, powers)
     assert (guaranteed <= worst + 1e-12).all()
@@ -74,8 +70,7 @@ def test_no_eavesdropper_in_a_disc_beats_the_worst_case_nor_that_the_guarantee(s
 @settings(max_examples=20)
 @given(missions(max_eavesdroppers=1, max_slots=3), st.integers(0, 2**32 - 1))
 def test_the_worst_case_is_that_of_a_fine_search(scenario, seed):
-    rng = np.random.default_rng(seed)
-    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
+    positions, powers = random_flight(scenario, np.random.default_rng(seed))
     eve = scenario.eavesdroppers[0]
     angles, radii = np.meshgrid(np.linspace(0, 2 * np.pi, 721), np.linspace(0, 1, 201))
     grid = np.array(eve.position) + eve.error_radius * np.stack(
@@ -94,61 +89,26 @@ def test_the_worst_case_is_that_of_a_fine_search(scenario, seed):
         assert worst[slot] >= ground - leak.max() - 0.05
 
 
-@given(missions(), st.integers(0, 2**32 - 1))
-def test_without_error_the_guarantee_is_the_worst_case(scenario, seed):
-    scenario = replace(scenario, eavesdroppers=tuple(
-        Eavesdropper(eve.position) for eve in scenario.eavesdroppers))
-    rng = np.random.default_rng(seed)
-    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
-    assert channel.guaranteed_rates(scenario, positions, powers) == pytest.approx(
-        channel.worst_case_rates(scenario, positions, powers), abs=1e-12)
-
-
 @given(missions(), st.integers(0, 2**32 - 1), st.floats(-3, 3), st.floats(-300, 300))
 def test_rotation_and_translation_change_no_rate(scenario, seed, angle, shift):
-    rng = np.random.default_rng(seed)
-    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-    def move(places):
-        return np.asarray(places) @ turn.T + shift
-
-    moved = replace(
-        scenario, ground_node=move(scenario.ground_node),
-        eavesdroppers=tuple(replace(eve, position=move(eve.position))
-                            for eve in scenario.eavesdroppers),
-        uavs=tuple(replace(uav, start=move(uav.start), goal=move(uav.goal),
-                           max_speed=uav.max_speed * (1 + 1e-9),
-                           max_acceleration=None) for uav in scenario.uavs))
+    positions, powers = random_flight(scenario, np.random.default_rng(seed))
+    moved, move = turned(scenario, angle, shift)
     for rates in (channel.guaranteed_rates, channel.worst_case_rates):
         assert rates(moved, move(positions), powers) == pytest.approx(
             rates(scenario, positions, powers), abs=1e-6)
 
 
-@given(missions(), st.integers(0, 2**32 - 1), st.floats(0, 100))
-def test_a_larger_error_radius_never_helps(scenario, seed, more):
-    rng = np.random.default_rng(seed)
-    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
-    wider = replace(scenario, eavesdroppers=tuple(
-        replace(eve, error_radius=eve.error_radius + more) for eve in scenario.eavesdroppers))
+@pytest.mark.parametrize('field, most', [('error_radius', 100), ('receiver_advantage_db', 30)])
+@given(missions(), st.integers(0, 2**32 - 1), st.floats(0, 1))
+def test_a_larger_error_radius_or_a_better_receiver_never_helps(
+        field, most, scenario, seed, share):
+    positions, powers = random_flight(scenario, np.random.default_rng(seed))
+    worse = replace(scenario, eavesdroppers=tuple(
+        replace(eve, **{field: getattr(eve, field) + share * most})
+        for eve in scenario.eavesdroppers))
     for rates in (channel.guaranteed_rates, channel.worst_case_rates):
-        assert (rates(wider, positions, powers)
+        assert (rates(worse, positions, powers)
                 <= rates(scenario, positions, powers) + 1e-6).all()
-
-
-@given(missions(colluding=False), st.integers(0, 2**32 - 1))
-def test_the_worst_places_are_in_a_disc_and_have_the_worst_rate(scenario, seed):
-    rng = np.random.default_rng(seed)
-    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
-    places = channel.worst_case_places(scenario, positions, powers)
-    assert np.min([np.linalg.norm(places - eve.position, axis=-1) - eve.error_radius
-                   for eve in scenario.eavesdroppers], axis=0).max() <= 1e-6
-    rates = np.min([np.where(
-        np.linalg.norm(places - eve.position, axis=-1) <= eve.error_radius + 1e-6,
-        channel.secrecy_rates(scenario, positions, powers, places, eve.receiver_advantage_db),
-        np.inf) for eve in scenario.eavesdroppers], axis=0)
-    above = rates - channel.worst_case_rates(scenario, positions, powers)
-    assert above.min() >= -1e-12 and above.max() <= 1e-6
 
 
 def test_inside_the_disc_the_guarantee_counts_with_an_eavesdropper_straight_below():

@@ -295,13 +295,6 @@ def test_one_uav_has_no_distance_to_another():
     assert plan.clearance.between_uavs is None and plan.clearance.to_zones is None
 
 
-def test_a_plan_survives_a_copy_with_its_distances():
-    plan = fly_hover_fly(Scenario.paper(150))
-    assert plan.clearance.between_uavs.distance == pytest.approx(10.0)
-    again = replace(plan)
-    assert again.clearance.between_uavs == plan.clearance.between_uavs
-
-
 def test_the_largest_plan_can_be_checked():
     rng = np.random.default_rng(1)
     slots, count = 20000, 3

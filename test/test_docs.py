@@ -14,7 +14,7 @@ import threading
 from typing import NamedTuple
 
 from docs.tools import reference
-from processes import environment
+from processes import environment, ROOT
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -34,7 +34,6 @@ from secure_uav_planner.ros.planner import Planner
 from secure_uav_planner.ros.replay import Replay
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / 'README.md', *(ROOT / 'docs').glob('*.md'),
                 *(ROOT / 'docs' / 'gallery').glob('[!i]*.md')])
 PATIENCE = 300.0
@@ -68,15 +67,8 @@ def blocks_of(page):
 
 def commands_of(block):
     """Return the commands of a shell block as lists of words, without comments."""
-    lines = block.text.replace('\\\n', ' ').splitlines()
-    words = [shlex.split(line, comments=True) for line in lines]
-    found = []
-    for line in filter(None, words):
-        while '&&' in line:
-            found.append(line[:line.index('&&')])
-            line = line[line.index('&&') + 1:]
-        found.append(line)
-    return found
+    lines = block.text.replace('\\\n', ' ').replace(' && ', '\n').splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
 
 
 @pytest.fixture(scope='module')

@@ -11,6 +11,7 @@ import sys
 from xml.etree import ElementTree
 
 from conftest import OPTIONAL
+from environments import OUTSIDE
 import pytest
 import yaml
 
@@ -185,14 +186,11 @@ def python_of_ubuntu():
 def ubuntu(tmp_path_factory):
     """Return pip of an environment with the NumPy, SciPy and setuptools of Ubuntu 24.04."""
     folder = tmp_path_factory.mktemp('ubuntu')
-    # Neither this project's nor ROS's own variables have a meaning in another environment.
-    environment = {name: value for name, value in os.environ.items() if name not in (
-        'PYTHONPATH', 'LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE')}
-    subprocess.run([python_of_ubuntu(), '-m', 'venv', folder], check=True, env=environment)
+    subprocess.run([python_of_ubuntu(), '-m', 'venv', folder], check=True, env=OUTSIDE)
 
     def pip(*arguments):
         return subprocess.run([folder / 'bin' / 'python', '-m', 'pip', *arguments], text=True,
-                              capture_output=True, env=environment, timeout=600)
+                              capture_output=True, env=OUTSIDE, timeout=600)
 
     made = pip('install', '--quiet', '--only-binary', ':all:',
                'numpy==1.26.4', 'scipy==1.11.4', 'setuptools==68.1.2')

@@ -24,16 +24,9 @@ def plan():
     return fly_hover_fly(Scenario.paper(102))
 
 
-def test_a_plan_cannot_be_changed(plan):
-    with pytest.raises(ValueError):
-        plan.positions[0, 0, 0] = 1.0
-    with pytest.raises(ValueError):
-        plan.powers[0, 0] = 1.0
+def test_neither_a_plan_nor_its_rates_nor_what_is_copied_from_it_can_be_changed(plan):
     with pytest.raises(AttributeError):
         plan.powers = np.ones((2, 102))
-
-
-def test_neither_can_its_rates_nor_what_is_copied_from_it(plan):
     for one in (plan, copy.deepcopy(plan), pickle.loads(pickle.dumps(plan.evaluated()))):
         for array in (one.positions, one.powers, one.guaranteed_rates, one.worst_case_rates):
             with pytest.raises(ValueError):
@@ -66,7 +59,7 @@ def test_every_status_has_a_text():
     assert set(STATUS_TEXTS) == set(STATUSES)
 
 
-@pytest.mark.parametrize('start_ns', [-5, 10**30, 2**63 - 1, 1.5, True, 'now'])
+@pytest.mark.parametrize('start_ns', [-5, 2**63 - 1, 1.5, True])
 def test_a_start_that_ros_cannot_stamp_is_refused(plan, start_ns):
     with pytest.raises(PlanError, match='start_ns is .*it must be None or a whole number'):
         replace(plan, start_ns=start_ns)
@@ -105,11 +98,7 @@ def test_a_plan_survives_its_file(tmp_path_factory, scenario):
     plan = replace(fly_hover_fly(scenario), start_ns=1795246192039494728)
     plan.save(path)
     again = Plan.load(path)
-    assert again.scenario == scenario
-    assert again.start_ns == plan.start_ns
-    assert (again.positions == plan.positions).all()
-    assert (again.powers == plan.powers).all()
-    assert again.guaranteed_rate == plan.guaranteed_rate
+    assert again == plan and again.guaranteed_rate == plan.guaranteed_rate
     assert json.loads(path.read_text())['worst_case_rate'] == plan.worst_case_rate
 
 
@@ -130,6 +119,7 @@ def test_the_plan_file_of_version_0_1_0_loads():
     assert (plan.status, plan.method, plan.start_ns) == (
         'converged', 'joint', 1795246192039494728)
     assert plan.history[-1].guaranteed_rate == plan.history[-1].rate
+    assert plan.scenario.eavesdroppers[0].receiver_advantage_db == 0.0
 
 
 def test_a_field_that_an_older_file_lacks_takes_its_default(tmp_path):
@@ -153,7 +143,7 @@ def test_a_file_of_a_newer_version_says_so(tmp_path):
 
 @pytest.mark.parametrize('change, message', [
     ({'status': 'finished'}, "status is 'finished'; it must be one of"),
-    ({'start_ns': 10**30}, 'start_ns is'), ({'start_ns': -5}, 'start_ns is'),
+    ({'start_ns': 10**400}, 'start_ns is'),
     ({'wind': 1}, "plan has no field 'wind'"), ({'powrs': 1}, 'did you mean powers'),
     ({'history': 5}, 'history is 5'), ({'history': [{'number': 'one'}]}, 'iteration lacks'),
     ({'solve_time': 'long'}, "solve_time is 'long'"), ({'scenario': None}, 'mission is null'),
@@ -161,22 +151,14 @@ def test_a_file_of_a_newer_version_says_so(tmp_path):
 def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):
     path = tmp_path / 'wrong.json'
     path.write_text(json.dumps({**json.loads(OLD.read_text()), **change}))
-    with pytest.raises(PlanFileError, match=message):
-        Plan.load(path)
-
-
-def test_a_number_of_four_hundred_digits_is_refused_in_a_short_line(tmp_path):
-    document = json.loads(OLD.read_text())
-    document['scenario']['slots'] = 10**400
-    path = tmp_path / 'huge.json'
-    path.write_text(json.dumps(document))
-    with pytest.raises(PlanFileError, match='slots is') as error:
+    with pytest.raises(PlanFileError, match=message) as error:
         Plan.load(path)
     assert len(str(error.value)) < 300
 
 
-@pytest.mark.parametrize('value', ['0.5', True, None, {}])
-@pytest.mark.parametrize('field, place', [('powers', (1, 7)), ('positions', (0, 3, 1))])
+@pytest.mark.parametrize('field, place, value', [
+    ('powers', (1, 7), '0.5'), ('powers', (1, 7), True), ('positions', (0, 3, 1), None),
+    ('positions', (0, 3, 1), {})])
 def test_what_is_no_number_in_a_file_is_named_with_its_place(tmp_path, field, place, value):
     document = json.loads(OLD.read_text())
     *outer, last = place
@@ -193,22 +175,18 @@ def test_what_is_no_number_in_a_file_is_named_with_its_place(tmp_path, field, pl
     assert re.escape(error.value.field) == name
 
 
-@pytest.mark.parametrize('mode', [0o600, 0o640, 0o666])
-def test_a_replaced_file_keeps_its_permissions(tmp_path, plan, mode):
-    path = tmp_path / 'plan.json'
-    plan.save(path)
-    path.chmod(mode)
-    plan.save(path)
-    assert path.stat().st_mode & 0o777 == mode
-
-
-def test_a_new_file_has_the_permissions_that_the_umask_leaves(tmp_path, plan):
-    before = os.umask(0o027)
+def test_a_new_file_has_the_permissions_that_the_umask_leaves_and_a_replaced_one_keeps_its_own(
+        tmp_path, plan):
+    path, before = tmp_path / 'plan.json', os.umask(0o027)
     try:
-        plan.save(tmp_path / 'plan.json')
+        plan.save(path)
     finally:
         os.umask(before)
-    assert (tmp_path / 'plan.json').stat().st_mode & 0o777 == 0o640
+    assert path.stat().st_mode & 0o777 == 0o640
+    for mode in (0o600, 0o666):
+        path.chmod(mode)
+        plan.save(path)
+        assert path.stat().st_mode & 0o777 == mode
 
 
 def test_a_file_that_is_missing_is_an_error_of_the_package_that_names_it(tmp_path):

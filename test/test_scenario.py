@@ -1,6 +1,5 @@
 import copy
 from dataclasses import replace
-import json
 import math
 import pickle
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, errors, PlanningError, Scenario, Uav
 from secure_uav_planner.errors import ScenarioError
-from strategies import scenarios
 
 
 def test_paper_scenario_is_section_iv():
@@ -23,8 +21,9 @@ def test_paper_scenario_is_section_iv():
     assert [uav.altitude for uav in scenario.uavs] == [100.0, 110.0]
 
 
-@pytest.mark.parametrize('field', ['altitude', 'max_speed', 'average_power', 'peak_power'])
-@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf, 'high', None, True])
+@pytest.mark.parametrize('field, value', [
+    ('altitude', 0.0), ('altitude', True), ('max_speed', math.nan), ('max_speed', None),
+    ('average_power', math.inf), ('average_power', 'high'), ('peak_power', -1.0)])
 def test_a_wrong_number_of_a_uav_names_uav_field_and_value(field, value):
     good = Uav('scout', (0, 0), (1, 1), 100.0, 10.0)
     with pytest.raises(ValueError) as error:
@@ -32,7 +31,7 @@ def test_a_wrong_number_of_a_uav_names_uav_field_and_value(field, value):
     assert f'scout.{field} is {value!r}; it must be' in str(error.value)
 
 
-@pytest.mark.parametrize('value', [(1.0,), (1.0, 2.0, 3.0), (math.nan, 0.0), 'xy', 7, (1e9, 0)])
+@pytest.mark.parametrize('value', [(1.0,), (math.nan, 0.0), 'xy', (1e9, 0)])
 def test_a_wrong_place_names_field_and_value(value):
     for make, field in ((lambda: Eavesdropper(value), 'eavesdropper position'),
                         (lambda: Uav('a', value, (0, 0), 1, 1), 'a.start'),
@@ -43,23 +42,11 @@ def test_a_wrong_place_names_field_and_value(value):
 
 
 @pytest.mark.parametrize('field, value', [
-    ('slots', 0), ('slots', 2.5), ('slots', 10**9), ('slots', True), ('duration', 0.0),
-    ('duration', math.inf), ('reference_snr_db', math.nan), ('eavesdroppers', ()),
-    ('eavesdroppers', 'eve'), ('uavs', ()), ('uavs', [1])])
+    ('slots', 0), ('slots', 2.5), ('slots', 10**9), ('duration', math.inf),
+    ('reference_snr_db', math.nan), ('eavesdroppers', ()), ('uavs', [1])])
 def test_a_wrong_field_of_a_scenario_is_named(field, value):
     with pytest.raises(ValueError, match=field):
         replace(Scenario.paper(), **{field: value})
-
-
-def test_peak_power_below_average_power_is_refused():
-    with pytest.raises(ValueError, match=r'a\.peak_power is 1\.0; it must be at least'):
-        Uav('a', (0, 0), (0, 0), 100, 10, average_power=2.0, peak_power=1.0)
-
-
-def test_names_of_uavs_are_unique():
-    uav = Scenario.paper().uavs[0]
-    with pytest.raises(ValueError, match='unique'):
-        replace(Scenario.paper(), uavs=(uav, uav))
 
 
 @given(st.integers(1, 500), st.floats(1, 50))
@@ -74,22 +61,6 @@ def test_the_shortest_duration_named_can_be_flown_and_a_shorter_one_cannot(slots
     if shortest > 0.01:
         with pytest.raises(ValueError):
             replace(scenario, duration=shortest - 0.002)
-
-
-@given(scenarios())
-def test_a_scenario_survives_its_dictionary_as_json(scenario):
-    assert Scenario.from_dict(json.loads(json.dumps(scenario.to_dict()))) == scenario
-
-
-@pytest.mark.parametrize('damage', [
-    lambda data: data.pop('slots'), lambda data: data.update(extra=1),
-    lambda data: data.update(uavs=5), lambda data: data.update(uavs=[[]]),
-    lambda data: data['uavs'][0].pop('goal')])
-def test_a_damaged_dictionary_is_refused(damage):
-    data = json.loads(json.dumps(Scenario.paper().to_dict()))
-    damage(data)
-    with pytest.raises(ValueError):
-        Scenario.from_dict(data)
 
 
 def test_the_arrays_of_a_scenario_are_there_once_and_cannot_be_changed():
@@ -111,11 +82,6 @@ def test_eavesdroppers_of_one_name_are_refused_and_those_without_a_name_numbered
     with pytest.raises(ScenarioError) as caught:
         scenario('a', 'b', 'a')
     assert caught.value.field == 'eavesdroppers[2].name'
-
-
-def test_a_channel_in_plain_values_is_told_how_to_be_written():
-    with pytest.raises(ScenarioError, match='Channel\\(los='):
-        replace(Scenario.paper(), channel={'los': 'urban'})
 
 
 def test_what_is_too_large_to_plan_in_time_is_refused_with_the_most_that_is_not():

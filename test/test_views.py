@@ -67,6 +67,9 @@ def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
             for row in rows.itertuples():
                 moment = Playback(flight).at(row.time)
                 assert (row.x, row.y) == pytest.approx(tuple(moment.positions[number]), abs=1e-9)
+                assert row.z == scenario.uavs[number].altitude
+                assert (row.velocity_x, row.velocity_y) == pytest.approx(
+                    tuple(moment.velocities[number]), abs=1e-9)
         steps = table[table.uav == scenario.uavs[0].name].time.diff().dropna()
         # A UAV with a limit of acceleration leaves half a slot before point 0.
         half = 0.5 if scenario.uavs[0].max_acceleration else 1.0
@@ -112,7 +115,9 @@ def test_a_plan_is_equal_to_what_its_file_holds_and_to_no_other(tmp_path):
     plan = replace(solve(Scenario.paper(120.0, slots=12)), start_ns=5)
     plan = plan.with_bound(Bound(plan.scenario, np.inf, plan.objective))
     plan.save(tmp_path / 'plan.json')
+    assert 'Infinity' not in (tmp_path / 'plan.json').read_text()
     again = Plan.load(tmp_path / 'plan.json')
+    assert again.objective == plan.objective == 'worst_case'
     assert again == plan and hash(again) == hash(plan) and len({again, plan}) == 1
     for change in ({'start_ns': 6}, {'method': 'other'}, {'bound': None}, {'history': ()},
                    {'powers': 0.5 * plan.powers}, {'solve_time': 0.0}):
@@ -121,25 +126,12 @@ def test_a_plan_is_equal_to_what_its_file_holds_and_to_no_other(tmp_path):
 
 
 @pytest.mark.parametrize('call, kind, message', [
-    (lambda plan: solve('x'), OptionError, "scenario is 'x'; it must be a Scenario"),
-    (lambda plan: fly_hover_fly(5), OptionError, 'scenario is 5; it must be a Scenario'),
     (lambda plan: solve(plan.scenario, initial='x'), OptionError, "initial is 'x'; it must be a"),
-    (lambda plan: solve(plan.scenario, on_iteration=5), OptionError, 'on_iteration is 5; it must'),
     (lambda plan: solve(plan.scenario, time_limit=[1]), OptionError, r'time_limit is \[1\]; it'),
-    (lambda plan: Plan(None, [], []), PlanError, 'scenario is None; it must be a Scenario'),
-    (lambda plan: replace(plan, history=5), PlanError, 'history is 5; it must be'),
     (lambda plan: replace(plan, history=(5,)), PlanError, r'history is \(5,\); it must be'),
-    (lambda plan: replace(plan, method=5), PlanError, 'method is 5; it must be a string'),
-    (lambda plan: replace(plan, solve_time='x'), PlanError, "solve_time is 'x'; it must be"),
     (lambda plan: plan.tail(1.5), OptionError, 'point is 1.5; it must be a whole number from 0'),
-    (lambda plan: plan.continued(2, 'x'), OptionError, "tail is 'x'; it must be a Plan"),
-    (lambda plan: Playback('x'), OptionError, "plan is 'x'; it must be a Plan"),
     (lambda plan: Plan.load(5), OptionError, 'path is 5; it must be a string or a path'),
-    (lambda plan: plan.save(None), OptionError, 'path is None; it must be a string or a path'),
-    (lambda plan: Scenario.load(5), OptionError, 'path is 5; it must be'),
-    (lambda plan: plan.scenario.save(5), OptionError, 'path is 5; it must be'),
-    (lambda plan: Scenario.paper('x'), ValueError, "duration is 'x'; it must be a number from"),
-])
+    (lambda plan: Scenario.paper('x'), ValueError, "duration is 'x'; it must be a number from")])
 def test_a_wrong_type_is_told_as_every_wrong_value_is(plan, call, kind, message):
     with pytest.raises(kind, match=message):
         call(plan)
