@@ -70,20 +70,6 @@ def test_a_pose_is_turned_and_shifted_and_its_covariance_turned(kind, seed):
                                    atol=1e-9 * np.abs(samples).max()**2)
 
 
-@given(SEEDS)
-def test_the_inverse_transform_leads_back(seed):
-    rng = np.random.default_rng(seed)
-    transform, turn, shift = random_transform(rng)
-    message, place, _, samples = random_message(PoseWithCovarianceStamped, rng)
-    back = Transform()
-    filled(back.translation, -turn.inv().apply(shift))
-    filled(back.rotation, turn.inv().as_quat(), 'xyzw')
-    found = moved(moved(message, transform, 'map'), back, 'odom')
-    np.testing.assert_allclose(values(found.pose.pose.position), place, atol=1e-9)
-    np.testing.assert_allclose(found.pose.covariance, message.pose.covariance,
-                               atol=1e-9 * np.abs(samples).max()**2)
-
-
 @pytest.mark.parametrize('child', ['base_link', 'odom', 'map'])
 def test_the_velocity_of_a_uav_is_the_same_seen_from_either_frame(child):
     rng = np.random.default_rng(3)

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
-from ros_client import Client, node_process, values_of, wait_for
+from ros_client import Client, node_process, pose_message, seconds, values_of, wait_for
 from sensor_msgs.msg import TimeReference
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -29,9 +29,9 @@ class Stream:
 
     @staticmethod
     def _row(message):
-        stamp, at = message.header.stamp, message.points[0].transforms[0].translation
+        at = message.points[0].transforms[0].translation
         velocity = message.points[0].velocities[0].linear
-        return (stamp.sec + stamp.nanosec * 1e-9, at.x, at.y, at.z, velocity.x, velocity.y)
+        return (seconds(message.header.stamp), at.x, at.y, at.z, velocity.x, velocity.y)
 
     def last(self, name):
         return np.array(self.found[name][-1][1:3])
@@ -205,11 +205,7 @@ def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
 
         def report(x, y, change=lambda message: None):
             for name, z in (('uav1', 100.0), ('uav2', 110.0)):
-                message = Odometry(child_frame_id=f'{name}/base_link')
-                message.header.frame_id = 'map'
-                message.header.stamp = client.node.get_clock().now().to_msg()
-                at = message.pose.pose
-                at.position.x, at.position.y, at.position.z, at.orientation.w = x, y, z, 1.0
+                message = pose_message(Odometry, x, y, z, stamp=client.now())
                 change(message)
                 publishers[name].publish(message)
 

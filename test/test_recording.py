@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario
 from secure_uav_planner.apps.cli import main
-from secure_uav_planner.ros.recording import definition, record
+from secure_uav_planner.ros.recording import record
 from secure_uav_planner.ros.topics import LATCHED
 import yaml
 
@@ -139,14 +139,6 @@ def test_rosbags_opens_it_as_well(file, plan):
         last = [reader.deserialize(data, one.msgtype)
                 for one, _, data in reader.messages(connections)][-1]
     assert last.pose.position.y == -500.0
-
-
-def test_a_definition_holds_every_type_that_it_needs_once():
-    text = definition('nav_msgs/msg/Path')
-    headings = [line[5:] for line in text.splitlines() if line.startswith('MSG: ')]
-    assert sorted(headings) == [
-        'builtin_interfaces/Time', 'geometry_msgs/Point', 'geometry_msgs/Pose',
-        'geometry_msgs/PoseStamped', 'geometry_msgs/Quaternion', 'std_msgs/Header']
 
 
 def test_a_wrong_rate_is_refused_and_leaves_no_file(plan, tmp_path):
