@@ -1,9 +1,8 @@
 """Separation, no-fly zones and geofence in the planner node, over DDS."""
 
-import city
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
-from ros_client import node_process, refusal, stopped, values_of, wait_for, wait_for_line
+from ros_client import node_process, refusal, values_of, wait_for, wait_for_line
 from visualization_msgs.msg import MarkerArray
 
 # Beside every path of the paper's mission.
@@ -99,14 +98,3 @@ def test_uavs_that_come_close_without_a_separation_are_warned_of(client):
     ({'no_fly_zones': '[uav1]'}, 'no_fly_zones give the names')])
 def test_a_planner_does_not_start_with_a_wrong_airspace(capfd, parameters, reason):
     assert reason in refusal(capfd, 'planner', **parameters)
-
-
-def test_a_planner_starts_with_the_city_and_has_its_zones(client):
-    with node_process('planner', mission_file=city.FILE) as process:
-        wait_for_line(process, 'ready')
-        of = city.values()
-        found = client.get_parameters('planner', 'tower.vertices', 'stadium.ceiling', 'geofence')
-        assert [list(found[0]), found[1], list(found[2])] == [
-            of['tower.vertices'], of['stadium.ceiling'], of['geofence']]
-        assert not any('there is no parameter' in line for line in process.lines)
-        assert stopped(process) == 0

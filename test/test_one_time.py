@@ -185,15 +185,6 @@ def test_reset_and_start_wait_until_the_uavs_can_be_back(flown):
     assert (at.x, at.y) == (100.0, 500.0)
 
 
-def test_what_has_ended_is_not_started_again_and_says_so(flown):
-    with node_process('replay', '-r', '__node:=other', speed=100.0, rate=50.0) as replay:
-        wait_for(lambda: any('got a plan' in line for line in replay.lines))
-        assert flown.call('other/start').success
-        wait_for(lambda: any('end of the plan' in line for line in replay.lines))
-        answer = flown.call('other/start')
-        assert not answer.success and 'has ended, and no newer one has come' in answer.message
-
-
 def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
     with Client(namespace='team') as client, node_process(
             'planner', namespace='/team', **PARAMETERS), node_process(

@@ -181,13 +181,16 @@ def test_names_follow_the_namespace_and_the_lists_of_names(client):
                       eavesdroppers='[eve, mallory]', duration=120.0, slots=30):
         with Client('member', namespace='/fleet') as member:
             paths = [member.listen(Path, f'{name}/path') for name in ('tx', 'left', 'right')]
+            markers = member.listen(MarkerArray, 'planner/markers')
             member.send_pose('ground_node/pose', 0, 0)
             member.send_estimate('eve/pose', 200, 0)
             answer = member.call('planner/plan')
             assert not answer.success and 'mallory/pose' in answer.message
             member.send_estimate('mallory/pose', 150, 100)
             wait_for(lambda: member.call('planner/plan').success)
-            wait_for(lambda: all(paths))
+            wait_for(lambda: all(paths) and markers)
+            assert {one.text for one in markers[-1].markers if one.ns == 'label'} == {
+                'tx', 'left', 'right', 'eve', 'mallory', 'ground node'}
 
 
 def test_a_pose_that_is_too_old_is_a_warning_and_not_the_level_of_a_node_that_has_stopped(client):

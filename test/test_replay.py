@@ -51,6 +51,7 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
         line = wait_for(lambda: end_of(process), what='the end of the plan')
         wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
         wait_for(lambda: odometry and len(rates) > 10)
+        assert 'has ended, and no newer one has come' in client.call('replay/start').message
     assert poses[0].header.frame_id == 'map'
     path = np.array([(pose.pose.position.x, pose.pose.position.y) for pose in poses])
     # Every setpoint is on the planned path.
@@ -76,12 +77,10 @@ def send(client, plan, start_ns, change=lambda kind, uav, message: None,
          topics=('path', 'power')):
     """Send the messages of a plan, each changed by a function, with no delay in between."""
     plan = replace(plan, start_ns=start_ns)
-    makers = {'path': messages.path, 'power': lambda plan, index, _: messages.power(plan, index),
-              'trajectory': messages.trajectory}
-    made = []
+    found, made = dict(messages.of_plan(plan, 'earth')), []
     for index, uav in enumerate(plan.scenario.uavs):
         for topic in topics:
-            message = makers[topic](plan, index, 'earth')
+            message = found[f'{uav.name}/{topic}']
             change(topic, index, message)
             publisher = client.publisher(type(message), f'{uav.name}/{topic}', LATCHED)
             made.append((publisher, message))
