@@ -18,6 +18,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+import numpy as np
 from processes import environment, ROOT
 import pytest
 from rcl_interfaces.srv import GetParameters
@@ -28,10 +29,15 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
+from rclpy.time import Time
+from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
 from secure_uav_planner.ros.process import run_node
 from secure_uav_planner.ros.topics import LATCHED
 from std_srvs.srv import Trigger
 
+DEFAULTS = {name: spec.default for specs in (
+    PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
+    eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()}
 PATIENCE = 120.0
 ASK_AGAIN = 5.0  # s without an answer
 IDLE = 60  # s without a solve; the planner is idle while it still evaluates a plan, too
@@ -55,9 +61,10 @@ def wait_for(condition, patience=PATIENCE, what='the condition'):
 
 
 @contextmanager
-def node_process(name, *arguments, namespace=None, **parameters):
-    """Run a node in its own process; yield the process, with its output in .lines."""
-    command = [sys.executable, str(ROOT / 'scripts' / name), *_ros_args(parameters)]
+def node_process(name, *arguments, namespace=None, program=None, **parameters):
+    """Run a node, or a program, in its own process; yield that, with its output in .lines."""
+    script = ['-c', program] if program else [str(ROOT / 'scripts' / name)]
+    command = [sys.executable, *script, *_ros_args(parameters)]
     if namespace:
         command += ['-r', f'__ns:={namespace}']
     process = subprocess.Popen(
@@ -298,17 +305,15 @@ class Client:
     def send_pose(self, topic, x, y, frame_id='map', stamp=None, qos=None, until_known=True):
         """Send a pose; if until_known, repeat until the planner has received one on this topic."""
         def message():
-            found = PoseStamped()
-            self._fill(found.header, found.pose, x, y, frame_id, stamp)
-            return found
+            return pose_message(PoseStamped, x, y, 0, frame_id, stamp or self.now())
         self._send(self.publisher(PoseStamped, topic, qos), topic, message, stamp, until_known)
 
     def send_estimate(self, topic, x, y, frame_id='map', stamp=None, variance=0.0,
                       until_known=True):
         """Send an estimate as send_pose does."""
         def message():
-            found = PoseWithCovarianceStamped()
-            self._fill(found.header, found.pose.pose, x, y, frame_id, stamp)
+            found = pose_message(
+                PoseWithCovarianceStamped, x, y, 0, frame_id, stamp or self.now())
             found.pose.covariance[0] = found.pose.covariance[7] = float(variance)
             return found
         self._send(
@@ -332,16 +337,20 @@ class Client:
         if until_known and stamp is None:
             self._poses[topic] = publish, _running()
 
-    def _fill(self, header, pose, x, y, frame_id, stamp):
-        header.frame_id = frame_id
-        header.stamp = self.node.get_clock().now().to_msg() if stamp is None else stamp
-        pose.position.x, pose.position.y = float(x), float(y)
-        pose.orientation.w = 1.0
+    def now(self):
+        return self.node.get_clock().now().to_msg()
 
     def send_paper(self, **options):
         """Send the paper's poses."""
         self.send_pose('ground_node/pose', 0, 0, **options)
         self.send_estimate('eavesdropper/pose', 200, 0, **options)
+
+    def plan_paper(self):
+        """Send the paper's poses and have them planned with; return the answer."""
+        self.send_paper()
+        answer = self.call('planner/plan')
+        assert answer.success, answer.message
+        return answer
 
     def status_of(self, node):
         """Return the list of a planner's status messages, which grows."""
@@ -466,6 +475,31 @@ class Client:
 def values_of(status):
     """Return the values of a DiagnosticStatus by key."""
     return {entry.key: entry.value for entry in status.values}
+
+
+def seconds(stamp):
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+def stamp_at(time):
+    """Return the stamp of a time in s."""
+    return Time(nanoseconds=round(time * 1e9)).to_msg()
+
+
+def pose_message(kind, x, y, z=0, frame_id='map', stamp=None):
+    """Return an upright pose, as a message of any kind that has one, at the time 0 by default."""
+    message = kind()
+    message.header.frame_id = frame_id
+    message.header.stamp = stamp or message.header.stamp
+    pose = getattr(message.pose, 'pose', message.pose)
+    pose.position.x, pose.position.y, pose.position.z = float(x), float(y), float(z)
+    pose.orientation.w = 1.0
+    return message
+
+
+def places_of(path):
+    """Return the points of a path, (N + 2, 2) in m."""
+    return np.array([(at.pose.position.x, at.pose.position.y) for at in path.poses])
 
 
 def flat(tree, prefix=''):

@@ -1,9 +1,7 @@
 """Nodes that die, come back, join late, and clocks that misbehave."""
 
-from contextlib import contextmanager
 import random
 import signal
-import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -11,12 +9,10 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 import numpy as np
 import pytest
-from rclpy.time import Time
 from ros_client import (
-    Client, node_here, node_process, output_of, stopped, values_of, wait_for)
-from rosgraph_msgs.msg import Clock
+    Client, node_here, node_process, output_of, seconds, stamp_at, stopped, values_of, wait_for)
 from secure_uav_planner import fly_hover_fly, Plan, Scenario
-from secure_uav_planner.ros.topics import LATCHED
+from simulation import SimulatedTime
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -62,8 +58,7 @@ def until_solving(client, **parameters):
 
 def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file):
     with node_process('planner', plan_file=file, **SHORT) as process:
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         with Client('before') as before:
             first = whole(before)
         until_solving(client)
@@ -81,25 +76,9 @@ def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file)
         assert after.call('planner/plan').success
 
 
-@pytest.mark.parametrize('damage', [
-    lambda text: text[:len(text) // 2], lambda text: text.replace('"uav2"', '"other"'),
-    lambda text: text.replace('100.0', 'NaN', 1)], ids=['half', 'foreign', 'NaN'])
-def test_a_damaged_plan_file_is_a_warning_and_the_next_plan_replaces_it(client, file, damage):
-    fly_hover_fly(Scenario.paper(104, slots=8)).save(file)
-    file.write_text(damage(file.read_text()))
-    with node_here('planner', plan_file=file, **SHORT) as process:
-        wait_for(lambda: any('ready' in line for line in process.lines))
-        warnings = [line for line in process.lines if 'plan_file' in line]
-        assert len(warnings) == 1 and '[WARN]' in warnings[0]
-        client.send_paper()
-        assert client.call('planner/plan').success
-    assert Plan.load(file).scenario.slots == 30
-
-
 def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, tmp_path):
     with node_here('planner', plan_file=tmp_path / 'no' / 'plan.json', **SHORT) as process:
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         with Client('latecomer') as late:
             assert len(whole(late)['uav1/path'].poses) == 32
         assert any('[ERROR]' in line and 'plan_file' in line for line in process.lines)
@@ -110,8 +89,7 @@ def test_replay_flies_on_when_the_planner_is_killed(client):
     # So slow that it is on its way however long the rest takes.
     with node_process('replay', speed=0.01) as replay:
         with node_process('planner', **SHORT) as planner:
-            client.send_paper()
-            assert client.call('planner/plan').success
+            client.plan_paper()
             wait_for(lambda: client.call('replay/start').success, what='the plan at the replay')
             wait_for(lambda: setpoints)
             stopped(planner, signal.SIGKILL)
@@ -132,8 +110,7 @@ def test_replay_flies_on_when_the_planner_is_killed(client):
 
 def test_a_subscriber_in_the_middle_of_a_solve_receives_the_whole_last_plan(client):
     with node_process('planner', **SHORT):
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         solving = until_solving(client)
         with Client('latecomer') as late:
             got = whole(late)
@@ -151,8 +128,7 @@ def test_twenty_kills_at_any_time_leave_a_whole_plan_file(file):
     rng, loaded = random.Random(1), 0
     for _ in range(20):
         with Client() as client, node_process('planner', plan_file=file, **SHORT) as process:
-            client.send_paper()
-            assert client.call('planner/plan').success
+            client.plan_paper()
             until = time.monotonic() + rng.uniform(0, 0.3)
             while time.monotonic() < until:
                 client.call('planner/plan')
@@ -190,70 +166,19 @@ def test_fifty_stops_in_a_row_are_clean():
 # Clocks
 
 
-class SimulatedTime:
-    """
-    A /clock that can be stopped and set; it runs faster than real time.
-
-    :ivar jumps: what it was and what it was set to, every time.
-    """
-
-    def __init__(self, client, start=0.0, speedup=10.0):
-        self.now, self.running, self.jumps = start, True, []
-        self._publisher = client.node.create_publisher(Clock, '/clock', 10)
-        self._speedup = speedup
-        self._lock = threading.Lock()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self):
-        while not self._stop.wait(0.01):
-            if self.running:
-                with self._lock:
-                    self.now += 0.01 * self._speedup
-                self._publisher.publish(Clock(clock=Time(nanoseconds=round(
-                    self.now * 1e9)).to_msg()))
-
-    def jump(self, now):
-        with self._lock:
-            self.jumps.append((self.now, now))
-            self.now = now
-
-    def close(self):
-        self._stop.set()
-        self._thread.join()
-
-
-@contextmanager
-def simulated_time(client, **options):
-    clock = SimulatedTime(client, **options)
-    try:
-        yield clock
-    finally:
-        clock.close()
-
-
-def stamp_of(message):
-    return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
-
-
 def test_the_planner_plans_before_the_first_clock_and_while_it_stands_still(client):
     paths = client.listen(Path, 'uav1/path')
     with node_process('planner', use_sim_time='true', pose_timeout=0.0, replan_lead=100.0,
                       **SHORT):
-        zero = Time(nanoseconds=0).to_msg()
-        client.send_pose('ground_node/pose', 0, 0, stamp=zero)
-        client.send_estimate('eavesdropper/pose', 200, 0, stamp=zero)
+        client.send_paper(stamp=stamp_at(0))
         assert client.call('planner/plan').success
         wait_for(lambda: paths)
-        assert stamp_of(paths[-1]) == 0.0
-        with simulated_time(client, start=50.0) as clock:
+        assert seconds(paths[-1].header.stamp) == 0.0
+        with SimulatedTime(client, start=50.0) as clock:
             def of_now():
-                client.send_pose('ground_node/pose', 0, 0, stamp=Time(
-                    nanoseconds=round(clock.now * 1e9)).to_msg(), until_known=False)
-                client.send_estimate('eavesdropper/pose', 200, 0, stamp=Time(
-                    nanoseconds=round(clock.now * 1e9)).to_msg(), until_known=False)
-                return client.call('planner/plan').success and stamp_of(paths[-1]) > 50.0
+                client.send_paper(stamp=clock.stamp(), until_known=False)
+                return client.call('planner/plan').success and (
+                    seconds(paths[-1].header.stamp) > 50.0)
             wait_for(of_now, what='a plan on simulated time')
             clock.running = False
             received = client.listen(DiagnosticArray, '/diagnostics', 10)
@@ -267,13 +192,11 @@ def test_the_planner_plans_before_the_first_clock_and_while_it_stands_still(clie
 def test_the_planner_plans_after_the_clock_has_jumped_back(client):
     paths = client.listen(Path, 'uav1/path')
     with node_process('planner', use_sim_time='true', replan_period=5.0, **SHORT), \
-            simulated_time(client, start=1000.0, speedup=1.0) as clock:
+            SimulatedTime(client, start=1000.0, speedup=1.0) as clock:
         def plan_at(low, high):
-            stamp = Time(nanoseconds=round(clock.now * 1e9)).to_msg()
-            client.send_pose('ground_node/pose', 0, 0, stamp=stamp, until_known=False)
-            client.send_estimate('eavesdropper/pose', 200, 0, stamp=stamp, until_known=False)
+            client.send_paper(stamp=clock.stamp(), until_known=False)
             return client.call('planner/plan').success and any(
-                low <= stamp_of(path) <= high for path in paths)
+                low <= seconds(path.header.stamp) <= high for path in paths)
 
         wait_for(lambda: plan_at(1000.0, 2000.0), what='a first plan')
         del paths[:]
@@ -289,7 +212,7 @@ def test_replay_holds_while_the_clock_stands_still_and_no_jump_of_it_moves_a_uav
     fly_hover_fly(Scenario.paper(104, slots=104), 'constant').save(file)
     setpoints = client.listen(PoseStamped, 'uav1/setpoint/pose', 5000)
     with node_process('replay', use_sim_time='true', plan_file=file), \
-            simulated_time(client, start=1000.0) as clock:
+            SimulatedTime(client, start=1000.0) as clock:
         assert client.call('replay/start').success
         wait_for(lambda: setpoints and setpoints[-1].pose.position.y < 450.0, what='flight')
 
@@ -306,7 +229,7 @@ def test_replay_holds_while_the_clock_stands_still_and_no_jump_of_it_moves_a_uav
         wait_for(lambda: setpoints[-1].pose.position.y == -500.0, what='the goal')
     place = np.array([(one.pose.position.x, one.pose.position.y) for one in setpoints])
     # What the clock went on from one setpoint to the next; a busy machine drops a few of them.
-    elapsed = np.diff([stamp_of(one) for one in setpoints])
+    elapsed = np.diff([seconds(one.header.stamp) for one in setpoints])
     back = np.flatnonzero(elapsed < 0)
     assert len(back) == len(clock.jumps)
     elapsed[back] += [before - after for before, after in clock.jumps]
@@ -330,27 +253,9 @@ def test_replay_without_any_clock_answers_and_starts_once_there_is_one(client, f
         assert client.call('replay/start').success
         assert not setpoints
         # Not a leap of 1.7e9 s to the end of the plan when the time of day comes.
-        with simulated_time(client, start=1.7e9):
+        with SimulatedTime(client, start=1.7e9):
             wait_for(lambda: len(setpoints) > 5)
             flown = 500.0 - setpoints[0].pose.position.y
-            assert flown <= 10.0 * (stamp_of(setpoints[0]) - 1.7e9) + 1e-3
+            assert flown <= 10.0 * (seconds(setpoints[0].header.stamp) - 1.7e9) + 1e-3
             wait_for(lambda: setpoints[-1].pose.position.y < 400.0)
         assert process.poll() is None
-
-
-def test_a_latched_plan_stays_whole_for_a_subscriber_of_every_moment(client):
-    """Join again and again while plans are made: a mixture is never all that one gets."""
-    with node_here('planner', **SHORT):
-        client.send_paper()
-        assert client.call('planner/plan').success
-        for slots in (10, 20, 40):
-            client.set_parameters('planner', slots=slots)
-            answer = client.ask('planner/plan')
-            with Client('latecomer') as late:
-                paths = [late.listen(Path, f'{name}/path', LATCHED) for name in ('uav1', 'uav2')]
-                powers = [late.listen(Float64MultiArray, f'{name}/power', LATCHED)
-                          for name in ('uav1', 'uav2')]
-                wait_for(answer.done)
-                wait_for(lambda: all(paths) and all(powers) and {
-                    len(received[-1].poses) - 2 for received in paths} | {
-                    len(received[-1].data) for received in powers} == {slots})

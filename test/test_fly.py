@@ -56,11 +56,6 @@ def test_the_setpoints_are_the_curve_at_the_times_of_the_flight(plan, flight):
     assert flight.plan_times == pytest.approx(flight.times)
 
 
-def test_the_flight_is_drawn(flight, tmp_path):
-    save_flight(flight, tmp_path / 'flight.png')
-    assert (tmp_path / 'flight.png').read_bytes().startswith(b'\x89PNG')
-
-
 def test_the_rate_of_a_flight_that_is_exact_is_that_of_the_playback(plan, flight):
     times = np.arange(flight.times[0], flight.times[-1], 0.01)
     rate = report.mean_rate(plan, times, planned(plan, times))

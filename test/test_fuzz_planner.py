@@ -23,13 +23,12 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 import rclpy
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_client import Client, memory_settles, node_process, output_of, values_of, wait_for
+from ros_client import (
+    Client, memory_settles, node_process, output_of, pose_message, seconds, values_of, wait_for)
 from secure_uav_planner.ros.parameters import PLANNER, uav_parameters
+from simulation import DEEP
 from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
-
-DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def covariance(xx, yy, xy):
@@ -104,10 +103,7 @@ class Planner(Target):
         self.client.send_pose('ground_node/pose', self.sent_good % 7, 0, frame)
         self.client.send_estimate('eavesdropper/pose', 200, self.sent_good % 5, frame, variance=9)
         for name in UAVS:
-            message = PoseStamped(header=Header(frame_id=frame))
-            message.pose.position.x, message.pose.position.y = 100.0, 500.0
-            message.pose.orientation.w = 1.0
-            self.send(f'{name}/pose', message, 0.0)
+            self.send(f'{name}/pose', pose_message(PoseStamped, 100, 500, 0, frame), 0.0)
 
     def restore(self):
         """Give all parameters values of a mission that can be flown."""
@@ -208,8 +204,7 @@ class Planner(Target):
                 if not (status and all(paths) and all(powers)):
                     return False
                 stamp = float(values_of(status[-1])['plan.stamp'])
-                apart = [path[-1].header.stamp.sec - stamp + path[-1].header.stamp.nanosec * 1e-9
-                         for path in paths]
+                apart = [seconds(path[-1].header.stamp) - stamp for path in paths]
                 return max(map(abs, apart)) < 1e-5 and {
                     len(path[-1].poses) - 2 for path in paths} == {
                     len(power[-1].data) for power in powers}

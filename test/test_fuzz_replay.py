@@ -62,13 +62,9 @@ class Replay(Target):
 
     def send_good(self, plan):
         self.counts['good plans'] += 1
-        for index, name in enumerate(UAVS):
-            path, power = messages.path(plan, index, 'map'), messages.power(plan, index)
-            self.client.publisher(Path, f'{name}/path', LATCHED).publish(path)
-            self.client.publisher(Float64MultiArray, f'{name}/power', LATCHED).publish(power)
-            self.client.publisher(
-                MultiDOFJointTrajectory, f'{name}/trajectory', LATCHED).publish(
-                    messages.trajectory(plan, index, 'map'))
+        for topic, message in messages.of_plan(plan, 'map'):
+            if topic != '~/markers':
+                self.client.publisher(type(message), topic, LATCHED).publish(message)
 
     def check_setpoints(self):
         for received in self.setpoints + self.odometry:

@@ -38,11 +38,6 @@ def streamed(count=20, speed=10.0):
     return guard, speed * now / SECOND, now
 
 
-def test_a_stream_within_the_speed_limit_passes_and_nothing_is_held():
-    guard, _, now = streamed()
-    assert guard.hold(now) is None and not guard.has_ended(now, LIMITS)
-
-
 @given(st.lists(st.tuples(st.integers(0, 2 * SECOND), st.floats(-40.0, 40.0)), max_size=40))
 def test_whatever_comes_what_is_sent_moves_by_no_more_than_the_limits_allow(moves):
     guard, x, now = Guard(), 0.0, SECOND

@@ -6,8 +6,7 @@ import math
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.time import Time
-from ros_client import Client, node_process, PATIENCE, values_of, wait_for
+from ros_client import Client, node_process, PATIENCE, seconds, stamp_at, values_of, wait_for
 from secure_uav_planner import Scenario
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
@@ -62,7 +61,7 @@ class Flight:
         count = min(map(len, self._paths + self._powers))
         if count > self._count:
             stamp = self._paths[0][count - 1].poses[0].header.stamp
-            self._start, self._count = stamp.sec + stamp.nanosec * 1e-9, count
+            self._start, self._count = seconds(stamp), count
             self.plans.append(plan_of(self._scenario, self._paths, self._powers, count - 1))
             self._playback = Playback(self.plans[-1])
 
@@ -83,11 +82,10 @@ class Flight:
         return self._velocities + [WIND * (GUST[0] <= time < GUST[1]), 0.0]
 
     def _report(self, now):
-        clock = Time(nanoseconds=round(now * 1e9)).to_msg()
         for name, publisher, (x, y), velocity in zip(
                 NAMES, self._publishers, self.positions, self._over_ground(now - self._start)):
             publisher.publish(messages.odometry(
-                'map', f'{name}/base_link', clock, (x, y, 100.0), 0.7, velocity))
+                'map', f'{name}/base_link', stamp_at(now), (x, y, 100.0), 0.7, velocity))
 
 
 def test_uavs_that_are_pushed_aside_are_brought_back_within_the_limits_of_their_setpoints():
@@ -100,15 +98,11 @@ def test_uavs_that_are_pushed_aside_are_brought_back_within_the_limits_of_their_
         paths, powers = received(client)
         status = client.listen(DiagnosticStatus, 'planner/status', DEEP)
         flight = Flight(client, scenario, paths, powers)
-        simulation = Simulation(client, lambda now: (200.0, 0.0), speedup=8,
-                                advance=flight.advance)
-        try:
-            client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp())
-            client.send_estimate('eavesdropper/pose', 200, 0, stamp=simulation.stamp())
+        with Simulation(client, lambda now: (200.0, 0.0), speedup=8,
+                        advance=flight.advance) as simulation:
+            client.send_paper(stamp=simulation.stamp())
             assert client.call('planner/plan').success
             wait_for(lambda: flight.is_over, patience=10 * PATIENCE, what='the end')
-        finally:
-            simulation.close()
     times = np.array([time for time, _, _ in flight.setpoints])
     positions, velocities = (np.array([moment[index] for moment in flight.setpoints])
                              for index in (1, 2))

@@ -58,7 +58,6 @@ def test_diagnostics_of_both_are_told_apart_by_their_names(teams):
     def plans(team):
         return [int(values_of(status)['plans']) for message in list(received)
                 for status in message.status if status.name == f'{team}/planner: plan']
-    client.send_paper()
-    assert client.call('planner/plan').success
+    client.plan_paper()
     wait_for(lambda: max(plans('north'), default=0) and plans('south'))
     assert max(plans('south')) == 0

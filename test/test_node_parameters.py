@@ -80,13 +80,15 @@ def test_the_values_that_stand_for_a_mission_give_the_same_mission(scenario):
 
 def test_a_mission_file_gives_names_and_values_and_what_is_set_overrides_it():
     with node_process('planner', mission_file=city.FILE, slots=85,
-                      courier__altitude=95), Client() as client:
+                      courier__altitude=95) as process, Client() as client:
         found = client.all_parameters('planner')
         city_values = city.values()
         assert found['uavs'] == ['courier', 'escort1', 'escort2'] == city_values['uavs']
         assert (found['slots'], found['courier.altitude']) == (85, 95.0)
         for name in city_values.keys() - {'mission_file', 'slots', 'courier.altitude'}:
             assert found[name] == city_values[name], name
+        wait_for_line(process, 'ready')
+        assert not any('there is no parameter' in line for line in process.lines)
     with node_process('replay', mission_file=city.FILE), Client() as client:
         assert client.get_parameters('replay', 'uavs') == [['courier', 'escort1', 'escort2']]
 

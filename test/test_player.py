@@ -52,6 +52,22 @@ class Bench:
         return (self.now - start_ns) * 1e-9 - self.player.time
 
 
+def flying(plan, seconds, released=0.0):
+    """Return a Bench whose plan was started at a time, and which has gone on for another one."""
+    bench = Bench(plan)
+    bench.run(released)
+    bench.player.start()
+    bench.run(seconds)
+    return bench
+
+
+def homeward(plan):
+    """Return a plan that leads back, and begins after another one."""
+    back = replace(plan.scenario, uavs=tuple(
+        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
+    return replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
+
+
 def test_a_plan_that_is_released_early_waits_at_its_start_and_begins_at_its_time(plan):
     bench = Bench(plan)
     bench.player.start()
@@ -77,9 +93,7 @@ def test_a_plan_that_is_released_late_is_flown_as_a_whole_and_later(plan):
 
 
 def test_a_pause_comes_to_rest_on_the_curve_and_the_flight_goes_on_from_there(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(30.0)
+    bench = flying(plan, 30.0)
     assert bench.player.pause()
     held = bench.run(15.0)
     assert not held.velocities.any() and bench.player.rate == 0.0
@@ -91,9 +105,7 @@ def test_a_pause_comes_to_rest_on_the_curve_and_the_flight_goes_on_from_there(pl
 
 
 def test_what_has_ended_or_is_older_is_never_played_again(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(150.0)
+    bench = flying(plan, 150.0)
     assert bench.player.ended
     with pytest.raises(OptionError, match='has ended, and no newer one has come'):
         bench.player.start()
@@ -109,9 +121,7 @@ def test_what_has_ended_or_is_older_is_never_played_again(plan):
 
 
 def test_after_a_reset_the_flight_begins_again_once_the_uavs_can_be_back(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(45.0)
+    bench = flying(plan, 45.0)
     bench.player.reset()
     assert not bench.player.streaming
     bench.player.start()
@@ -150,10 +160,7 @@ def onward(bench, plan, ahead, start_ns=None, **fields):
 
 
 def test_a_new_plan_takes_over_at_its_time_without_a_jump(plan):
-    bench = Bench(plan)
-    bench.run(8.0)
-    bench.player.start()
-    bench.run(20.0)
+    bench = flying(plan, 20.0, released=8.0)
     found = onward(bench, plan, 3.0)
     bench.player.load(found)
     assert bench.player.playback.plan is plan
@@ -163,10 +170,7 @@ def test_a_new_plan_takes_over_at_its_time_without_a_jump(plan):
 
 
 def test_a_plan_that_waits_takes_over_after_a_pause_as_it_would_have_without(plan):
-    bench = Bench(plan)
-    bench.run(8.0)
-    bench.player.start()
-    bench.run(20.0)
+    bench = flying(plan, 20.0, released=8.0)
     next_plan = onward(bench, plan, 6.0)
     bench.player.load(next_plan)
     bench.run(1.0)
@@ -179,9 +183,7 @@ def test_a_plan_that_waits_takes_over_after_a_pause_as_it_would_have_without(pla
 
 
 def test_a_pause_while_a_plan_takes_over_comes_to_rest_on_the_new_one(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(25.0)
+    bench = flying(plan, 25.0)
     next_plan = onward(bench, plan, 1.0)
     bench.player.load(next_plan)
     bench.run(0.8)
@@ -192,9 +194,7 @@ def test_a_pause_while_a_plan_takes_over_comes_to_rest_on_the_new_one(plan):
 
 
 def test_at_rest_a_plan_from_elsewhere_is_refused_and_one_from_there_is_played(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(25.0)
+    bench = flying(plan, 25.0)
     bench.player.pause()
     bench.run(15.0)
     bench.player.load(replace(fly_hover_fly(plan.scenario), start_ns=bench.now + SECOND))
@@ -211,12 +211,8 @@ def test_at_rest_a_plan_from_elsewhere_is_refused_and_one_from_there_is_played(p
 
 
 def test_a_pause_before_the_end_holds_the_plan_that_was_to_begin_after_it(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(25.0)
-    back = replace(plan.scenario, uavs=tuple(
-        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
-    home = replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
+    bench = flying(plan, 25.0)
+    home = homeward(plan)
     bench.player.load(home)
     while bench.player.time < bench.player.playback.duration - 0.5:
         bench.run(STEP)
@@ -239,21 +235,15 @@ def test_a_reason_never_says_that_two_places_are_nought_apart(plan):
 
 
 def test_a_new_altitude_is_a_jump(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(25.0)
+    bench = flying(plan, 25.0)
     bench.player.load(onward(bench, plan, 1.0, altitude=150.0))
     bench.run(3.0)
     assert '50 m from the last one' in bench.refused[0]
 
 
 def test_a_plan_that_came_during_the_flight_begins_after_it_at_its_own_time(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(25.0)
-    back = replace(plan.scenario, uavs=tuple(
-        replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
-    home = replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
+    bench = flying(plan, 25.0)
+    home = homeward(plan)
     bench.player.load(home)
     held = bench.run(119.0)
     assert held.positions == pytest.approx(plan.scenario.goals) and not held.velocities.any()
@@ -262,9 +252,7 @@ def test_a_plan_that_came_during_the_flight_begins_after_it_at_its_own_time(plan
 
 
 def test_a_revision_takes_over_at_once_and_one_that_comes_too_late_is_refused(plan):
-    bench = Bench(plan)
-    bench.player.start()
-    bench.run(25.0)
+    bench = flying(plan, 25.0)
     ahead = plan.tail(20)
     other = fly_hover_fly(replace(ahead.scenario, eavesdroppers=(
         replace(plan.scenario.eavesdroppers[0], position=(150.0, 60.0)),)))

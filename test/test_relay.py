@@ -289,8 +289,7 @@ def test_a_planner_plans_from_where_px4_says_that_its_vehicle_is(packages, clien
         now = client.node.get_clock().now().nanoseconds * 1e-9
         assert abs(there.header.stamp.sec - now) < PATIENCE  # Not PX4's own clock.
         client.send_pose('uav2/pose', 110.0, 10.0)
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         wait_for(lambda: all(paths.values()))
         starts = {name: numbers(found[-1].poses[0].pose.position, 'xy')
                   for name, found in paths.items()}

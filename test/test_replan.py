@@ -4,7 +4,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
-from ros_client import Client, node_here, node_process, PATIENCE, values_of, wait_for
+from ros_client import node_here, node_process, PATIENCE, seconds, values_of, wait_for
 from secure_uav_planner import Scenario
 from secure_uav_planner.model import channel
 from simulation import plan_of, received, Simulation
@@ -20,8 +20,7 @@ def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(cli
 
     with node_process('planner', use_sim_time='true', replan_distance=4.0, replan_lead=4.0,
                       slots=100, pose_timeout=0.0):
-        simulation = Simulation(client, where, speedup=8)
-        try:
+        with Simulation(client, where, speedup=8) as simulation:
             paths, powers = received(client)
             status = client.listen(DiagnosticStatus, 'planner/status')
             client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp())
@@ -35,8 +34,6 @@ def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(cli
                 simulation.send_estimate()
                 return simulation.now > began[0] + 200
             wait_for(arrived, patience=10 * PATIENCE, what='the end of the mission')
-        finally:
-            simulation.close()
         values = values_of(status[-1])
         assert int(values['replans']) >= 20, values
         count = min(map(len, paths + powers))
@@ -44,7 +41,7 @@ def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(cli
 
     scenario = Scenario.paper(200.0, slots=100)
     start = paths[0][0].poses[0].header.stamp
-    times = start.sec + start.nanosec * 1e-9 + 2.0 * np.arange(1, 101)
+    times = seconds(start) + 2.0 * np.arange(1, 101)
     truth = np.array([where(time) for time in times])
 
     def secrecy(plan):
@@ -67,8 +64,7 @@ def test_a_replan_leaves_what_has_been_flown_as_it_was(client):
     with node_here('planner', replan_distance=5.0, replan_lead=lead, duration=120.0,
                    slots=120):
         paths, powers = received(client)
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         wait_for(lambda: all(paths + powers))
         sent = time.time()
         client.send_estimate('eavesdropper/pose', 170, 30)
@@ -77,8 +73,7 @@ def test_a_replan_leaves_what_has_been_flown_as_it_was(client):
     old, new = (plan_of(scenario, paths, powers, index) for index in (0, 1))
     assert paths[0][0].header.stamp == paths[0][1].header.stamp
     # One slot a second: what is flown before a plan that began after this could take effect.
-    start = paths[0][0].header.stamp
-    flown = int(sent + lead - start.sec - start.nanosec * 1e-9)
+    flown = int(sent + lead - seconds(paths[0][0].header.stamp))
     assert (old.positions[:, :flown + 1] == new.positions[:, :flown + 1]).all()
     assert (old.powers[:, :flown] == new.powers[:, :flown]).all()
     assert not (old.positions == new.positions).all()
@@ -87,8 +82,7 @@ def test_a_replan_leaves_what_has_been_flown_as_it_was(client):
 def test_a_replan_is_not_made_while_nothing_moves_and_is_made_every_period(client):
     with node_here('planner', replan_distance=5.0, duration=120.0, slots=60):
         paths, _ = received(client)
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         wait_for(lambda: paths[0])
         client.send_estimate('eavesdropper/pose', 203, 0)
         time.sleep(1.0)
@@ -107,22 +101,3 @@ def test_a_changed_error_radius_is_a_reason_to_plan_again(client):
         assert client.call('planner/plan').success
         client.send_estimate('eavesdropper/pose', 200, 0, variance=100.0)
         wait_for(lambda: len(paths[0]) == 2)
-
-
-def test_a_plan_outlives_the_planner_in_its_file(client, tmp_path):
-    file = tmp_path / 'plan.json'
-    with node_process('planner', plan_file=file, duration=120.0, slots=40) as process:
-        paths, _ = received(client)
-        client.send_paper()
-        assert client.call('planner/plan').success
-        wait_for(lambda: paths[0] and file.exists())
-        process.kill()
-    with node_process('planner', plan_file=file, duration=120.0, slots=40):
-        wait_for(lambda: len(paths[0]) == 2)
-        assert paths[0][0] == paths[0][1]
-    file.write_text('damaged')
-    with node_process('planner', plan_file=file) as process:
-        wait_for(lambda: any('is not a plan' in line for line in process.lines))
-        # The old client still takes the planner that was killed for alive, and may ask that one.
-        with Client('newcomer') as newcomer:
-            assert not newcomer.call('planner/plan').success

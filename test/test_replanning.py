@@ -6,21 +6,17 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from rclpy.time import Time
+from ros_client import DEFAULTS, pose_message, stamp_at
 from secure_uav_planner import Scenario, solve
 from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
 from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.mission_parameters import objective_from
-from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.replanning import check_in_time, Replanning
-from sensor_msgs.msg import TimeReference
 
-DEFAULTS = {name: spec.default for specs in (
-    PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
-    eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()}
 START = 1000  # of the plan, in s
 
 
@@ -58,11 +54,7 @@ class Bench:
             self.published.append((plan, rejoin.effect))
 
     def know(self, kind, topic, x, y, now):
-        message = kind()
-        message.header.frame_id = 'map'
-        pose = getattr(message.pose, 'pose', message.pose)
-        pose.position.x, pose.position.y, pose.orientation.w = float(x), float(y), 1.0
-        self.poses.take(topic, message, 'map', now)
+        self.poses.take(topic, pose_message(kind, x, y), 'map', now)
 
     def check(self, time, eavesdropper=(200.0, 0.0), offset=None, **settings):
         """Check at a time of the plan in s; the offset in m is that of the first UAV."""
@@ -141,9 +133,7 @@ def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
 
 def report(bench, clock, time):
     """Let a follower say to what time of the plan it has come at a time of the clock, in s."""
-    stamp, reached = (Time(nanoseconds=round((START + at) * 1e9)).to_msg() for at in (clock, time))
-    message = TimeReference(source=bench.plan.identity, time_ref=reached)
-    message.header.stamp = stamp
+    message = plan_time(bench.plan, time, stamp_at(START + clock))
     bench.tracking.take_report(message, START + clock)
 
 
@@ -180,19 +170,6 @@ def test_a_follower_that_falls_silent_is_not_believed_to_fly_on(bench):
     assert silent.rate == 0.0 and not silent.is_reported
     bench.check(50.0, (160.0, 0.0), replan_distance=5.0)
     assert not bench.published
-
-
-def test_a_plan_that_is_not_taken_up_is_reported(bench, plan):
-    report(bench, 40.0, 40.0)
-    newer = replace(plan, start_ns=plan.start_ns + 40 * 10**9)
-    bench.tracking.follow(newer, START + 40)
-    for clock in (40.5, 41.0, 41.5, 42.0, 42.5):
-        report(bench, clock, clock)
-    assert bench.tracking.flight(START + 42.5).playback.plan is plan
-    problems, values = bench.tracking.report(DEFAULTS, START + 42.5)
-    assert problems == [f'plan {newer.identity} is not flown: the follower has not taken it up '
-                        f'and flies {plan.identity}']
-    assert values['track.plan'] == plan.identity and values['track.state'] == 'flying'
 
 
 def test_however_many_plans_wait_the_one_that_is_flown_is_known(bench, plan):

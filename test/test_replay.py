@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+import math
 import shutil
 import subprocess
 import time
@@ -50,6 +51,7 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
         line = wait_for(lambda: end_of(process), what='the end of the plan')
         wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
         wait_for(lambda: odometry and len(rates) > 10)
+        assert 'has ended, and no newer one has come' in client.call('replay/start').message
     assert poses[0].header.frame_id == 'map'
     path = np.array([(pose.pose.position.x, pose.pose.position.y) for pose in poses])
     # Every setpoint is on the planned path.
@@ -75,48 +77,15 @@ def send(client, plan, start_ns, change=lambda kind, uav, message: None,
          topics=('path', 'power')):
     """Send the messages of a plan, each changed by a function, with no delay in between."""
     plan = replace(plan, start_ns=start_ns)
-    makers = {'path': messages.path, 'power': lambda plan, index, _: messages.power(plan, index),
-              'trajectory': messages.trajectory}
-    made = []
+    found, made = dict(messages.of_plan(plan, 'earth')), []
     for index, uav in enumerate(plan.scenario.uavs):
         for topic in topics:
-            message = makers[topic](plan, index, 'earth')
+            message = found[f'{uav.name}/{topic}']
             change(topic, index, message)
             publisher = client.publisher(type(message), f'{uav.name}/{topic}', LATCHED)
             made.append((publisher, message))
     for publisher, message in made:
         publisher.publish(message)
-
-
-def test_the_plan_of_the_topics_is_replayed_once_all_of_it_has_come(client, plan):
-    poses = client.listen(PoseStamped, 'uav2/setpoint/pose', 1000)
-    with node_here('replay', speed=50.0, true_eavesdropper='[204.0, 3.0]') as process:
-        answer = client.call('replay/start')
-        assert not answer.success and answer.message == 'there is no plan yet'
-        send(client, plan, 10**18)
-        wait_for(lambda: any('got a plan of 26 slots' in line for line in process.lines))
-        assert not poses  # nobody asked for it to start
-        assert client.call('replay/start').success
-        wait_for(lambda: end_of(process))
-        wait_for(lambda: poses and poses[-1].pose.position.y == -500.0)
-        assert poses[-1].header.frame_id == 'earth'
-
-
-def test_pause_holds_and_reset_returns(client, file):
-    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
-    with node_here('replay', plan_file=file, speed=2.0):
-        assert not client.call('replay/pause').success
-        client.call('replay/start')
-        wait_for(lambda: poses and poses[-1].pose.position.y < 450)
-        assert client.call('replay/pause').success
-        wait_for(lambda: len(poses) > 3 and poses[-1].pose == poses[-3].pose)
-        held = poses[-1].pose.position.y
-        client.call('replay/start')
-        wait_for(lambda: poses[-1].pose.position.y < held)
-        client.call('replay/reset')
-        received = len(poses)
-        client.call('replay/start')
-        wait_for(lambda: any(pose.pose.position.y > held for pose in poses[received:]))
 
 
 def test_it_loops_and_starts_by_itself_when_asked(file):
@@ -161,11 +130,34 @@ def test_with_autostart_a_pause_lasts_through_a_replan_until_a_start(client, pla
         assert client.call('replay/pause').success
 
 
-def elsewhere(kind, uav, message):
-    if kind == 'path':
-        message.header.frame_id = 'elsewhere'
-        for pose in message.poses:
-            pose.header.frame_id = ''
+def wrong(topic, index, field, value):
+    """
+    Return a change for send of the message of a topic and a UAV, or of all UAVs for None.
+
+    :param field: its name, after those of what it is in, such as 'poses.7.header.frame_id'.
+    :param value: the new one, or a function of the old one.
+    """
+    def change(kind, uav, message):
+        if kind == topic and index in (uav, None):
+            *way, name = field.split('.')
+            for part in way:
+                message = message[int(part)] if part.isdigit() else getattr(message, part)
+            new = value(getattr(message, name)) if callable(value) else value
+            setattr(message, name, new)
+    return change
+
+
+ENDLESS = wrong('power', 1, 'data', lambda data: [1e308, *data[1:]])
+
+
+def of_frame(frame_id):
+    """Return a change for send after which all paths are in a frame, which the poses leave out."""
+    def change(kind, uav, message):
+        if kind == 'path':
+            message.header.frame_id = frame_id
+            for pose in message.poses:
+                pose.header.frame_id = ''
+    return change
 
 
 def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, plan):
@@ -176,7 +168,7 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, plan):
         wait_for(lambda: poses)
         for seconds in (0, 1):
             send(client, replace(plan, powers=plan.powers * 0.5), start_ns + seconds * 10**9,
-                 elsewhere)
+                 of_frame('elsewhere'))
             wait_for(lambda: sum(
                 "it is in frame 'elsewhere' and the setpoints are in 'earth'" in line
                 for line in process.lines) > seconds)
@@ -185,7 +177,7 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, plan):
         assert {pose.header.frame_id for pose in poses} == {'earth'}
         # Without setpoints it is a plan like any other; one that is refused changes nothing.
         assert client.call('replay/reset').success
-        send(client, plan, start_ns + 2 * 10**9, elsewhere)
+        send(client, plan, start_ns + 2 * 10**9, of_frame('elsewhere'))
         wait_for(lambda: poses[-1].header.frame_id == 'elsewhere')
 
 
@@ -284,16 +276,14 @@ def test_setpoints_go_on_when_the_clock_is_set_back(client, plan, tmp_path, set_
         assert client.call('replay/start').message.endswith(': playing')
 
 
-@pytest.mark.parametrize('text', ['', '{"format": "other"}', '[1, 2'])
-def test_a_damaged_or_foreign_file_ends_the_node_with_one_clear_line(tmp_path, capfd, text):
+@pytest.mark.parametrize('text, reason', [
+    (None, ''), ('{"format": "other"}', ' is not a plan'), ('[1, 2', ' is not a plan')])
+def test_a_file_that_is_no_plan_ends_the_node_with_one_clear_line(tmp_path, capfd, text, reason):
     path = tmp_path / 'foreign.json'
-    path.write_text(text)
+    if text is not None:
+        path.write_text(text)
     line = refusal(capfd, 'replay', plan_file=path)
-    assert 'parameter plan_file' in line and 'foreign.json is not a plan' in line
-
-
-def test_a_missing_file_ends_the_node_with_one_clear_line(tmp_path, capfd):
-    assert 'none.json' in refusal(capfd, 'replay', plan_file=tmp_path / 'none.json')
+    assert 'parameter plan_file' in line and f'foreign.json{reason}' in line
 
 
 def test_the_wrong_eavesdropper_is_refused(client, file):
@@ -303,61 +293,16 @@ def test_the_wrong_eavesdropper_is_refused(client, file):
         assert client.set_parameters('replay', true_eavesdropper=[1.0, 2.0])[0].successful
 
 
-def shorter(kind, uav, message):
-    if kind == 'power' and uav == 0:
-        message.data = message.data[:5]
-
-
-def of_another_frame(kind, uav, message):
-    if kind == 'path' and uav == 1:
-        message.header.frame_id = 'odom'
-
-
-def of_a_long_frame(kind, uav, message):
-    if kind == 'path':
-        message.header.frame_id = 'x' * 10_000
-        for pose in message.poses:
-            pose.header.frame_id = ''
-
-
-def with_a_pose_of_another_frame(kind, uav, message):
-    if kind == 'path' and uav == 1:
-        message.poses[3].header.frame_id = 'odom'
-
-
-def of_another_plan(kind, uav, message):
-    if kind == 'path' and uav == 1:
-        message.header.stamp.sec += 5
-
-
-def irregular(kind, uav, message):
-    if kind == 'path' and uav == 0:
-        message.poses[7].header.stamp.sec += 1
-
-
-def climbing(kind, uav, message):
-    if kind == 'path' and uav == 1:
-        message.poses[9].pose.position.z += 5.0
-
-
-def beyond_numbers(kind, uav, message):
-    if kind == 'path' and uav == 0:
-        message.poses[2].pose.position.x = 1e300
-
-
-def of_endless_power(kind, uav, message):
-    if kind == 'power' and uav == 1:
-        message.data[2] = 1e308
-
-
 @pytest.mark.parametrize('change, reason', [
-    (shorter, 'uav1 has 28 points and 5 powers'),
-    (of_another_frame, "uav1/path in 'earth', uav2/path in 'odom'"),
-    (of_a_long_frame, 'the frame_id of the paths has 10000 characters; it may have 255'),
-    (with_a_pose_of_another_frame, "uav2/path is in frame 'earth' and has a pose in frame 'odom'"),
-    (of_another_plan, 'their stamps differ'), (irregular, 'equally spaced'),
-    (climbing, 'the altitude must be constant'), (beyond_numbers, 'coordinates beyond'),
-    (of_endless_power, 'values beyond')])
+    (wrong('power', 0, 'data', lambda data: data[:5]), 'uav1 has 28 points and 5 powers'),
+    (wrong('path', 1, 'header.frame_id', 'odom'), "uav1/path in 'earth', uav2/path in 'odom'"),
+    (of_frame('x' * 10_000), 'frame_id of the paths has 10000 characters'),
+    (wrong('path', 1, 'poses.3.header.frame_id', 'odom'), "has a pose in frame 'odom'"),
+    (wrong('path', 1, 'header.stamp.sec', lambda sec: sec + 5), 'their stamps differ'),
+    (wrong('path', 0, 'poses.7.header.stamp.sec', lambda sec: sec + 1), 'equally spaced'),
+    (wrong('path', 1, 'poses.9.pose.position.z', 115.0), 'the altitude must be constant'),
+    (wrong('path', 0, 'poses.2.pose.position.x', 1e300), 'coordinates beyond'),
+    (ENDLESS, 'values beyond')])
 def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
         client, recwarn, plan, change, reason):
     with node_here('replay') as process:
@@ -367,22 +312,22 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
                     if 'not used' in line and 'nothing new has come' not in line]
 
         send(client, plan, 10**18)
-        wait_for(lambda: any('got a plan' in line for line in process.lines))
+        wait_for_line(process, 'got a plan')
         send(client, plan, 11 * 10**17, change)
         wait_for(refusals, what='the refusal')
         time.sleep(0.5)
         assert len(refusals()) == 1 and reason in refusals()[0], process.lines
-        assert sum('got a plan' in line for line in process.lines) == 1
+        assert got(process) == 1
         assert not any('np.' in line for line in process.lines)
         assert not [one for one in recwarn if issubclass(one.category, RuntimeWarning)]
         assert client.call('replay/start').success  # the previous plan is kept
         send(client, plan, 12 * 10**17)
-        wait_for(lambda: sum('got a plan' in line for line in process.lines) == 2)
+        wait_for(lambda: got(process) == 2)
 
 
 def test_a_start_says_why_the_messages_that_have_come_make_no_plan(client, plan):
     with node_here('replay') as process:
-        send(client, plan, 10**18, of_endless_power)
+        send(client, plan, 10**18, ENDLESS)
         wait_for(lambda: any('values beyond' in line for line in process.lines))
         answer = client.call('replay/start')
         assert not answer.success
@@ -393,7 +338,7 @@ def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
     watts = client.listen(Float64, 'uav1/setpoint/power', 1000)
     with node_here('replay', speed=50.0) as process:
         send(client, plan, 10**18)
-        wait_for(lambda: any('got a plan' in line for line in process.lines))
+        wait_for_line(process, 'got a plan')
         lone = messages.power(plan, 0)
         for slot in range(len(lone.data)):
             lone.data[slot] = 3.21
@@ -404,7 +349,14 @@ def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
         wait_for(lambda: end_of(process))
         wait_for(lambda: watts)
         assert not any(watt.data == 3.21 for watt in watts)
-        assert sum('got a plan' in line for line in process.lines) == 1
+        assert got(process) == 1
+
+
+def at_of(setpoint):
+    """Return the place (2,) and the velocity (2,) of a setpoint."""
+    point, = setpoint.points
+    place, velocity = point.transforms[0].translation, point.velocities[0].linear
+    return np.array([place.x, place.y]), np.array([velocity.x, velocity.y])
 
 
 def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(client, tmp_path):
@@ -423,19 +375,16 @@ def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(
     motion = curve.at(times)
     for message in found[:200:10]:
         point, = message.points
-        at = point.transforms[0]
-        assert at.translation.z == scenario.uavs[0].altitude
-        nearest = np.hypot(motion.positions[0, :, 0] - at.translation.x,
-                           motion.positions[0, :, 1] - at.translation.y).argmin()
-        velocity = np.array([point.velocities[0].linear.x, point.velocities[0].linear.y])
+        assert point.transforms[0].translation.z == scenario.uavs[0].altitude
+        place, velocity = at_of(message)
+        nearest = np.linalg.norm(motion.positions[0] - place, axis=-1).argmin()
         # Played at twice the speed.
         assert velocity == pytest.approx(2 * motion.velocities[0, nearest], abs=0.1)
         assert np.hypot(point.accelerations[0].linear.x,
                         point.accelerations[0].linear.y) <= 4 * 1.5 + 1e-6
     # It begins near rest and does not jump: from each to the next as its velocity says, however
     # much later that one is.
-    y = np.array([message.points[0].transforms[0].translation.y for message in found[:200]])
-    speeds = np.array([message.points[0].velocities[0].linear.y for message in found[:200]])
+    y, speeds = np.array(list(map(at_of, found[:200])))[:, :, 1].T
     later = np.diff([message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
                      for message in found[:200]])
     assert (abs(np.diff(y) - speeds[:-1] * later) <= 4 * 1.5 / 2 * later**2 + 1e-3).all()
@@ -461,20 +410,16 @@ def distance_from_curve(plan, uav, setpoints):
     """Return how far setpoints are at most from the curve of a plan, in m and in m/s."""
     curve = Curve(plan.scenario, plan.positions)
     motion = curve.at(np.linspace(curve.begin, curve.end, 20001))
-    places = np.array([(at.x, at.y) for message in setpoints
-                       for at in [message.points[0].transforms[0].translation]])
+    places, velocities = map(np.array, zip(*map(at_of, setpoints)))
     apart = np.linalg.norm(motion.positions[uav][:, None] - places, axis=-1)
     nearest = apart.argmin(axis=0)
-    velocities = np.array([(at.x, at.y) for message in setpoints
-                           for at in [message.points[0].velocities[0].linear]])
     off = np.linalg.norm(velocities - motion.velocities[uav][nearest], axis=-1)
     return apart.min(axis=0).max(), off.max()
 
 
 def moving(setpoints):
     """Return the setpoints before the first that rests, after those that wait at the start."""
-    speeds = [np.hypot(at.x, at.y) for message in setpoints
-              for at in [message.points[0].velocities[0].linear]]
+    speeds = [np.hypot(*at_of(one)[1]) for one in setpoints]
     first = next(number for number, speed in enumerate(speeds) if speed)
     return setpoints[first:next(
         (number for number, speed in enumerate(speeds) if number > first and not speed), None)]
@@ -482,13 +427,16 @@ def moving(setpoints):
 
 def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from_a_file(
         client, smooth):
-    with node_here('replay', speed=1.0, rate=50.0) as process:
+    setpoints = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
+    with node_here('replay', speed=20.0, rate=50.0) as process:
+        answer = client.call('replay/start')
+        assert not answer.success and answer.message == 'there is no plan yet'
         send(client, smooth, 10**18, topics=ALL)
-        wait_for(lambda: any('got a plan of 30 slots' in line for line in process.lines))
-        assert client.set_parameters('replay', speed=20.0)[0].successful
-        setpoints = client.listen(MultiDOFJointTrajectory, 'uav1/setpoint/trajectory', 10000)
+        wait_for_line(process, 'got a plan of 30 slots')
+        assert not setpoints  # Nobody asked for it to start.
         assert client.call('replay/start').success
         wait_for(lambda: end_of(process))
+    assert {one.header.frame_id for one in setpoints} == {'earth'}
     for message in setpoints:
         # As a vehicle sees it at real time.
         linear = message.points[0].velocities[0].linear
@@ -508,50 +456,31 @@ def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from
 
 def test_trajectories_may_come_in_any_order_and_late_ones_still_count(client, smooth):
     with node_here('replay') as process:
-        def plans():
-            return sum('got a plan' in line for line in process.lines)
-
         send(client, smooth, 10**18, topics=('trajectory', 'power', 'path'))
-        wait_for(lambda: plans() == 1)
+        wait_for(lambda: got(process) == 1)
         # The replay knows now that somebody publishes trajectories, and misses them.
         send(client, smooth, 11 * 10**17)
-        wait_for(lambda: plans() == 2)
+        wait_for(lambda: got(process) == 2)
         wait_for(lambda: any('nothing has come on uav1/trajectory, uav2/trajectory' in line
                              for line in process.lines))
         send(client, smooth, 11 * 10**17, topics=('trajectory',))
-        wait_for(lambda: plans() == 3)
+        wait_for(lambda: got(process) == 3)
         # A new plan of the same flight has the same stamp.
         send(client, smooth, 11 * 10**17, topics=ALL)
-        wait_for(lambda: plans() == 4)
+        wait_for(lambda: got(process) == 4)
         assert sum('straight' in line for line in process.lines) == 1
         assert not any('not used' in line for line in process.lines)
 
 
-def of_another_curve(kind, uav, message):
-    if kind == 'trajectory' and uav == 0:
-        message.points[7].transforms[0].translation.x += 0.5
-
-
-def beyond_every_number(kind, uav, message):
-    if kind == 'trajectory' and uav == 0:
-        message.points[0].accelerations[0].linear.x = float('nan')
-
-
-def too_short(kind, uav, message):
-    if kind == 'trajectory' and uav == 0:
-        message.points = message.points[:-1]
-
-
-def of_a_curve_elsewhere(kind, uav, message):
-    if kind == 'trajectory' and uav == 0:
-        message.header.frame_id = 'odom'
-
-
 @pytest.mark.parametrize('change, reason', [
-    (of_another_curve, 'uav1/trajectory is not the curve of uav1/path: at point 7'),
-    (beyond_every_number, 'uav1/trajectory has values beyond'),
-    (too_short, 'uav1/trajectory has 31 points and uav1/path 32'),
-    (of_a_curve_elsewhere, "uav1/path is in frame 'earth', uav1/trajectory in 'odom'")])
+    (wrong('trajectory', 0, 'points.7.transforms.0.translation.x', lambda x: x + 0.5),
+     'uav1/trajectory is not the curve of uav1/path: at point 7'),
+    (wrong('trajectory', 0, 'points.0.accelerations.0.linear.x', math.nan),
+     'uav1/trajectory has values beyond'),
+    (wrong('trajectory', 0, 'points', lambda points: points[:-1]),
+     'uav1/trajectory has 31 points and uav1/path 32'),
+    (wrong('trajectory', 0, 'header.frame_id', 'odom'),
+     "uav1/path is in frame 'earth', uav1/trajectory in 'odom'")])
 def test_trajectories_that_do_not_belong_to_their_paths_are_refused(
         client, smooth, change, reason):
     with node_here('replay') as process:
@@ -560,4 +489,4 @@ def test_trajectories_that_do_not_belong_to_their_paths_are_refused(
         assert not any('got a plan' in line for line in process.lines)
         # The right one completes the plan.
         send(client, smooth, 10**18, topics=('trajectory',))
-        wait_for(lambda: any('got a plan' in line for line in process.lines))
+        wait_for_line(process, 'got a plan')

@@ -1,20 +1,15 @@
 """Requests to the planner that meet replans, failures of the solver and their own deadline."""
 
 from contextlib import contextmanager
-import os
 import random
-import subprocess
-import sys
-import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_client import Client, node_here, node_process, PATIENCE, stopped, values_of, wait_for
-
-DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+from ros_client import (
+    Client, node_here, node_process, seconds, values_of, wait_for, wait_for_line)
+from simulation import DEEP
 
 
 @pytest.fixture(scope='module')
@@ -40,8 +35,7 @@ def busy():
                 values_of(status[-1])['state'] == 'idle')
         wait_for(quiet, what='the end of the last replan')
         values = values_of(status[-1])
-    return answers, [stamp.sec + stamp.nanosec * 1e-9 for stamp in (
-        path.header.stamp for path in paths)], values
+    return answers, [seconds(path.header.stamp) for path in paths], values
 
 
 def test_a_request_stops_a_replan_and_is_not_refused(busy):
@@ -61,27 +55,17 @@ def test_no_replan_of_an_older_plan_is_published_after_the_plan_of_a_request(bus
 @contextmanager
 def planner_with(solve, **parameters):
     """Run a planner whose solver is the text of a function, in a process of its own."""
-    script = ('from dataclasses import replace\n'
-              'import time\n'
-              'from secure_uav_planner import fly_hover_fly, Iteration\n'
-              'import secure_uav_planner.ros.planner as planner\n'
-              f'{solve}\n'
-              'planner.solve = solve\n'
-              'planner.main()\n')
-    arguments = [word for name, value in parameters.items()
-                 for word in ('-p', f'{name.replace("__", ".")}:={value}')]
-    process = subprocess.Popen(
-        [sys.executable, '-c', script, '--ros-args', *arguments], stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True, env={**os.environ, 'PYTHONUNBUFFERED': '1'})
-    process.lines = []
-    reader = threading.Thread(target=lambda: process.lines.extend(process.stdout), daemon=True)
-    reader.start()
-    try:
-        wait_for(lambda: any('ready' in line for line in process.lines))
+    program = ('from dataclasses import replace\n'
+               'import os\n'
+               'import time\n'
+               'from secure_uav_planner import fly_hover_fly, Iteration, Plan\n'
+               'import secure_uav_planner.ros.planner as planner\n'
+               f'{solve}\n'
+               'planner.solve = solve\n'
+               'planner.main()\n')
+    with node_process('planner', program=program, **parameters) as process:
+        wait_for_line(process, 'ready')
         yield process
-    finally:
-        stopped(process)
-        reader.join(timeout=PATIENCE)
 
 
 def test_an_error_of_the_program_is_reported_as_one_and_not_as_a_refusal(client):
@@ -104,7 +88,6 @@ def solve(scenario, **options):
 
 def test_a_solve_does_not_begin_with_the_progress_of_the_one_before(client, tmp_path):
     slow = f"""
-import os
 calls = []
 def solve(scenario, on_iteration, **options):
     calls.append(1)
@@ -117,8 +100,7 @@ def solve(scenario, on_iteration, **options):
 """
     with planner_with(slow):
         diagnostics = client.listen(DiagnosticArray, '/diagnostics', 100)
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         diagnostics.clear()
         answer = client.ask('planner/plan')
 
@@ -160,8 +142,7 @@ def solve(scenario, initial=None, **options):
     with planner_with(slow, replan_distance=5.0, replan_lead=0.1, duration=120.0, slots=1200):
         paths = client.listen(Path, 'uav1/path')
         status = client.listen(DiagnosticStatus, 'planner/status')
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         wait_for(lambda: paths)
         client.send_estimate('eavesdropper/pose', 260, 0)
         wait_for(lambda: status and 'replan' in status[-1].message, what='the reason')
@@ -193,7 +174,6 @@ def solve(scenario, **options):
 
 def test_the_state_is_solving_until_the_request_has_been_answered(client):
     slow = """
-from secure_uav_planner import Plan
 Plan.evaluated = lambda plan: time.sleep(3.0) or plan
 def solve(scenario, **options):
     return fly_hover_fly(scenario)
@@ -215,8 +195,6 @@ def solve(scenario, **options):
 
 def test_a_cancel_between_the_solve_and_the_publication_is_kept(client, tmp_path):
     slow = f"""
-import os
-from secure_uav_planner import Plan
 def evaluated(plan):
     open({str(tmp_path / 'solved')!r}, 'w').close()
     while not os.path.exists({str(tmp_path / 'go')!r}):
@@ -249,8 +227,7 @@ def solve(scenario, initial=None, **options):
     with planner_with(same, replan_period=0.3, replan_lead=5.0, duration=120.0, slots=120):
         paths = client.listen(Path, 'uav1/path')
         status = client.listen(DiagnosticStatus, 'planner/status')
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         wait_for(lambda: (tmp_path / 'solves').read_text().count('solve') > 4, what='replans')
         assert values_of(status[-1])['replans'] == '0' and len(paths) == 1
 
@@ -267,8 +244,7 @@ def solve(scenario, **options):
 """
     with planner_with(fails_later, bound='after', pose_timeout=0.0, duration=104.0, slots=52):
         status = client.listen(DiagnosticStatus, 'planner/status')
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         assert not client.call('planner/plan').success
         wait_for(lambda: status and 'plan.bound' in values_of(status[-1]), what='the bound')
 

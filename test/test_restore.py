@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Path
 import pytest
 from ros_client import node_here, values_of, wait_for
-from secure_uav_planner import fly_hover_fly, Scenario
+from secure_uav_planner import fly_hover_fly, Plan, Scenario
 from secure_uav_planner.ros.messages import plan_time
 from sensor_msgs.msg import TimeReference
 
@@ -54,21 +54,27 @@ def test_a_request_just_after_a_restart_in_flight_waits_for_who_flies_the_plan(c
     assert f'goes on from plan {plan.identity}, which is flying' in answer.result().message
 
 
-def digits(value):
-    """Return a whole number as JSON writes it; Python refuses to write those of 400 digits."""
-    return '1' + 400 * '0' if value == 10**400 else json.dumps(value)
+def changed(field, value):
+    """Return what changes a field in the text of a file, of the scenario or of the plan."""
+    def change(text):
+        values = json.loads(text)
+        (values['scenario'] if field == 'slots' else values)[field] = '@'
+        return json.dumps(values).replace('"@"', value)
+    return change
 
 
-@pytest.mark.parametrize('field, value', [
-    ('start_ns', 10**30), ('start_ns', 2**63 - 1), ('start_ns', -5), ('start_ns', None),
-    ('slots', 10**400), ('status', 'finished'), ('history', 7), ('positions', 'x' * 10**5)],
-    ids=lambda value: str(value)[:8] if value != 10**400 else '10**400')
-def test_a_plan_that_cannot_be_published_is_one_short_warning(client, file, field, value):
+@pytest.mark.parametrize('change', [
+    lambda text: text[:len(text) // 2], lambda text: text.replace('"uav2"', '"other"'),
+    lambda text: text.replace('100.0', 'NaN', 1), changed('start_ns', f'{10**30}'),
+    changed('start_ns', '-5'), changed('start_ns', 'null'), changed('slots', '1' + 400 * '0'),
+    changed('status', '"finished"'), changed('positions', f'"{"x" * 10**5}"')], ids=[
+    'half', 'foreign', 'NaN', 'too late', 'too early', 'none', 'endless', 'status', 'text'])
+def test_a_plan_that_cannot_be_published_is_one_short_warning_and_is_replaced(
+        client, file, change):
     PLAN.save(file)
-    values = json.loads(file.read_text())
-    (values['scenario'] if field == 'slots' else values)[field] = '@'
-    file.write_text(json.dumps(values).replace('"@"', digits(value)))
+    file.write_text(change(file.read_text()))
     check_one_warning(client, file)
+    assert Plan.load(file).scenario.slots == 20
 
 
 @pytest.mark.parametrize('file', ['/dev/full', '/dev/zero', '/tmp', 'x' * 5000],
@@ -83,8 +89,7 @@ def check_one_warning(client, file):
     with node_here('planner', plan_file=file, duration=120.0, slots=20) as process:
         warnings = [line for line in process.lines if 'plan_file' in line]
         assert len(warnings) == 1 and '[WARN]' in warnings[0], process.lines
-        client.send_paper()
-        assert client.call('planner/plan').success
+        client.plan_paper()
         wait_for(lambda: paths)
         assert [len(path.poses) for path in paths] == [22]
     assert max(map(len, process.lines)) < 1000

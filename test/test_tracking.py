@@ -200,13 +200,6 @@ def test_a_replan_that_meets_nobody_begins_on_the_plan(plan):
         assert (beginning.powers == plan.powers[:, :beginning.point]).all()
 
 
-def test_a_uav_that_cannot_reach_its_goal_any_more_is_named_with_its_distance(plan):
-    playback = Playback(plan)
-    late = plan.times[-1] - 20.0
-    with pytest.raises(InfeasibleMissionError, match=r'uav1 \(90\.0 m from it\) cannot be met'):
-        begun(plan, late, [state_at(playback, late, (90.0, 0.0)), None])
-
-
 @pytest.mark.parametrize('share', [0.6, 1.0], ids=['between', 'around'])
 def test_the_way_to_a_uav_keeps_out_of_zones(plan, share):
     """The zone is between the UAV and its plan, or around the place where they would meet."""
