@@ -138,13 +138,15 @@ class Planner(Node):
         while self._posted and not self._closed:
             self._posted.popleft()()
 
-    def _take_pose(self, topic: str, message: Message, received: float) -> None:
+    def _take_pose(self, topic: str, message: Message, arrived: float) -> None:
         """Keep a valid pose, and warn once of each kind of invalid ones."""
         is_first, member = self._poses.get(topic) is None, topic.partition('/')[0]
         origin = self._settings[f'{member}.origin'] if member in self._uavs else (0.0, 0.0, 0.0)
         warned = self._warned.setdefault(topic, set())
         try:
-            self._poses.take(topic, message, self._settings['frame_id'], received, origin)
+            # With simulated time, a pose can be there before the clock has come to its stamp.
+            self._poses.take(
+                topic, message, self._settings['frame_id'], self._now(), origin, arrived)
         except PoseError as error:
             reason = brief(error)
             if reason not in warned and len(warned) < _MOST_WARNINGS:

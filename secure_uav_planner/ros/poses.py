@@ -72,12 +72,13 @@ class PoseBook:
         self._recent: dict[str, list[tuple[float, Point]]] = {}
 
     def take(self, topic: str, message: Message, frame_id: str, now: float,
-             origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+             origin: Sequence[float] = (0.0, 0.0, 0.0), arrived: float | None = None) -> None:
         """
         Check a pose and keep it, unless a newer one has just come.
 
         :param frame_id: the frame in which it must be, or into which it can be moved.
         :param origin: what is added to its position, (x, y, z) in m.
+        :param arrived: when it came in s, the time of a pose that has no stamp; by default now.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
         header = message.header
@@ -99,7 +100,8 @@ class PoseBook:
         elif isinstance(message, Odometry):
             velocity = _velocity(message)
         # Without rclpy's Time, which raises an error for times before 1970.
-        stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or now
+        stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or (
+            now if arrived is None else arrived)
         x, y, height = (getattr(pose.position, axis) + shift
                         for axis, shift in zip('xyz', origin, strict=True))
         new = KnownPose(frame_id, (x, y), height, covariance, stamp, now, velocity)
