@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from .plan import Plan
 from ..mission.scenario import Array
-from ..mission.validation import checked_kind, checked_real
+from ..mission.validation import checked_array, checked_kind, checked_real
 from ..model import channel
 
 
@@ -77,8 +77,9 @@ class Playback:
         return float(self._rates(moment.positions[:, None], moment.powers[:, None],
                                  eavesdropper)[0])
 
-    def secrecy_rates(self, times: Array, eavesdropper: ArrayLike | None = None) -> Array:
+    def secrecy_rates(self, times: ArrayLike, eavesdropper: ArrayLike | None = None) -> Array:
         """Return the secrecy rates at times (K,) in s, (K,) in bit/s/Hz; see secrecy_rate."""
+        times = checked_array('times', times, (None,))
         return self._rates(self.curve.at(times).positions, self._powers_at(times), eavesdropper)
 
     def _rates(self, positions: Array, powers: Array, eavesdropper: ArrayLike | None) -> Array:
