@@ -4,14 +4,14 @@ Plan a mission over a city and show plan and flight in RViz.
 RViz is started where it is installed; without it, the nodes publish the same for any other viewer.
 """
 
+from pathlib import Path
 import shutil
 import subprocess
 
-from ament_index_python.packages import get_package_share_path
 from secure_uav_planner import Scenario
 from secure_uav_planner.ros.client import node_process, SecurePlanner
 
-CONFIG = get_package_share_path('secure_uav_planner') / 'config'
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 
 
 def main(speed=10.0):

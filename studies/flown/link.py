@@ -28,8 +28,6 @@ STEP_NS = round(1e9 / RATE)
 BEGIN_NS = 10**9
 """The first time of the clock."""
 
-_COUNTS = ('plans', 'replans', 'refusals')
-
 
 def node(name: str, **parameters: object) -> AbstractContextManager[object]:
     """Return the context of a node's process in simulated time."""
@@ -45,13 +43,13 @@ class Link(SecurePlanner):
     :ivar setpoints: the last Setpoint of each UAV by its name.
     :ivar plan_time: the last sensor_msgs/TimeReference of the replay, or None.
     :ivar warnings: how many times the planner's status was not OK, by its text.
-    :ivar is_solving: whether the planner solves, or has not said yet what has come of it.
+    :ivar is_solving: whether the planner solves.
     """
 
     def __init__(self, scenario, nodes):
         super().__init__(scenario, on_status=self._note_status)
         self.setpoints, self.plan_time, self.warnings = {}, None, Counter()
-        self.is_solving, self._settled, self._nodes = False, None, nodes
+        self.is_solving, self._nodes = False, nodes
 
     def __enter__(self):
         super().__enter__()
@@ -79,11 +77,7 @@ class Link(SecurePlanner):
         """Note warnings, and whether a solve is under way."""
         if message.level != DiagnosticStatus.OK:
             self.warnings[message.message] += 1
-        counts = [self.status[key] for key in _COUNTS]
-        if self.status['state'] == 'solving':
-            self.is_solving = True
-        elif not self.is_solving or counts != self._settled:
-            self.is_solving, self._settled = False, counts
+        self.is_solving = self.status['state'] == 'solving'
 
     def has_come_to(self, now_ns):
         """Return whether the replay has come to a time in ns with all that it sends."""
