@@ -131,7 +131,8 @@ def test_no_setpoint_jumps_when_a_flight_is_late_paused_and_pushed_aside(tmp_pat
     found = report.event_report(flown)
     print(f'\n{report.table([found])}')
     assert found.is_smooth
-    assert found.replans > 0
+    # The planner saw the push; a replan that would only repeat the plan does not count.
+    assert found.replans + found.refusals > 0
     # It began late, stood in the pause, was pushed aside and came home.
     assert flown.times[0] == pytest.approx(2.0, abs=0.1)
     assert np.diff(flown.plan_times).min() == 0.0
