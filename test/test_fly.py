@@ -131,7 +131,7 @@ def test_no_setpoint_jumps_when_a_flight_is_late_paused_and_pushed_aside(tmp_pat
     found = report.event_report(flown)
     print(f'\n{report.table([found])}')
     assert found.is_smooth
-    # The planner saw the push; a replan that would only repeat the plan does not count.
+    # The planner saw the push; here it refuses, since no way back is in time for the goal.
     assert found.replans + found.refusals > 0
     # It began late, stood in the pause, was pushed aside and came home.
     assert flown.times[0] == pytest.approx(2.0, abs=0.1)
