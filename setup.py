@@ -58,6 +58,7 @@ setup(
     packages=find_packages(include=[f'{package_name}*']),
     package_data={
         package_name: ['py.typed'],
+        f'{package_name}.mission.formats': ['*.yaml'],
         f'{package_name}.model.kernel': ['*.cpp', '*.hpp']},
     cmdclass={'build_ext': BuildKernel},
     ext_modules=[kernel],

@@ -3,18 +3,18 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from .mission import views
+from .mission import register_views
 
 if TYPE_CHECKING:
     from .assessment import assess, Assessment, World
     from .bound.method import upper_bound
     from .errors import PlanningError
     from .mission.link_budget import reference_snr_db
-    from .mission.propulsion import Propulsion
+    from .mission.participants import Propulsion
     from .mission.scenario import Channel, Eavesdropper, NoFlyZone, Scenario, Uav
     from .optimize.solve import fly_hover_fly, METHODS, solve
-    from .plan.bound import Bound
-    from .plan.plan import Iteration, Plan
+    from .plan.plan import Plan
+    from .plan.results import Bound, Iteration
     __version__: str
 
 __all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone',
@@ -25,25 +25,25 @@ _HOMES = {'assessment': ('Assessment', 'World', 'assess'),
           'bound': ('upper_bound',),
           'errors': ('PlanningError',),
           'mission.link_budget': ('reference_snr_db',),
-          'mission.propulsion': ('Propulsion',),
+          'mission.participants': ('Propulsion',),
           'mission.scenario': ('Channel', 'Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav'),
           'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
           'plan': ('Bound', 'Iteration', 'Plan')}
 
-views.offer(__name__, plot_plan='.output.picture:draw_plan',
-            plot_assessment='.output.assessment_picture:draw_assessment',
-            plot_scenario='.output.picture:draw_scenario',
-            plan_to_dataframe='.output.spreadsheet:to_dataframe',
-            save_mcap='.ros.recording:record')
-import_module('.model.kernel', __name__)  # Where it is not built, its error says what to do.
+register_views(__name__, plot_plan='.output.picture:draw_plan',
+               plot_assessment='.output.assessment_picture:draw_assessment',
+               plot_scenario='.output.picture:draw_scenario',
+               plan_to_dataframe='.output.spreadsheet:to_dataframe',
+               save_mcap='.ros.recording:record')
+import_module('.model.kernel', __name__)  # If it is not built, its error says what to do.
 
 
 def __getattr__(name: str) -> object:
     """
-    Return a public name, or a module of this package, and import it only now.
+    Import a public name, or a module of this package, when it is first used.
 
-    Importing the package itself takes no time, so that an executable can see to signals before
-    its modules load.
+    Importing the package itself takes no time, so that an executable can set its signal handlers
+    before its modules load.
     """
     if name == '__version__':
         metadata = import_module('importlib.metadata')

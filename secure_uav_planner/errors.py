@@ -1,8 +1,8 @@
 """
-The one tree of errors: a class for every kind of outcome, each with a one-word code.
+The tree of errors: a class for each kind of outcome, each with a one-word code.
 
-Every class is a ValueError, where the caller can mend what was given, or a RuntimeError as well.
-Programming errors are none of them, so that nobody catches those by mistake.
+Each class is also a ValueError, where the caller can correct an argument, or a RuntimeError.
+Programming errors are not among them, so that nobody catches those by mistake.
 """
 
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ import reprlib
 from typing import Any, ClassVar, TypeAlias
 
 Place: TypeAlias = tuple[str | int, ...]
-"""Where a value is: names of fields, and numbers in lists."""
+"""Path of a value: names of fields, and indices in lists."""
 
 
-def path_of(place: Place) -> str:
-    """Return a place in one string, such as `uavs[1].max_speed`."""
+def format_place(place: Place) -> str:
+    """Format a place as a string, such as `uavs[1].max_speed`."""
     return ''.join(f'[{part}]' if isinstance(part, int) else f'.{part}'
                    for part in place).removeprefix('.')
 
@@ -26,8 +26,8 @@ class PlanningError(Exception):
     """
     The root of all errors of this package.
 
-    :param text: what is wrong.
-    :param place: where, if a field is to blame.
+    :param text: the message.
+    :param place: path of the wrong field, empty if no field is to blame.
     :cvar code: one word for programs; the planner publishes it as `outcome.code`.
     """
 
@@ -42,13 +42,13 @@ class PlanningError(Exception):
 
     @property
     def field(self) -> str:
-        """Return the path of the wrong field, such as `uavs[1].max_speed`, or nothing."""
-        return path_of(self.place)
+        """Path of the wrong field, such as `uavs[1].max_speed`, or an empty string."""
+        return format_place(self.place)
 
 
 @contextmanager
-def within(*place: str | int) -> Iterator[None]:
-    """Put a place before that of an error which leaves the with statement."""
+def prefix_place(*place: str | int) -> Iterator[None]:
+    """Prefix the place of an error that leaves the with statement."""
     try:
         yield
     except PlanningError as error:
@@ -60,18 +60,18 @@ class ScenarioError(PlanningError, ValueError, code='invalid_scenario'):
     """
     A field of a scenario has a wrong value; the text says which and what is allowed.
 
-    :ivar others: what else does not fit together in the same scenario.
+    :ivar further: the other inconsistencies of the same scenario.
     """
 
-    others: tuple['ScenarioError', ...] = ()
+    further: tuple['ScenarioError', ...] = ()
 
 
 class InfeasibleMissionError(ScenarioError, code='infeasible'):
     """
     No flight keeps the limits; the text names the least duration of the straight line.
 
-    Where the duration is longer, it names what is in the way, and the shortest duration with which
-    flights were found, if any were.
+    If the duration is longer, the text names the limit in the way and, if flights were found at
+    all, the shortest duration with which they were.
     """
 
 
@@ -79,15 +79,15 @@ class MissionFileError(ScenarioError, code='invalid_mission_file'):
     """
     A file does not hold a mission; the text has the file, the line and what is wrong first.
 
-    :ivar problems: all that is wrong, each with its line (or None) and a text.
-    :ivar rest: the Scenario of what is right in the file, with wide limits in place of what is
-        wrong, where what it cannot fly could not be flown otherwise; or None.
+    :ivar problems: all errors of the file, each with its line (or None) and a text.
+    :ivar relaxed: the Scenario of the file with wide limits in place of wrong values, or None. If
+        it cannot be flown, no correction of those values makes it so.
     """
 
     def __init__(self, text: str, problems: tuple[tuple[int | None, str], ...] = ()) -> None:
         super().__init__(text)
         self.problems = problems
-        self.rest: Any = None
+        self.relaxed: Any = None
 
 
 class OptionError(PlanningError, ValueError, code='invalid_option'):
@@ -131,7 +131,7 @@ class StoppedError(PlanningError, RuntimeError, code='cancelled'):
 
 
 class TimeLimitError(PlanningError, RuntimeError, code='time_limit'):
-    """The time limit was over before flights that keep the limits were found."""
+    """The time limit passed before flights that keep the limits were found."""
 
 
 class LateError(PlanningError, RuntimeError, code='late'):
@@ -150,30 +150,46 @@ class MissingPackageError(PlanningError, RuntimeError, code='missing_package'):
     """An optional package, such as Matplotlib for pictures, is not installed."""
 
 
-_of_file: ContextVar[bool] = ContextVar('_of_file', default=False)
+_EXTRAS = {'matplotlib': 'view', 'mcap': 'view', 'pandas': 'view', 'plotly': 'view',
+           'distributed': 'campaign', 'joblib': 'campaign', 'tqdm': 'campaign'}
 
 
 @contextmanager
-def words_of_files() -> Iterator[None]:
-    """Let messages have the words of YAML and JSON, such as null, where Python has others."""
-    token = _of_file.set(True)
+def name_missing_package() -> Iterator[None]:
+    """Turn the error of a package that is not installed into a MissingPackageError."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        missing = (error.name or '').partition('.')[0]
+        raise MissingPackageError(
+            f'{missing} is not installed; pip install '
+            f'"secure_uav_planner[{_EXTRAS.get(missing, "ros")}]"') from error
+
+
+_yaml_notation: ContextVar[bool] = ContextVar('_yaml_notation', default=False)
+
+
+@contextmanager
+def yaml_notation() -> Iterator[None]:
+    """Write values in messages as YAML and JSON do, such as null instead of None."""
+    token = _yaml_notation.set(True)
     try:
         yield
     finally:
-        _of_file.reset(token)
+        _yaml_notation.reset(token)
 
 
 _NOUNS = {'Scenario': 'mission', 'Uav': 'UAV', 'NoFlyZone': 'no-fly zone'}
 
 
-def noun_of(kind: type[Any]) -> str:
-    """Return what a class is called in Python or, within words_of_files, in a file."""
+def describe_class(kind: type[Any]) -> str:
+    """Return the name of a class in Python or, in yaml_notation, in a mission file."""
     name = kind.__name__
-    return _NOUNS.get(name, name.lower()) if _of_file.get() else name
+    return _NOUNS.get(name, name.lower()) if _yaml_notation.get() else name
 
 
-class _Short(reprlib.Repr):
-    """Values as error messages show them: short, and NumPy's numbers as plain ones."""
+class _Quote(reprlib.Repr):
+    """Short representations for error messages; NumPy's numbers look like plain ones."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -184,9 +200,9 @@ class _Short(reprlib.Repr):
     def repr1(self, x: Any, level: int) -> str:
         if type(x).__module__ == 'numpy' and hasattr(x, 'tolist'):
             x = x.tolist()
-        if _of_file.get() and (x is None or isinstance(x, bool)):
+        if _yaml_notation.get() and (x is None or isinstance(x, bool)):
             return 'null' if x is None else str(x).lower()
-        if _of_file.get() and isinstance(x, float) and not math.isfinite(x):
+        if _yaml_notation.get() and isinstance(x, float) and not math.isfinite(x):
             return f'{x}'.replace('inf', '.inf').replace('nan', '.nan')
         try:
             return super().repr1(x, level)
@@ -194,22 +210,23 @@ class _Short(reprlib.Repr):
             return f'<{type(x).__name__} of {x.bit_length()} bits>'
 
     def repr_tuple(self, x: tuple[Any, ...], level: int) -> str:
-        return self.repr_list([*x], level) if _of_file.get() else super().repr_tuple(x, level)
+        return (self.repr_list([*x], level) if _yaml_notation.get()
+                else super().repr_tuple(x, level))
 
     def repr_dict(self, x: dict[Any, Any], level: int) -> str:
-        if not _of_file.get() or not x or level <= 0:
+        if not _yaml_notation.get() or not x or level <= 0:
             return super().repr_dict(x, level)
-        found = [f'{key}: {self.repr1(x[key], level - 1)}'[:self.maxother]
+        items = [f'{key}: {self.repr1(x[key], level - 1)}'[:self.maxother]
                  for key in [*x][:self.maxdict]]
-        return f'{{{", ".join([*found, *["..."] * (len(x) > self.maxdict)])}}}'
+        return f'{{{", ".join([*items, *["..."] * (len(x) > self.maxdict)])}}}'
 
 
-shown = _Short().repr
-"""Return any value as text for an error message, cut to a few dozen characters."""
+quote = _Quote().repr
+"""Return the text of any value for an error message, cut to a few dozen characters."""
 
 
 def brief(text: object, most: int = 400) -> str:
-    """Return a text, such as an error, in one line; of a long text the middle is cut out."""
+    """Return a text or an error as one line; the middle of a long text is cut out."""
     line = ' '.join(str(text).split())
     if len(line) <= most:
         return line
@@ -217,6 +234,6 @@ def brief(text: object, most: int = 400) -> str:
     return f'{line[:half]} ... {line[-half:]}'
 
 
-def with_type(error: BaseException) -> str:
-    """Return the class and the text of an unexpected error in one line."""
+def describe_error(error: BaseException) -> str:
+    """Return the class and the text of an unexpected error as one line."""
     return brief(f'{type(error).__name__}: {error}')

@@ -7,7 +7,7 @@ from matplotlib.patches import Polygon
 import numpy as np
 import pytest
 from secure_uav_planner import NoFlyZone, Scenario
-from secure_uav_planner.mission.polygons import grown
+from secure_uav_planner.mission.polygons import offset_polygon
 from secure_uav_planner.output.drawing import altitudes_of, corners_of_map, rims
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.ros import messages
@@ -107,7 +107,8 @@ def test_markers_are_prisms_between_floor_and_ceiling(plan):
     [rim] = [marker for marker in found if marker.ns == 'tracking_margin']
     corners = {(point.x, point.y) for point in rim.points}
     assert corners == {*plan.scenario.keep_in, *(
-        place for zone in plan.scenario.no_fly_zones for place in grown(zone.vertices, 3.0)[0])}
+        place for zone in plan.scenario.no_fly_zones
+        for place in offset_polygon(zone.vertices, 3.0)[0])}
     assert min(point.z for point in rim.points) == 0.0
     [fence] = [marker for marker in found if marker.ns == 'geofence']
     assert {(point.x, point.y) for point in fence.points} == set(plan.scenario.geofence)

@@ -20,7 +20,7 @@ from secure_uav_planner.errors import OptionError, PlanFileError, PlanningError
 from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.limits import (
     AccelerationLimit, AveragePower, LIMITS, PeakPower, SpeedLimit)
-from secure_uav_planner.plan.bound import Bound
+from secure_uav_planner.plan.results import Bound
 from strategies import crowded, scenarios
 
 PAPER = Scenario.paper(104, slots=13)

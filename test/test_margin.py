@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError, ScenarioError
-from secure_uav_planner.mission.polygons import checked_polygon, grown
+from secure_uav_planner.mission.polygons import checked_polygon, offset_polygon
 from secure_uav_planner.model.airspace import airspace_of
 from secure_uav_planner.ros.status import closest_approach_text, closest_approach_values
 import shapely
@@ -43,7 +43,7 @@ margins = st.floats(-3, 3).map(lambda power: 10**power)
 @given(outlines(), margins)
 def test_a_grown_polygon_has_all_places_within_the_margin_and_few_more(vertices, margin):
     polygon = shapely.Polygon(vertices)
-    [outline] = grown(vertices, margin)
+    [outline] = offset_polygon(vertices, margin)
     found = shapely.Polygon(outline)
     assert found.is_valid and found.contains(polygon)
     assert shapely.distance(found.exterior, polygon) >= margin - 1e-6
@@ -56,12 +56,12 @@ def test_a_grown_polygon_has_all_places_within_the_margin_and_few_more(vertices,
 @given(outlines(), margins)
 def test_what_a_margin_leaves_of_a_fence_is_as_far_inside(vertices, margin):
     polygon = shapely.Polygon(vertices)
-    for outline in grown(vertices, -margin):
+    for outline in offset_polygon(vertices, -margin):
         found = shapely.Polygon(outline)
         assert found.is_valid and polygon.contains(found)
         assert shapely.distance(found.exterior, polygon.exterior) >= margin - 1e-6
     # What is far enough inside for mitred corners is left.
-    left = shapely.union_all([shapely.Polygon(outline) for outline in grown(vertices, -margin)])
+    left = shapely.union_all([*map(shapely.Polygon, offset_polygon(vertices, -margin))])
     assert polygon.buffer(-1.81 * margin - 1e-6).difference(left.buffer(1e-6)).area < 1e-6
 
 
@@ -83,7 +83,7 @@ def test_a_margin_grows_zones_in_height_the_separation_twice_and_shrinks_the_fen
 
 def test_without_a_margin_the_geometry_is_the_given_one_to_the_last_digit():
     vertices = tuple((x / 3, y / 7) for x, y in COURT)
-    assert grown(vertices, 0.0) == (vertices,)
+    assert offset_polygon(vertices, 0.0) == (vertices,)
     fence = ((-200.1, -600.2), (400.3, -600.4), (400.5, 600.6), (-200.7, 600.8))
     scenario = replace(Scenario.paper(), separation=7.7, geofence=fence,
                        no_fly_zones=(NoFlyZone(vertices, name='court'),))

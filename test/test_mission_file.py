@@ -13,8 +13,8 @@ import pytest
 from secure_uav_planner import (
     Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Propulsion, Scenario, Uav)
 from secure_uav_planner.errors import MissionFileError, ScenarioError
-from secure_uav_planner.mission.formats.diagnosis import UNITS
 from secure_uav_planner.mission.formats.documents import MOST_BYTES
+from secure_uav_planner.mission.validation import UNITS
 from strategies import scenarios
 import yaml
 

@@ -27,7 +27,7 @@ def plan():
 def test_neither_a_plan_nor_its_rates_nor_what_is_copied_from_it_can_be_changed(plan):
     with pytest.raises(AttributeError):
         plan.powers = np.ones((2, 102))
-    for one in (plan, copy.deepcopy(plan), pickle.loads(pickle.dumps(plan.evaluated()))):
+    for one in (plan, copy.deepcopy(plan), pickle.loads(pickle.dumps(plan.evaluate()))):
         for array in (one.positions, one.powers, one.guaranteed_rates, one.worst_case_rates):
             with pytest.raises(ValueError):
                 array[...] = 9.0

@@ -174,7 +174,7 @@ def solve(scenario, **options):
 
 def test_the_state_is_solving_until_the_request_has_been_answered(client):
     slow = """
-Plan.evaluated = lambda plan: time.sleep(3.0) or plan
+Plan.evaluate = lambda plan: time.sleep(3.0) or plan
 def solve(scenario, **options):
     return fly_hover_fly(scenario)
 """
@@ -195,12 +195,12 @@ def solve(scenario, **options):
 
 def test_a_cancel_between_the_solve_and_the_publication_is_kept(client, tmp_path):
     slow = f"""
-def evaluated(plan):
+def evaluate(plan):
     open({str(tmp_path / 'solved')!r}, 'w').close()
     while not os.path.exists({str(tmp_path / 'go')!r}):
         time.sleep(0.01)
     return plan
-Plan.evaluated = evaluated
+Plan.evaluate = evaluate
 def solve(scenario, **options):
     return replace(fly_hover_fly(scenario), status='converged')
 """

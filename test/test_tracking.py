@@ -14,7 +14,8 @@ from secure_uav_planner.optimize.rejoin import find_rejoin, first_point
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.plan.tracking import (
-    deviation, GAIN, MeasuredState, predict_return, predict_state, start_from_state, Track)
+    AchievedRates, deviation, GAIN, MeasuredState, predict_return, predict_state,
+    start_from_state)
 from strategies import with_uavs
 
 LEAD, TOLERANCE = 2.0, 1.0
@@ -232,7 +233,7 @@ def test_nothing_is_sent_on_the_way_where_it_would_only_leak(plan):
 
 
 def test_the_achieved_rate_is_the_planned_one_for_uavs_that_follow_exactly(plan):
-    playback, track = Playback(plan), Track()
+    playback, track = Playback(plan), AchievedRates()
     assert track.rates is None
     for time in np.arange(-3.0, playback.duration + 3.0, 0.1):
         track.add(playback, time, playback.at(time).positions)
@@ -242,7 +243,7 @@ def test_the_achieved_rate_is_the_planned_one_for_uavs_that_follow_exactly(plan)
 
 
 def test_the_achieved_rate_falls_when_uavs_leave_their_plan_and_begins_anew(plan):
-    playback, track = Playback(plan), Track()
+    playback, track = Playback(plan), AchievedRates()
     for time in np.arange(0.0, 60.0, 0.2):
         track.add(playback, time, playback.at(time).positions + [0.0, 200.0])
     achieved, should_be = track.rates

@@ -17,9 +17,8 @@ from .results import save_figure, save_tables
 from .specification import load_campaign
 from .tasks import ERROR, plan_file, Task, WORKER_LOST
 from .workers import on_cluster, on_cores
-from ..errors import OptionError, StoppedError
+from ..errors import name_missing_package, OptionError, StoppedError
 from ..mission.files import naming
-from ..mission.views import naming_what_is_missing
 
 JOURNAL = 'results.jsonl'
 
@@ -42,7 +41,7 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = 
     :raises OptionError: for a wrong number of jobs, or a journal that another process writes.
     :raises PlanningError: when the scheduler cannot be reached, or workers are lost.
     """
-    with naming_what_is_missing():
+    with name_missing_package():
         from tqdm import tqdm
     if jobs < 1 and jobs != -1:
         raise OptionError(f'jobs is {jobs}; it must be at least 1, or -1 for all cores')

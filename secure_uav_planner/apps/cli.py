@@ -12,8 +12,8 @@ from typing import Any
 
 from .. import __version__
 from ..errors import (
-    MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError,
-    ScenarioError, shown, StoppedError)
+    MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError, quote,
+    ScenarioError, StoppedError)
 from ..mission import METHODS, OBJECTIVES, PLACES
 from ..mission.propagation import ENVIRONMENTS
 from ..output.autopilot_limits import AUTOPILOTS
@@ -134,14 +134,14 @@ def _run_node(name: str, arguments: list[str]) -> int:
 def _check_name(kind: str, name: str, names: Iterable[str]) -> None:
     if name not in names:
         near = difflib.get_close_matches(name, names, 1)
-        raise OptionError(f'there is no {kind} {shown(name)}; ' + (
+        raise OptionError(f'there is no {kind} {quote(name)}; ' + (
             f'did you mean {near[0]}?' if near else f'there are {", ".join(names)}'))
 
 
 def _seconds(text: str, least: str = '') -> float:
     if not (_is_number(text) and float(text) > 0):
         raise argparse.ArgumentTypeError(
-            f'{shown(text)} must be {least}a number above 0, in s and without a unit')
+            f'{quote(text)} must be {least}a number above 0, in s and without a unit')
     return float(text)
 
 
@@ -159,7 +159,7 @@ def _is_number(text: str) -> bool:
 
 def _number(text: str) -> float:
     if not _is_number(text):
-        raise argparse.ArgumentTypeError(f'{shown(text)} must be a number, without its unit')
+        raise argparse.ArgumentTypeError(f'{quote(text)} must be a number, without its unit')
     return float(text)
 
 

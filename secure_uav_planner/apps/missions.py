@@ -12,7 +12,7 @@ from .cli import DONE
 from ..errors import (
     InfeasibleMissionError, MissionFileError, OptionError, PlanningError, ScenarioError)
 from ..mission.files import atomic_file
-from ..mission.formats.example import EXAMPLE
+from ..mission.formats.mission_file import EXAMPLE, locate_error
 from ..mission.link_budget import reference_snr_db
 from ..mission.scenario import Scenario
 from ..model.clearance import CLOSE_DISTANCE, kept_apart_by_nothing
@@ -75,7 +75,7 @@ def new(options: argparse.Namespace) -> int:
         raise OptionError(f'{path} cannot have comments as JSON; name it .yaml')
     try:
         with atomic_file(path) as file:
-            file.write(EXAMPLE)
+            file.write(EXAMPLE.read_text(encoding='utf-8'))
     except OSError as error:
         raise OptionError(f'{path} cannot be written: {error.strerror or error}') from None
     print(f'{path} is written; edit it, then: secure_uav_planner check {path}')
@@ -110,9 +110,9 @@ def _baseline(path: str) -> Plan:
     try:
         scenario = loaded(path)
     except MissionFileError as error:
-        if error.rest is None:
+        if error.relaxed is None:
             raise
-        known, scenario = error, error.rest
+        known, scenario = error, error.relaxed
     from ..optimize import fly_hover_fly
     with lines_of(path, () if known is None else known.problems):
         plan = fly_hover_fly(scenario)
@@ -127,8 +127,7 @@ def lines_of(path: str, known: Iterable[tuple[int | None, str]] = ()) -> Iterato
     try:
         yield
     except InfeasibleMissionError as error:
-        from ..mission.formats import located
-        raise located(path, error, known) from None
+        raise locate_error(path, error, known) from None
 
 
 def _advice(autopilot: str, scenario: Scenario) -> Iterator[str]:

@@ -13,16 +13,17 @@ from .cli import DONE
 from .missions import lines_of, loaded, picture_file, SHORTFALL_DRAWS, writable
 from ..assessment import assess, World
 from ..bound import explain_refusal, upper_bound
-from ..errors import OptionError, PlanningError, ScenarioError, StoppedError
+from ..errors import (
+    name_missing_package, OptionError, PlanningError, ScenarioError, StoppedError)
+from ..mission import import_view
 from ..mission.files import naming
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
-from ..mission.views import check_view, naming_what_is_missing
 from ..optimize import fly_hover_fly, solve
 from ..output.spreadsheet import save_csv
 from ..output.table import assessment_table, table
-from ..plan.bound import Bound
 from ..plan.plan import Plan
+from ..plan.results import Bound
 
 _SUFFIXES = ('.png', '.svg', '.pdf', '.html')  # The last one is no picture.
 _ERASE = '\033[K'  # Of the rest of a terminal's line.
@@ -73,7 +74,7 @@ def make_plan(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = loaded(options.mission)
     if options.mcap:
-        check_view('save_mcap')
+        import_view('save_mcap')
     out = writable(Path(options.out))
     with lines_of(options.mission), _Work() as work:
         work.say('planning ...', force=True)
@@ -159,7 +160,7 @@ def show(options: argparse.Namespace) -> int:
     plan = Plan.load(options.plan)
     file = picture_file(options, '.png', _SUFFIXES)
     print(table([plan]))
-    with naming_what_is_missing():
+    with name_missing_package():
         if file.suffix.lower() == '.html':
             from ..output.page import save_page as save
         else:

@@ -9,8 +9,8 @@ from typing import Any
 from .tasks import COLUMNS
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
-from ..mission.formats.diagnosis import UNITS
 from ..mission.propagation import rate_name
+from ..mission.validation import UNITS
 
 Rows = Sequence[dict[str, Any]]
 

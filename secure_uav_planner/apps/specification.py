@@ -16,9 +16,9 @@ import numpy as np
 
 from .tasks import Task, task_of
 from ..assessment.monte_carlo import arguments
-from ..errors import OptionError, ScenarioError, shown, words_of_files
+from ..errors import OptionError, quote, ScenarioError, yaml_notation
 from ..mission import METHODS, OBJECTIVES
-from ..mission.formats.documents import Problem, read, refusal
+from ..mission.formats.documents import make_file_error, Problem, read_document
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
 from ..optimize.solve import checked_objective
@@ -85,7 +85,7 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     :raises OSError: when it or its mission cannot be read.
     :raises MissionFileError: with all that is wrong, each with its line.
     """
-    document = read(path)
+    document = read_document(path)
     problems = [*document.problems]
 
     @contextmanager
@@ -96,10 +96,10 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
             problems.append(Problem(document.line((*place, *error.place)), str(error)))
 
     campaign = None
-    with words_of_files(), noting():
+    with yaml_notation(), noting():
         campaign = _campaign(document.data, Path(path).parent, noting)
     if campaign is None or problems:
-        raise refusal(path, problems)
+        raise make_file_error(path, problems)
     return campaign
 
 
@@ -118,12 +118,12 @@ def _campaign(data: Any, folder: Path, noting: Callable[..., AbstractContextMana
         with noting(name):
             near = difflib.get_close_matches(str(name), _DEFAULTS, 1)
             hint = f'did you mean {near[0]}?' if near else f'it has {", ".join(_DEFAULTS)}'
-            raise OptionError(f'a campaign has no field {shown(name)}; {hint}')
+            raise OptionError(f'a campaign has no field {quote(name)}; {hint}')
     values = {**_DEFAULTS, **data}
     wrong = {name: allowed for name, is_right, allowed in _checks(values) if not is_right}
     for name, allowed in wrong.items():
         with noting(name):
-            raise OptionError(f'{name} is {shown(values[name])}; it must be {allowed}')
+            raise OptionError(f'{name} is {quote(values[name])}; it must be {allowed}')
     mission, grid, laws = None, {}, {}
     with noting('mission'):
         mission = _mission(values['mission'], folder)
@@ -149,7 +149,7 @@ def _campaign(data: Any, folder: Path, noting: Callable[..., AbstractContextMana
     campaign = Campaign(mission, grid, laws, values['samples'], values['seed'],
                         _schemes(values['methods'], values['objectives']), settings)
     if not 1 <= campaign.size <= MOST_TASKS:
-        raise OptionError(f'it has {shown(campaign.size)} missions; it must have 1 to '
+        raise OptionError(f'it has {quote(campaign.size)} missions; it must have 1 to '
                           f'{MOST_TASKS}')
     return campaign
 
@@ -181,7 +181,7 @@ def _mission(given: Any, folder: Path) -> dict[str, Any]:
         elif isinstance(given, dict):
             scenario = Scenario.from_dict(given)
         else:
-            raise OptionError(f'mission is {shown(given)}; it must be the name of a mission file, '
+            raise OptionError(f'mission is {quote(given)}; it must be the name of a mission file, '
                               'or the fields of a mission')
     except OSError as error:
         raise OptionError(f'the mission {folder / given} cannot be read: '
@@ -202,7 +202,7 @@ def _varied(mission: dict[str, Any] | None, name: str, value: Any) -> Any:
             _targets(mission, name)
         except LookupError:
             raise OptionError(
-                f'the mission has no field {shown(name)}; name it as duration, uavs.0.max_speed '
+                f'the mission has no field {quote(name)}; name it as duration, uavs.0.max_speed '
                 'or eavesdroppers.*.error_radius') from None
     allowed = ('it must be a list of values, {from, to, count}, {uniform: [low, high]} or '
                '{normal: [mean, deviation]}')
@@ -225,7 +225,7 @@ def _varied(mission: dict[str, Any] | None, name: str, value: Any) -> Any:
             first, second = numbers
             if np.isfinite(getattr(np.random.default_rng(0), law)(first, second)).all():
                 return law, first, second
-    raise OptionError(f'{name} is {shown(value)}; {allowed}')
+    raise OptionError(f'{name} is {quote(value)}; {allowed}')
 
 
 def _schemes(methods: list[str], objectives: list[str] | None) -> list[tuple[str, str]]:

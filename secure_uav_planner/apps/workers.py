@@ -8,8 +8,7 @@ import signal
 from typing import Any
 
 from .tasks import empty_row, row_of, Task, WORKER_LOST
-from ..errors import OptionError, PlanningError
-from ..mission.views import naming_what_is_missing
+from ..errors import name_missing_package, OptionError, PlanningError
 
 THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
                  'RAYON_NUM_THREADS')
@@ -32,7 +31,7 @@ def on_cores(tasks: Iterable[Task], jobs: int) -> Iterator[dict[str, Any]]:
     :param jobs: processes; -1 for as many as there are cores.
     :raises ClusterError: when a process was killed.
     """
-    with naming_what_is_missing():
+    with name_missing_package():
         import joblib
     with _one_thread_each():
         # The workers inherit that Ctrl-C, which reaches all of a terminal, is for this process.
@@ -83,7 +82,7 @@ def on_cluster(tasks: Iterable[Task], address: str) -> Iterator[dict[str, Any]]:
     :raises OptionError: when the scheduler does not answer.
     :raises ClusterError: when the scheduler is lost on the way.
     """
-    with naming_what_is_missing():
+    with name_missing_package():
         from distributed import as_completed, Client
     try:
         client = Client(address, timeout=_PATIENCE)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from . import draws as drawn
 from .result import Assessment, FAN
 from .world import World
-from ..errors import OptionError, shown
+from ..errors import OptionError, quote
 from ..mission.scenario import Array, read_only, Scenario
 from ..mission.validation import checked_kind
 from ..model.channel.links import link_of
@@ -69,7 +69,7 @@ def arguments(data: Mapping[str, Any]) -> dict[str, Any]:
     """
     defaults = {'draws': 1000, 'seed': 0}
     if not isinstance(data, Mapping):
-        raise OptionError(f'assess is {shown(data)}; it must be a mapping with draws, seed and '
+        raise OptionError(f'assess is {quote(data)}; it must be a mapping with draws, seed and '
                           'fields of World')
     numbers = {name: data.get(name, default) for name, default in defaults.items()}
     _check_numbers(**numbers)
@@ -81,7 +81,7 @@ def _check_numbers(draws: Any, seed: Any) -> None:
     for name, value, least, most in (('draws', draws, 1, MOST_DRAWS), ('seed', seed, 0, 2**64)):
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not (
                 least <= value <= most):
-            raise OptionError(f'{name} is {shown(value)}; it must be a whole number from {least} '
+            raise OptionError(f'{name} is {quote(value)}; it must be a whole number from {least} '
                               f'to {most}', (name,))
 
 
@@ -101,7 +101,7 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
     except (TypeError, ValueError):
         positions = np.empty(0)
     if positions.shape != shape or not np.isfinite(positions).all():
-        raise OptionError(f'flown is {shown(flown)}; it must be finite positions of the shape '
+        raise OptionError(f'flown is {quote(flown)}; it must be finite positions of the shape '
                           f'{shape}')
     return positions
 

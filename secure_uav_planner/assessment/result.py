@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .world import World
+from ..mission import make_view
 from ..mission.scenario import Array
 from ..mission.validation import checked_real
-from ..mission.views import view
 from ..plan.plan import Plan
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class Assessment:
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
-        figure: Figure = view('plot_assessment', self)
+        figure: Figure = make_view('plot_assessment', self)
         return figure
 
     def quantile(self, share: float) -> float:

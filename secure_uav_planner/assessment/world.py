@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import OptionError, ScenarioError, shown
+from ..errors import OptionError, quote, ScenarioError
 from ..mission import Place, PLACES
 from ..mission.propagation import Channel
 from ..mission.scenario import Point
@@ -60,7 +60,7 @@ class World:
 
     def _check(self) -> None:
         if self.place not in PLACES:
-            raise OptionError(f'place is {shown(self.place)}; it must be one of '
+            raise OptionError(f'place is {quote(self.place)}; it must be one of '
                               f'{", ".join(PLACES)}', ('place',))
         set_checked(self, '', checked_number,
                     'beyond', 'receiver_db', 'tracking_std', 'tracking_time')
@@ -73,7 +73,7 @@ class World:
                 continue
             if not isinstance(value, (tuple, list, np.ndarray)) or not 0 < len(value) or (
                     count and len(value) != count):
-                raise OptionError(f'{field} is {shown(value)}; it must be a list of '
+                raise OptionError(f'{field} is {quote(value)}; it must be a list of '
                                   f'{f"{count} " if count else ""}pairs', (field,))
             object.__setattr__(self, field, tuple(
                 checked_point('', field, one, number) for number, one in enumerate(value)))
@@ -81,7 +81,7 @@ class World:
                              ('covariance', 'normal')):
             value = getattr(self, field)
             if value and self.place != place:
-                raise OptionError(f'{field} is {shown(value)} and place is {self.place!r}; it '
+                raise OptionError(f'{field} is {quote(value)} and place is {self.place!r}; it '
                                   f'counts only with the place {place!r}', (field,))
         if self.place == 'beyond' and not self.beyond:
             raise OptionError("beyond is 0.0; with the place 'beyond' it must be above 0 m",
@@ -89,7 +89,7 @@ class World:
         if self.covariance is not None:
             (xx, xy), (yx, yy) = self.covariance
             if xy != yx or min(xx, yy) < 0 or xy**2 > xx * yy:
-                raise OptionError(f'covariance is {shown(self.covariance)}; it must be symmetric '
+                raise OptionError(f'covariance is {quote(self.covariance)}; it must be symmetric '
                                   'and positive semidefinite', ('covariance',))
 
     def deviations(self, radius: float) -> Array:

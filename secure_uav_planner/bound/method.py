@@ -22,8 +22,8 @@ from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
 from ..mission.validation import (
     Array, checked_callback, checked_choice, checked_kind, checked_time_limit)
-from ..plan.bound import Bound, checked_plan, Progress
 from ..plan.plan import Plan, POWER_TOLERANCE
+from ..plan.results import Bound, check_plan, Progress
 
 FEWEST_PLACES, MOST_PLACES = 3, 8
 """
@@ -96,7 +96,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     limit = checked_time_limit(time_limit)
     checked_callback('on_progress', on_progress)
     if plan is not None:
-        checked_plan(plan, scenario)
+        check_plan(plan, scenario)
     run = _Run(started, limit, on_progress)
     run.offer(compute_plain_bound(scenario))
     # If it is 0 or infinite, no search helps.

@@ -21,19 +21,21 @@ def solve_cone_program(
     """
     Minimise x^T P x / 2 + q^T x subject to A x + s = b.
 
-    Of s, the first rows are 0, the next are not negative, and the rest are cones of three rows
+    The first rows of s are 0, the next are not negative, and the rest are cones of three rows
     each, (s_1, s_2, s_3) with |(s_2, s_3)| <= s_1. Clarabel runs in a thread of its own, so that
-    the calling one takes signals: in the main thread, Ctrl-C ends a solve as it ends other work.
+    the calling thread handles signals: in the main thread, Ctrl-C ends a solve.
 
     :param quadratic: P, a sparse matrix (K, K).
     :param linear: q, (K,).
     :param matrix: A, a sparse matrix (M, K).
     :param right: b, (M,).
+    :param equalities: number of rows of s that are 0.
+    :param inequalities: number of rows of s that are not negative.
     :param accuracy: of the duality gap and of the constraints.
-    :param check: called after each iteration; what it raises ends the solve and is passed on.
-    :return: x, (K,), or None where Clarabel finds no solution.
+    :param check: called after each iteration; its exception ends the solve and is passed on.
+    :return: x, (K,), or None if Clarabel finds no solution.
     """
-    clarabel: Any = import_module('clarabel')  # Here, for few missions need it.
+    clarabel: Any = import_module('clarabel')  # Here, since few missions need it.
     cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(inequalities),
              *[clarabel.SecondOrderConeT(3)] * ((len(right) - equalities - inequalities) // 3)]
     settings = clarabel.DefaultSettings()
@@ -70,5 +72,5 @@ def solve_cone_program(
 
 
 def is_solver_failure(error: BaseException) -> bool:
-    """Tell errors of Clarabel, whose panics in Rust are of a class that it does not export."""
+    """Return True for errors of Clarabel; it does not export the class of its Rust panics."""
     return isinstance(error, Exception) or type(error).__name__ == 'PanicException'

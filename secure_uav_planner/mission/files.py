@@ -1,4 +1,4 @@
-"""Files that exist whole or not at all."""
+"""Atomic writing of files, and the checked reading of small ones."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -8,7 +8,7 @@ import stat
 from typing import Any, IO
 import uuid
 
-from ..errors import OptionError, shown
+from ..errors import OptionError, quote
 
 
 @contextmanager
@@ -20,7 +20,7 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
     of the old one, or those that the umask leaves.
 
     :raises OSError: when the file cannot be written, or is a folder or a device. An old file is
-        left as it was, as it also is when the body of the with statement raises.
+        left unchanged, as it also is when the body of the with statement raises.
     """
     path = Path(os.path.realpath(checked_path(path)))
     if path.exists() and not path.is_file():
@@ -46,7 +46,7 @@ def atomic_file(path: str | os.PathLike[str], binary: bool = False) -> Iterator[
 
 @contextmanager
 def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[None]:
-    """Let errors of writing a file, or its part, name it, as those of a full disk do not."""
+    """Name the file in errors of writing it or its part; those of a full disk do not."""
     try:
         yield
     except OSError as error:
@@ -63,11 +63,11 @@ def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:
     :raises UnicodeDecodeError: when it is not UTF-8.
     """
     checked_path(path)
-    known = os.stat(path)  # Before opening: opening a pipe would wait for its other end.
-    if not stat.S_ISREG(known.st_mode):
+    status = os.stat(path)  # Before opening: opening a pipe would wait for its other end.
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(f'{path} is not a regular file')
-    if known.st_size > most_bytes:
-        raise OSError(f'{path} has {known.st_size} bytes; at most {most_bytes} are read')
+    if status.st_size > most_bytes:
+        raise OSError(f'{path} has {status.st_size} bytes; at most {most_bytes} are read')
     with open(path, encoding='utf-8') as file:
         return file.read(most_bytes)
 
@@ -75,12 +75,12 @@ def read_text(path: str | os.PathLike[str], most_bytes: int) -> str:
 def checked_path(path: Any) -> str | os.PathLike[str]:
     """Return the path of a file; raise OptionError for anything else, such as a number."""
     if not isinstance(path, (str, os.PathLike)):
-        raise OptionError(f'path is {shown(path)}; it must be a string or a path', ('path',))
+        raise OptionError(f'path is {quote(path)}; it must be a string or a path', ('path',))
     return path
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the new name last through a loss of power, where the file system can."""
+    """Make the new name survive a loss of power, if the file system supports it."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

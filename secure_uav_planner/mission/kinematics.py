@@ -1,10 +1,10 @@
 """
-Whether a UAV can fly a mission at all, and the flight that stays farthest from its limits.
+Feasibility of a single flight, and the flight that stays farthest from its limits.
 
 Points q[0..N+1] are the control points of a uniform quadratic B-spline whose slots last `step`
 seconds. Its velocities are the moves w[n] = (q[n+1] - q[n]) / step, n = 0..N, with w[-1] and
 w[N+1] given by the velocities at the ends; its acceleration in a slot is (w[n] - w[n-1]) / step.
-The effort of a flight is the largest share of a limit that it uses, so that 1 is all of it.
+The effort of a flight is its largest speed or acceleration as a share of the limit.
 """
 
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ _ACCURACY = 1e-9
 @dataclass(frozen=True)
 class Vehicle:
     """
-    The ends of a flight and the limits of who flies it.
+    The ends of a flight and the limits of its vehicle.
 
     :param displacement: from start to goal, (x, y) in m.
     :param max_speed: V in m/s.
-    :param max_acceleration: in m/s^2, infinite for none.
-    :param start_velocity: (x, y) in m/s, or None where it is free.
+    :param max_acceleration: in m/s^2, infinite for no limit.
+    :param start_velocity: (x, y) in m/s, or None for a free one.
     :param goal_velocity: likewise.
     """
 
@@ -40,11 +40,11 @@ class Vehicle:
 
     def least_effort(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
         """
-        Return the least effort of a flight, and one that has it, (N+2, 2) in m from the start.
+        Return the least effort of a flight, and its points (N+2, 2) in m from the start.
 
-        An effort above 1 says that no flight of N slots, each a step in s, keeps the limits.
+        If the effort is above 1, no flight of N slots of `step` seconds keeps the limits.
 
-        :raises NumericalError: where the solver finds none.
+        :raises NumericalError: if the solver fails.
         """
         if math.isinf(self.max_acceleration) or all(
                 velocity in (None, (0.0, 0.0))
@@ -53,7 +53,7 @@ class Vehicle:
         return self._solve_cone_program(slots, step)
 
     def shortest_step(self, slots: int) -> float:
-        """Return the shortest slot in s with which a flight of so many slots is possible."""
+        """Return the shortest slot in s with which a flight of N slots is feasible."""
         distance = math.hypot(*self.displacement)
         if math.isinf(self.max_acceleration):
             return distance / ((slots + 1) * self.max_speed)
@@ -70,7 +70,7 @@ class Vehicle:
         return high
 
     def _straight(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
-        """Return the flight whose every move is the same share of the longest that is allowed."""
+        """Return the flight whose moves are all the same share of the longest allowed ones."""
         count = np.arange(slots + 1.0)
         most = np.full(slots + 1, self.max_speed)
         if not math.isinf(self.max_acceleration):
@@ -85,7 +85,7 @@ class Vehicle:
 
     def _solve_cone_program(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
         """
-        Return the flight of least effort as the solution of a second-order cone problem.
+        Return the flight of least effort, by a second-order cone program.
 
         It minimises the effort r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step.
         """
@@ -116,7 +116,7 @@ class Vehicle:
         if solution is None:
             raise NumericalError(f'no flight of least effort was found for {self}')
         velocities = solution[1:].reshape(-1, 2) * top
-        # The displacement is nearly right: what is missing is spread over all moves.
+        # The displacement is nearly right: the moves share the rest.
         missing = np.array(self.displacement) - velocities.sum(axis=0) * step
         velocities = velocities + missing / (moves * step)
         changes = np.linalg.norm(np.diff(self._with_ends(velocities)[0], axis=0), axis=1)
@@ -127,13 +127,13 @@ class Vehicle:
         return float(effort), points
 
     def _with_ends(self, velocities: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-        """Return velocities with those at the ends that are given, and the index of the first."""
+        """Add the given end velocities; return all, and the index of the first move's."""
         before, after = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
                          for velocity in (self.start_velocity, self.goal_velocity))
         return np.concatenate([before, velocities, after]), len(before)
 
 
-def shortened(x: float, y: float, most: float) -> tuple[float, float]:
-    """Return a vector that is not longer than a limit, in its direction."""
+def clip_norm(x: float, y: float, most: float) -> tuple[float, float]:
+    """Return a vector, shortened to a limit if it is longer."""
     factor = min(1.0, most / max(math.hypot(x, y), 1e-300))
     return x * factor, y * factor

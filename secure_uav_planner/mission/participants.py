@@ -1,15 +1,17 @@
-"""Who and what a mission is about: UAVs, eavesdroppers, and places that are forbidden."""
+"""The participants of a mission: UAVs with their propulsion, eavesdroppers, no-fly zones."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import math
 from typing import Any
 
+import numpy as np
+
 from .kinematics import Vehicle
 from .polygons import checked_polygon, Vertices
-from .propulsion import Propulsion
 from .validation import (
-    checked_block, checked_name, checked_number, checked_point, Point, set_checked)
-from ..errors import ScenarioError, shown
+    Array, checked_array, checked_block, checked_name, checked_number, checked_point, Point,
+    set_checked)
+from ..errors import OptionError, quote, ScenarioError
 
 _ROUNDING = 1e-9
 
@@ -17,14 +19,14 @@ _ROUNDING = 1e-9
 @dataclass(frozen=True)
 class Eavesdropper:
     """
-    Where an eavesdropper is believed to be: the disc Theta of the paper's Section II.
+    An eavesdropper and the disc in which it is: Theta of the paper's Section II.
 
     :param position: centre of the disc, (x, y) in m.
     :param error_radius: epsilon, the radius in m within which it surely is.
     :param name: used in messages, topics and pictures.
-    :param receiver_advantage_db: by how much in dB the SNR at its receiver is larger than the
-        ground node's would be at its place: a better antenna or less noise. What is guaranteed
-        holds for every receiver up to that.
+    :param receiver_advantage_db: SNR at its receiver relative to that of the ground node's
+        receiver at the same place, in dB: a better antenna or less noise. Guarantees hold for
+        every receiver up to that.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -35,9 +37,60 @@ class Eavesdropper:
 
     def __post_init__(self) -> None:
         checked_name('eavesdropper', self.name)
-        owner = f'{shown(self.name)[1:-1]} '
+        owner = f'{quote(self.name)[1:-1]} '
         set_checked(self, owner, checked_point, 'position')
         set_checked(self, owner, checked_number, 'error_radius', 'receiver_advantage_db')
+
+
+@dataclass(frozen=True)
+class Propulsion:
+    """
+    The propulsion power of a rotary wing.
+
+    Source: equation (12) of Y. Zeng, J. Xu, R. Zhang, Energy Minimization for Wireless
+    Communication with Rotary-Wing UAV, IEEE Trans. Wireless Commun. 18 (2019), whose numbers are
+    the defaults. As there, the power of accelerating is neglected.
+
+    :param blade_power: P_0, the blade profile power while hovering, in W.
+    :param induced_power: P_i, the induced power while hovering, in W.
+    :param tip_speed: U_tip, of the rotor blades, in m/s.
+    :param induced_velocity: v_0, mean rotor induced velocity while hovering, in m/s.
+    :param fuselage_drag_ratio: d_0.
+    :param air_density: rho, in kg/m^3.
+    :param solidity: s, of the rotor.
+    :param disc_area: A, of the rotor, in m^2.
+    :raises ScenarioError: naming the field, its value and what is allowed.
+    """
+
+    blade_power: float = 79.8563
+    induced_power: float = 88.6279
+    tip_speed: float = 120.0
+    induced_velocity: float = 4.03
+    fuselage_drag_ratio: float = 0.6
+    air_density: float = 1.225
+    solidity: float = 0.05
+    disc_area: float = 0.503
+
+    def __post_init__(self) -> None:
+        set_checked(self, 'propulsion.', checked_number, *(field.name for field in fields(self)))
+
+    def power(self, speeds: Any) -> Array:
+        """
+        Return P(V), equation (12), in W at speeds V in m/s of any shape.
+
+        :raises OptionError: for a speed that is not a number of at least 0.
+        """
+        values = checked_array('speeds', speeds)
+        if not (values >= 0).all():
+            raise OptionError(f'speeds is {quote(speeds)}; it must have numbers of at least 0 m/s',
+                              ('speeds',))
+        squared = np.square(values)
+        ratio = squared / (2 * self.induced_velocity**2)
+        # sqrt(1 + x^2) - x, without the loss of digits for a large x.
+        induced = 1 / np.sqrt(np.hypot(1.0, ratio) + ratio)
+        drag = 0.5 * self.fuselage_drag_ratio * self.air_density * self.solidity * self.disc_area
+        return (self.blade_power * (1 + 3 * squared / self.tip_speed**2)
+                + self.induced_power * induced + drag * squared**1.5)
 
 
 @dataclass(frozen=True)
@@ -54,10 +107,10 @@ class Uav:
     :param peak_power: P_peak, the limit in every slot, in W.
     :param max_acceleration: the largest acceleration along the flown curve in m/s^2, or None for
         the paper's vehicle, which has no such limit.
-    :param start_velocity: (x, y) in m/s at the start, or None where it is free. It counts only
-        with a limit of acceleration.
+    :param start_velocity: (x, y) in m/s at the start, or None for a free one. Used only with a
+        limit of acceleration.
     :param goal_velocity: likewise at the goal.
-    :param propulsion: what flying takes, a Propulsion, or None where no energy is asked for.
+    :param propulsion: a Propulsion, for the energy of the flight, or None.
     :raises ScenarioError: naming the UAV, the field, its value and what is allowed.
     """
 
@@ -75,7 +128,7 @@ class Uav:
 
     def __post_init__(self) -> None:
         checked_name('uav', self.name)
-        owner = f'{shown(self.name)[1:-1]}.'
+        owner = f'{quote(self.name)[1:-1]}.'
         set_checked(self, owner, checked_point, 'start', 'goal')
         set_checked(self, owner, checked_number,
                     'altitude', 'max_speed', 'average_power', 'peak_power')
@@ -96,18 +149,18 @@ class Uav:
 
     def _checked_velocity(self, owner: str, field: str, value: Any) -> Point:
         velocity = checked_point(owner, field, value, None,
-                                 f'{shown(None)} or two components', 'm/s')
+                                 f'{quote(None)} or two components', 'm/s')
         if math.hypot(*velocity) > self.max_speed * (1 + _ROUNDING):
             raise ScenarioError(
-                f'{owner}{field} is {shown(velocity)}, {math.hypot(*velocity):g} m/s; it must be '
+                f'{owner}{field} is {quote(velocity)}, {math.hypot(*velocity):g} m/s; it must be '
                 f'at most max_speed, which is {self.max_speed:g} m/s', (field,))
         return velocity
 
     def bend_at(self, end: str, slot_duration: float) -> float:
         """
-        Return how far in m the flown curve may pass the control point 'start' or 'goal'.
+        Return the largest distance in m of the flown curve from the point 'start' or 'goal'.
 
-        A UAV that rests there begins or ends its flight exactly at that point.
+        It is 0 for a UAV that rests there, whose curve begins or ends exactly at that point.
         """
         if self.max_acceleration is None or getattr(self, f'{end}_velocity') == (0.0, 0.0):
             return 0.0
@@ -115,13 +168,13 @@ class Uav:
 
     @property
     def limits_text(self) -> str:
-        """Largest speed and acceleration in words."""
+        """Largest speed and acceleration as text, such as '10 m/s and 2 m/s^2'."""
         return f'{self.max_speed:g} m/s' + (
             '' if self.max_acceleration is None else f' and {self.max_acceleration:g} m/s^2')
 
     @property
     def vehicle(self) -> Vehicle:
-        """Flight limits, and where the flight begins and ends."""
+        """Displacement and limits of the flight."""
         displacement = (self.goal[0] - self.start[0], self.goal[1] - self.start[1])
         if self.max_acceleration is None:
             return Vehicle(displacement, self.max_speed)
@@ -134,13 +187,13 @@ class NoFlyZone:
     """
     A prism that no UAV may enter: a polygon on the map between two altitudes.
 
-    A plan may touch its edge, or that of the zone grown by Scenario.tracking_margin.
+    A plan may touch its edge, or that of the zone offset by Scenario.tracking_margin.
 
     :param vertices: of the polygon in either order, each (x, y) in m. It need not be convex, but
         its outline may not cross or touch itself.
-    :param floor: lowest altitude that is forbidden, in m.
-    :param ceiling: highest altitude that is forbidden, in m; infinite, or None, for all above.
-    :param name: used in messages and pictures; without one the zone is called by its number.
+    :param floor: lowest forbidden altitude in m.
+    :param ceiling: highest forbidden altitude in m; infinite, or None, for all above.
+    :param name: used in messages and pictures; without it the zone is named by its number.
     :raises ScenarioError: naming the zone, the field, its value and what is allowed.
     """
 
@@ -151,8 +204,8 @@ class NoFlyZone:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
-            raise ScenarioError(f'zone name is {shown(self.name)}; it must be text', ('name',))
-        owner = f'{shown(self.name)[1:-1]}.' if self.name else 'zone '
+            raise ScenarioError(f'zone name is {quote(self.name)}; it must be text', ('name',))
+        owner = f'{quote(self.name)[1:-1]}.' if self.name else 'zone '
         set_checked(self, owner, checked_polygon, 'vertices')
         if self.ceiling is None:
             object.__setattr__(self, 'ceiling', math.inf)
@@ -162,5 +215,5 @@ class NoFlyZone:
                                 f'which is {self.ceiling:g} m', ('floor',))
 
     def is_at(self, altitude: float, margin: float = 0.0) -> bool:
-        """Return whether the zone, higher and deeper by a margin in m, is at an altitude in m."""
+        """Return True if an altitude in m is from floor to ceiling, within a margin in m."""
         return self.floor - margin <= altitude <= self.ceiling + margin

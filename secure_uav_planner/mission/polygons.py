@@ -1,4 +1,4 @@
-"""Geometry of simple polygons in the plane: their check, convex parts, and depth of points."""
+"""Simple polygons in the plane: their check, convex parts, offset, and the depth of points."""
 
 from functools import lru_cache
 import math
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 import shapely
 
 from .validation import Array, checked_point, Point, read_only
-from ..errors import ScenarioError, shown
+from ..errors import quote, ScenarioError
 
 Vertices: TypeAlias = tuple[Point, ...]
 
@@ -17,8 +17,8 @@ MAX_VERTICES = 256
 """The most vertices of a polygon."""
 
 _THINNEST = 1e-9  # Of area to the square of the perimeter; a polygon with less has no area.
-_MITRE_LIMIT = 1.5  # Where a sharp corner of a grown polygon is cut off, in margins.
-_MISSING = 1e-7  # Of a margin, for rounding, in m.
+_MITRE_LIMIT = 1.5  # Distance in margins at which a sharp corner of an offset is cut off.
+_OFFSET_TOLERANCE = 1e-7  # m
 _ROUNDING = 1e-12  # Of twice the area of a triangle to the square of its polygon's size.
 
 
@@ -26,11 +26,13 @@ def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
     """
     Return the vertices of a simple polygon, in either order, as a tuple of points.
 
-    A last vertex that repeats the first is left out. Raises ScenarioError for too few or too many
-    vertices, a wrong coordinate, an outline that crosses or touches itself, and no area.
+    A last vertex that repeats the first is left out.
+
+    :raises ScenarioError: for too few or too many vertices, a wrong coordinate, an outline that
+        crosses or touches itself, and no area.
     """
     if isinstance(values, (str, bytes)) or not hasattr(values, '__len__'):
-        raise ScenarioError(f'{owner}{field} is {shown(values)}; it must be a list of vertices '
+        raise ScenarioError(f'{owner}{field} is {quote(values)}; it must be a list of vertices '
                             '(x, y) in m', (field,))
     if len(values) > MAX_VERTICES:
         raise ScenarioError(f'{owner}{field} has {len(values)} vertices; it must have at most '
@@ -40,15 +42,15 @@ def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
     if len(vertices) > 3 and vertices[0] == vertices[-1]:
         vertices = vertices[:-1]
     if len(set(vertices)) < 3:
-        raise ScenarioError(f'{owner}{field} is {shown(vertices)}; it must have at least three '
+        raise ScenarioError(f'{owner}{field} is {quote(vertices)}; it must have at least three '
                             'different vertices', (field,))
     ring = shapely.Polygon(vertices)
     if ring.convex_hull.area <= _THINNEST * ring.length**2:
-        raise ScenarioError(f'{owner}{field} is {shown(vertices)}, which has no area; its '
+        raise ScenarioError(f'{owner}{field} is {quote(vertices)}, which has no area; its '
                             'vertices must not lie on one line', (field,))
     if not ring.is_valid:
         place = shapely.is_valid_reason(ring).partition('[')[2].rstrip(']').replace(' ', ', ')
-        raise ScenarioError(f'{owner}{field} is {shown(vertices)}, whose outline crosses or '
+        raise ScenarioError(f'{owner}{field} is {quote(vertices)}, whose outline crosses or '
                             f'touches itself near ({place}); it must not', (field,))
     return vertices
 
@@ -56,57 +58,58 @@ def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
 @lru_cache(maxsize=1024)
 def convex_parts(vertices: Vertices) -> tuple[Array, ...]:
     """
-    Return convex polygons that make up a simple polygon, each (K, 2), counter-clockwise.
+    Partition a simple polygon into convex ones, each (K, 2), counter-clockwise.
 
     There are at most four times as many as necessary (Hertel and Mehlhorn, "Fast triangulation of
     simple polygons", 1983).
     """
-    corners = _corners(vertices)
-    parts, diagonals = _triangles(corners)
+    corners = _orient_corners(vertices)
+    parts, diagonals = _cut_ears(corners)
     for first, second in diagonals:
-        # A part that has the diagonal as an edge in one direction, and one in the other.
-        left = next((part for part in parts if _follows(part, first, second)), None)
-        right = next((part for part in parts if _follows(part, second, first)), None)
+        # The part on each side of the diagonal, which has it as an edge.
+        left = next((part for part in parts if _has_edge(part, first, second)), None)
+        right = next((part for part in parts if _has_edge(part, second, first)), None)
         if left is None or right is None:
             continue
         at, to = left.index(second), right.index(first)
         merged = left[at:] + left[:at] + (right[to:] + right[:to])[1:-1]
-        if _turns(corners[merged]).min() >= -_rounding(corners):
+        if _cross_products(corners[merged]).min() >= -_area_tolerance(corners):
             parts = [part for part in parts if part not in (left, right)] + [merged]
     return tuple(read_only(corners[part]) for part in parts)
 
 
 @lru_cache(maxsize=64)
 def pockets(vertices: Vertices) -> tuple[Vertices, ...]:
-    """Return what the convex hull of a polygon has and the polygon has not, as polygons."""
+    """Return the polygons by which the convex hull of a polygon exceeds it."""
     polygon = shapely.Polygon(vertices)
     return _outlines(polygon.convex_hull.difference(polygon))
 
 
 @lru_cache(maxsize=1024)
-def grown(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
+def offset_polygon(vertices: Vertices, margin: float) -> tuple[Vertices, ...]:
     """
-    Return a polygon that has all places within a margin of another one, and few more.
+    Offset a polygon outwards by a margin in m, or inwards by a negative one.
 
-    Its edges are at the margin in m from those of the other. Its corners are mitred and not round:
-    one of 90 degrees is 1.42 margins away, and none more than 1.81. It also has what it surrounds.
-    What a negative margin leaves is at least that far inside; it may be several polygons, or none.
+    An outward offset contains all places within the margin, and few more: its corners are mitred,
+    one of 90 degrees is 1.42 margins away from the polygon, and none more than 1.81. Holes that
+    it encloses are filled. An inward offset keeps the margin from the outline; it may be several
+    polygons, or none.
     """
     if margin == 0:
         return (vertices,)
-    polygon, wide = shapely.Polygon(vertices), margin
+    polygon, width = shapely.Polygon(vertices), margin
     while True:
-        found = polygon.buffer(wide, join_style='mitre', mitre_limit=_MITRE_LIMIT)
-        # The buffer leaves out small bends, by which it may be too near.
-        missing = abs(margin) - shapely.distance(found.boundary, polygon.boundary)
-        if found.is_empty or missing <= _MISSING:
+        shape = polygon.buffer(width, join_style='mitre', mitre_limit=_MITRE_LIMIT)
+        # The buffer leaves out small bends, where it may be nearer than the margin.
+        missing = abs(margin) - shapely.distance(shape.boundary, polygon.boundary)
+        if shape.is_empty or missing <= _OFFSET_TOLERANCE:
             break
-        wide += math.copysign(missing, margin)
-    return _outlines(found)
+        width += math.copysign(missing, margin)
+    return _outlines(shape)
 
 
 def _outlines(shape: Any) -> tuple[Vertices, ...]:
-    """Return the outlines of the polygons of a shape that have an area."""
+    """Return the outlines of the polygons of a shape, without those of no area."""
     return tuple(
         tuple((x, y) for x, y in part.exterior.coords[:-1]) for part in shapely.get_parts(shape)
         if part.geom_type == 'Polygon' and part.area > _THINNEST * part.length**2)
@@ -114,7 +117,7 @@ def _outlines(shape: Any) -> tuple[Vertices, ...]:
 
 def half_planes(vertices: Vertices) -> tuple[Array, Array]:
     """Return the convex hull as n.x <= b: unit normals n (K, 2) outwards, and b (K,) in m."""
-    corners = _corners(tuple(
+    corners = _orient_corners(tuple(
         (x, y) for x, y in shapely.Polygon(vertices).convex_hull.exterior.coords[:-1]))
     edges = np.roll(corners, -1, axis=0) - corners
     normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
@@ -123,64 +126,64 @@ def half_planes(vertices: Vertices) -> tuple[Array, Array]:
 
 
 def depth(vertices: Vertices, points: ArrayLike) -> Array:
-    """Return how far points (..., 2) in m are inside a polygon, negative outside, (...)."""
+    """Return the distance in m of points (..., 2) from the outline, negative outside, (...)."""
     polygon, places = shapely.Polygon(vertices), shapely.points(points)
     distance = shapely.distance(polygon.exterior, places)
     return np.where(shapely.contains(polygon, places), distance, -distance)
 
 
-def _corners(vertices: Vertices) -> Array:
-    """Return the vertices counter-clockwise, (K, 2), without those that are no corners."""
+def _orient_corners(vertices: Vertices) -> Array:
+    """Return the vertices counter-clockwise, (K, 2), without those on a straight edge."""
     corners = np.array(vertices)
     x, y = (corners - corners[0]).T
     if x @ np.roll(y, -1) < y @ np.roll(x, -1):
         corners = corners[::-1]
     while len(corners) > 3:
-        flat = np.abs(_turns(corners)) <= _rounding(corners)
+        flat = np.abs(_cross_products(corners)) <= _area_tolerance(corners)
         if not flat.any():
             break
         corners = np.delete(corners, flat.argmax(), axis=0)
     return corners
 
 
-def _turns(corners: Array) -> Array:
-    """Return twice the area of the triangle at every vertex, positive where it is convex."""
+def _cross_products(corners: Array) -> Array:
+    """Return the cross product of the two edges at each vertex, positive where it is convex."""
     before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
 
 
-def _rounding(corners: Array) -> float:
+def _area_tolerance(corners: Array) -> float:
     return float(_ROUNDING * np.ptp(corners, axis=0).max()**2)
 
 
-def _triangles(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
-    """Return triangles by indices of their corners, and the diagonals, by cutting off ears."""
-    left, small = list(range(len(corners))), _rounding(corners)
+def _cut_ears(corners: Array) -> tuple[list[list[int]], list[tuple[int, int]]]:
+    """Triangulate by cutting off ears; return triangles and diagonals as indices of corners."""
+    left, tolerance = list(range(len(corners))), _area_tolerance(corners)
     triangles, diagonals = [], []
     while len(left) > 3:
-        turns = _turns(corners[left])
-        reflex = corners[left][turns <= small]
-        for at in np.flatnonzero(turns > small).tolist():
+        products = _cross_products(corners[left])
+        reflex = corners[left][products <= tolerance]
+        for at in np.flatnonzero(products > tolerance).tolist():
             ear = [left[at - 1], left[at], left[(at + 1) % len(left)]]
-            if not _holds(corners[ear], reflex, small):
+            if not _contains_any(corners[ear], reflex, tolerance):
                 triangles.append(ear)
                 diagonals.append((ear[0], ear[2]))
                 break
-        else:  # Rounding leaves none: what is cut off has next to no area.
-            at = int(np.abs(turns).argmin())
+        else:  # By rounding there is no ear: cut off a triangle of next to no area.
+            at = int(np.abs(products).argmin())
         del left[at]
     return [*triangles, left], diagonals
 
 
-def _holds(triangle: Array, points: Array, small: float) -> bool:
-    """Return whether a triangle has one of the points, other than its corners, in it."""
+def _contains_any(triangle: Array, points: Array, tolerance: float) -> bool:
+    """Return True if a triangle contains any of the points, its own corners excepted."""
     edges = np.roll(triangle, -1, axis=0) - triangle
     to = points[:, None] - triangle
-    inside = (edges[:, 0] * to[..., 1] - edges[:, 1] * to[..., 0] >= -small).all(axis=1)
+    inside = (edges[:, 0] * to[..., 1] - edges[:, 1] * to[..., 0] >= -tolerance).all(axis=1)
     corner = (to == 0).all(axis=2).any(axis=1)
     return bool((inside & ~corner).any())
 
 
-def _follows(part: list[int], first: int, second: int) -> bool:
-    """Return whether one index follows another in a part."""
+def _has_edge(part: list[int], first: int, second: int) -> bool:
+    """Return True if the second index follows the first in a part."""
     return first in part and part[(part.index(first) + 1) % len(part)] == second

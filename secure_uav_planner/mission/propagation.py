@@ -5,7 +5,7 @@ from typing import Any, Literal, TypeAlias
 
 from . import OBJECTIVES
 from .validation import checked_choice, checked_number, set_checked
-from ..errors import ScenarioError, shown
+from ..errors import quote, ScenarioError
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
 """A name for the numbers of a probability of line of sight."""
@@ -49,12 +49,12 @@ class Channel:
         set_checked(self, 'channel.', checked_number, 'exponent')
         object.__setattr__(self, 'los', _checked_los(self.los))
         if not isinstance(self.cautious, bool):
-            raise ScenarioError(f'channel.cautious is {shown(self.cautious)}; it must be true or '
+            raise ScenarioError(f'channel.cautious is {quote(self.cautious)}; it must be true or '
                                 'false', ('cautious',))
         for field, other in (('rician_k_db', 'outage'), ('outage', 'rician_k_db')):
             set_checked(self, 'channel.', checked_number, field, optional=True)
             if getattr(self, field) is None and getattr(self, other) is not None:
-                raise ScenarioError(f'channel.{field} is {shown(None)}; it must be a number, as '
+                raise ScenarioError(f'channel.{field} is {quote(None)}; it must be a number, as '
                                     f'channel.{other} is one', (field,))
 
     @property
@@ -110,7 +110,7 @@ def _checked_los(value: Any) -> Any:
             return tuple(checked_number('channel.', field, number)
                          for field, number in zip(_LOS_NUMBERS, value, strict=True))
         except ScenarioError as error:
-            raise ScenarioError(f'channel.los is {shown(value)}: {error}', ('los',)) from None
+            raise ScenarioError(f'channel.los is {quote(value)}: {error}', ('los',)) from None
     raise ScenarioError(
-        f'channel.los is {shown(value)}; it must be {shown(None)}, one of '
+        f'channel.los is {quote(value)}; it must be {quote(None)}, one of '
         f'{", ".join(ENVIRONMENTS)}, or three numbers: a, b and the extra loss in dB', ('los',))

@@ -1,4 +1,4 @@
-"""What is asked: the mission, the channel and the receivers."""
+"""The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -8,15 +8,15 @@ import math
 import os
 from typing import Any, TYPE_CHECKING
 
+from . import make_view
 from .files import checked_path
 from .participants import Eavesdropper, NoFlyZone, Uav
-from .polygons import checked_polygon, depth, grown, Vertices
+from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
 from .validation import (
-    Array, checked_fields, checked_members, checked_number, checked_point, checked_real, Point,
-    RANGES, read_only, set_checked, told_apart)
-from .views import view
-from ..errors import InfeasibleMissionError, ScenarioError, shown, within
+    Array, checked_fields, checked_members, checked_number, checked_point, checked_real,
+    make_unique, Point, RANGES, read_only, set_checked)
+from ..errors import InfeasibleMissionError, prefix_place, quote, ScenarioError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _EFFORT_TOLERANCE = 1e-9
 
 POSITION_TOLERANCE = 1e-6
-"""How far in m a place may be beyond a limit, for rounding."""
+"""Largest violation of a limit by a place in m, for rounding."""
 
 MAX_MEMBERS = 32
 """The most UAVs, and the most eavesdroppers."""
@@ -33,23 +33,23 @@ MAX_ZONES = 64
 """The most no-fly zones."""
 
 MAX_COUPLINGS = 10**7
-"""The most pairs of variables that meet in a slot, slots * (3 uavs)^2: a step takes about 1 s."""
+"""The most pairs of variables of a slot, slots * (3 uavs)^2: a step then takes about 1 s."""
 
 _MEMBERS = {'eavesdroppers': (Eavesdropper, 1, MAX_MEMBERS), 'uavs': (Uav, 1, MAX_MEMBERS),
             'no_fly_zones': (NoFlyZone, 0, MAX_ZONES)}
 """The class of the members of each list, and the least and the most of them."""
 
-_UNNAMED = 'eavesdroppers', Eavesdropper.name  # Several may have the default name.
+_DEFAULT_NAME = 'eavesdroppers', Eavesdropper.name  # Several may have it.
 
 __all__ = ['Array', 'Channel', 'Eavesdropper', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
            'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'RANGES', 'Scenario', 'Uav',
            'checked_fields', 'read_only']
 
 
-def _of_each(members: str, field: str, text: str) -> cached_property[Array]:
-    """Return a property of Scenario: one field of all its UAVs, or of all its eavesdroppers."""
+def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
+    """Make a property of Scenario: a field of all its UAVs, or of all its eavesdroppers."""
     def values(scenario: Any) -> Array:
-        return read_only([getattr(one, field) for one in getattr(scenario, members)])
+        return read_only([getattr(member, field) for member in getattr(scenario, members)])
 
     values.__doc__ = text
     return cached_property(values)
@@ -60,9 +60,8 @@ class Scenario:
     """
     A mission: problems (P1) and (P2) of the paper for any number of jammers and eavesdroppers.
 
-    UAV 0 transmits to the ground node, every other UAV jams. Point n of a trajectory is passed
-    at time n * duration / slots, n = 0..slots+1; power n holds from point n to
-    point n + 1, n = 1..slots.
+    UAV 0 transmits to the ground node, the others jam. Point n of a trajectory is at time
+    n * duration / slots, n = 0..slots+1; power n holds from point n to point n + 1, n = 1..slots.
 
     :param ground_node: w_0, (x, y) in m, at altitude zero.
     :param eavesdroppers: at least one Eavesdropper.
@@ -70,19 +69,19 @@ class Scenario:
     :param duration: T in s. The flight itself lasts (slots + 1) / slots * T.
     :param slots: N.
     :param reference_snr_db: beta_0 / sigma^2, the SNR at 1 m and 1 W, in dB.
-    :param separation: smallest distance in space between any two UAVs at any time, in m; 0 for
-        no limit.
+    :param separation: smallest three-dimensional distance between any two UAVs at any time in m;
+        0 for no limit.
     :param no_fly_zones: up to 64 NoFlyZone.
     :param geofence: vertices of a polygon, each (x, y) in m, that no UAV leaves at any altitude;
         None for no limit.
     :param tracking_margin: largest error in m of a vehicle on its plan, in any direction. For the
         plan, zones grow and the geofence shrinks by it, and a separation grows by twice it.
     :param channel: a Channel; by default free space.
-    :param colluding: whether the eavesdroppers put together what they hear, so that their SINRs
-        add up; otherwise the one that hears most counts.
+    :param colluding: whether the eavesdroppers combine their signals, so that their SINRs add up;
+        otherwise the largest rate of a single one counts.
     :raises ScenarioError: naming the field, its value and what is allowed.
-    :raises InfeasibleMissionError: for a mission that cannot be flown, naming the UAV and the
-        shortest duration that can.
+    :raises InfeasibleMissionError: for a mission that cannot be flown, naming the UAV and its
+        shortest duration.
     """
 
     ground_node: Point
@@ -106,29 +105,30 @@ class Scenario:
         slots = checked_number('', 'slots', self.slots)
         if not slots.is_integer():
             raise ScenarioError(
-                f'slots is {shown(self.slots)}; it must be a whole number', ('slots',))
+                f'slots is {quote(self.slots)}; it must be a whole number', ('slots',))
         object.__setattr__(self, 'slots', int(slots))
         set_checked(self, '', checked_number,
                     'duration', 'reference_snr_db', 'separation', 'tracking_margin')
         set_checked(self, '', checked_polygon, 'geofence', optional=True)
         if not isinstance(self.channel, Channel):
             raise ScenarioError(
-                f'channel is {shown(self.channel)}; it must be a Channel, such as '
+                f'channel is {quote(self.channel)}; it must be a Channel, such as '
                 "Channel(los='urban')", ('channel',))
         if not isinstance(self.colluding, bool):
-            raise ScenarioError(f'colluding is {shown(self.colluding)}; it must be true or false',
+            raise ScenarioError(f'colluding is {quote(self.colluding)}; it must be true or false',
                                 ('colluding',))
-        problems = [*self._of_names_and_size(), *self._of_ends(), *self._of_durations()]
+        problems = [*self._check_size(), *self._check_ends(), *self._check_durations()]
         if problems:
-            problems[0].others = tuple(problems[1:])
+            problems[0].further = tuple(problems[1:])
             raise problems[0]
 
-    def _of_names_and_size(self) -> Iterator[ScenarioError]:
+    def _check_size(self) -> Iterator[ScenarioError]:
+        """Yield the errors of names and of the number of variables."""
         for field in ('uavs', 'eavesdroppers'):
             names = [member.name for member in getattr(self, field)]
             for number, name in enumerate(names):
-                if name in names[:number] and (field, name) != _UNNAMED:
-                    yield ScenarioError(f'{field} are named {shown(names)}; the names must be '
+                if name in names[:number] and (field, name) != _DEFAULT_NAME:
+                    yield ScenarioError(f'{field} are named {quote(names)}; the names must be '
                                         'unique', (field, number, 'name'))
         most = MAX_COUPLINGS // (3 * len(self.uavs))**2
         if self.slots > most:
@@ -136,21 +136,21 @@ class Scenario:
                                 f'at most {most}, or a plan would take too long and too much '
                                 'memory', ('slots',))
 
-    def _of_ends(self) -> Iterator[ScenarioError]:
-        """Yield what is wrong with the ends of flights: zones, fence and separation."""
+    def _check_ends(self) -> Iterator[ScenarioError]:
+        """Yield the errors of the ends of flights: zones, fence and separation."""
         for field in ('start', 'goal'):
-            # How far the curve may be from the first or the last of its control points. A place
-            # on a plan, with which the rest of it begins, is itself beyond a limit by rounding.
-            slack = [2 * POSITION_TOLERANCE + uav.bend_at(field, self.slot_duration)
-                     for uav in self.uavs]
-            for number, most in enumerate(slack):
-                yield from self._of_end(number, field, most)
+            # The curve may leave its first and last control point by its bend. The start of the
+            # tail of a plan may itself violate a limit by rounding.
+            slacks = [2 * POSITION_TOLERANCE + uav.bend_at(field, self.slot_duration)
+                      for uav in self.uavs]
+            for number, slack in enumerate(slacks):
+                yield from self._check_end(number, field, slack)
             close = []
-            for (uav, most), (other, most_of_other) in combinations(zip(self.uavs, slack), 2):
-                distance = math.hypot(math.dist(getattr(uav, field), getattr(other, field)),
-                                      uav.altitude - other.altitude)
-                if distance < self.keep_apart - most - most_of_other:
-                    close.append((distance, uav.name, other.name))
+            for (first, slack1), (second, slack2) in combinations(zip(self.uavs, slacks), 2):
+                distance = math.hypot(math.dist(getattr(first, field), getattr(second, field)),
+                                      first.altitude - second.altitude)
+                if distance < self.keep_apart - slack1 - slack2:
+                    close.append((distance, first.name, second.name))
             if close:
                 distance, *names = min(close)
                 yield ScenarioError(
@@ -158,22 +158,23 @@ class Scenario:
                     f'{distance:g} m, the distance between the {field}s of {" and ".join(names)}',
                     ('separation',))
 
-    def _of_end(self, number: int, field: str, slack: float) -> Iterator[ScenarioError]:
-        """Yield what is wrong with the start or the goal of a UAV: zones and fence."""
+    def _check_end(self, number: int, field: str, slack: float) -> Iterator[ScenarioError]:
+        """Yield the errors of the start or the goal of a UAV: zones and fence."""
         uav = self.uavs[number]
         place = getattr(uav, field)
         for vertices, name in self.keep_out(uav.altitude):
             if depth(vertices, place) > slack:
                 yield ScenarioError(
-                    f'{uav.name}.{field} is {shown(place)} at {uav.altitude:g} m, inside '
+                    f'{uav.name}.{field} is {quote(place)} at {uav.altitude:g} m, inside '
                     f'{name}{self.margin_text}; it must be outside all no_fly_zones',
                     ('uavs', number, field))
         if self.keep_in is not None and depth(self.keep_in, place) < -slack:
             yield ScenarioError(
-                f'{uav.name}.{field} is {shown(place)}, outside the geofence{self.margin_text}; '
+                f'{uav.name}.{field} is {quote(place)}, outside the geofence{self.margin_text}; '
                 'it must be inside', ('uavs', number, field))
 
-    def _of_durations(self) -> Iterator[ScenarioError]:
+    def _check_durations(self) -> Iterator[ScenarioError]:
+        """Yield an error for each UAV that needs more time from start to goal."""
         for uav, effort in zip(self.uavs, self.efforts, strict=True):
             if effort > 1 + _EFFORT_TOLERANCE:
                 shortest = uav.vehicle.shortest_step(self.slots) * self.slots
@@ -192,7 +193,7 @@ class Scenario:
 
     @cached_property
     def _hash(self) -> int:
-        # Known values are found by it many times in a solve.
+        # A solve looks up cached values by it many times.
         return hash(tuple(getattr(self, field.name) for field in fields(self)))
 
     @classmethod
@@ -228,21 +229,21 @@ class Scenario:
 
     @cached_property
     def receiver_advantages(self) -> Array:
-        """By what factor the SNR at the eavesdroppers' receivers is larger, linear, (E,)."""
+        """SNR of the eavesdroppers' receivers relative to the ground node's, linear, (E,)."""
         return read_only([10.0 ** (eve.receiver_advantage_db / 10.0)
                           for eve in self.eavesdroppers])
 
-    starts = _of_each('uavs', 'start', 'Where the UAVs start, (U, 2) in m, read-only as all here.')
-    goals = _of_each('uavs', 'goal', 'Where the UAVs end, (U, 2) in m.')
-    altitudes = _of_each('uavs', 'altitude', 'Flying heights H, (U,) in m.')
-    max_speeds = _of_each('uavs', 'max_speed', 'Largest speeds V, (U,) in m/s.')
-    average_powers = _of_each(
+    starts = _stack_field('uavs', 'start', 'Starts, (U, 2) in m; read-only, as all arrays here.')
+    goals = _stack_field('uavs', 'goal', 'Goals, (U, 2) in m.')
+    altitudes = _stack_field('uavs', 'altitude', 'Flying heights H, (U,) in m.')
+    max_speeds = _stack_field('uavs', 'max_speed', 'Largest speeds V, (U,) in m/s.')
+    average_powers = _stack_field(
         'uavs', 'average_power', 'Limits P_ave of the mean powers, (U,) in W.')
-    peak_powers = _of_each(
-        'uavs', 'peak_power', 'Limits P_peak of the powers of every slot, (U,) in W.')
-    eavesdropper_positions = _of_each(
+    peak_powers = _stack_field(
+        'uavs', 'peak_power', 'Limits P_peak of the powers of each slot, (U,) in W.')
+    eavesdropper_positions = _stack_field(
         'eavesdroppers', 'position', 'Centres of the discs, (E, 2) in m.')
-    error_radii = _of_each(
+    error_radii = _stack_field(
         'eavesdroppers', 'error_radius', 'Radii epsilon of the discs, (E,) in m.')
 
     @cached_property
@@ -252,13 +253,13 @@ class Scenario:
 
     @cached_property
     def eavesdropper_names(self) -> tuple[str, ...]:
-        """Names of the eavesdroppers; where several have the default one, each with a number."""
-        return told_apart([eve.name for eve in self.eavesdroppers])
+        """Names of the eavesdroppers, numbered where several have the default one."""
+        return make_unique([eve.name for eve in self.eavesdroppers])
 
     @cached_property
     def zone_names(self) -> tuple[str, ...]:
-        """Names of the no-fly zones; likewise, and 'zone 2' for the second if it has none."""
-        return told_apart([zone.name or f'zone {number}'
+        """Names of the no-fly zones, numbered likewise; 'zone 2' for a second without a name."""
+        return make_unique([zone.name or f'zone {number}'
                            for number, zone in enumerate(self.no_fly_zones, start=1)])
 
     def zones_at(self, altitude: float) -> tuple[tuple[NoFlyZone, str], ...]:
@@ -270,23 +271,24 @@ class Scenario:
 
     def keep_out(self, altitude: float) -> tuple[tuple[Vertices, str], ...]:
         """
-        Return what a plan may not enter at an altitude in m: zones grown by tracking_margin.
+        Return the polygons that a plan may not enter at an altitude in m.
 
-        :return: the vertices in m and the name of each.
+        :return: vertices in m and name of each zone, offset by tracking_margin.
         """
-        return tuple((grown(zone.vertices, self.tracking_margin)[0], name)
+        return tuple((offset_polygon(zone.vertices, self.tracking_margin)[0], name)
                      for zone, name in self.zones_at(altitude))
 
     @cached_property
     def keep_in(self) -> Vertices | None:
         """
-        Geofence less tracking_margin, which a plan does not leave: vertices in m, or None.
+        Geofence offset inwards by tracking_margin, which a plan may not leave: vertices in m.
 
-        Where that is in several parts, it is the one in which or next to which UAV 0 starts.
+        If that has several parts, it is the one in which or next to which UAV 0 starts. None
+        without a geofence.
         """
         if self.geofence is None:
             return None
-        parts = grown(self.geofence, -self.tracking_margin)
+        parts = offset_polygon(self.geofence, -self.tracking_margin)
         if not parts:
             raise ScenarioError(f'tracking_margin is {self.tracking_margin:g} m, which leaves '
                                 'nothing of the geofence; it must be smaller',
@@ -295,24 +297,24 @@ class Scenario:
 
     @property
     def keep_apart(self) -> float:
-        """Smallest distance in space between UAVs of a plan, in m; 0 for no limit."""
+        """Smallest three-dimensional distance between UAVs of a plan in m; 0 for no limit."""
         return self.separation and self.separation + 2 * self.tracking_margin
 
     @property
     def margin_text(self) -> str:
-        """Words to add to the name of a limit that tracking_margin has made tighter, or none."""
+        """Suffix of the name of a limit in messages: the tracking_margin, if there is one."""
         margin = self.tracking_margin
         return f' with the tracking_margin of {margin:g} m' if margin else ''
 
     @cached_property
     def efforts(self) -> Array:
-        """Share of its limits that the flight of least effort of each UAV uses, (U,)."""
+        """Least efforts of the UAVs' flights, as shares of their limits, (U,); see Vehicle."""
         return read_only([uav.vehicle.least_effort(self.slots, self.slot_duration)[0]
                           for uav in self.uavs])
 
     @cached_property
     def end_velocities(self) -> Array:
-        """Velocities at the starts and at the goals, (2, U, 2) in m/s, NaN where they are free."""
+        """Velocities at the starts and at the goals, (2, U, 2) in m/s, NaN for a free one."""
         free = (math.nan, math.nan)
         return read_only([[uav.start_velocity or free for uav in self.uavs],
                           [uav.goal_velocity or free for uav in self.uavs]])
@@ -325,10 +327,10 @@ class Scenario:
 
     def to_dict(self) -> dict[str, Any]:
         """
-        Return the scenario as plain values that JSON has; an infinite ceiling is None.
+        Return the scenario as plain values of JSON; an infinite ceiling is None.
 
-        The fields `channel` and `colluding`, which version 0.1.0 does not know, are there where
-        they are not the default.
+        The fields `channel` and `colluding`, which version 0.1.0 cannot read, are left out if
+        they have their defaults.
         """
         data = asdict(self)
         for field in ('channel', 'colluding'):
@@ -351,21 +353,22 @@ class Scenario:
         for field, (kind, *_) in _MEMBERS.items():
             members = values.get(field, ())
             if not isinstance(members, (list, tuple)):
-                raise ScenarioError(f'{field} is {shown(members)}; it must be a list', (field,))
-            values[field] = tuple(_part(kind, member, field, number)
+                raise ScenarioError(f'{field} is {quote(members)}; it must be a list', (field,))
+            values[field] = tuple(_read_object(kind, member, field, number)
                                   for number, member in enumerate(members))
         if 'channel' in values:
-            values['channel'] = _part(Channel, values['channel'], 'channel')
+            values['channel'] = _read_object(Channel, values['channel'], 'channel')
         return cls(**values)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """
         Write the mission to a file, as JSON if its name ends with .json, otherwise as YAML.
 
-        :raises OSError: when the file cannot be written; an old one is left as it was.
+        :raises OSError: when the file cannot be written; an old one is left unchanged.
         """
-        from . import formats  # Here and not above: its reader of YAML takes time to import.
-        formats.write_mission(checked_path(path), self.to_dict())
+        # Here and not above: its reader of YAML takes time to import.
+        from .formats.mission_file import write_mission
+        write_mission(checked_path(path), self.to_dict())
 
     def plot(self) -> 'Figure':
         """
@@ -374,24 +377,23 @@ class Scenario:
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
-        return view('plot_scenario', self)
+        return make_view('plot_scenario', self)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> 'Scenario':
         """
-        Return the mission that a file describes: YAML, JSON if the name ends with .json.
+        Read a mission from a file: JSON if its name ends with .json, otherwise YAML.
 
         It has the fields of Scenario with their units; those with a default may be missing.
 
         :raises OSError: when the file cannot be read, is no regular file, or is too large.
-        :raises MissionFileError: naming the line and what is wrong; its `problems` are all that
-            is wrong.
+        :raises MissionFileError: naming the line and the error; its `problems` are all errors.
         """
-        from . import formats
-        return formats.read_mission(checked_path(path), cls)
+        from .formats.mission_file import read_mission
+        return read_mission(checked_path(path), cls)
 
 
-def _part(kind: type[Any], data: object, *place: str | int) -> Any:
-    """Return an object in a scenario's dictionary."""
-    with within(*place):
+def _read_object(kind: type[Any], data: object, *place: str | int) -> Any:
+    """Return an object at a place of a scenario's dictionary."""
+    with prefix_place(*place):
         return kind(**checked_fields(kind, data))

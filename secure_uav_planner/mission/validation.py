@@ -1,4 +1,4 @@
-"""Checks of the fields of what is asked, and of the arguments of functions."""
+"""Checks of the fields of a mission, and of the arguments of functions."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, MISSING
@@ -10,7 +10,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import noun_of, OptionError, ScenarioError, shown, within
+from ..errors import describe_class, OptionError, prefix_place, quote, ScenarioError
 
 Array: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float]
@@ -57,71 +57,82 @@ RANGES = {
     'transmit_gain_dbi': (-60.0, 80.0),
     'receive_gain_dbi': (-60.0, 80.0),
 }
-"""Smallest and largest value of every field; beyond them squares lose their accuracy."""
+"""Smallest and largest value of each field; beyond them squares lose their accuracy."""
+
+UNITS = {
+    'ground_node': 'm', 'position': 'm', 'start': 'm', 'goal': 'm', 'vertices': 'm',
+    'geofence': 'm', 'error_radius': 'm', 'altitude': 'm', 'separation': 'm', 'floor': 'm',
+    'ceiling': 'm', 'tracking_margin': 'm', 'max_speed': 'm/s', 'start_velocity': 'm/s',
+    'goal_velocity': 'm/s', 'max_acceleration': 'm/s^2', 'average_power': 'W',
+    'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
+    'blade_power': 'W', 'induced_power': 'W', 'tip_speed': 'm/s', 'induced_velocity': 'm/s',
+    'air_density': 'kg/m^3', 'disc_area': 'm^2', 'rician_k_db': 'dB'}
+"""The unit of each field that has one."""
 
 
 def read_only(values: ArrayLike) -> Array:
-    """Return values as an array of floats of its own that cannot be written to."""
+    """Copy values to a read-only array of floats."""
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
 
 
-def needed_fields(kind: type[Any]) -> list[str]:
+def required_fields(kind: type[Any]) -> list[str]:
     """Return the names of the fields of a dataclass that have no default."""
     return [field.name for field in fields(kind) if field.default is MISSING]
 
 
-def misfits(kind: type[Any], data: object) -> Iterator[ScenarioError]:
-    """Yield why data cannot be the arguments of a dataclass, whatever their values."""
+def find_field_errors(kind: type[Any], data: object) -> Iterator[ScenarioError]:
+    """Yield an error for each unknown field of data and for missing fields of a dataclass."""
+    noun = describe_class(kind)
     if not isinstance(data, Mapping):
-        yield ScenarioError(f'{noun_of(kind)} is {shown(data)}; it must be a mapping of fields')
+        yield ScenarioError(f'{noun} is {quote(data)}; it must be a mapping of fields')
         return
-    known = [field.name for field in fields(kind)]
+    names = [field.name for field in fields(kind)]
     for name in data:
-        if name not in known:
-            near = difflib.get_close_matches(str(name), known, 1)
-            hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(known)}'
-            yield ScenarioError(f'{noun_of(kind)} has no field {shown(name)}{hint}', (name,))
-    missing = [name for name in needed_fields(kind) if name not in data]
+        if name not in names:
+            near = difflib.get_close_matches(str(name), names, 1)
+            hint = f'; did you mean {near[0]}?' if near else f'; it has {", ".join(names)}'
+            yield ScenarioError(f'{noun} has no field {quote(name)}{hint}', (name,))
+    missing = [name for name in required_fields(kind) if name not in data]
     if missing:
-        yield ScenarioError(f'{noun_of(kind)} lacks {", ".join(missing)}')
+        yield ScenarioError(f'{noun} lacks {", ".join(missing)}')
 
 
 def checked_fields(kind: type[Any], data: Any) -> dict[str, Any]:
-    """Return a mapping as the arguments of a dataclass; raise ScenarioError where it is not."""
-    for error in misfits(kind, data):
+    """Return a mapping as the arguments of a dataclass, or raise the first field error."""
+    for error in find_field_errors(kind, data):
         raise error
     return dict(data)
 
 
 def checked_block(field: str, value: object, kind: type[_Kind]) -> _Kind:
-    """Return value, one of a kind or a mapping of its fields, as one of that kind."""
+    """Return value, an object of a class or a mapping of its fields, as an object."""
     if isinstance(value, kind):
         return value
-    with within(field):
+    with prefix_place(field):
         if not isinstance(value, Mapping):
-            raise ScenarioError(f'{field} is {shown(value)}; it must be a {noun_of(kind)} or a '
-                                'mapping of its fields')
+            raise ScenarioError(f'{field} is {quote(value)}; it must be a '
+                                f'{describe_class(kind)} or a mapping of its fields')
         return kind(**checked_fields(kind, value))
 
 
 def checked_members(field: str, values: object, kind: type[Any],
                     least: int, most: int) -> tuple[Any, ...]:
-    """Return values, a tuple or list of so many of a kind, as a tuple."""
+    """Return values, a tuple or list of `least` to `most` objects of a class, as a tuple."""
     if (not isinstance(values, (tuple, list)) or not least <= len(values) <= most
             or not all(isinstance(value, kind) for value in values)):
-        raise ScenarioError(f'{field} is {shown(values)}; it must be a list of '
-                            f'{least} to {most} {noun_of(kind)}', (field,))
+        raise ScenarioError(f'{field} is {quote(values)}; it must be a list of '
+                            f'{least} to {most} {describe_class(kind)}', (field,))
     return tuple(values)
 
 
 def set_checked(item: object, owner: str, check: Callable[[str, str, Any], Any], *names: str,
                 optional: bool = False) -> None:
     """
-    Replace fields of a frozen dataclass by what a check, such as checked_number, returns of them.
+    Replace fields of a frozen dataclass by the results of a check, such as checked_number.
 
-    :param owner: what messages put before the name of a field.
+    :param owner: prefix of the name of a field in messages.
     :param optional: whether the fields may be None.
     """
     for name in names:
@@ -134,7 +145,7 @@ def checked_name(what: str, name: object) -> None:
     """Raise ScenarioError unless a name is a string that is not empty."""
     if not isinstance(name, str) or not name:
         raise ScenarioError(
-            f'{what} name is {shown(name)}; it must be text that is not empty', ('name',))
+            f'{what} name is {quote(name)}; it must be text that is not empty', ('name',))
 
 
 def _number(value: Any) -> float:
@@ -146,12 +157,12 @@ def _number(value: Any) -> float:
 
 
 def checked_number(owner: str, field: str, value: Any) -> float:
-    """Return value as a float, or raise ScenarioError with field, value and what is allowed."""
+    """Return value as a float, or raise ScenarioError with field, value and range."""
     low, high = RANGES[field]
     number = _number(value)
     if not low <= number <= high:
         raise ScenarioError(
-            f'{owner}{field} is {shown(value)}; it must be a number from {low:g} to {high:g}',
+            f'{owner}{field} is {quote(value)}; it must be a number from {low:g} to {high:g}',
             (field,))
     return number
 
@@ -161,8 +172,8 @@ def checked_point(owner: str, field: str, value: Any, index: int | None = None,
     """
     Return value as a tuple of two floats, or raise ScenarioError with field and value.
 
-    :param index: where the value is in the field, if that is a list of points.
-    :param allowed: what messages say that it must be, as unit is.
+    :param index: of the value, if the field is a list of points.
+    :param allowed: the description of a right value in messages, before the range and its unit.
     """
     low, high = RANGES['coordinate']
     try:
@@ -171,33 +182,33 @@ def checked_point(owner: str, field: str, value: Any, index: int | None = None,
         x = y = math.nan
     if not (low <= x <= high and low <= y <= high):
         name, place = (field, ()) if index is None else (f'{field}[{index}]', (index,))
-        raise ScenarioError(f'{owner}{name} is {shown(value)}; it must be {allowed} '
+        raise ScenarioError(f'{owner}{name} is {quote(value)}; it must be {allowed} '
                             f'(x, y) from {low:g} to {high:g} {unit}', (field, *place))
     return (x, y)
 
 
-def told_apart(names: list[str]) -> tuple[str, ...]:
+def make_unique(names: list[str]) -> tuple[str, ...]:
     """Return names, each followed by a number where several are the same."""
-    found: list[str] = []
+    results: list[str] = []
     for number, name in enumerate(names, start=1):
         unique = name
-        while names.count(unique) > 1 or unique in found or (
+        while names.count(unique) > 1 or unique in results or (
                 unique != name and unique in names):
             unique, number = f'{name}{number}', number + 1
-        found.append(unique)
-    return tuple(found)
+        results.append(unique)
+    return tuple(results)
 
 
 def checked_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
-    """Raise OptionError unless an argument is one of the strings that are allowed."""
+    """Raise OptionError unless an argument is one of the allowed strings."""
     if not isinstance(value, str) or value not in allowed:
-        raise OptionError(f'{name} is {shown(value)}; it must be one of {shown(allowed)}', (name,))
+        raise OptionError(f'{name} is {quote(value)}; it must be one of {quote(allowed)}', (name,))
 
 
 def checked_kind(name: str, value: object, kind: type[_Kind]) -> _Kind:
-    """Return an argument that is of a class, or raise OptionError naming it."""
+    """Return an argument that is an object of a class, or raise OptionError naming it."""
     if not isinstance(value, kind):
-        raise OptionError(f'{name} is {shown(value)}; it must be a {kind.__name__}', (name,))
+        raise OptionError(f'{name} is {quote(value)}; it must be a {kind.__name__}', (name,))
     return value
 
 
@@ -208,7 +219,7 @@ def checked_real(name: str, value: Any, low: float = -sys.float_info.max,
     if not low <= number <= high:
         allowed = f'number from {low:g} to {high:g}' if high < sys.float_info.max else (
             'finite number')
-        raise OptionError(f'{name} is {shown(value)}; it must be a {allowed}', (name,))
+        raise OptionError(f'{name} is {quote(value)}; it must be a {allowed}', (name,))
     return number
 
 
@@ -216,18 +227,18 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
     """
     Return an argument as an array of floats, or raise OptionError naming it.
 
-    :param shapes: that it may have, where None is any number; without any, it may have every one.
+    :param shapes: allowed shapes, where None is any number; without any, all are allowed.
     """
     try:
         array = np.asarray(values, float)
         fits = not shapes or any(
-            len(shape) == array.ndim and all(one in (None, size) for one, size in zip(
+            len(shape) == array.ndim and all(wanted in (None, size) for wanted, size in zip(
                 shape, array.shape)) for shape in shapes)
     except (TypeError, ValueError, OverflowError):
         fits = False
     if not fits or values is None:
         allowed = ' or '.join(str(shape).replace('None', 'N') for shape in shapes)
-        raise OptionError(f'{name} is {shown(values)}; it must be an array of numbers'
+        raise OptionError(f'{name} is {quote(values)}; it must be an array of numbers'
                           f'{" of the shape " if shapes else ""}{allowed}', (name,))
     return array
 
@@ -235,13 +246,13 @@ def checked_array(name: str, values: Any, *shapes: tuple[int | None, ...]) -> Ar
 def checked_callback(name: str, value: object) -> None:
     """Raise OptionError unless an argument can be called, or is None."""
     if value is not None and not callable(value):
-        raise OptionError(f'{name} is {shown(value)}; it must be callable, or None', (name,))
+        raise OptionError(f'{name} is {quote(value)}; it must be callable, or None', (name,))
 
 
 def checked_time_limit(time_limit: Any) -> float | None:
     """Return a time limit in s, or None without one; raise OptionError unless it is above 0."""
     number = math.inf if time_limit is None else _number(time_limit)
     if not number > 0:
-        raise OptionError(f'time_limit is {shown(time_limit)}; it must be above 0 s, or None',
+        raise OptionError(f'time_limit is {quote(time_limit)}; it must be above 0 s, or None',
                           ('time_limit',))
     return number if number < math.inf else None

@@ -16,7 +16,7 @@ import numpy as np
 
 from .search import without_losing_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
-from ..mission.kinematics import shortened
+from ..mission.kinematics import clip_norm
 from ..mission.scenario import Array, Eavesdropper, Point, Scenario, Uav
 from ..plan.plan import Plan
 from ..plan.playback import Playback
@@ -106,7 +106,7 @@ def _begun(plan: Plan, first: int, point: int, paths: dict[int, Array], now: Sce
     for index, path in paths.items():
         positions[index] = path
         uavs[index] = replace(
-            uavs[index], start=_point(path[-1]), start_velocity=shortened(
+            uavs[index], start=_point(path[-1]), start_velocity=clip_norm(
                 *_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
     scenario = replace(tail.scenario, uavs=tuple(uavs), ground_node=now.ground_node,
                        eavesdroppers=now.eavesdroppers)
@@ -159,7 +159,7 @@ class _Way:
         end = position[None]
         if self._smooth:
             # A state is two control points, half a slot before and after it.
-            move = np.array(shortened(*_point(velocity), self._begin.max_speed))
+            move = np.array(clip_norm(*_point(velocity), self._begin.max_speed))
             move *= self._step / 2
             end = np.stack([position - move, position + move])
         slots = point - self._first - len(end)

@@ -7,7 +7,7 @@ from .initial import constant_powers, fly_hover_fly_positions
 from .search import Search
 from .termination import OnIteration, Termination
 from .warm_start import adapted
-from ..errors import OptionError, path_of, Place, shown
+from ..errors import format_place, OptionError, Place, quote
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
@@ -99,7 +99,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     """
     checked_kind('scenario', scenario, Scenario)
     if power not in get_args(Power):
-        raise OptionError(f"power is {shown(power)}; it must be 'constant' or 'optimised'")
+        raise OptionError(f"power is {quote(power)}; it must be 'constant' or 'optimised'")
     method = f'fly_hover_fly_{power}'
     termination = _termination(scenario, on_iteration, time_limit)
     positions = fly_hover_fly_positions(scenario, termination.check)
@@ -124,13 +124,13 @@ def checked_objective(method: str, objective: str | None = None) -> Objective:
     :raises OptionError: when there is no such method or objective, or not together.
     """
     if method not in METHODS:
-        raise OptionError(f'method is {shown(method)}; it must be one of {sorted(METHODS)!r}')
+        raise OptionError(f'method is {quote(method)}; it must be one of {sorted(METHODS)!r}')
     if objective is None:
         return 'guaranteed' if method == 'alternating' else 'worst_case'
     if objective not in OBJECTIVES:
-        raise OptionError(f'objective is {shown(objective)}; it must be one of {OBJECTIVES}')
+        raise OptionError(f'objective is {quote(objective)}; it must be one of {OBJECTIVES}')
     if method == 'alternating' and objective != 'guaranteed':
-        raise OptionError(f"objective is {shown(objective)}; the method 'alternating' has only "
+        raise OptionError(f"objective is {quote(objective)}; the method 'alternating' has only "
                           "'guaranteed'")
     return objective
 
@@ -153,7 +153,7 @@ def _check_limits(scenario: Scenario) -> None:
         if limit:
             raise OptionError(
                 "method is 'alternating'; it has the paper's limits, of speed and power, and this "
-                f"scenario has {path_of(place)}: use 'joint'", place)
+                f"scenario has {format_place(place)}: use 'joint'", place)
 
 
 def _check_channel(scenario: Scenario) -> None:
@@ -162,7 +162,7 @@ def _check_channel(scenario: Scenario) -> None:
         raise OptionError(
             f"method is 'alternating'; its convex restriction holds for a channel of exponent 2 "
             f'and a line of sight everywhere, and this one has the exponent {channel.exponent:g} '
-            f"and los {shown(channel.los)}: use 'joint'")
+            f"and los {quote(channel.los)}: use 'joint'")
     if scenario.colluding:
         raise OptionError("method is 'alternating'; it counts with the best single eavesdropper, "
                           "and the scenario is colluding: use 'joint'")

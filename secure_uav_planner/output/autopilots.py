@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy
 
-from ..errors import OptionError, PoseError, shown
+from ..errors import OptionError, PoseError, quote
 from ..mission.scenario import RANGES
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -61,7 +61,7 @@ class Setpoint:
             if value is not None and not all(
                     low <= one <= high for one in np.atleast_1d(value).tolist()):
                 raise OptionError(
-                    f'{name} is {shown(value)}; it must be from {low:g} to {high:g}')
+                    f'{name} is {quote(value)}; it must be from {low:g} to {high:g}')
 
     def seen_from(self, origin: Sequence[float]) -> 'Setpoint':
         """Return the setpoint in a frame with another origin, (x, y, z) in m, and equal axes."""

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from ..mission import OBJECTIVES
-from ..mission.polygons import convex_parts, grown
+from ..mission.polygons import convex_parts, offset_polygon
 
 # By Okabe and Ito, which colour-blind people can distinguish.
 GROUND_NODE = '#000000'
@@ -86,7 +86,7 @@ def rims(scenario):
     margin = scenario.tracking_margin
     if not margin:
         return []
-    found = [_ring(grown(zone.vertices, margin)[0], zone.vertices)
+    found = [_ring(offset_polygon(zone.vertices, margin)[0], zone.vertices)
              for zone in scenario.no_fly_zones if is_in_the_way(zone, scenario)]
     return found if scenario.keep_in is None else [
         *found, _ring(scenario.geofence, scenario.keep_in)]

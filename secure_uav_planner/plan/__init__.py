@@ -1,6 +1,6 @@
-"""What is answered: a plan, its file and bound, its course in time, and UAVs beside it."""
+"""The answer: a plan, its file and bound, its playback in time, and the tracking of UAVs."""
 
-from .bound import Bound
-from .plan import Iteration, Plan
+from .plan import Plan
+from .results import Bound, Iteration
 
 __all__ = ['Bound', 'Iteration', 'Plan']

@@ -6,9 +6,8 @@ import json
 import os
 from typing import Any, TypeVar
 
-from .bound import Bound
-from .iteration import Iteration
-from ..errors import path_of, Place, PlanFileError, shown, within, words_of_files
+from .results import Bound, Iteration
+from ..errors import format_place, Place, PlanFileError, prefix_place, quote, yaml_notation
 from ..mission.files import atomic_file, checked_path, read_text
 from ..mission.scenario import checked_fields, Scenario
 
@@ -16,15 +15,14 @@ _FORMAT = 'secure_uav_planner/plan'
 _VERSION = 2  # Of the file; version 1 is that of 0.1.0.
 _MOST_BYTES = 2**29
 _ROUNDING = 1e-9  # bit/s/Hz
-# For readers of a file; load computes them anew.
-_COMPUTED = ('guaranteed_rate', 'worst_case_rate')
+_COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # For readers of a file; not loaded.
 
 
 AnyPlan = TypeVar('AnyPlan')  # Plan, which imports this module.
 
 
 def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
-    """Write a Plan to a file; Plan.save describes it."""
+    """Write a Plan to a file; see Plan.save."""
     document = {
         'format': _FORMAT,
         'version': _VERSION,
@@ -46,11 +44,11 @@ def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
 
 
 def read_plan(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
-    """Return the plan of a file, of the class Plan; Plan.load describes it."""
+    """Read a plan of the class `kind`, which is Plan; see Plan.load."""
     checked_path(path)
     try:
-        with words_of_files():
-            return _plan_of(json.loads(read_text(path, _MOST_BYTES)), kind)
+        with yaml_notation():
+            return _read_document(json.loads(read_text(path, _MOST_BYTES)), kind)
     except OSError as error:
         raise PlanFileError(f'{path} cannot be read: {error.strerror or error}') from None
     except json.JSONDecodeError as error:
@@ -62,25 +60,25 @@ def read_plan(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
             f'{path} is not a plan: {error}', getattr(error, 'place', ())) from None
 
 
-def _plan_of(document: object, kind: type[AnyPlan]) -> AnyPlan:
+def _read_document(document: object, kind: type[AnyPlan]) -> AnyPlan:
     if not isinstance(document, dict) or document.get('format') != _FORMAT:
         raise PlanFileError(f'it is not a {_FORMAT}')
     version = document.get('version')
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise PlanFileError(f'its version is {shown(version)}')
+        raise PlanFileError(f'its version is {quote(version)}')
     if version > _VERSION:
         raise PlanFileError(
-            f'it has format version {shown(version)}, which a newer secure_uav_planner wrote; '
+            f'it has format version {quote(version)}, which a newer secure_uav_planner wrote; '
             f'this one reads up to version {_VERSION}')
     values: dict[str, Any] = {name: value for name, value in document.items()
                               if name not in ('format', 'version', *_COMPUTED)}
     if not isinstance(values.get('history', []), list):
-        raise PlanFileError(f'history is {shown(values["history"])}; it must be a list')
-    values['history'] = tuple(_iteration(entry) for entry in values.get('history', []))
+        raise PlanFileError(f'history is {quote(values["history"])}; it must be a list')
+    values['history'] = tuple(_read_iteration(entry) for entry in values.get('history', []))
     values = checked_fields(kind, values)
     for field in ('positions', 'powers'):
         _check_numbers(values[field], (field,))
-    with within('scenario'):
+    with prefix_place('scenario'):
         values['scenario'] = Scenario.from_dict(values['scenario'])
     if values.get('bound') is not None:
         values['bound'] = Bound.from_dict(values['bound'], values['scenario'])
@@ -91,7 +89,7 @@ def _plan_of(document: object, kind: type[AnyPlan]) -> AnyPlan:
 
 
 def _check_bound(plan: Any, bound: Bound) -> None:
-    """Check that a bound is not below what the plan itself reaches."""
+    """Check that a bound is not below the rate of the plan itself."""
     rate = getattr(plan, f'{bound.objective}_rate')
     if bound.rate < rate - _ROUNDING:
         raise PlanFileError(f"bound: rate is {bound.rate!r}; it must be at least the plan's own "
@@ -99,16 +97,17 @@ def _check_bound(plan: Any, bound: Bound) -> None:
 
 
 def _check_numbers(values: object, place: Place) -> None:
-    """Check that lists of lists hold numbers only, which NumPy makes of strings as well."""
+    """Check that nested lists have only numbers, since NumPy converts strings as well."""
     if isinstance(values, list):
         for index, value in enumerate(values):
             _check_numbers(value, (*place, index))
     elif isinstance(values, bool) or not isinstance(values, (int, float)):
-        raise PlanFileError(f'{path_of(place)} is {shown(values)}; it must be a number', place)
+        raise PlanFileError(
+            f'{format_place(place)} is {quote(values)}; it must be a number', place)
 
 
-def _iteration(entry: object) -> Iteration:
-    """Return the Iteration of a file's entry, whose rate version 1 calls guaranteed_rate."""
+def _read_iteration(entry: object) -> Iteration:
+    """Return the Iteration of an entry; version 1 names its rate guaranteed_rate."""
     if isinstance(entry, Mapping) and 'guaranteed_rate' in entry:
         entry = {'rate' if name == 'guaranteed_rate' else name: value
                  for name, value in entry.items()}
@@ -117,7 +116,7 @@ def _iteration(entry: object) -> Iteration:
         value = values[name]
         if (isinstance(value, bool) or not isinstance(value, (int, float))
                 or not abs(value) < 1e300):
-            raise PlanFileError(f'history: {name} is {shown(value)}; it must be a finite number')
+            raise PlanFileError(f'history: {name} is {quote(value)}; it must be a finite number')
     if not isinstance(values['number'], int) or not isinstance(values['step'], str):
-        raise PlanFileError(f'history has the entry {shown(entry)}')
+        raise PlanFileError(f'history has the entry {quote(entry)}')
     return Iteration(**values)

@@ -1,4 +1,4 @@
-"""What is answered: trajectories and powers, what they achieve, and how they were found."""
+"""The answer: trajectories and powers, their rates, and the history of the method."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -11,14 +11,12 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from . import file
-from .bound import Bound
-from .iteration import Iteration, Status, STATUS_TEXTS, STATUSES
-from ..errors import OptionError, PlanError, shown
-from ..mission import Objective, OBJECTIVES
-from ..mission.kinematics import shortened
+from .results import Bound, Iteration, Status, STATUS_TEXTS, STATUSES
+from ..errors import OptionError, PlanError, quote
+from ..mission import make_view, Objective, OBJECTIVES
+from ..mission.kinematics import clip_norm
 from ..mission.scenario import Array, Point, POSITION_TOLERANCE, RANGES, read_only, Scenario, Uav
 from ..mission.validation import checked_array, checked_kind
-from ..mission.views import view
 from ..model import channel
 from ..model.clearance import Clearance
 from ..model.curve import Curve, mean_guaranteed_rates
@@ -30,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_LAST_SECOND = 2**31 - 1  # The last that a builtin_interfaces/Time can hold.
+_LAST_SECOND = 2**31 - 1  # The last of a builtin_interfaces/Time.
 
 __all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE',
            'Plan', 'STATUSES', 'STATUS_TEXTS', 'Status']
@@ -41,16 +39,15 @@ class Plan:
     """
     A feasible flight and power plan of a scenario.
 
-    :param scenario: what the plan is for.
+    :param scenario: the mission.
     :param positions: q_i[n], (U, N+2, 2) in m, start and goal included. Kept read-only.
     :param powers: p_i[n], (U, N) in W. Kept read-only.
-    :param method: what made the plan.
+    :param method: name of the method that made the plan.
     :param status: one of STATUSES.
     :param history: the iterations of the method.
     :param solve_time: in s.
-    :param start_ns: time of point 0 in ns on the clock of those who fly it, or None before a
-        time has been set.
-    :param objective: what the method maximised.
+    :param start_ns: time of point 0 in ns on the clock of the followers, or None if not set.
+    :param objective: the objective that the method maximised.
     :param bound: a Bound of the scenario by upper_bound, or None.
     :raises PlanError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
         and limit; or for another field with a wrong value.
@@ -75,10 +72,10 @@ class Plan:
         for name, value, allowed in (('status', self.status, STATUSES),
                                      ('objective', self.objective, OBJECTIVES)):
             if value not in allowed:
-                raise PlanError(f'{name} is {shown(value)}; it must be one of {allowed}', (name,))
+                raise PlanError(f'{name} is {quote(value)}; it must be one of {allowed}', (name,))
         if self.bound is not None and (
                 not isinstance(self.bound, Bound) or self.bound.scenario != self.scenario):
-            raise PlanError(f'bound is {shown(self.bound)}; it must be None or a Bound of the '
+            raise PlanError(f'bound is {quote(self.bound)}; it must be None or a Bound of the '
                             "plan's scenario", ('bound',))
         if self.start_ns is not None:
             self._check_start(self.start_ns)
@@ -89,26 +86,26 @@ class Plan:
 
     def _check_kinds(self) -> None:
         if not isinstance(self.scenario, Scenario):
-            raise PlanError(f'scenario is {shown(self.scenario)}; it must be a Scenario',
+            raise PlanError(f'scenario is {quote(self.scenario)}; it must be a Scenario',
                             ('scenario',))
         if not isinstance(self.method, str):
-            raise PlanError(f'method is {shown(self.method)}; it must be a string', ('method',))
+            raise PlanError(f'method is {quote(self.method)}; it must be a string', ('method',))
         if not isinstance(self.history, (tuple, list)) or not all(
-                isinstance(one, Iteration) for one in self.history):
-            raise PlanError(f'history is {shown(self.history)}; it must be a tuple of Iterations',
+                isinstance(iteration, Iteration) for iteration in self.history):
+            raise PlanError(f'history is {quote(self.history)}; it must be a tuple of Iterations',
                             ('history',))
         object.__setattr__(self, 'history', tuple(self.history))
         if (isinstance(self.solve_time, bool)
                 or not isinstance(self.solve_time, (int, float, np.integer))
                 or not abs(self.solve_time) < 1e300):
-            raise PlanError(f'solve_time is {shown(self.solve_time)}; it must be a finite number '
+            raise PlanError(f'solve_time is {quote(self.solve_time)}; it must be a finite number '
                             'in s', ('solve_time',))
 
     def _check_start(self, start_ns: object) -> None:
         last = (_LAST_SECOND - math.ceil(self.times[-1])) * 10**9
         if (isinstance(start_ns, bool) or not isinstance(start_ns, (int, np.integer))
                 or not 0 <= start_ns <= last):
-            raise PlanError(f'start_ns is {shown(start_ns)}; it must be None or a whole number '
+            raise PlanError(f'start_ns is {quote(start_ns)}; it must be None or a whole number '
                             f'from 0 to {last}, so that ROS can stamp the whole flight',
                             ('start_ns',))
         object.__setattr__(self, 'start_ns', int(start_ns))
@@ -128,8 +125,8 @@ class Plan:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Plan):
             return NotImplemented
-        return all(np.array_equal(mine, yours) if isinstance(mine, np.ndarray) else mine == yours
-                   for mine, yours in zip(_values(self), _values(other), strict=True))
+        return all(np.array_equal(left, right) if isinstance(left, np.ndarray) else left == right
+                   for left, right in zip(_values(self), _values(other), strict=True))
 
     def __hash__(self) -> int:
         return hash((self.scenario, self.identity))
@@ -139,7 +136,7 @@ class Plan:
                 if name not in ('curve', 'clearance')}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Arrays come back from a copy or a pickle writable.
+        # A copy or a pickle makes arrays writable.
         for value in state.values():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
@@ -147,12 +144,12 @@ class Plan:
 
     @property
     def message(self) -> str:
-        """Why the method stopped, in words."""
+        """Reason for which the method stopped, as text."""
         return STATUS_TEXTS[self.status]
 
     @cached_property
     def identity(self) -> str:
-        """Identity of the plan: 8 digits made of its time, positions and powers."""
+        """Identity of the plan: 8 digits, a hash of its start, positions and powers."""
         content = (str(self.start_ns).encode(), self.positions.tobytes(), self.powers.tobytes())
         return blake2b(b' '.join(content), digest_size=4).hexdigest()
 
@@ -163,13 +160,13 @@ class Plan:
 
     @cached_property
     def guaranteed_rates(self) -> Array:
-        """Guaranteed rate [R-bar]^+ of every slot, (N,) in bit/s/Hz; see channel."""
-        return _secret(channel.guaranteed_rates(self.scenario, self.positions, self.powers))
+        """Guaranteed rate [R-bar]^+ of each slot, (N,) in bit/s/Hz; see channel."""
+        return _positive_part(channel.guaranteed_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
     def worst_case_rates(self) -> Array:
-        """Worst-case rate R of every slot, equation (6), (N,) in bit/s/Hz; see channel."""
-        return _secret(channel.worst_case_rates(self.scenario, self.positions, self.powers))
+        """Worst-case rate R of each slot, equation (6), (N,) in bit/s/Hz; see channel."""
+        return _positive_part(channel.worst_case_rates(self.scenario, self.positions, self.powers))
 
     @cached_property
     def curve(self) -> Curve:
@@ -178,7 +175,7 @@ class Plan:
 
     @cached_property
     def clearance(self) -> Clearance:
-        """How close the curve comes to zones and UAVs to each other."""
+        """Distances of the curve from zones, and of the UAVs from each other."""
         return Clearance(self.scenario, self.curve)
 
     @cached_property
@@ -188,16 +185,16 @@ class Plan:
 
         They differ from guaranteed_rates, which are those at the points, by the discretisation.
         """
-        return _secret(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
+        return _positive_part(mean_guaranteed_rates(self.scenario, self.curve, self.powers))
 
     @cached_property
     def energies(self) -> tuple[Energy | None, ...]:
-        """Energy that the flight of each UAV takes, None for one without a propulsion."""
+        """Energy of the flight of each UAV, None for a UAV without a propulsion."""
         return energies(self.scenario, self.curve)
 
     @property
     def curve_rate(self) -> float:
-        """Mean of curve_rates in bit/s/Hz: what is delivered per second on average."""
+        """Mean of curve_rates in bit/s/Hz: the information delivered per second and Hz."""
         return float(self.curve_rates.mean())
 
     @property
@@ -212,12 +209,12 @@ class Plan:
 
     @property
     def rate(self) -> float:
-        """Mean of the rates that were to be maximised, in bit/s/Hz."""
+        """Mean rate of the plan's objective in bit/s/Hz."""
         return self.guaranteed_rate if self.objective == 'guaranteed' else self.worst_case_rate
 
     @property
     def claim(self) -> str:
-        """Return in words what the bound proves of the rate, or nothing without a bound."""
+        """Proven quality of the plan as text, empty without a bound; see Bound.claim."""
         if self.bound is None:
             return ''
         return (f'{self.scenario.channel.rate_name(self.bound.objective)} '
@@ -231,25 +228,25 @@ class Plan:
         :raises PlanError: for anything else.
         """
         plan = replace(self, bound=bound)
-        # Rates that have been evaluated are kept.
+        # The bound changes no rate.
         plan.__dict__.update({name: value for name, value in self.__dict__.items()
                               if name in ('guaranteed_rates', 'worst_case_rates')})
         return plan
 
-    def evaluated(self) -> 'Plan':
-        """Return this plan after its rates have been evaluated, which it then keeps."""
+    def evaluate(self) -> 'Plan':
+        """Evaluate the rates now, which the plan then keeps; return the plan itself."""
         for rates in ('guaranteed_rates', 'worst_case_rates'):
             getattr(self, rates)
         return self
 
     def tail(self, point: int) -> 'Plan':
         """
-        Return the rest of the plan from a point, as the plan of what is left of the mission.
+        Return the rest of the plan from a point, as a plan of the rest of the mission.
 
-        Its powers may use what the slots before have left of the average. A UAV with a limit of
-        acceleration keeps the velocity it has.
+        Its average powers are those that the energy of the slots before leaves. A UAV with a limit
+        of acceleration keeps its velocity at the point.
 
-        :param point: where to start, from 0 to slots - 1.
+        :param point: index of its first point, from 0 to slots - 1.
         :raises OptionError: for another point.
         """
         self._check_point(point)
@@ -259,7 +256,7 @@ class Plan:
         step = self.scenario.slot_duration
         uavs = tuple(
             replace(uav, start=tuple(path[point].tolist()),
-                    start_velocity=_velocity(uav, path, point, step), average_power=min(
+                    start_velocity=_velocity_at(uav, path, point, step), average_power=min(
                         uav.peak_power, max(energy / slots, RANGES['average_power'][0])))
             for uav, path, energy in zip(
                 self.scenario.uavs, self.positions, left.tolist(), strict=True))
@@ -273,20 +270,20 @@ class Plan:
     def continued(self, point: int, tail: 'Plan',
                   beginning: tuple[Array, Array] | None = None) -> 'Plan':
         """
-        Return this plan up to a point and another one of what was left from there.
+        Return this plan up to a point, followed by another plan of the rest of the mission.
 
-        :param point: where the other begins, as given to tail.
-        :param tail: a Plan for what tail(point) leaves, perhaps against other eavesdroppers.
-        :param beginning: positions and powers up to the point, where they are not this plan's.
-        :return: a Plan of the whole mission against those.
+        :param point: index of the tail's first point, as passed to tail.
+        :param tail: a Plan of the mission of tail(point), perhaps with other eavesdroppers.
+        :param beginning: positions and powers up to the point, if they are not this plan's.
+        :return: a Plan of the whole mission with the tail's eavesdroppers and ground node.
         """
         self._check_point(point)
         checked_kind('tail', tail, Plan)
         positions, powers = self.positions, self.powers
         if beginning is not None:
             positions, powers = (
-                checked_array('beginning', one, (len(powers), None, *rest))
-                for one, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
+                checked_array('beginning', values, (len(powers), None, *rest))
+                for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
         return replace(
             tail, scenario=replace(self.scenario, ground_node=tail.scenario.ground_node,
                                    eavesdroppers=tail.scenario.eavesdroppers),
@@ -297,7 +294,7 @@ class Plan:
     def _check_point(self, point: int) -> None:
         if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
                 or not 0 <= point < self.scenario.slots):
-            raise OptionError(f'point is {shown(point)}; it must be a whole number from 0 to '
+            raise OptionError(f'point is {quote(point)}; it must be a whole number from 0 to '
                               f'{self.scenario.slots - 1}', ('point',))
 
     def plot(self, baselines: 'Sequence[Plan]' = ()) -> 'Figure':
@@ -309,47 +306,47 @@ class Plan:
         :raises MissingPackageError: when Matplotlib is not installed.
         """
         if not isinstance(baselines, Sequence):
-            raise OptionError(f'baselines is {shown(baselines)}; it must be a sequence of Plans',
+            raise OptionError(f'baselines is {quote(baselines)}; it must be a sequence of Plans',
                               ('baselines',))
-        for one in baselines:
-            checked_kind('baselines', one, Plan)
-        return view('plot_plan', self, baselines)
+        for baseline in baselines:
+            checked_kind('baselines', baseline, Plan)
+        return make_view('plot_plan', self, baselines)
 
     def to_dataframe(self) -> 'DataFrame':
         """
         Return the flight as a table with the columns and rows of `plan.csv`.
 
-        :return: a pandas DataFrame with a row for every point of every UAV: uav, point, time in
-            s, x, y and z in m, velocity_x and velocity_y in m/s, and power in W.
+        :return: a pandas DataFrame with a row for each point of each UAV: uav, point, time in s,
+            x, y and z in m, velocity_x and velocity_y in m/s, and power in W.
         :raises MissingPackageError: when pandas is not installed.
         """
-        return view('plan_to_dataframe', self)
+        return make_view('plan_to_dataframe', self)
 
     def save_mcap(self, path: str | os.PathLike[str]) -> None:
         """
         Write the messages of a flight of the plan to an MCAP file, for Foxglove and `ros2 bag`.
 
         :raises MissingPackageError: when ROS's Python packages or mcap are not installed.
-        :raises OSError: when the file cannot be written; an old one is left as it was.
+        :raises OSError: when the file cannot be written; an old one is left unchanged.
         """
-        view('save_mcap', self, path)
+        make_view('save_mcap', self, path)
 
     def save(self, path: str | os.PathLike[str], evaluate: bool = True) -> None:
         """
         Write the plan to a JSON file, atomically: a reader sees the old file or the new one.
 
-        :param evaluate: whether to write the worst-case rate, too, which for many slots takes
-            seconds to evaluate; it is for readers of the file, and load does not need it.
-        :raises OSError: when the file cannot be written; an old one is left as it was.
+        :param evaluate: whether to write the worst-case rate for other readers of the file, which
+            takes seconds to evaluate for many slots.
+        :raises OSError: when the file cannot be written; an old one is left unchanged.
         """
         file.write_plan(self, path, evaluate)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> 'Plan':
         """
-        Return the plan that save wrote, in this or an earlier version.
+        Read a plan that save wrote, in this or an earlier version.
 
-        Fields that are missing take their defaults, so that files of earlier versions load.
+        Missing fields take their defaults, so that files of earlier versions load.
 
         :raises PlanFileError: when the file cannot be read or is too large, or is damaged, of
             another kind or of a newer version, or breaks its own scenario; it names the path.
@@ -361,8 +358,8 @@ def _values(plan: Plan) -> tuple[Any, ...]:
     return tuple(getattr(plan, field.name) for field in fields(plan))
 
 
-def _secret(rates: Array) -> Array:
-    """Return [x]^+ of rates: in a slot that would lose nothing secret need be sent."""
+def _positive_part(rates: Array) -> Array:
+    """Return [x]^+ of rates: a slot with a negative rate need not transmit."""
     return read_only(np.maximum(rates, 0.0))
 
 
@@ -380,10 +377,10 @@ def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
     return array
 
 
-def _velocity(uav: Uav, path: Array, point: int, step: float) -> Point | None:
-    """Return the velocity with which a UAV comes to a point of its path, (N+2, 2), in m/s."""
+def _velocity_at(uav: Uav, path: Array, point: int, step: float) -> Point | None:
+    """Return the velocity in m/s with which a UAV reaches a point of its path, (N+2, 2)."""
     if point == 0:
         return uav.start_velocity
     x, y = ((path[point] - path[point - 1]) / step).tolist()
     # A plan may exceed the speed by its tolerance.
-    return shortened(x, y, uav.max_speed)
+    return clip_norm(x, y, uav.max_speed)

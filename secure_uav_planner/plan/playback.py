@@ -1,4 +1,4 @@
-"""A plan in continuous time: where the UAVs are between its points, and what is delivered."""
+"""A plan in continuous time: the motion and powers of the UAVs, and the secrecy rate."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ from ..model import channel
 @dataclass(frozen=True)
 class Moment:
     """
-    One moment of a flight.
+    The state of all UAVs at a moment of a flight.
 
     :param positions: (U, 2) in m.
     :param velocities: (U, 2) in m/s.
     :param headings: (U,) in rad, counter-clockwise from x.
-    :param powers: (U,) in W, those of the slot; zero outside the slots.
+    :param powers: (U,) in W, of the slot; zero outside the slots.
     :param accelerations: (U, 2) in m/s^2, zero for UAVs without a limit of acceleration.
     """
 
@@ -32,18 +32,24 @@ class Moment:
 
 class Playback:
     """
-    A plan as a function of time, along the curve that is flown.
+    A plan as a function of time, along the flown curve.
 
     :param plan: a Plan.
-    :ivar begin: when the first UAV leaves its start, in s from point 0: 0, or half a slot
-        earlier where a UAV has a limit of acceleration.
-    :ivar duration: when the last UAV reaches its goal, likewise.
+    :ivar begin: time in s from point 0 at which the first UAV leaves its start: 0, or half a slot
+        earlier with a limit of acceleration.
+    :ivar duration: time in s from point 0 at which the last UAV reaches its goal.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.plan = checked_kind('plan', plan, Plan)
         self.curve = plan.curve
         self.begin, self.duration = self.curve.begin, self.curve.end
+
+    @property
+    def begin_ns(self) -> int | None:
+        """Time of `begin` in ns on the clock of the plan's start, or None without a start."""
+        start_ns = self.plan.start_ns
+        return None if start_ns is None else start_ns + round(self.begin * 1e9)
 
     def at(self, time: float) -> Moment:
         """
@@ -71,7 +77,7 @@ class Playback:
         """
         Return the secrecy rate [r_0 - r_e]^+ of a moment in bit/s/Hz.
 
-        :param eavesdropper: where it really is, (2,) in m, or None to leave it out.
+        :param eavesdropper: its true position, (2,) in m, or None for no eavesdropper.
         """
         checked_kind('moment', moment, Moment)
         return float(self._rates(moment.positions[:, None], moment.powers[:, None],

@@ -1,10 +1,12 @@
 """
-Plays plans in time, each by its time of point 0, so that no setpoint ever jumps.
+Setpoints of plans in real time, each plan by its time of point 0, without jumps.
 
-The time of the plan goes on with a rate: 1 is real time, 0 stands still. A pause, a start and
-another speed change the rate no faster than every UAV's limit of acceleration allows, along the
-same curve, so that all clearances of the plan hold. A new plan is joined only where its setpoints
-continue those that are being sent; else it is refused, with the reason.
+A flight is waiting at its start, flying, held on the way, or ended. The time of the plan advances
+at a rate: 1 is real time, 0 is a hold. `start`, `pause` and another speed change the rate no
+faster than the acceleration limits of all UAVs allow, along the same curve, so that all clearances
+of the plan hold. A new plan replaces one whose setpoints are not sent; otherwise it is spliced in
+at its time, which supersedes the old one. It is refused, with the reason, if its setpoints would
+jump.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,53 +25,53 @@ from ..model.curve import GAUSS_LEGENDRE
 Place = tuple[float, float, float]
 
 POSITION_JUMP = 0.01
-"""How far setpoints may be apart, in m, beyond what the speed makes of the time in between."""
+"""Tolerance of the distance between setpoints in m, beyond max_speed times the time between."""
 
 VELOCITY_JUMP = 1e-3
-"""How far velocities may be apart, in m/s, beyond what the acceleration makes; for rounding."""
+"""Tolerance of the change of velocity in m/s, beyond the acceleration limit; for rounding."""
 
 _BRAKING_STEP = 0.05  # s
-_AT_THE_END = 1e-3  # s
+_END_TOLERANCE = 1e-3  # s
 
 
 class Player:
     """
     Plays plans one after another.
 
-    :param refuse: called with the reason when a plan is not played.
-    :ivar playback: the Playback that is played or waits at its start, or None before any plan.
+    :param refuse: called with the reason when a plan is refused.
+    :ivar playback: the Playback that flies or waits at its start, or None before any plan.
     :ivar time: in s from point 0 of that plan.
-    :ivar rate: how fast that time goes on now.
-    :ivar playing: whether it is to go on: from the start until a pause, a reset or the end.
-    :ivar streaming: whether there is a setpoint to send: from the start until a reset.
+    :ivar rate: the present rate of that time.
+    :ivar playing: whether the time is to advance: from a start until a pause, a reset or the end.
+    :ivar streaming: whether there are setpoints to send: from the first one until a reset.
     :ivar delivered: secret information so far, bit/Hz.
-    :ivar largest_jump: the largest distance between one setpoint and the next in m, beyond what
-        the speed limit allows in the time of the plan in between.
+    :ivar largest_jump: largest distance in m between consecutive setpoints, beyond max_speed times
+        the plan's time between them.
     """
 
     def __init__(self, refuse: Callable[[str], None] = lambda reason: None) -> None:
         self.playback: Playback | None = None
         self.time = self.rate = self.delivered = self.largest_jump = 0.0
         self.playing = self.streaming = False
-        self._on_refusal, self._refusal = refuse, ''  # Of the last plan, if that is not played.
-        self._latest: Playback | None = None  # What a reset returns to.
-        self._next: tuple[Playback, float] | None = None  # It takes over at this time, in s.
-        self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one does.
-        self._ticked_ns: int | None = None
+        self._on_refusal, self._refusal = refuse, ''  # Of the last plan, if it was refused.
+        self._latest: Playback | None = None  # The plan to which a reset returns.
+        self._pending: tuple[Playback, float] | None = None  # With the time of its splice in s.
+        self._flown_ns = -1  # Point 0 of the last plan that has begun; no older one is played.
+        self._last_tick_ns: int | None = None
         self._last_setpoint: Moment | None = None
         self._seconds_since_stream_end = 0.0
-        self._braking: tuple[Playback, float, Array, Array] | None = None
+        self._braking_rates: tuple[Playback, float, Array, Array] | None = None
 
     # Plans
 
     def load(self, plan: Plan) -> bool:
         """
-        Adopt a plan, or refuse it; return whether it will be played.
+        Adopt a plan, or refuse it; return True if it is adopted.
 
-        A plan with the same point 0 as the one that is played is a revision of the same flight
-        and takes over at once. Any other one takes over at once where the setpoints rest, and
-        otherwise at the time of this flight that is due when the new one begins, or at its end.
-        A pause and another speed delay both flights alike.
+        A plan with the same point 0 as the present one is a revision of its flight and replaces
+        it at once. Any other plan is spliced in at once where the setpoints rest, and otherwise
+        at the plan's time that is due when the new one begins, or at the end. A pause and another
+        speed delay both flights alike.
         """
         new, current = Playback(plan), self.playback
         if current is not None and plan.identity == current.plan.identity:
@@ -82,65 +84,65 @@ class Player:
         if current is None or not self.streaming:
             self._wait_at_start(new)
         elif is_revision:
-            problem = 'that plan has ended' if self.ended else self._problem(new, self.time, 0.0)
-            if problem:
-                self.refuse(f'it comes too late for the flight that it changes: {problem}')
+            jump = 'that plan has ended' if self.ended else self._explain_jump(new, self.time, 0.0)
+            if jump:
+                self.refuse(f'it comes too late for the flight that it changes: {jump}')
             else:
                 self.playback = new
         else:
-            ahead = max(0, (due_ns(new) or 0) - (self._ticked_ns or 0)) * 1e-9
-            self._next = new, self.time + self.rate * ahead
-            self._take_over(0.0)
+            ahead = max(0, (new.begin_ns or 0) - (self._last_tick_ns or 0)) * 1e-9
+            self._pending = new, self.time + self.rate * ahead
+            self._splice(0.0)
         return not self._refusal
 
     def refuse(self, reason: str) -> None:
-        """Report why a plan is not played."""
+        """Report the reason for which a plan is not played."""
         self._refusal = reason
         self._on_refusal(reason)
 
     def _wait_at_start(self, playback: Playback) -> None:
-        self.playback, self._next = playback, None
+        self.playback, self._pending = playback, None
         self.time, self.rate, self.delivered, self.largest_jump = playback.begin, 0.0, 0.0, 0.0
 
-    def _take_over(self, elapsed: float) -> bool:
-        """Go over to the next plan when its time has come, unless that is a jump."""
-        if self._next is None:
+    def _splice(self, elapsed: float) -> bool:
+        """Supersede the plan by the pending one if its time has come and nothing jumps."""
+        if self._pending is None:
             return False
-        (new, begin), rate = self._next, self.rate
-        since = self.time + rate * elapsed - begin
+        (new, splice_time), rate = self._pending, self.rate
+        since = self.time + rate * elapsed - splice_time
         if since < 0.0 and not self.ended:
             return False
-        self._next, time = None, new.begin + (rate and since)
-        problem = self._problem(new, time, rate and elapsed)
-        if problem:
+        self._pending, time = None, new.begin + (rate and since)
+        jump = self._explain_jump(new, time, rate and elapsed)
+        if jump:
             self.playing = self.playing and not self.ended
-            self.refuse(f'{problem}; ~/plan makes another one')
+            self.refuse(f'{jump}; ~/plan makes another one')
             return False
         self._wait_at_start(new)
         self.time, self.rate = time, rate
         return True
 
-    def _problem(self, new: Playback, time: float, elapsed: float) -> str:
-        """Explain why the setpoints cannot continue with a plan at a time; empty if they can."""
+    def _explain_jump(self, new: Playback, time: float, elapsed: float) -> str:
+        """Describe the jump of setpoints to a plan at a time; empty if there is none."""
         last, moment = self._last_setpoint, _to_clock_time(new, time, self.rate)
         if last is None or self.playback is None:
             return ''
-        altitudes, quick = self.playback.plan.scenario.altitudes, max(1.0, self.rate)
+        altitudes, scale = self.playback.plan.scenario.altitudes, max(1.0, self.rate)
         for index, uav in enumerate(new.plan.scenario.uavs):
             distance = math.dist((*moment.positions[index], uav.altitude),
                                  (*last.positions[index], altitudes[index]))
-            most = uav.max_speed * quick * elapsed + POSITION_JUMP
+            most = uav.max_speed * scale * elapsed + POSITION_JUMP
             if distance > most or abs(uav.altitude - altitudes[index]) > POSITION_JUMP:
                 return (f'its setpoint of {uav.name} would be {distance:.3g} m from the last one, '
                         f'and at most {most:.3g} m is no jump')
             change = math.dist(moment.velocities[index], last.velocities[index])
-            most = (uav.max_acceleration or math.inf) * quick**2 * elapsed + VELOCITY_JUMP
+            most = (uav.max_acceleration or math.inf) * scale**2 * elapsed + VELOCITY_JUMP
             if uav.max_acceleration is not None and change > most:
                 return (f'its velocity of {uav.name} would differ by {change:.3g} m/s from the '
                         f'last one, and at most {most:.3g} m/s is no jump')
         return ''
 
-    # What a user asks for
+    # Commands
 
     @property
     def ended(self) -> bool:
@@ -149,7 +151,7 @@ class Player:
 
     def start(self) -> None:
         """
-        Release the plan: it begins at its own time, or now if that has passed, or goes on.
+        Release the plan: it begins at its own time, or now if that has passed, or resumes.
 
         :raises OptionError: if there is no plan, or it has ended.
         """
@@ -162,12 +164,12 @@ class Player:
         self.playing = True
 
     def pause(self) -> bool:
-        """Come to rest on the curve and hold; return whether anything was playing."""
-        was, self.playing = self.playing and not self.ended, False
-        return was
+        """Come to rest on the curve and hold; return True if a plan was playing."""
+        was_playing, self.playing = self.playing and not self.ended, False
+        return was_playing
 
     def reset(self) -> None:
-        """End the setpoints; the newest plan waits at its start."""
+        """End the stream of setpoints; the latest plan waits at its start."""
         self.playing = False
         if self.streaming:
             self.streaming, self._seconds_since_stream_end = False, 0.0
@@ -177,14 +179,14 @@ class Player:
     def not_at_start(self, places: Sequence[Place | None], tolerance: float, speed: float
                      ) -> list[str]:
         """
-        Name the UAVs that cannot be at the start of the plan, and how far they are from it.
+        Describe the UAVs that cannot be at the start of the plan, and their distances or times.
 
-        :param places: the measured (x, y, z) of each UAV in m, None where it is not known. Such a
-            UAV counts as where its last setpoint was, and is given the time to fly from there.
-        :param tolerance: distance from the start in m that counts as being there.
+        :param places: the measured (x, y, z) of each UAV in m, or None for an unknown one: such a
+            UAV is taken to be at its last setpoint, and is given the time to fly from there.
+        :param tolerance: largest distance in m of a UAV that is at its start.
         """
         assert self.playback is not None
-        starts, quick = self.playback.at(self.playback.begin).positions, max(1.0, speed)
+        starts, scale = self.playback.at(self.playback.begin).positions, max(1.0, speed)
         last, waits = self._last_setpoint, []
         for index, (uav, place) in enumerate(
                 zip(self.playback.plan.scenario.uavs, places, strict=True)):
@@ -194,9 +196,9 @@ class Player:
                     waits.append(f'{uav.name} to be at its start, {distance:.1f} m away')
             elif last is not None and not self.streaming:
                 needed = math.dist(last.positions[index], starts[index]) / uav.max_speed
-                needed += math.hypot(*last.velocities[index]) / quick / (
+                needed += math.hypot(*last.velocities[index]) / scale / (
                     uav.max_acceleration or math.inf)
-                left = needed / quick - self._seconds_since_stream_end
+                left = needed / scale - self._seconds_since_stream_end
                 if left > 0:
                     waits.append(f'{uav.name} to reach its start, another {left:.1f} s')
         return waits
@@ -206,72 +208,76 @@ class Player:
     def tick(self, now_ns: int, speed: float = 1.0, eavesdropper: ArrayLike | None = None,
              is_ready: bool = True, longest: float = 0.5) -> Moment | None:
         """
-        Go on to a time and return the setpoints, or None while there are none.
+        Advance to a time and return the setpoints, or None if there are none.
 
-        :param now_ns: the time of the clock; where it jumps, the flight is delayed instead.
-        :param speed: how fast to play.
-        :param eavesdropper: where it really is, (x, y) in m, or None.
+        :param now_ns: the time of the clock; if it jumps, the flight is delayed instead.
+        :param speed: the rate at which to play.
+        :param eavesdropper: its true position, (x, y) in m, or None.
         :param is_ready: whether the setpoints may begin.
-        :param longest: what can have passed since the last call, in s; if more has by the clock,
-            that has jumped.
-        :return: velocities and accelerations are those of the clock's time.
+        :param longest: upper bound on the time since the last call in s; a clock that has advanced
+            by more has jumped.
+        :return: setpoints with velocities and accelerations in the clock's time.
         """
-        elapsed = 0.0 if self._ticked_ns is None else (now_ns - self._ticked_ns) * 1e-9
+        elapsed = 0.0 if self._last_tick_ns is None else (now_ns - self._last_tick_ns) * 1e-9
         if elapsed < 0.0:
-            self._flown_ns = -1  # Plans of the time that begins anew are older by their stamps.
-        elapsed, self._ticked_ns = min(max(0.0, elapsed), longest), now_ns
+            self._flown_ns = -1  # After a jump back, new plans have older stamps.
+        elapsed, self._last_tick_ns = min(max(0.0, elapsed), longest), now_ns
         if not self.streaming:
             # The first setpoint is the start itself.
             self._seconds_since_stream_end, elapsed = self._seconds_since_stream_end + elapsed, 0.0
             if self.playback is None or not (self.playing and is_ready):
                 return None
             self.streaming, self._last_setpoint = True, None
-        last_rate, moved, last = self.rate, self.rate * elapsed, self._last_setpoint
-        if not self._take_over(elapsed):
+        last_rate, advance, last = self.rate, self.rate * elapsed, self._last_setpoint
+        if not self._splice(elapsed):
             begin = self.time
             self._advance(now_ns, elapsed, speed)
-            moved = self.time - begin
+            advance = self.time - begin
             assert self.playback is not None
-            self.delivered += _delivered(self.playback, begin, self.time, eavesdropper)
+            self.delivered += _integrate_rates(self.playback, begin, self.time, eavesdropper)
         assert self.playback is not None
         moment = self._last_setpoint = _to_clock_time(self.playback, self.time, self.rate)
         if last is not None:
             scenario = self.playback.plan.scenario
             if self.rate != last_rate:
-                # The time of the plan goes on at another rate, which moves UAVs with a limit.
+                # A change of the rate accelerates UAVs beyond the plan's own acceleration.
                 limited = np.isfinite(scenario.max_accelerations)
                 moment.accelerations[limited] = (
                     moment.velocities - last.velocities)[limited] / elapsed
             distances = np.linalg.norm(moment.positions - last.positions, axis=-1)
             self.largest_jump = max(
-                self.largest_jump, float((distances - scenario.max_speeds * moved).max()))
+                self.largest_jump, float((distances - scenario.max_speeds * advance).max()))
         return moment
 
     def _advance(self, now_ns: int, elapsed: float, speed: float) -> None:
-        playback, due = self.playback, due_ns(self.playback)
+        """Advance the plan's time; it does not begin before its stamp, and stops at its end."""
+        playback = self.playback
         assert playback is not None
+        due = playback.begin_ns
         if not self.rate and self.time <= playback.begin and due is not None:
-            elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)  # It does not begin before.
+            elapsed = min(elapsed, max(0, now_ns - due) * 1e-9)
         if elapsed == 0.0:
             return
-        self.rate = self._next_rate(playback, speed if self.playing else 0.0, elapsed)
+        self.rate = self._limit_rate(playback, speed if self.playing else 0.0, elapsed)
         self.time += self.rate * elapsed
         self._flown_ns = -1 if playback.plan.start_ns is None else playback.plan.start_ns
-        if self.time > playback.duration - _AT_THE_END:
+        if self.time > playback.duration - _END_TOLERANCE:
             self.time = playback.duration
-            # A plan that came during the flight begins without another word.
-            self.rate, self.playing = 0.0, self.playing and self._next is not None
+            # A pending plan begins without another start.
+            self.rate, self.playing = 0.0, self.playing and self._pending is not None
 
-    def _next_rate(self, playback: Playback, target: float, elapsed: float) -> float:
-        """Return the rate nearest to a target that keeps all limits of acceleration."""
+    def _limit_rate(self, playback: Playback, target: float, elapsed: float) -> float:
+        """Return the rate nearest to a target that keeps all acceleration limits."""
         limits = playback.plan.scenario.max_accelerations
         limited = np.isfinite(limits)
         if not limited.any() or self._last_setpoint is None:
             return target
         most = max(target, self.rate)
-        if self._braking is None or self._braking[0] is not playback or self._braking[1] < most:
-            self._braking = (playback, most, *_braking(playback, most))
-        times, rates = self._braking[2:]
+        braking = self._braking_rates
+        if braking is None or braking[0] is not playback or braking[1] < most:
+            braking = self._braking_rates = (
+                playback, most, *_compute_braking_rates(playback, most))
+        times, rates = braking[2:]
         if len(times):
             target = min(target, float(np.interp(
                 self.time + self.rate * elapsed, times, rates, left=target)))
@@ -286,32 +292,26 @@ class Player:
         if is_allowed(target):
             return target
         # The present rate keeps them, since the plan does.
-        kept, refused = self.rate, target
+        allowed, rejected = self.rate, target
         for _ in range(20):
-            middle = (kept + refused) / 2
-            kept, refused = (middle, refused) if is_allowed(middle) else (kept, middle)
-        return kept
-
-
-def due_ns(playback: Playback | None) -> int | None:
-    """Return the time at which the first UAV leaves its start, in ns, or None without one."""
-    if playback is None or playback.plan.start_ns is None:
-        return None
-    return playback.plan.start_ns + round(playback.begin * 1e9)
+            middle = (allowed + rejected) / 2
+            allowed, rejected = (
+                (middle, rejected) if is_allowed(middle) else (allowed, middle))
+        return allowed
 
 
 def _to_clock_time(playback: Playback, time: float, rate: float) -> Moment:
-    """Scale the velocities of a time of the plan by its rate, and accelerations by the square."""
+    """Scale the velocities at a time of the plan by its rate, and accelerations by its square."""
     moment = playback.at(time)
     return replace(moment, velocities=moment.velocities * rate,
                    accelerations=moment.accelerations * rate**2)
 
 
-def _braking(playback: Playback, most: float) -> tuple[Array, Array]:
+def _compute_braking_rates(playback: Playback, most: float) -> tuple[Array, Array]:
     """
-    Return the largest rates with which a goal that is passed at speed is still a stop.
+    Return the largest rates from which the flight can stop at a goal that it passes at speed.
 
-    They are integrated backward from the end, where the rate is 0.
+    They are integrated backwards from the end, where the rate is 0.
 
     :return: increasing times in s and the rates; empty where all UAVs arrive at rest.
     """
@@ -334,9 +334,9 @@ def _braking(playback: Playback, most: float) -> tuple[Array, Array]:
     return np.array(times[::-1]), np.sqrt(squares[::-1])
 
 
-def _delivered(playback: Playback, begin: float, end: float,
-               eavesdropper: ArrayLike | None) -> float:
-    """Return the secrecy rate integrated from one time to another, slot by slot, in bit/Hz."""
+def _integrate_rates(playback: Playback, begin: float, end: float,
+                     eavesdropper: ArrayLike | None) -> float:
+    """Return the integral of the secrecy rate between two times, slot by slot, in bit/Hz."""
     step = playback.plan.scenario.slot_duration
     inside = np.arange(np.floor(begin / step) + 1, np.ceil(end / step)) * step
     edges = np.array([begin, *inside, end])

@@ -1,9 +1,9 @@
 """
-Where UAVs are beside their plan: how far from it, where they will be, and the rate they achieve.
+Tracking of UAVs against their plan: deviation, prediction of the return, and achieved rate.
 
-A UAV is predicted as autopilots fly: towards the place of the plan at every moment, with the
-plan's velocity and a speed of GAIN times the distance, within its own limits of speed and
-acceleration. With a limit of acceleration it closes in no faster than it can brake.
+The prediction is the law of common autopilots: a UAV flies towards the place of its plan with the
+plan's velocity plus GAIN times its distance, within its own limits of speed and acceleration. With
+an acceleration limit it closes in no faster than it can brake.
 """
 
 from dataclasses import replace
@@ -14,31 +14,37 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .playback import Playback
-from ..errors import OptionError, shown
-from ..mission.kinematics import shortened
+from ..errors import OptionError, quote
+from ..mission.kinematics import clip_norm
 from ..mission.scenario import Array, Point, Uav
 from ..model import channel
 
 GAIN = 1.0
-"""Approach to the plan, in 1/s. It is the default of two common autopilots within 5%."""
+"""Gain of the position error in 1/s: the default of two common autopilots within 5%."""
 
 _STEP = 0.05  # Of the prediction, in s.
 _MOST_STEPS = 20000
 _ROUNDING = 1e-8  # s; stamps are whole ns
-_LONGEST_GAP = 2.0  # Between two samples of a Track, in s; nothing is known about a longer one.
+_LONGEST_GAP = 2.0  # Between two samples of AchievedRates, in s; a longer one is left out.
 
 
 class Flight(NamedTuple):
-    """The flight of a plan."""
+    """
+    The flight of a plan.
+
+    :ivar time: present time of the plan, in s from point 0.
+    :ivar rate: of that time; 1 is real time, 0 is a hold.
+    :ivar is_reported: True if a follower reported the time, False if it follows from the stamps.
+    """
 
     playback: Playback
-    time: float  # To which it has come, in s from point 0.
-    rate: float  # How fast that goes on; 1 is real time, 0 stands still.
-    is_reported: bool  # By a follower; otherwise the stamps say so.
+    time: float
+    rate: float
+    is_reported: bool
 
     @property
     def state(self) -> str:
-        """Return 'waiting' at the start, 'flying', 'held' on the way or 'ended'."""
+        """State of the flight: 'waiting', 'flying', 'held' or 'ended', as in player.py."""
         if self.time >= self.playback.duration - _ROUNDING:
             return 'ended'
         if self.time <= self.playback.begin + _ROUNDING:
@@ -47,69 +53,68 @@ class Flight(NamedTuple):
 
     @property
     def is_under_way(self) -> bool:
-        """Return whether it has begun and not ended."""
+        """Whether the flight has begun and not ended."""
         return self.state in ('flying', 'held')
 
 
 class MeasuredState(NamedTuple):
-    """The measured state of a UAV."""
+    """The state of a UAV, measured at a time in s from point 0 of the plan."""
 
-    time: float  # Of the measurement, in s from point 0 of the plan.
+    time: float
     position: Point  # (x, y) in m
     velocity: Point | None = None  # (x, y) in m/s
 
 
 def deviation(playback: Playback, uav: int, state: MeasuredState) -> Array:
-    """Return the offset of a UAV from its plan when it was measured, (2,) in m."""
+    """Return the offset of a UAV from its plan at the time of a measurement, (2,) in m."""
     return np.array(state.position) - playback.curve.at([state.time]).positions[uav, 0]
 
 
 def predict_return(playback: Playback, uav: int, state: MeasuredState, times: ArrayLike
                    ) -> tuple[Array, Array]:
     """
-    Return where a UAV will be that flies back to its plan by the law above, and how fast.
+    Predict the flight of a UAV back to its plan, by the law at the top of this module.
 
     :param times: (K,) in s from point 0, increasing; before the measurement its values hold.
     :return: positions (K, 2) in m, velocities (K, 2) in m/s.
     """
     times = np.asarray(times, float)
     horizon = max(0.0, float(times[-1]) - state.time)
-    # Always the same steps, so that a prediction does not depend on how far it goes.
+    # The steps are fixed, so that a prediction does not depend on its horizon.
     step = max(_STEP, horizon / _MOST_STEPS)
     count = max(1, math.ceil(horizon / step))
     grid = state.time + step * np.arange(count + 1)
     motion = playback.curve.at(grid)
-    places, speeds = motion.positions[uav].tolist(), motion.velocities[uav].tolist()
+    places, velocities = motion.positions[uav].tolist(), motion.velocities[uav].tolist()
     member = playback.plan.scenario.uavs[uav]
-    # NumPy would take longer for two coordinates than Python does.
-    (x, y), (u, v) = state.position, state.velocity or speeds[0]
-    found = [(x, y, u, v)]
-    for place, speed in zip(places[1:], speeds[1:], strict=True):
+    # Plain Python, since NumPy is slower for two coordinates.
+    (x, y), (u, v) = state.position, state.velocity or velocities[0]
+    rows = [(x, y, u, v)]
+    for place, velocity in zip(places[1:], velocities[1:], strict=True):
         before = (u, v)
-        # As seen from where it would be without a change of velocity.
-        u, v = _wanted(place[0] - x - u * step, place[1] - y - v * step, speed,
-                       member.max_speed, member.max_acceleration, step)
+        # The offset is that from its position after a step at constant velocity.
+        u, v = _command_velocity(place[0] - x - u * step, place[1] - y - v * step, velocity,
+                                 member.max_speed, member.max_acceleration, step)
         if member.max_acceleration is None:
             before = (u, v)
         else:
-            du, dv = shortened(u - before[0], v - before[1], member.max_acceleration * step)
+            du, dv = clip_norm(u - before[0], v - before[1], member.max_acceleration * step)
             u, v = before[0] + du, before[1] + dv
         x, y = x + (before[0] + u) / 2 * step, y + (before[1] + v) / 2 * step
-        found.append((x, y, u, v))
-    states = np.array(found)
-    picked = np.stack([np.interp(times, grid, states[:, column]) for column in range(4)], axis=1)
-    return picked[:, :2], picked[:, 2:]
+        rows.append((x, y, u, v))
+    states = np.stack([np.interp(times, grid, column) for column in np.transpose(rows)], axis=1)
+    return states[:, :2], states[:, 2:]
 
 
 def predict_state(state: MeasuredState, time: float, max_acceleration: float | None,
                   playback: Playback | None = None, uav: int = 0, tolerance: float = 0.0
                   ) -> tuple[Point, Point | None]:
     """
-    Return where a UAV will be when a new plan begins, in m, and its velocity in m/s, if known.
+    Predict the position in m and the velocity in m/s of a UAV at the begin of a new plan.
 
-    A UAV within a tolerance in m of its last plan will be where that plan says, so that its
-    setpoints go on without a jump. Any other one brakes and stands, if the time suffices for it;
-    else it goes on with its present velocity.
+    A UAV within a tolerance in m of its last plan follows that plan, so that its setpoints do not
+    jump. Any other UAV brakes to rest, if there is time, or else keeps its velocity. The velocity
+    is None if it was not measured.
     """
     if playback is not None and math.hypot(*deviation(playback, uav, state)) <= tolerance:
         motion = playback.curve.at([time])
@@ -126,28 +131,28 @@ def predict_state(state: MeasuredState, time: float, max_acceleration: float | N
 def start_from_state(uav: Uav, position: Point, velocity: Point | None, slot_duration: float
                      ) -> Uav:
     """
-    Return a UAV that starts at a position in m with a velocity in m/s, if that is known.
+    Return a UAV with the start of a position in m and a velocity in m/s, None for an unknown one.
 
-    With a limit of acceleration the curve leaves that state half a slot before point 0, with at
-    most its largest speed. Without one, or without a velocity, point 0 is the position.
+    With an acceleration limit and a velocity, clipped to max_speed, the curve begins in that state
+    half a slot before point 0. Otherwise point 0 is the position.
     """
     if uav.max_acceleration is None or velocity is None:
         return replace(uav, start=position)
-    u, v = shortened(*velocity, uav.max_speed)
+    u, v = clip_norm(*velocity, uav.max_speed)
     return replace(uav, start_velocity=(u, v), start=(
         position[0] + u * slot_duration / 2, position[1] + v * slot_duration / 2))
 
 
-def _wanted(dx: float, dy: float, speed: tuple[float, float], max_speed: float,
-            max_acceleration: float | None, step: float) -> tuple[float, float]:
-    """Return the velocity that closes a distance to a place that moves with a velocity."""
+def _command_velocity(dx: float, dy: float, velocity: tuple[float, float], max_speed: float,
+                      max_acceleration: float | None, step: float) -> tuple[float, float]:
+    """Return the velocity that closes an offset to a place that moves at a velocity."""
     distance = math.hypot(dx, dy)
     closing = min(GAIN, 1 / step) * distance
     if max_acceleration is not None and distance > max_acceleration / GAIN**2:
-        # Braking with the largest acceleration ends in the linear law, with the same slope.
+        # Braking at max_acceleration meets the linear law with the same slope.
         closing = math.sqrt(2 * max_acceleration * distance - (max_acceleration / GAIN)**2)
     factor = closing / max(distance, 1e-300)
-    return shortened(speed[0] + factor * dx, speed[1] + factor * dy, max_speed)
+    return clip_norm(velocity[0] + factor * dx, velocity[1] + factor * dy, max_speed)
 
 
 def _point(vector: Array) -> Point:
@@ -155,12 +160,12 @@ def _point(vector: Array) -> Point:
     return (x, y)
 
 
-class Track:
+class AchievedRates:
     """
-    The guaranteed rates of a flight so far, where the UAVs were and where they should have been.
+    Mean guaranteed rates of a flight so far, at the measured and at the planned positions.
 
-    Both are means over the time in which something is transmitted and all UAVs were seen, with
-    the planned powers and the estimates of the plan that was in force.
+    Both are means over the slots during which all UAVs were measured, with the powers and the
+    estimates of the plan that was flown then.
     """
 
     def __init__(self) -> None:
@@ -170,13 +175,15 @@ class Track:
 
     def add(self, playback: Playback, time: float, positions: Array) -> None:
         """
-        Note where the UAVs are, (U, 2) in m, at a time in s from point 0 of a plan.
+        Add measured positions (U, 2) in m, at a time in s from point 0 of a plan.
 
         A plan with another start begins a new flight.
+
+        :raises OptionError: for positions of another shape.
         """
         scenario, start_ns = playback.plan.scenario, playback.plan.start_ns
         if np.shape(positions) != (len(scenario.uavs), 2):
-            raise OptionError(f'positions has the shape {shown(np.shape(positions))}; it must be '
+            raise OptionError(f'positions has the shape {quote(np.shape(positions))}; it must be '
                               f'{(len(scenario.uavs), 2)}')
         if start_ns != self._start_ns:
             self._start_ns, self._last, self._sums = start_ns, math.inf, np.zeros(3)
@@ -196,7 +203,7 @@ class Track:
 
     @property
     def rates(self) -> tuple[float, float] | None:
-        """Return the achieved and the planned mean in bit/s/Hz, or None before any slot."""
+        """Achieved and planned mean in bit/s/Hz, or None before the first slot."""
         if self._sums[0] == 0:
             return None
         achieved, planned = (self._sums[1:] / self._sums[0]).tolist()

@@ -7,7 +7,7 @@ import numpy as np
 
 from .cdr import PathContent, read_path, read_power, read_trajectory, stamp_of
 from .parameters import LONGEST_FRAME
-from ..errors import PlanError, shown
+from ..errors import PlanError, quote
 from ..mission.scenario import Array, RANGES, Scenario, Uav
 from ..model.curve import flown
 from ..plan.plan import Plan
@@ -158,8 +158,8 @@ def _motion(name: str, message: bytes, path: PathContent) -> list[Array] | None:
     """Return positions, velocities and accelerations at the points, (N+2, 2) each, or None."""
     frame, size, motion = read_trajectory(message)
     if frame != path.frame:
-        raise PlanError(f'{name}/path is in frame {shown(path.frame)}, '
-                        f'{name}/trajectory in {shown(frame)}')
+        raise PlanError(f'{name}/path is in frame {quote(path.frame)}, '
+                        f'{name}/trajectory in {quote(frame)}')
     if size != len(path.places):
         raise PlanError(f'{name}/trajectory has {size} points and {name}/path '
                         f'{len(path.places)}; there must be as many')
@@ -184,15 +184,15 @@ def _check_frames(paths: Mapping[str, PathContent]) -> None:
     frames = {name: path.frame for name, path in paths.items()}
     if len(set(frames.values())) > 1:
         raise PlanError('the paths are in different frames: ' + ', '.join(
-            f'{name}/path in {shown(frame)}' for name, frame in list(frames.items())[:4]))
+            f'{name}/path in {quote(frame)}' for name, frame in list(frames.items())[:4]))
     for name, path in paths.items():
         frame = path.frame
         if len(frame) > LONGEST_FRAME:
             raise PlanError(f'the frame_id of the paths has {len(frame)} characters; it may have '
                             f'{LONGEST_FRAME}')
         if path.pose_frames not in ([frame], ['']):
-            raise PlanError(f'{name}/path is in frame {shown(frame)} and has a pose in frame '
-                            f'{shown(path.pose_frames[-1])}')
+            raise PlanError(f'{name}/path is in frame {quote(frame)} and has a pose in frame '
+                            f'{quote(path.pose_frames[-1])}')
 
 
 def _timing(paths: Mapping[str, PathContent]) -> tuple[int, float]:

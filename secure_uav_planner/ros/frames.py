@@ -13,7 +13,7 @@ from rclpy.time import Time
 
 from .messages import nanoseconds
 from .poses import frame_refusal, Message
-from ..errors import brief, PoseError, with_type, WrongFrameError
+from ..errors import brief, describe_error, PoseError, WrongFrameError
 from ..mission.scenario import Array
 from ..output.autopilots import rotation
 
@@ -49,7 +49,7 @@ class Frames:
                 f'{reason}, or tf2_ros must be installed to transform it') from None
         except Exception as error:  # Such as one of an enclave that does not allow it.
             raise WrongFrameError(f'{reason}, or tf2 must listen to transforms, which it cannot: '
-                                  f'{with_type(error)}') from None
+                                  f'{describe_error(error)}') from None
         try:
             transform = self._transform(message, frame_id)
         except (self._tf2.TransformException, ValueError) as error:

@@ -25,7 +25,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..errors import OptionError
 from ..mission.participants import NoFlyZone
-from ..mission.polygons import convex_parts, grown, Vertices
+from ..mission.polygons import convex_parts, offset_polygon, Vertices
 from ..mission.scenario import Scenario
 from ..output.autopilots import rotation, Setpoint, Vector
 from ..output.drawing import (
@@ -277,7 +277,8 @@ def _airspace(scenario: Scenario) -> list[Marker]:
                   _marker('no_fly_zone_edges', index, Marker.LINE_LIST, NO_FLY_ZONE,
                           (1.5, 0.0, 0.0), points=_edges(zone.vertices, floor, top)),
                   _label(300 + index, name, (*middle_of(zone), top), NO_FLY_ZONE)]
-        rim += _edges(grown(zone.vertices, margin)[0], max(0.0, floor - margin), top + margin)
+        rim += _edges(
+            offset_polygon(zone.vertices, margin)[0], max(0.0, floor - margin), top + margin)
     if scenario.geofence is not None:
         found.append(_marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0),
                              points=_edges(scenario.geofence, 0.0, high)))

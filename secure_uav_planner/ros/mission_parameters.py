@@ -13,12 +13,11 @@ import numpy as np
 
 from .parameters import (
     NO_LIMIT, NO_LOS, NO_OUTAGE, OWN_OBJECTIVE, PROPULSION_FIELDS, PROPULSIONS, UAV_FIELDS)
-from ..errors import ParameterError, ScenarioError, shown
+from ..errors import ParameterError, quote, ScenarioError
 from ..mission import Objective
-from ..mission.participants import NoFlyZone
+from ..mission.participants import NoFlyZone, Propulsion
 from ..mission.polygons import checked_polygon
 from ..mission.propagation import Channel
-from ..mission.propulsion import Propulsion
 from ..mission.scenario import Point, Scenario, Uav
 from ..optimize.solve import checked_objective
 
@@ -50,7 +49,7 @@ def channel_from(values: Mapping[str, Any]) -> Channel:
     los, numbers = values['channel.los'], values['channel.los_numbers']
     if numbers and los != NO_LOS:
         raise ParameterError(
-            f'channel.los_numbers is {shown(numbers)}; it must be empty where channel.los is '
+            f'channel.los_numbers is {quote(numbers)}; it must be empty where channel.los is '
             f'{los}')
     outage = values['channel.outage'] or None
     return Channel(values['channel.exponent'], numbers or (None if los == NO_LOS else los),
@@ -71,7 +70,7 @@ def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
 def _points(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
     """Return x1, y1, x2, y2, ... as points."""
     if len(numbers) % 2:
-        raise ParameterError(f'{field} is {shown(list(numbers))}; it must have an even number of '
+        raise ParameterError(f'{field} is {quote(list(numbers))}; it must have an even number of '
                              'coordinates x1, y1, x2, y2, ...')
     return tuple(zip(numbers[::2], numbers[1::2], strict=True))
 

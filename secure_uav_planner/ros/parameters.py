@@ -3,9 +3,9 @@
 from typing import Any
 
 from .spec import Spec
+from ..mission.participants import Propulsion
 from ..mission.polygons import MAX_VERTICES
 from ..mission.propagation import ENVIRONMENTS
-from ..mission.propulsion import Propulsion
 from ..mission.scenario import MAX_MEMBERS, MAX_ZONES, RANGES, Scenario
 from ..optimize import METHODS
 from ..output.autopilots import STACKS

@@ -14,7 +14,7 @@ from ..errors import LateError
 from ..mission.scenario import Array
 from ..plan.plan import Plan
 from ..plan.playback import Playback
-from ..plan.tracking import deviation, Flight, MeasuredState, Track
+from ..plan.tracking import AchievedRates, deviation, Flight, MeasuredState
 
 _MOST_PLANS = 8  # Of which a follower may report.
 _MEMORY = 2.0  # Reports of so many s are kept, for odometry that comes later.
@@ -94,7 +94,7 @@ class PlanTracking:
         self._followed = 0  # The time of the newest plan in ns.
         self._unknown: tuple[str, float] | None = None
         self._stamped = (-math.inf, 0.0)  # When the last report came in s, and how old it was.
-        self._track = Track()
+        self._track = AchievedRates()
 
     def follow(self, plan: Plan, now: float) -> None:
         """Take up a plan that is published now; it replaces what has not begun."""

@@ -40,14 +40,14 @@ from .status import level_and_text, log_at, State, values
 from .topics import publishers, serve, subscribe, TOPICS
 from ..bound import explain_refusal, upper_bound
 from ..errors import (
-    brief, BusyError, ParameterError, PlanFileError, PlanningError, PoseError, StoppedError,
-    with_type)
+    brief, BusyError, describe_error, ParameterError, PlanFileError, PlanningError, PoseError,
+    StoppedError)
 from ..mission.scenario import Scenario
 from ..optimize import solve
 from ..optimize.rejoin import Rejoin
 from ..optimize.warm_start import similar
-from ..plan.bound import Bound
 from ..plan.plan import Iteration, Plan
+from ..plan.results import Bound
 from ..plan.tracking import Flight
 
 _STATUS_PERIOD = 0.1
@@ -278,7 +278,7 @@ class Planner(Node):
         level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
         if not isinstance(error, PlanningError):
             what = 'replan' if is_replan else 'solve'
-            level, reason = DiagnosticStatus.ERROR, f'the {what} failed: {with_type(error)}'
+            level, reason = DiagnosticStatus.ERROR, f'the {what} failed: {describe_error(error)}'
         elif is_replan and isinstance(error, StoppedError):
             level = DiagnosticStatus.OK
         text = self._state.refuse(error, reason, level, is_replan)
@@ -347,12 +347,12 @@ class Planner(Node):
                 self._discovered = time.monotonic() + _DISCOVERY
         except Exception as error:
             text = brief(error) if isinstance(error, (PlanningError, OSError)) else (
-                with_type(error))
+                describe_error(error))
             self.get_logger().warning(f'plan_file: {text}; it is not published')
 
     def _messages_of(self, plan: Plan) -> dict[str, bytes]:
         """Return all messages of a plan, serialised; that takes seconds for 20,000 slots."""
-        plan.evaluated()
+        plan.evaluate()
         return {topic: serialize_message(message) for topic, message in messages.of_plan(
             plan, self._settings['frame_id'])}
 
@@ -398,7 +398,7 @@ class Planner(Node):
             try:
                 bound = result()
             except Exception as error:
-                self.get_logger().error(f'the bound cannot be computed: {with_type(error)}')
+                self.get_logger().error(f'the bound cannot be computed: {describe_error(error)}')
                 return
             self._state.bound = bound
             self._save(plan.with_bound(bound))

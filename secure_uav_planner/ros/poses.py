@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 
 from .topics import GROUND_NODE_TOPIC, uav_topics
-from ..errors import PoseError, PoseMissingError, PoseStaleError, shown, WrongFrameError
+from ..errors import PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError
 from ..mission.scenario import Array, Point, RANGES
 from ..output.autopilots import rotation
 
@@ -54,8 +54,8 @@ class KnownPose:
 
 def frame_refusal(message: Message, frame_id: str) -> str:
     """Return why a pose of another frame is refused."""
-    return (f'the pose is in frame {shown(message.header.frame_id)}; it must be in frame '
-            f'{shown(frame_id)}, as the parameter frame_id says')
+    return (f'the pose is in frame {quote(message.header.frame_id)}; it must be in frame '
+            f'{quote(frame_id)}, as the parameter frame_id says')
 
 
 def _refuse(message: Message, frame_id: str) -> Message:
@@ -86,14 +86,14 @@ class PoseBook:
             try:
                 message = self._moved(message, frame_id)
             except WrongFrameError:
-                self._foreign[topic] = shown(header.frame_id)
+                self._foreign[topic] = quote(header.frame_id)
                 raise
         pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
         _check_range(pose.position, 'position', RANGES['coordinate'][1], 'm')
         for axis in 'xyzw':
             value = getattr(pose.orientation, axis)
             if not math.isfinite(value):
-                raise PoseError(f'orientation.{axis} is {shown(value)}; it must be finite')
+                raise PoseError(f'orientation.{axis} is {quote(value)}; it must be finite')
         covariance = velocity = None
         if isinstance(message, PoseWithCovarianceStamped):
             covariance = _horizontal_covariance(message.pose.covariance)
@@ -164,10 +164,10 @@ class PoseBook:
         frame_id, timeout = settings['frame_id'], settings['pose_timeout']
         known, foreign = self._poses.get(topic), self._foreign.get(topic)
         if known is not None and known.frame_id != frame_id:
-            known, foreign = None, shown(known.frame_id)
+            known, foreign = None, quote(known.frame_id)
         if known is None and foreign is not None:
             return WrongFrameError(
-                f'{topic} is in frame {foreign} and the parameter frame_id is {shown(frame_id)}')
+                f'{topic} is in frame {foreign} and the parameter frame_id is {quote(frame_id)}')
         if known is None:
             return PoseMissingError(f'no pose has come on {topic}') if of_ground else None
         if timeout and known.age(now) > timeout:
@@ -203,7 +203,7 @@ def _check_range(of: Any, name: str, most: float, unit: str) -> None:
     for axis in 'xyz':
         value = getattr(of, axis)
         if not abs(value) <= most:
-            raise PoseError(f'{name}.{axis} is {shown(value)}; it must be from {-most:g} to '
+            raise PoseError(f'{name}.{axis} is {quote(value)}; it must be from {-most:g} to '
                             f'{most:g} {unit}')
 
 

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 
-from ..errors import brief, PlanningError, with_type
+from ..errors import brief, describe_error, PlanningError
 
 _THREADS = 4
 _LAST_ANSWERS = 0.3
@@ -39,7 +39,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
         # rclpy raises a ValueError for some arguments. Otherwise it is a programming error, so
         # its class is shown as well.
         is_strange = isinstance(error, ValueError) and not isinstance(error, PlanningError)
-        print(f'cannot start: {with_type(error) if is_strange else brief(error)}',
+        print(f'cannot start: {describe_error(error) if is_strange else brief(error)}',
               file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
@@ -52,7 +52,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
     finished, failure = _spin(node, stop)
     signal.alarm(2 * _LONGEST_END)  # Ends the process where C++ hangs and no thread runs.
     if failure is not None:
-        node.get_logger().fatal(with_type(failure))
+        node.get_logger().fatal(describe_error(failure))
     node.destroy_node()
     rclpy.try_shutdown()
     if not finished:
@@ -79,7 +79,7 @@ def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None
             executor.spin_once(timeout_sec=timeout)
         except Exception as error:
             # rclpy's own services also raise errors, after a malformed request.
-            node.get_logger().error(f'a callback failed: {with_type(error)}',
+            node.get_logger().error(f'a callback failed: {describe_error(error)}',
                                     throttle_duration_sec=1.0)
             time.sleep(_AFTER_FAILURE)
             return error

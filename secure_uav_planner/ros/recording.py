@@ -14,7 +14,7 @@ from rclpy.serialization import serialize_message
 
 from . import messages
 from .status import plan_values
-from ..errors import OptionError, shown
+from ..errors import OptionError, quote
 from ..mission.files import atomic_file
 from ..model import channel
 from ..plan.plan import Plan
@@ -44,7 +44,7 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate
     :raises OSError: if the file cannot be written; an existing file is then unchanged.
     """
     if not rate > 0:
-        raise OptionError(f'rate is {shown(rate)}; it must be above 0 Hz')
+        raise OptionError(f'rate is {quote(rate)}; it must be above 0 Hz')
     with atomic_file(path, binary=True) as file:
         bag = _Bag(file, plan.start_ns or 0)
         _record_plan(bag, plan, frame_id)
@@ -65,7 +65,7 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
         bag.write(_resolved(topic, 'planner'), message, latched=True)
     bag.write('/planner/status', messages.diagnostic_status(
         'planner: plan', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
-            'state': 'idle', **plan_values(plan.evaluated())}), latched=True)
+            'state': 'idle', **plan_values(plan.evaluate())}), latched=True)
 
 
 def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float) -> None:

@@ -21,7 +21,7 @@ from .parameters import RELAY, relay_parameters
 from .process import run_node
 from .spec import Spec
 from .topics import OVERRIDABLE, publishers, SENSOR, STREAM, subscribe, timer_clock, TOPICS
-from ..errors import brief, ParameterError, PlanningError, PoseError, shown
+from ..errors import brief, ParameterError, PlanningError, PoseError, quote
 from ..output.autopilots import rotation, Stack, STACKS, Vector
 
 _HOLD_PERIOD = 0.1  # s
@@ -148,7 +148,7 @@ def _finite(name: str, message: Any, fields: str) -> Any:
     """Return the numbers in fields of a message, or raise a PoseError with the name."""
     values = tuple(getattr(message, field) for field in fields)
     if not all(map(math.isfinite, values)):
-        raise PoseError(f'its {name} is {shown(values)}; it must be finite')
+        raise PoseError(f'its {name} is {quote(values)}; it must be finite')
     return values
 
 
@@ -181,10 +181,10 @@ def _check(values: Mapping[str, Any]) -> None:
     vehicles, uavs = values['vehicles'], values['uavs']
     for name in ('uavs', 'vehicles'):
         if len(set(values[name])) < len(values[name]):
-            raise ParameterError(f'{name} is {shown(values[name])}; the names must be unique')
+            raise ParameterError(f'{name} is {quote(values[name])}; the names must be unique')
     if vehicles and len(vehicles) != len(uavs):
-        raise ParameterError(f'vehicles is {shown(vehicles)}; it must be empty or have a name for '
-                             f'each of uavs, which is {shown(uavs)}')
+        raise ParameterError(f'vehicles is {quote(vehicles)}; it must be empty or have a name for '
+                             f'each of uavs, which is {quote(uavs)}')
 
 
 main = partial(run_node, Relay)

@@ -18,11 +18,11 @@ from .node_parameters import Parameters
 from .parameters import REPLAY
 from .process import run_node
 from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
-from ..errors import brief, OptionError, ParameterError, PlanningError, shown
+from ..errors import brief, OptionError, ParameterError, PlanningError, quote
 from ..mission.scenario import Eavesdropper, Point
 from ..plan.plan import Plan
 from ..plan.playback import Moment
-from ..plan.player import due_ns, Place, Player
+from ..plan.player import Place, Player
 
 _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
 _LONGEST_WAIT = 10.0  # For a subscriber of simulated UAVs, in s.
@@ -106,8 +106,8 @@ class Replay(Node):
         self._problem = ''
         self._warned.clear()
         if self._player.streaming and frame_id != self._frame_id:
-            self._player.refuse(f'it is in frame {shown(frame_id)} and the setpoints are in '
-                                f'{shown(self._frame_id)}; ~/reset ends them')
+            self._player.refuse(f'it is in frame {quote(frame_id)} and the setpoints are in '
+                                f'{quote(self._frame_id)}; ~/reset ends them')
             return
         self._take(plan, frame_id, starts)
         missing = self._assembly.without_trajectory()
@@ -150,10 +150,10 @@ class Replay(Node):
         age = (now_ns - (messages.nanoseconds(header.stamp) or received)) * 1e-9
         place = (at.x, at.y, at.z)
         if header.frame_id != self._frame_id:
-            return (f'odometry of {name} in frame {shown(self._frame_id)}, that which comes is in '
-                    f'{shown(header.frame_id)}')
+            return (f'odometry of {name} in frame {quote(self._frame_id)}, that which comes is in '
+                    f'{quote(header.frame_id)}')
         if not all(map(math.isfinite, place)):
-            return f'finite odometry of {name}, its position is {shown(place)}'
+            return f'finite odometry of {name}, its position is {quote(place)}'
         if age > _FRESH:
             return f'odometry of {name} of now, the stamp of that which comes is {age:.1f} s old'
         return place
@@ -167,7 +167,7 @@ class Replay(Node):
         self._released_ns = now
         self._waits = [] if self._player.streaming else self._waits_for(now)
         player = self._player
-        ahead = ((due_ns(player.playback) or 0) - now) * 1e-9 if (
+        ahead = ((player.playback.begin_ns or 0) - now) * 1e-9 if (
             player.time <= player.playback.begin) else 0.0
         follows = [f'waits for {wait}' for wait in self._waits] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
@@ -285,7 +285,7 @@ def _check(values: Mapping[str, Any]) -> None:
     place = values['true_eavesdropper']
     if len(place) == 1:
         raise ParameterError(
-            f'true_eavesdropper is {shown(place)}; it must be (x, y) in m, or empty')
+            f'true_eavesdropper is {quote(place)}; it must be (x, y) in m, or empty')
 
 
 main = partial(run_node, Replay)

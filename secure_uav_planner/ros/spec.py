@@ -7,7 +7,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import NameValidationException
 from rclpy.validate_topic_name import validate_topic_name
 
-from ..errors import brief, ParameterError, shown
+from ..errors import brief, ParameterError, quote
 
 _MOST_IN_NAME = 100  # ROS allows about 240 in a topic, of which a name is one part.
 
@@ -57,7 +57,7 @@ class Spec:
         try:
             return self._converted(value)
         except (TypeError, ValueError, OverflowError, NameValidationException):
-            raise ParameterError(f'{what}{brief(name, 100)} is {shown(value)}; it must be '
+            raise ParameterError(f'{what}{brief(name, 100)} is {quote(value)}; it must be '
                                  f'{self.allowed}', (name,)) from None
 
     def _converted(self, value: Any) -> Any:

@@ -10,8 +10,8 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from .poses import PoseBook
 from .topics import GROUND_NODE_TOPIC
 from ..errors import brief, PlanningError
-from ..plan.bound import Bound
 from ..plan.plan import Iteration, Plan
+from ..plan.results import Bound
 
 
 class RequestOutcome(NamedTuple):

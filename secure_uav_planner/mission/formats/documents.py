@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import yaml
 
 from ..files import read_text
-from ...errors import MissionFileError, Place, shown
+from ...errors import MissionFileError, Place, quote
 
 MOST_BYTES = 2**20
-"""The largest file that is read: a mission with all it may have takes a fifth of it."""
+"""The largest file that is read: a mission with all its lists full takes a fifth of it."""
 
 MOST_VALUES = 200_000
 """The most values of a document: an alias of YAML can stand for many."""
@@ -23,7 +23,7 @@ _MOST_LEVELS = 20
 
 
 class Problem(NamedTuple):
-    """What is wrong in a document; lines count from 1, None where it is not known."""
+    """An error in a document; lines count from 1, None for an unknown one."""
 
     line: int | None
     text: str
@@ -32,11 +32,11 @@ class Problem(NamedTuple):
 @dataclass(frozen=True)
 class Document:
     """
-    What a file holds.
+    The content of a file.
 
     :param data: dictionaries, lists, strings, numbers, true, false and None.
-    :param lines: the line of each value by its place, as far as it is known.
-    :param problems: what is wrong with the file itself, such as a field that comes twice.
+    :param lines: the line of each value by its place, as far as it could be determined.
+    :param problems: errors of the file itself, such as a field that comes twice.
     """
 
     data: Any
@@ -44,27 +44,23 @@ class Document:
     problems: tuple[Problem, ...] = ()
 
     def line(self, place: Place) -> int | None:
-        """Return the line of a value, or else of what it is in."""
+        """Return the line of a value, or else of the block it is in."""
         while place and place not in self.lines:
             place = place[:-1]
         return self.lines.get(place)
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """
-    YAML's safe types with the numbers and words of its version 1.2.
-
-    There `1e3` is a number, `1:30` and `yes` are none of what version 1.1 makes of them.
-    """
+    """Safe types with the scalars of YAML 1.2: `1e3` is a number, `1:30` and `yes` are text."""
 
     yaml_implicit_resolvers: dict[str, Any] = {}
 
 
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
-    """Quotes what either version of YAML would take for something else than a string."""
+    """Quotes strings that YAML 1.1 or 1.2 would read as another type."""
 
 
-_WORDS = (
+_SCALARS = (
     ('null', r'~|null|Null|NULL|', '~nN\0'),
     ('bool', 'true|True|TRUE|false|False|FALSE', 'tTfF'),
     ('int', r'[-+]?[0-9]+|0x[0-9a-fA-F]+|0o[0-7]+', '-+0123456789'),
@@ -72,33 +68,33 @@ _WORDS = (
      r'\.(nan|NaN|NAN)', '-+.0123456789'),
     ('merge', '<<', '<'),
 )
-for _kind, _text, _first in _WORDS:
+for _kind, _text, _first in _SCALARS:
     for _class in (_Loader, _Dumper):
         _class.add_implicit_resolver(f'tag:yaml.org,2002:{_kind}', re.compile(f'^({_text})$'),
-                                     ['' if one == '\0' else one for one in _first])
+                                     ['' if letter == '\0' else letter for letter in _first])
 
 
-def _whole(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+def _construct_int(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
     text = loader.construct_scalar(node)
     return int(text, 0) if text[:2] in ('0x', '0o') else int(text)
 
 
-_Loader.add_constructor('tag:yaml.org,2002:int', _whole)
+_Loader.add_constructor('tag:yaml.org,2002:int', _construct_int)
 _Loader.add_constructor('tag:yaml.org,2002:float', lambda loader, node: float(
     re.sub(r'\.(?=[iInN])', '', loader.construct_scalar(node))))
 _Dumper.add_representer(tuple, _Dumper.represent_list)
 
 
-def read(path: str | os.PathLike[str]) -> Document:
+def read_document(path: str | os.PathLike[str]) -> Document:
     """
-    Return what a file holds: JSON if its name ends with .json, otherwise YAML.
+    Read a file: JSON if its name ends with .json, otherwise YAML.
 
     :raises OSError: when it cannot be read, is no regular file, or is larger than MOST_BYTES.
     :raises MissionFileError: for a wrong syntax, with the line.
     """
     try:
         text = read_text(path, MOST_BYTES)
-        return _of_json(text) if _is_json(path) else _of_yaml(text)
+        return _parse_json(text) if _is_json(path) else _parse_yaml(text)
     except json.JSONDecodeError as error:
         problem = Problem(error.lineno, f'{error.msg} at column {error.colno}')
     except yaml.MarkedYAMLError as error:
@@ -113,20 +109,21 @@ def read(path: str | os.PathLike[str]) -> Document:
         problem = Problem(None, f'it is not UTF-8 text: {error.reason} at byte {error.start}')
     except ValueError as error:  # such as a number of more digits than Python converts
         problem = Problem(None, str(error)[:200])
-    raise refusal(path, [problem])
+    raise make_file_error(path, [problem])
 
 
-def refusal(path: str | os.PathLike[str], problems: Iterable[Problem]) -> MissionFileError:
+def make_file_error(path: str | os.PathLike[str], problems: Iterable[Problem]
+                    ) -> MissionFileError:
     """Return the error of a file, with its problems by line; its text is one line."""
-    problems = sorted(problems, key=lambda one: one.line or 0)
+    problems = sorted(problems, key=lambda problem: problem.line or 0)
     line, text = problems[0]
     more = f' (and {len(problems) - 1} more)' if len(problems) > 1 else ''
     where = f'{path}' if line is None else f'{path}:{line}'
     return MissionFileError(f'{where}: {text}{more}', tuple(problems))
 
 
-def text_of(path: str | os.PathLike[str], data: Any) -> str:
-    """Return the text of a file with such data: JSON where its name ends so, otherwise YAML."""
+def format_document(path: str | os.PathLike[str], data: Any) -> str:
+    """Return the text of a file with these data, in the notation that read_document expects."""
     if _is_json(path):
         return json.dumps(data, indent=2, allow_nan=False) + '\n'
     # Lists of numbers, such as places, on one line.
@@ -138,7 +135,7 @@ def _is_json(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() == '.json'
 
 
-def _of_yaml(text: str) -> Document:
+def _parse_yaml(text: str) -> Document:
     loader = _Loader(text)
     try:
         reader = _Reader(loader)
@@ -149,27 +146,27 @@ def _of_yaml(text: str) -> Document:
         loader.dispose()
 
 
-def _of_json(text: str) -> Document:
-    twice: list[str] = []
+def _parse_json(text: str) -> Document:
+    duplicates: list[str] = []
 
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    def collect_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         names = [name for name, _ in pairs]
-        twice.extend(name for name in set(names) if names.count(name) > 1)
+        duplicates.extend(name for name in set(names) if names.count(name) > 1)
         return dict(pairs)
 
-    data = json.loads(text, object_pairs_hook=once)
+    data = json.loads(text, object_pairs_hook=collect_duplicates)
     try:
-        # Most of JSON is YAML, which tells the lines.
-        known = _of_yaml(text)
+        # Most JSON is YAML, whose reader has the lines.
+        as_yaml = _parse_yaml(text)
     except (yaml.YAMLError, ValueError):
-        known = Document(None, {})
-    problems = known.problems or tuple(
-        Problem(None, f'{shown(name)} comes twice') for name in twice)
-    return Document(data, known.lines, problems)
+        as_yaml = Document(None, {})
+    problems = as_yaml.problems or tuple(
+        Problem(None, f'{quote(name)} comes twice') for name in duplicates)
+    return Document(data, as_yaml.lines, problems)
 
 
 class _Reader:
-    """Makes plain values of YAML's nodes, and notes the line of each."""
+    """Converts YAML's nodes to plain values, and notes the line of each."""
 
     def __init__(self, loader: _Loader) -> None:
         self.lines: dict[Place, int] = {}
@@ -178,7 +175,7 @@ class _Reader:
         self._count = 0
 
     def value(self, node: yaml.Node, place: Place) -> Any:
-        """Return the value of a node that is at a place."""
+        """Return the value of a node at a place."""
         self._count += 1
         if self._count > MOST_VALUES or len(place) > _MOST_LEVELS:
             raise yaml.MarkedYAMLError(
@@ -188,7 +185,7 @@ class _Reader:
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, place)
         if isinstance(node, yaml.SequenceNode):
-            return [self.value(one, (*place, number)) for number, one in enumerate(node.value)]
+            return [self.value(item, (*place, number)) for number, item in enumerate(node.value)]
         try:
             return self._loader.construct_object(node)
         except (ValueError, OverflowError) as error:
@@ -201,25 +198,25 @@ class _Reader:
         for key, value in node.value:
             line = key.start_mark.line + 1
             if key.tag.endswith(':merge'):
-                for other in self._merged(value, place):
-                    merged = {**other, **merged}
+                for mapping in self._merge_sources(value, place):
+                    merged = {**mapping, **merged}
                 continue
             name = self._loader.construct_object(key) if isinstance(key, yaml.ScalarNode) else None
             if not isinstance(name, str):
                 self.problems.append(Problem(
-                    line, f'the name of a field is {shown(name)}; it must be text'))
+                    line, f'the name of a field is {quote(name)}; it must be text'))
                 continue
             if name in own:
-                self.problems.append(Problem(line, f'{shown(name)} comes twice'))
+                self.problems.append(Problem(line, f'{quote(name)} comes twice'))
             self.lines[(*place, name)] = line
             own[name] = self.value(value, (*place, name))
         return {**merged, **own}
 
-    def _merged(self, node: yaml.Node, place: Place) -> list[dict[str, Any]]:
-        """Return the mappings that `<<` names, whose fields those beside it replace."""
-        found = self.value(node, (*place, '<<'))
-        found = found if isinstance(found, list) else [found]
-        if not all(isinstance(one, dict) for one in found):
+    def _merge_sources(self, node: yaml.Node, place: Place) -> list[dict[str, Any]]:
+        """Return the mappings that `<<` names; the fields beside it override theirs."""
+        sources = self.value(node, (*place, '<<'))
+        sources = sources if isinstance(sources, list) else [sources]
+        if not all(isinstance(source, dict) for source in sources):
             raise yaml.MarkedYAMLError(problem='<< must name a mapping',
                                        problem_mark=node.start_mark)
-        return found
+        return sources

@@ -37,7 +37,7 @@ def refuse(scenario: Scenario, check: Check) -> NoReturn:
         if not problems:
             raise
     if problems:
-        problems[0].others = tuple(problems[1:])
+        problems[0].further = tuple(problems[1:])
         raise problems[0]
     names = ' and '.join(uav.name for uav in scenario.uavs)
     kept = {field: text for field, text, applies in (

@@ -1,18 +1,61 @@
-"""What is answered: a rate that no plan exceeds."""
+"""The results of methods beside the plan: iterations, why they stopped, and a proven bound."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, get_args, Literal, TypeAlias
 
-from ..errors import OptionError, shown
+from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_choice, checked_kind
 
-STATUSES = ('converged', 'time_limit', 'cancelled')
-"""Why the search ended; the bound is valid whatever the reason."""
+Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
+                            'numerical_trouble']
+"""Why a method stopped; the plan is feasible whatever the reason."""
+
+STATUS_TEXTS: dict[Status, str] = {
+    'given': 'made by hand',
+    'converged': 'converged',
+    'iteration_limit': 'stopped at the iteration limit',
+    'time_limit': 'stopped at time_limit with the best feasible plan so far',
+    'cancelled': 'cancelled, with the best feasible plan so far',
+    'numerical_trouble': 'a step of the solver failed, the best feasible plan is kept',
+}
+"""A text for each status."""
+
+STATUSES: tuple[Status, ...] = get_args(Status)
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """
+    One iteration of a method, for callbacks and Plan.history.
+
+    :param number: from 1; 0 is the starting point.
+    :param step: 'start', or the variables that were optimised: 'power', 'trajectory' or 'joint'.
+    :param rate: objective of the incumbent, the best feasible plan so far: mean over slots in
+        bit/s/Hz.
+    :param elapsed: time since the call of solve in s.
+    :param solver_time: the part of `elapsed` spent inside Clarabel, or for 'joint' on solving for
+        Newton steps, in s.
+    """
+
+    number: int
+    step: str
+    rate: float
+    elapsed: float
+    solver_time: float
+
+    @property
+    def guaranteed_rate(self) -> float:
+        """Rate under its name of version 0.1."""
+        return self.rate
+
+
+BOUND_STATUSES = ('converged', 'time_limit', 'cancelled')
+"""Why the search for a bound ended; the bound is valid whatever the reason."""
 
 _FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']
 
@@ -20,11 +63,11 @@ _FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']
 @dataclass(frozen=True)
 class Progress:
     """
-    How far a bound has come, for callbacks.
+    Progress of a bound, for callbacks.
 
-    :param number: counts from 0, the bound that takes no search.
+    :param number: from 0, the bound without any search.
     :param rate: the best bound so far, in bit/s/Hz.
-    :param elapsed: since the call of upper_bound, in s.
+    :param elapsed: time since the call of upper_bound in s.
     """
 
     number: int
@@ -39,13 +82,13 @@ class Bound:
 
     It holds for everything that a Plan accepts, tolerances included.
 
-    :param scenario: what it is a bound for.
+    :param scenario: the scenario whose plans it bounds.
     :param rate: in bit/s/Hz, perhaps infinite: no feasible plan has a larger one.
     :param objective: 'guaranteed', the rate of problem (P2), or 'worst_case', that of (P1).
-    :param ignored: limits of the scenario that the bound does not use. They can only lower what
-        plans reach: the bound is valid, but looser.
+    :param ignored: limits of the scenario that the bound does not use. They can only lower the
+        rates of plans: the bound is valid, but looser.
     :param solve_time: in s.
-    :param status: one of STATUSES, why the search for a smaller bound ended.
+    :param status: one of BOUND_STATUSES, why the search for a smaller bound ended.
     :raises OptionError: naming the field, its value and what is allowed.
     """
 
@@ -59,15 +102,15 @@ class Bound:
     def __post_init__(self) -> None:
         checked_kind('scenario', self.scenario, Scenario)
         checked_choice('objective', self.objective, OBJECTIVES)
-        checked_choice('status', self.status, STATUSES)
+        checked_choice('status', self.status, BOUND_STATUSES)
         if not _is_number(self.rate) or math.isnan(self.rate):
-            raise OptionError(f'rate is {shown(self.rate)}; it must be a number in bit/s/Hz')
+            raise OptionError(f'rate is {quote(self.rate)}; it must be a number in bit/s/Hz')
         if not _is_number(self.solve_time) or not 0 <= self.solve_time < math.inf:
             raise OptionError(
-                f'solve_time is {shown(self.solve_time)}; it must be a finite number from 0')
+                f'solve_time is {quote(self.solve_time)}; it must be a finite number from 0')
         if not isinstance(self.ignored, (list, tuple)) or not all(
                 isinstance(name, str) for name in self.ignored):
-            raise OptionError(f'ignored is {shown(self.ignored)}; it must be names of limits')
+            raise OptionError(f'ignored is {quote(self.ignored)}; it must be names of limits')
         for field, kind in (('rate', float), ('solve_time', float), ('ignored', tuple)):
             object.__setattr__(self, field, kind(getattr(self, field)))
 
@@ -79,13 +122,13 @@ class Bound:
         """
         Return the gap of a plan as a share of its rate, (bound - rate) / rate.
 
-        Infinite for a plan without a positive rate, unless nothing can be had: then 0. Negative
-        for a bound that is wrong, for no plan has a larger rate than a true one.
+        Infinite for a plan without a positive rate, or 0 if the bound is not positive either.
+        Negative for a wrong bound, since no plan has a larger rate than a valid one.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.
         """
-        checked_plan(plan, self.scenario)
+        check_plan(plan, self.scenario)
         rate = plan.guaranteed_rate if self.objective == 'guaranteed' else plan.worst_case_rate
         if rate > 0:
             return (self.rate - rate) / rate
@@ -103,9 +146,9 @@ class Bound:
 
     def claim(self, plan: Any) -> str:
         """
-        Return in words what it proves of a plan, such as 'at most 0.9% below the best possible'.
+        Return the proven quality of a plan, such as 'at most 0.9% below the best possible'.
 
-        Where the bound does not use a limit, the best is that of a mission without it.
+        If the bound ignores a limit, the best is that of a mission without it.
 
         :param plan: a Plan of the scenario.
         :raises OptionError: for anything else.
@@ -127,21 +170,21 @@ class Bound:
         """
         Return the bound that to_dict wrote.
 
-        :param data: what to_dict returned.
-        :param scenario: what the bound is for.
+        :param data: the dictionary.
+        :param scenario: the scenario whose plans it bounds.
         :raises OptionError: for a missing or unknown field as well as for a wrong value.
         """
         if not isinstance(data, dict) or sorted(map(str, data)) != _FIELDS:
-            found = sorted(map(str, data)) if isinstance(data, dict) else data
-            raise OptionError(f'a bound has the fields {shown(found)}; it must have {_FIELDS!r}')
+            names = sorted(map(str, data)) if isinstance(data, dict) else data
+            raise OptionError(f'a bound has the fields {quote(names)}; it must have {_FIELDS!r}')
         return cls(scenario=scenario, **{
             **data, 'rate': math.inf if data['rate'] is None else data['rate']})
 
 
-def checked_plan(plan: Any, scenario: Scenario) -> None:
-    """Raise OptionError unless a plan is one of this very scenario."""
+def check_plan(plan: Any, scenario: Scenario) -> None:
+    """Raise OptionError unless a plan is a Plan of this scenario."""
     if not isinstance(getattr(plan, 'scenario', None), Scenario):
-        raise OptionError(f'plan is {shown(plan)}; it must be a Plan')
+        raise OptionError(f'plan is {quote(plan)}; it must be a Plan')
     if plan.scenario != scenario:
         raise OptionError('plan is for another scenario; '
                           'it must be a plan of the scenario that the bound is for')
