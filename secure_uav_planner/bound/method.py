@@ -11,17 +11,16 @@ import numpy as np
 
 from .proof.certificate import certify
 from .proof.detours import uses_detours
-from .proof.reachable_set import MOST_STAGES, Stages, Team
-from .proof.rounding import bound_negative_power
-from .proof.subset import EavesdropperSubset
-from .search.breakpoints import build_multipliers
-from .search.dual import DualPoint
-from .search.multipliers import find_start, InitialMultipliers, MultiplierSearch
-from ..errors import OptionError
+from .proof.reachable_set import Team
+from .proof.relaxation import bound_negative_power, EavesdropperSubset, MOST_STAGES, Stages
+from .search.multipliers import build_multipliers, MultiplierSearch
+from .search.variables import DualPoint, InitialMultipliers
+from ..errors import OptionError, PlanningError
 from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
 from ..mission.validation import (
     Array, checked_callback, checked_choice, checked_kind, checked_time_limit)
+from ..optimize import solve
 from ..plan.plan import Plan, POWER_TOLERANCE
 from ..plan.results import Bound, check_plan, Progress
 
@@ -50,7 +49,7 @@ QUADRATIC = ((0.03, 2), (0.01, 2), (0.003, 2))
 LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
 """The same with linear potentials, where a stage has several slots."""
 
-SLOTS_A_STAGE, FEWEST = 4, 20
+SLOTS_A_STAGE, FEWEST_STAGES = 4, 20
 """Slots of a coarse stage, and the least number of coarse stages."""
 
 ITERATIONS = 5
@@ -59,8 +58,8 @@ ITERATIONS = 5
 FIRST_CERTIFICATE = 0.7
 """Share of a time limit that is reserved for the first certificate."""
 
-LONGER = 1.5
-"""Time that is reserved for a certificate per fine stage, over that of a coarse one."""
+FINE_COST = 1.5
+"""Time that a certificate takes per fine stage, over that per coarse stage, at most."""
 
 REPORT_PERIOD = 0.5
 """Time in s after which progress is reported without a better bound."""
@@ -101,7 +100,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     run.offer(compute_plain_bound(scenario))
     # If it is 0 or infinite, no search helps.
     if 0 < run.rate < math.inf:
-        # A NaN on the way makes a bound infinite, never wrong; see boxes.
+        # A NaN on the way makes a bound infinite, never wrong; see certify.
         with np.errstate(all='ignore'):
             _search_multipliers(run, scenario, objective, plan)
     return Bound(scenario, run.rate, objective, list_ignored_limits(scenario),
@@ -125,7 +124,7 @@ def compute_plain_bound(scenario: Scenario) -> float:
 
     No plan does better than with the transmitter above the ground node and no eavesdropper: then
     log(1 + g p / H^2) in every slot, whose mean is at most that of the mean power. Jammers below
-    zero may lower the noise by the share delta, see rounding.bound_negative_power.
+    zero may lower the noise by the share delta, see relaxation.bound_negative_power.
     """
     negative, delta = bound_negative_power(scenario)
     if not math.isfinite(negative):
@@ -163,14 +162,14 @@ class _Run:
         """Time until the deadline in s, infinite without one."""
         return self._deadline - time.monotonic()
 
-    def reserve_time(self, times: float) -> Callable[[], bool]:
+    def reserve_time(self, ratio: float) -> Callable[[], bool]:
         """
         Return the `stop` of a search that leaves time for its certificate.
 
-        :param times: ratio of the times of that certificate and of the last one.
+        :param ratio: of the time of that certificate to the time of the last one.
         """
         def stop() -> bool:
-            if not self.status and self.time_left <= times * self._proving:
+            if not self.status and self.time_left <= ratio * self._proving:
                 self._late = True
                 return True
             return self.stop()
@@ -229,13 +228,13 @@ def _search_multipliers(run: _Run, scenario: Scenario, objective: str, plan: Pla
         return team, InitialMultipliers.of(team, positions, powers)
 
     stages = min(scenario.slots, MOST_STAGES)
-    coarse_stages = max(-(-stages // SLOTS_A_STAGE), min(stages, FEWEST))
+    coarse_stages = max(-(-stages // SLOTS_A_STAGE), min(stages, FEWEST_STAGES))
     coarse = MultiplierSearch(*build_level(coarse_stages), None, run.reserve_time(1.0))
     _anneal(coarse, COARSE)
     run.prove(coarse)
     team, initial = build_level(stages)
     fine = MultiplierSearch(team, initial, _refine_point(coarse, team.stages, initial.weight),
-                            run.reserve_time(LONGER * stages / coarse_stages))
+                            run.reserve_time(FINE_COST * stages / coarse_stages))
     if not fine.stop():
         _anneal(fine, FINE)
         if scenario.slots > MOST_STAGES:
@@ -246,10 +245,37 @@ def _search_multipliers(run: _Run, scenario: Scenario, objective: str, plan: Pla
         run.prove(fine)
 
 
+def find_start(scenario: Scenario, time_left: float, objective: str, plan: Plan | None,
+               stop: Callable[[], bool]) -> tuple[Array, Array]:
+    """
+    Return positions (U, N + 2, 2) in m and powers (U, N) in W of a plan, or of straight lines.
+
+    :param time_left: in s.
+    :param plan: by default the one that solve finds in half of that time.
+    :param stop: asked after every iteration of solve; True ends it.
+    """
+    if plan is not None:
+        return plan.positions, plan.powers
+    slots = min(scenario.slots, MOST_STAGES)
+    try:
+        plan = solve(replace(scenario, slots=slots), objective=objective,  # type: ignore[arg-type]
+                     on_iteration=lambda _: stop(),
+                     time_limit=None if math.isinf(time_left) else max(time_left / 2, 1e-3))
+        positions, powers = plan.positions, plan.powers
+    except PlanningError:
+        # A mission that cannot be flown in so few slots, or not be planned before the search ends.
+        start = np.array([[uav.start] for uav in scenario.uavs])
+        goal = np.array([[uav.goal] for uav in scenario.uavs])
+        positions = start + (goal - start) * np.linspace(0, 1, slots + 2)[:, None]
+        powers = np.array([[uav.average_power] * slots for uav in scenario.uavs])
+    point = np.round(np.linspace(0, slots + 1, scenario.slots + 2)).astype(int)
+    return positions[:, point], powers[:, np.clip(point[1:-1] - 1, 0, slots - 1)]
+
+
 def _anneal(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -> None:
     """Minimise the dual function at falling temperatures."""
-    for tau, times in schedule:
-        for _ in range(times):
+    for tau, rounds in schedule:
+        for _ in range(rounds):
             if search.stop():
                 return
             search.minimise(tau, ITERATIONS)

@@ -11,7 +11,7 @@ With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
           + potential(q),
 
 A being the logarithm of a gain of the transmitter, b a gain of the jammer, m that of
-maximise_power. M_0 and M_1 are bounded by branch and bound (boxes.py) at a few breakpoints w0.
+maximise_power. M_0 and M_1 are bounded by branch and bound (terms.py) at a few breakpoints w0.
 
 Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
 interpolated linearly between the breakpoints it lies below the chord from breakpoint to
@@ -28,10 +28,9 @@ import math
 
 import numpy as np
 
-from .boxes import Index, Terms
-from .potential import Potential
 from .reachable_set import Team
-from .rounding import margin
+from .relaxation import margin
+from .terms import Index, Potential, Terms
 from ...mission.validation import Array
 from ...plan.plan import POWER_TOLERANCE
 
@@ -135,35 +134,36 @@ class Certificate:
     prices: Array
 
 
-def certify(team: Team, given: Multipliers,
+def certify(team: Team, multipliers: Multipliers,
             stop: Callable[[], bool] = lambda: False) -> Certificate:
     """
-    Return the certificate that multipliers give, whatever they are.
+    Return the certificate that multipliers give.
 
     :param team: the UAVs of the scenario.
-    :param given: the multipliers.
+    :param multipliers: any; good ones make the rate small.
     :param stop: asked now and then; True ends the branch and bound: the rate is valid, but larger.
     """
     potentials = tuple(Potential(slope, curvature, acceleration, team.stages, region)
                        for slope, curvature, acceleration, region in zip(
-                           given.slope, given.curvature, given.acceleration, team.regions))
-    prices = np.maximum(given.prices, 0.0)
-    if (np.diff(given.weights, axis=0) < 0).any() or (given.weights[-1] != 1).any():
+                           multipliers.slope, multipliers.curvature, multipliers.acceleration,
+                           team.regions))
+    prices = np.maximum(multipliers.prices, 0.0)
+    if (np.diff(multipliers.weights, axis=0) < 0).any() or (multipliers.weights[-1] != 1).any():
         raise AssertionError('the breakpoints of w0 must rise to 1')
-    weights = np.clip(given.weights, 1e-12, 1.0)
-    shares = np.maximum(given.shares, 0.0)
+    weights = np.clip(multipliers.weights, 1e-12, 1.0)
+    shares = np.maximum(multipliers.shares, 0.0)
     total = shares.sum(-1, keepdims=True)
     shares = shares * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
     # The jammer's silence is part of all of its maxima, the transmitter's only of one.
-    tolerances = given.tolerances
+    tolerances = multipliers.tolerances
     silent = [bound_silence(potential, price, incumbents,
                             tolerances.min(0) if i else tolerances[0], stop)
               for i, (potential, price, incumbents) in enumerate(zip(
-                  potentials, prices, given.silent_incumbents))]
+                  potentials, prices, multipliers.silent_incumbents))]
     stage = np.tile(np.arange(weights.shape[1]), len(weights))
     joint = np.sum([bound_terms(
         team, potential, i, silent[i], stage, weights.ravel(), shares.reshape(-1, shares.shape[2]),
-        prices[i], given.incumbents[i].ravel(), tolerances[1:].ravel(), stop)
+        prices[i], multipliers.incumbents[i].ravel(), tolerances[1:].ravel(), stop)
         for i, potential in enumerate(potentials)], axis=0).reshape(weights.shape)
     total_silent = np.sum(silent, axis=0) + team.negative
     pieces = bound_pieces(team, total_silent, joint, weights, shares.sum(-1), prices[0])

@@ -1,13 +1,13 @@
 """
-Lemma 9: the way around what a UAV may not enter takes time.
+Lemma 9: a path around obstacles takes time.
 
-What is in the way of a UAV is a polygon O: its zones, and what the geofence's convex hull has and
-the fence has not, all a little smaller than they are. In slot n the UAV has flown a way around O
-that is no longer than n moves, and one of N + 1 - n moves is left. So the shortest way around O
-from the start to its place is no longer than the first, and that to the goal no longer than the
-second; places inside O, or outside the hull, have no such way.
+The obstacles of a UAV are a polygon O: its zones, and the parts of the geofence's convex hull that
+are outside the fence, all a little smaller than they are. In slot n the UAV has flown a path
+around O that is no longer than n moves, and one of N + 1 - n moves is left. So the shortest path
+around O from the start to its place is no longer than the first, and that to the goal no longer
+than the second; places inside O, or outside the hull, have no such path.
 
-Shortest ways are straight between corners of O, hence
+Shortest paths are straight between corners of O, hence
 
     length(q) = min over all c that are seen from q, corners and the end, of length(c) + |q - c|.
 
@@ -18,9 +18,9 @@ length(q) in it. Whatever is rounded is rounded so that more is seen.
 
 The points of a UAV with a limit of acceleration are beside the curve that it flies: c(n), half a
 slot after the middle of the move before, is (q[n-1] + 6 q[n] + q[n+1]) / 8, no farther than A / 8
-from q[n]. The curve begins at the middle of the move d_{-1} before the start, with a free velocity
-at the start. The speed between two middles is a mean of both moves', so the way to c(n) is at most
-|d_{-1}| / 2 and an eighth of a step longer than the moves from q[0] to q[n] together.
+from q[n]. The curve begins at the middle of the move d_{-1} before the start, or at the start if
+the velocity there is free. The speed between two middles is a mean of both moves', so the path to
+c(n) is at most |d_{-1}| / 2 and an eighth of a step longer than the moves from q[0] to q[n].
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ Measured: with twice as many, bounds of random cities are up to 0.4% closer, in 
 """
 
 MOST_CORNERS = 200
-"""Corners of what is in the way; with more, which would take seconds, nothing is in the way."""
+"""Corners of O; with more, which would take seconds, the bound ignores the obstacles."""
 
 SMALLER, GRID = 1e-3, 1e-6
 """
@@ -64,11 +64,11 @@ Its convex parts overlap by a tenth of the first, so that nothing is seen betwee
 @dataclass(frozen=True, eq=False)
 class Detours:
     """
-    Lower bounds of the lengths of a UAV's ways to the cells of a rectangle, in its frame.
+    Lower bounds of the lengths of a UAV's paths to the cells of a rectangle, in its frame.
 
     :param low: the rectangle's lower corner, (2,).
     :param size: of a cell, (2,).
-    :param lengths: of the ways from the start and from the goal, less what the curve may save,
+    :param lengths: of the paths from the start and from the goal, less what the curve may save,
         (2, SIDE, SIDE); infinite where there is none.
     """
 
@@ -77,7 +77,7 @@ class Detours:
     lengths: Array
 
     def scale(self, unit: float) -> Detours:
-        """Return the same with lengths divided by a unit."""
+        """Return the detours with lengths in another unit, in m."""
         return Detours(self.low / unit, self.size / unit, self.lengths / unit)
 
     def locate(self, place: Array) -> tuple[Array, Array]:
@@ -114,7 +114,7 @@ def find_detours(scenario: Scenario, index: int) -> Detours | None:
         ends += np.array([-before, after]) / 2
         saved += np.hypot(*np.transpose([before, after])) / 2 + step / 8
         beside = min(uav.max_acceleration * scenario.slot_duration**2, 2 * step) / 8 + SMALLER
-    # Both ways together are no longer than all moves, so that all places are in an ellipse.
+    # Both paths together are no longer than all moves, so that all places are in an ellipse.
     length = float(np.hypot(*np.subtract(uav.goal, uav.start)))
     longest = step * (scenario.slots + 1) + 1.0
     half = np.array([longest, np.sqrt(max(longest**2 - length**2, 0.0)) + 1.0]) / 2
@@ -146,16 +146,16 @@ def _split_obstacles(scenario: Scenario, altitude: float) -> tuple[Any, ...]:
     """Return convex polygons that overlap a little and make up O at an altitude in m."""
     far = airspace_of(scenario).far
     # Each alone: a plan may fly between two that touch.
-    barred = [shapely.Polygon(vertices) for vertices, name in scenario.keep_out(altitude)
+    solids = [shapely.Polygon(vertices) for vertices, name in scenario.keep_out(altitude)
               if name not in far]
     if scenario.keep_in is not None:
         # A pocket reaches beyond the convex hull, so that no way is left between both.
         fence = shapely.Polygon(scenario.keep_in)
-        barred += [shapely.Polygon(pocket).buffer(1.0, join_style='mitre').difference(fence)
+        solids += [shapely.Polygon(pocket).buffer(1.0, join_style='mitre').difference(fence)
                    for pocket in pockets(scenario.keep_in)]
     return tuple(
         shapely.Polygon(part).buffer(SMALLER / 10, join_style='mitre', mitre_limit=2)
-        for solid in barred
+        for solid in solids
         for polygon in _split_at_holes(solid.buffer(-SMALLER, join_style='mitre'))
         for part in convex_parts(tuple(map(
             tuple, shapely.get_coordinates(polygon.exterior)[:-1].tolist()))))
@@ -178,7 +178,7 @@ def _split_at_holes(solid: Any) -> Iterator[Any]:
 
 def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any) -> Array:
     """
-    Return lower bounds of the ways from two ends to cells around polygons, (2, C) in m.
+    Return lower bounds of the paths from two ends to cells around polygons, (2, C) in m.
 
     :param parts: convex polygons, perhaps none.
     :param hull: a convex polygon that places are in, or None.
@@ -193,20 +193,20 @@ def bound_path_lengths(parts: Sequence[Any], hull: Any, ends: Array, cells: Any)
     free = ~shapely.intersects(inner, shapely.linestrings(np.stack([places[i], places[j]], 1)))
     graph = np.full((len(places), len(places)), np.inf)
     graph[i[free], j[free]] = np.hypot(*(places[i] - places[j])[free].T)
-    ways = scipy.sparse.csgraph.dijkstra(np.minimum(graph, graph.T), indices=[0, 1])
+    paths = scipy.sparse.csgraph.dijkstra(np.minimum(graph, graph.T), indices=[0, 1])
     frame = shapely.box(*shapely.total_bounds([*cells, shapely.MultiPoint(places)])).buffer(1.0)
     reach = 10 * np.hypot(*np.ptp(shapely.get_coordinates(frame), axis=0))
     frame = frame if hull is None else frame.intersection(hull)
     outlines = [shapely.get_coordinates(part) for part in parts]
     lengths = np.full((2, len(cells)), np.inf)
-    for place, way in zip(places, ways.T):
+    for place, path in zip(places, paths.T):
         lit = frame.difference(shapely.union_all(
             [_cast_shadow(place, outline, reach) for outline in outlines], grid_size=GRID).buffer(
                 -10 * GRID))
         shapely.prepare(lit)
         seen = np.flatnonzero(shapely.intersects(lit, cells))
         lengths[:, seen] = np.minimum(
-            lengths[:, seen], way[:, None] + shapely.distance(shapely.Point(place), cells[seen]))
+            lengths[:, seen], path[:, None] + shapely.distance(shapely.Point(place), cells[seen]))
     return lengths
 
 

@@ -11,62 +11,14 @@ from numpy.typing import NDArray
 import scipy
 
 from .detours import Detours, find_detours, frame_axes
-from .rounding import bound_negative_power, COORDINATE_ROUNDING, end_tolerance
-from .subset import EavesdropperSubset
+from .relaxation import (
+    bound_negative_power, COORDINATE_ROUNDING, EavesdropperSubset, end_tolerance, MOST_STAGES,
+    Stages)
 from ...mission.validation import Array
 from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
 
 if TYPE_CHECKING:
     from ...mission.scenario import Scenario
-
-MOST_STAGES = 400
-"""More slots than that share stages; time and memory are then those of as many slots."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stages:
-    """
-    The slots 1..N in G stages of neighbouring slots, of one slot each where N is small.
-
-    All slots of a stage share one reachable set, which holds the reachable sets of all of them,
-    and one set of multipliers; so one bound serves for all of them.
-
-    :param edges: number of slots before each stage, and N, (G + 1,).
-    """
-
-    edges: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, slots: int, most: int = MOST_STAGES) -> Stages:
-        """Return the stages of a mission of `slots` slots, at most `most`, as even as can be."""
-        count = min(slots, most)
-        return cls(np.arange(count + 1) * slots // count)
-
-    @property
-    def first(self) -> NDArray[np.int64]:
-        """First slot of every stage, (G,)."""
-        return self.edges[:-1] + 1
-
-    @property
-    def last(self) -> NDArray[np.int64]:
-        """Last slot of every stage, (G,)."""
-        return self.edges[1:]
-
-    @property
-    def count(self) -> NDArray[np.int64]:
-        """Return the number of slots of every stage, (G,)."""
-        return np.diff(self.edges)
-
-    @property
-    def means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean weights of the edges before and after a stage in its slots, (G,) each."""
-        count = self.count.astype(float)
-        return (count - 1) / (2 * count), (count + 1) / (2 * count)
-
-    @property
-    def slots(self) -> int:
-        """N."""
-        return int(self.edges[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +30,7 @@ class ReachableSet:
     `unit`, so that everything that matters lies within a few units. In slot n a UAV is within n
     moves of its start and N + 1 - n moves of its goal: a reachable set, the part that two discs
     share. Where the velocity changes by at most an acceleration limit, moves are short near ends
-    at which it is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 8 in potential.py.
+    at which it is given: |d_n| <= |d_{-1}| + (n + 1) A, lemma 8 in terms.py.
 
     :param unit: length of one unit in m.
     :param origin: of the frame, (2,) in m.
@@ -209,7 +161,7 @@ class ReachableSet:
                 np.minimum(high, self.detours.low + (last + 1e-6) * step))
 
     def _lateness(self) -> Array:
-        """Excess of the ways to every cell and from there over the time, (G, SIDE, SIDE)."""
+        """Excess of the paths to every cell and from there over the time, (G, SIDE, SIDE)."""
         assert self.detours is not None
         there, back = self.detours.lengths
         return np.maximum(there - self.from_start[:, None, None],

@@ -9,14 +9,13 @@ and lam have weak barriers: at a high SNR the slack is of the order of 1e-3 and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from .columns import Columns
+from .variables import Columns, DualPoint, pack_columns, PotentialLayout
 from ..proof.certificate import entropy, maximise_power
 from ..proof.reachable_set import Team
 from ...mission.validation import Array
@@ -27,63 +26,6 @@ SHARE_BARRIER, SLACK_BARRIER, PRICE_BARRIER = 0.3, 1e-6, 1e-7
 
 SMOOTHING = 0.3
 """Smoothing of the largest eigenvalue of S, in nats per unit^2."""
-
-
-@dataclass(frozen=True)
-class PotentialLayout:
-    """
-    The entries of a potential at an edge: u (2), then S (3) and w (2) where it has them.
-
-    :param quadratic: True with S.
-    :param acceleration: True with w, for UAVs with a limit of acceleration.
-    """
-
-    quadratic: bool
-    acceleration: bool
-
-    @classmethod
-    def of(cls, potentials: Array) -> PotentialLayout:
-        """Return the layout of potentials (..., P)."""
-        width = potentials.shape[-1]
-        return cls(width >= 5, width in (4, 7))
-
-
-def split_potentials(x: Array) -> tuple[Array, Array, Array]:
-    """Return u, S and w of potentials (..., P), zeros for those that they do not have."""
-    layout, zeros = PotentialLayout.of(x), np.zeros(x.shape[:-1] + (3,))
-    return (x[..., :2], x[..., 2:5] if layout.quadratic else zeros,
-            x[..., -2:] if layout.acceleration else zeros[..., :2])
-
-
-@dataclass(frozen=True, eq=False)
-class DualPoint:
-    """
-    The unknowns of the dual function.
-
-    :param potentials: at every edge, see PotentialLayout, (G + 1, U, P).
-    :param shares: v, (G, E).
-    :param prices: lam, (U,).
-    """
-
-    potentials: Array
-    shares: Array
-    prices: Array
-
-    def move(self, step: DualPoint, length: float) -> DualPoint:
-        """Return this point moved along a step."""
-        return DualPoint(self.potentials + length * step.potentials,
-                         self.shares + length * step.shares, self.prices + length * step.prices)
-
-    def shorten(self, point: DualPoint, slack: Array) -> DualPoint:
-        """Return this step, shortened so that every slot's v, slack and prices stay positive."""
-        with np.errstate(divide='ignore', invalid='ignore'):
-            total = -self.shares.sum(-1)
-            most = np.minimum(
-                np.where(self.shares < 0, -point.shares / self.shares, np.inf).min(-1),
-                np.where(total < 0, -slack / total, np.inf))
-            prices = np.where(self.prices < 0, -point.prices / self.prices, np.inf)
-        return replace(self, shares=self.shares * np.minimum(1.0, 0.9 * most)[..., None],
-                       prices=self.prices * np.minimum(1.0, 0.9 * prices))
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,26 +289,6 @@ class Dual:
         hess[:, :e, la] = hess[:, la, :e] = (inner / price)[:, None]
         hess[:, la, la] = inner * slack / price**2
         return value, grad, hess
-
-
-def pack_columns(team: Team, uav: int, point: DualPoint, columns: Columns, weight: Array,
-                 shares: Array, tau: float = 1e-9) -> dict[str, Any]:
-    """
-    Return the kernel's arguments: columns of a UAV, its potential, and w0 and v.
-
-    :param weight: w0, (G,).
-    :param shares: v, (G, E).
-    """
-    potentials = point.potentials[:, uav]
-    layout = PotentialLayout.of(potentials)
-    arrays = {
-        'place': columns.place, 'power': columns.power, 'ground': columns.ground,
-        'leaks': columns.leaks, 'potentials': potentials, 'count': team.stages.count,
-        'step': team.regions[uav].steps, 'mean': team.stages.means, 'weights': weight,
-        'shares': shares}
-    return {**{name: np.ascontiguousarray(array, float) for name, array in arrays.items()},
-            'quadratic': layout.quadratic, 'acceleration': layout.acceleration, 'tau': tau,
-            'price': float(point.prices[uav])}
 
 
 def _smooth_largest_eigenvalue(curvature: Array) -> tuple[Array, Array, Array]:
