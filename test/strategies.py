@@ -1,4 +1,4 @@
-"""Hypothesis strategies: missions of every kind, small enough to solve in a moment."""
+"""Hypothesis strategies: missions of all kinds, small enough to solve in a moment."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ PLACE = st.tuples(COORDINATE, COORDINATE)
 
 @st.composite
 def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
-    """Return missions that can be flown, some with no slack and some with error radius zero."""
+    """Return feasible missions, some without slack and some with error radius zero."""
     slots = draw(st.integers(1, max_slots))
     duration = draw(st.floats(10, 300))
     slack = draw(st.sampled_from([1.0, 1.01, 1.3, 3.0]))
@@ -25,7 +25,7 @@ def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
         uav = Uav(
             f'uav{index + 1}', start, goal, draw(st.sampled_from([30.0, 100.0, 300.0])),
             max(1.0, shortest * slack), average, average * draw(st.sampled_from([1.0, 4.0])))
-        uavs.append(draw(limited(uav, slots, duration / slots)))
+        uavs.append(draw(limit_acceleration(uav, slots, duration / slots)))
     eavesdroppers = [
         Eavesdropper(draw(PLACE), draw(st.sampled_from([0.0, 10.0, 60.0, 400.0])),
                      receiver_advantage_db=draw(st.sampled_from([0.0, 0.0, 10.0, -20.0])))
@@ -36,7 +36,7 @@ def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
 
 @st.composite
 def channels(draw):
-    """Return channels of every kind."""
+    """Return channels of all kinds."""
     numbers = st.tuples(st.floats(1, 60), st.floats(0.01, 0.5), st.floats(0, 60))
     return Channel(
         draw(st.one_of(st.just(2.0), st.floats(2, 6))),
@@ -48,7 +48,7 @@ def channels(draw):
 
 @st.composite
 def missions_of_channels(draw, colluding=True, **options):
-    """Return missions with a channel of any kind, if allowed some with colluding eavesdroppers."""
+    """Return missions with a channel of any kind, some with colluding eavesdroppers."""
     scenario, channel = draw(scenarios(**options)), draw(channels())
     return replace(scenario, channel=channel, colluding=colluding and draw(st.booleans()),
                    # As strong at 100 m as in free space.
@@ -56,18 +56,18 @@ def missions_of_channels(draw, colluding=True, **options):
 
 
 def missions(colluding=True, **options):
-    """Return missions in free space, and with channels of every kind."""
+    """Return missions in free space, and with channels of all kinds."""
     return st.one_of(scenarios(**options), missions_of_channels(colluding, **options))
 
 
 @st.composite
-def limited(draw, uav, slots, step):
-    """Return a UAV, in some cases with a limit of acceleration with which it can fly."""
+def limit_acceleration(draw, uav, slots, step):
+    """Return a UAV, in some cases with a feasible limit of acceleration."""
     if not draw(st.booleans()):
         return uav
     share = st.floats(-0.5, 0.5)
     velocity = st.one_of(st.none(), st.just((0.0, 0.0)), st.tuples(share, share).map(
-        lambda of: (of[0] * uav.max_speed, of[1] * uav.max_speed)))
+        lambda shares: (shares[0] * uav.max_speed, shares[1] * uav.max_speed)))
     uav = replace(uav, start_velocity=draw(velocity), goal_velocity=draw(velocity),
                   max_acceleration=uav.max_speed / step * draw(st.sampled_from([0.1, 0.5, 3.0])))
     while uav.vehicle.least_effort(slots, step)[0] > 1:
@@ -78,7 +78,7 @@ def limited(draw, uav, slots, step):
 
 
 def with_uavs(scenario, **fields):
-    """Return a scenario all of whose UAVs have such fields."""
+    """Return a scenario with the same fields for all UAVs."""
     return replace(scenario, uavs=tuple(replace(uav, **fields) for uav in scenario.uavs))
 
 
@@ -92,7 +92,7 @@ def random_powers(scenario, rng):
 
 
 def random_flight(scenario, rng):
-    """Return positions (U, N+2, 2) that keep no limit, and feasible powers."""
+    """Return infeasible positions (U, N+2, 2) and feasible powers."""
     positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
     return positions, random_powers(scenario, rng)
 

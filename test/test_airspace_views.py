@@ -29,7 +29,7 @@ def test_the_city_can_be_flown_with_room_to_spare(plan):
     assert len(scenario.no_fly_zones) == 3 and len(set(scenario.altitudes.tolist())) == 3
     assert not shapely.Polygon(scenario.no_fly_zones[0].vertices).equals(
         shapely.Polygon(scenario.no_fly_zones[0].vertices).convex_hull)
-    # What blocks the straight way of the courier to the ground node and on to its goal.
+    # The zones that block the straight way of the courier to the ground node and on to its goal.
     courier = scenario.uavs[0]
     way = shapely.LineString([courier.start, scenario.ground_node, courier.goal])
     assert [zone.name for zone in scenario.no_fly_zones if zone.is_at(courier.altitude)
@@ -54,7 +54,7 @@ def test_the_picture_has_every_zone_with_its_altitudes_and_the_fence(plan):
 
 
 def check_rims(outlines, scenario):
-    """Assert that outlines are what the margin adds to zones, and what it takes from the fence."""
+    """Assert that outlines are the rims of the margin around zones and inside the fence."""
     wanted = [shapely.Polygon(vertices).buffer(3, quad_segs=64).difference(
         shapely.Polygon(vertices)) for vertices in (
             zone.vertices for zone in scenario.no_fly_zones)]
@@ -91,10 +91,10 @@ def test_the_page_has_every_zone_with_its_altitudes_and_the_fence(plan):
 
 
 def test_markers_are_prisms_between_floor_and_ceiling(plan):
-    found = messages.markers(
+    markers = messages.markers(
         type(plan)(plan.scenario, plan.positions, plan.powers, start_ns=0), 'map').markers
-    prisms = [marker for marker in found if marker.ns == 'no_fly_zone']
-    assert len({(marker.ns, marker.id) for marker in found}) == len(found)
+    prisms = [marker for marker in markers if marker.ns == 'no_fly_zone']
+    assert len({(marker.ns, marker.id) for marker in markers}) == len(markers)
     for marker, zone in zip(prisms, plan.scenario.no_fly_zones, strict=True):
         assert marker.type == Marker.TRIANGLE_LIST and len(marker.points) % 3 == 0
         points = np.array([(point.x, point.y, point.z) for point in marker.points])
@@ -104,21 +104,21 @@ def test_markers_are_prisms_between_floor_and_ceiling(plan):
         roof = points.reshape(-1, 3, 3)[(points.reshape(-1, 3, 3)[..., 2] > 50).all(axis=1)]
         shape = shapely.union_all([shapely.Polygon(corners[:, :2]) for corners in roof])
         assert shape.symmetric_difference(shapely.Polygon(zone.vertices)).area < 1e-6
-    [rim] = [marker for marker in found if marker.ns == 'tracking_margin']
+    [rim] = [marker for marker in markers if marker.ns == 'tracking_margin']
     corners = {(point.x, point.y) for point in rim.points}
     assert corners == {*plan.scenario.keep_in, *(
         place for zone in plan.scenario.no_fly_zones
         for place in offset_polygon(zone.vertices, 3.0)[0])}
     assert min(point.z for point in rim.points) == 0.0
-    [fence] = [marker for marker in found if marker.ns == 'geofence']
+    [fence] = [marker for marker in markers if marker.ns == 'geofence']
     assert {(point.x, point.y) for point in fence.points} == set(plan.scenario.geofence)
-    assert [marker.text for marker in found if marker.ns == 'label'][-3:] == [
+    assert [marker.text for marker in markers if marker.ns == 'label'][-3:] == [
         'hospital', 'tower', 'stadium']
 
 
 @pytest.mark.parametrize('floor, ceiling, text', [
     (0, np.inf, ''), (0, 50, 'up to 50 m'), (20, 50, '20 to 50 m'), (20, None, 'above 20 m')])
-def test_altitudes_are_said_in_words(floor, ceiling, text):
+def test_the_altitudes_of_a_zone_have_a_text(floor, ceiling, text):
     assert altitudes_of(NoFlyZone(SQUARE, floor, ceiling)) == text
 
 

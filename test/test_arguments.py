@@ -1,4 +1,4 @@
-"""Every public function names an argument of a wrong type, its value and what is allowed."""
+"""Each public function names an argument of a wrong type, its value and what is allowed."""
 
 from importlib import import_module
 import inspect
@@ -15,42 +15,42 @@ from secure_uav_planner.plan.playback import Moment, Playback
 
 API = (Path(__file__).parents[1] / 'docs' / 'api.rst').read_text()
 HIDDEN = set(re.findall(r'\w+', ' '.join(re.findall('exclude-members: (.+)', API))))
-ANSWERS = (Assessment, Bound, Iteration, Moment)  # Nobody makes them but the package.
+ANSWERS = (Assessment, Bound, Iteration, Moment)  # Made by the package only.
 WRONG = ('x', None, [], math.nan, {}, object())
 
 
-def public():
-    """Yield the names of all that the page of the API shows, and what they are."""
+def list_public():
+    """Yield name and value of all objects on the page of the API."""
     for module in map(import_module, re.findall('automodule:: (.+)', API)):
-        for name, one in vars(module).items():
-            if getattr(one, '__module__', None) == module.__name__ and name[0] != '_':
-                yield name, one
+        for name, value in vars(module).items():
+            if getattr(value, '__module__', None) == module.__name__ and name[0] != '_':
+                yield name, value
         yield from ((name, getattr(module, name)) for name in getattr(module, '__all__', ()))
     home = import_module(re.search('currentmodule:: (.+)', API)[1])
     yield from ((name, getattr(home, name)) for name in re.findall('autofunction:: (.+)', API))
 
 
-def signatures():
-    """Yield the name, the class or None, and the parameters of all that can be called."""
-    for name, one in dict(public()).items():
-        if inspect.isfunction(one) and name not in HIDDEN:
-            yield name, None, inspect.signature(one).parameters
-        elif inspect.isclass(one) and not issubclass(one, Exception):
-            if one not in ANSWERS:
-                yield name, None, inspect.signature(one).parameters
+def list_signatures():
+    """Yield name, class or None, and parameters of all public functions and methods."""
+    for name, value in dict(list_public()).items():
+        if inspect.isfunction(value) and name not in HIDDEN:
+            yield name, None, inspect.signature(value).parameters
+        elif inspect.isclass(value) and not issubclass(value, Exception):
+            if value not in ANSWERS:
+                yield name, None, inspect.signature(value).parameters
             yield from (
-                (method, one, inspect.signature(getattr(one, method)).parameters)
-                for method, code in vars(one).items()
-                if method[0] != '_' and method not in HIDDEN and callable(getattr(one, method)))
+                (method, value, inspect.signature(getattr(value, method)).parameters)
+                for method in vars(value)
+                if method[0] != '_' and method not in HIDDEN and callable(getattr(value, method)))
 
 
-CASES = [(name, owner, parameter) for name, owner, parameters in signatures()
+CASES = [(name, owner, parameter) for name, owner, parameters in list_signatures()
          for parameter in parameters if parameter != 'self']
 
 
 @pytest.fixture(scope='module')
 def examples():
-    """Return an instance of every class, and a right value of every parameter that needs one."""
+    """Return an instance of each class, and a right value of each required parameter."""
     scenario = Scenario.paper(104.0, slots=8)
     plan = fly_hover_fly(scenario)
     uav, eavesdropper = scenario.uavs[0], scenario.eavesdroppers[0]
@@ -58,34 +58,33 @@ def examples():
     playback = Playback(plan)
     instances = (scenario, plan, uav, eavesdropper, zone, playback, Propulsion(), Channel(),
                  World(), assess(plan, draws=2), upper_bound(scenario, time_limit=0.01))
-    return {type(one): one for one in instances}, {
-        **{name: value for one in (zone, eavesdropper, uav, scenario, plan)
-           for name, value in vars(one).items()},
+    return {type(instance): instance for instance in instances}, {
+        **{name: value for instance in (zone, eavesdropper, uav, scenario, plan)
+           for name, value in vars(instance).items()},
         'scenario': scenario, 'plan': plan, 'tail': plan.tail(2), 'point': 2, 'path': 'file.yaml',
-        'bound': None, 'speeds': [1.0], 'data': None, 'share': 0.5, 'time': 1.0,
-        'times': [1.0],
+        'bound': None, 'speeds': [1.0], 'data': None, 'share': 0.5, 'time': 1.0, 'times': [1.0],
         'moment': playback.at(1.0), 'eavesdropper': (0.0, 0.0), 'carrier_hz': 1e9,
         'bandwidth_hz': 1e6, 'uav_positions': plan.positions[:, 1:-1]}
 
 
-@pytest.mark.parametrize('name, owner, parameter', CASES, ids=lambda one: getattr(
-    one, '__name__', one))
-def test_a_wrong_type_is_refused_in_words(examples, name, owner, parameter, tmp_path, monkeypatch):
+@pytest.mark.parametrize('name, owner, parameter', CASES,
+                         ids=lambda value: getattr(value, '__name__', value))
+def test_a_wrong_type_is_refused_by_name(examples, name, owner, parameter, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     instances, right = examples
-    call = dict(public())[name] if owner is None else getattr(instances[owner], name)
-    needed = {one.name: right[one.name] for one in inspect.signature(call).parameters.values()
-              if one.default is one.empty}
-    if 'data' in needed:
-        needed['data'] = getattr(instances[owner], 'to_dict', dict)()
+    call = dict(list_public())[name] if owner is None else getattr(instances[owner], name)
+    required = {name: right[name] for name, value in inspect.signature(call).parameters.items()
+                if value.default is value.empty}
+    if 'data' in required:
+        required['data'] = getattr(instances[owner], 'to_dict', dict)()
     for value in WRONG:
         try:
-            call(**{**needed, parameter: value})
+            call(**{**required, parameter: value})
         except (OSError, PlanFileError):
             assert parameter == 'path'
         except PlanningError as error:
-            told = str(error)
-            assert parameter in told or parameter == 'data' and owner.__name__ in told.title()
-            assert re.search('must (be|have)|lacks', told), told
+            text = str(error)
+            assert parameter in text or parameter == 'data' and owner.__name__ in text.title()
+            assert re.search('must (be|have)|lacks', text), text
         else:
-            assert type(value) is not object or parameter == 'evaluate'  # Whatever is true.
+            assert type(value) is not object or parameter == 'evaluate'  # It takes any truth.

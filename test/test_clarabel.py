@@ -1,5 +1,4 @@
-"""Clarabel by way of CVXPY: every problem has a solver of its own, and a failure is no error."""
-
+"""Clarabel by way of CVXPY: each problem has a solver of its own, and a failure is no error."""
 
 import clarabel
 import cvxpy as cp
@@ -19,8 +18,8 @@ def small_problem():
     return cp.Problem(cp.Minimize(cp.norm(x)), [x >= 1])
 
 
-def refusing(error, after=0):
-    """Return what to put in the place of Clarabel's solver: it fails after some calls."""
+def make_failing_solver(error, after=0):
+    """Return a replacement of Clarabel's solver that fails after a number of calls."""
     healthy, calls = clarabel.DefaultSolver, []
 
     def solver(*arguments):
@@ -35,8 +34,8 @@ def refusing(error, after=0):
 @pytest.mark.parametrize('error', [
     Exception('Data formatting error'), ValueError('NaN'), cp.SolverError('no luck'),
     PanicException('index out of bounds'), MemoryError()])
-def test_whatever_the_solver_raises_is_a_failure(monkeypatch, error):
-    monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(error))
+def test_every_exception_of_the_solver_is_a_failure(monkeypatch, error):
+    monkeypatch.setattr(clarabel, 'DefaultSolver', make_failing_solver(error))
     assert solve_problem(small_problem())[:2] == (False, 0.0)
 
 
@@ -49,15 +48,15 @@ def test_a_panic_or_an_error_of_clarabel_itself_is_a_failure(monkeypatch):
 
 
 @pytest.mark.parametrize('stop', [KeyboardInterrupt, SystemExit])
-def test_a_person_who_stops_the_program_is_obeyed(monkeypatch, stop):
-    monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(stop()))
+def test_a_request_to_stop_the_program_is_passed_on(monkeypatch, stop):
+    monkeypatch.setattr(clarabel, 'DefaultSolver', make_failing_solver(stop()))
     with pytest.raises(stop):
         solve_problem(small_problem())
 
 
 @pytest.mark.parametrize('time_left', [-1.0, 0.0, 1e-9])
 def test_without_time_left_nothing_is_solved(monkeypatch, time_left):
-    # Not even started: compiling counts against the deadline, too.
+    # Not even started, since compiling counts against the deadline.
     monkeypatch.setattr(clarabel, 'DefaultSolver', None)
     assert solve_problem(small_problem(), time_left)[:2] == (False, 0.0)
 
@@ -78,11 +77,12 @@ def test_a_problem_that_is_not_convex_is_an_error_in_the_program():
 
 @pytest.mark.parametrize('error', [
     Exception('Data formatting error'), PanicException('index out of bounds')])
-def test_the_best_iterate_survives_whatever_the_solver_raises(monkeypatch, error):
-    monkeypatch.setattr(clarabel, 'DefaultSolver', refusing(error, after=5))
+def test_the_best_iterate_survives_every_exception_of_the_solver(monkeypatch, error):
+    monkeypatch.setattr(clarabel, 'DefaultSolver', make_failing_solver(error, after=5))
     plan = solve(Scenario.paper(102), method='alternating')
     assert plan.status == 'numerical_trouble'
-    rates = [one.rate for one in plan.history if one.step in ('power', 'trajectory')]
+    rates = [iteration.rate for iteration in plan.history
+             if iteration.step in ('power', 'trajectory')]
     assert plan.guaranteed_rate == pytest.approx(rates[4])
     assert rates[4] > rates[0]
 

@@ -1,4 +1,4 @@
-"""Cone programs: signals that come while Clarabel runs, and what becomes of its failures."""
+"""Cone programs: signals while Clarabel runs, and its failures."""
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -66,7 +66,7 @@ def test_a_signal_at_any_time_of_a_projection_raises_its_error(name):
     assert not errors
 
 
-def test_a_handler_that_lets_the_work_go_on_is_called_while_it_goes_on():
+def test_a_signal_handler_that_returns_is_called_during_the_solve():
     calls = []
     before = signal.signal(signal.SIGINT, lambda number, _: calls.append(number))
     try:
@@ -77,7 +77,7 @@ def test_a_handler_that_lets_the_work_go_on_is_called_while_it_goes_on():
     assert calls == [signal.SIGINT]
 
 
-def test_what_the_check_raises_ends_the_solve_in_any_thread():
+def test_an_exception_of_the_check_ends_the_solve_in_any_thread():
     def check():
         raise StoppedError
 
@@ -87,7 +87,7 @@ def test_what_the_check_raises_ends_the_solve_in_any_thread():
              else solve(check=check))
 
 
-def test_a_flight_whose_solver_fails_is_an_error_and_counts_as_no_flight(monkeypatch):
+def test_a_failure_of_the_solver_is_an_error_and_no_flight(monkeypatch):
     healthy = clarabel.DefaultSettings
 
     def hasty():

@@ -1,4 +1,4 @@
-"""The margin for the errors of vehicles: what it adds to zones, fence and separation."""
+"""The margin for the errors of vehicles: its offset of zones, fence and separation."""
 
 from dataclasses import replace
 import math
@@ -16,7 +16,7 @@ import shapely
 
 SPIKE = ((0.0, 0.0), (100.0, 0.0), (0.0, 5.0))
 SQUARE = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
-# What it surrounds is closed by a margin of 5 m.
+# A margin of 5 m closes its gap.
 COURT = ((0, 0), (90, 0), (90, 90), (48, 90), (48, 80), (80, 80), (80, 10), (10, 10), (10, 80),
          (42, 80), (42, 90), (0, 90))
 
@@ -41,12 +41,12 @@ margins = st.floats(-3, 3).map(lambda power: 10**power)
 @example(SPIKE, 1.0)
 @example(COURT, 5.0)
 @given(outlines(), margins)
-def test_a_grown_polygon_has_all_places_within_the_margin_and_few_more(vertices, margin):
+def test_an_outward_offset_contains_all_places_within_the_margin_and_few_more(vertices, margin):
     polygon = shapely.Polygon(vertices)
     [outline] = offset_polygon(vertices, margin)
-    found = shapely.Polygon(outline)
-    assert found.is_valid and found.contains(polygon)
-    assert shapely.distance(found.exterior, polygon) >= margin - 1e-6
+    shape = shapely.Polygon(outline)
+    assert shape.is_valid and shape.contains(polygon)
+    assert shapely.distance(shape.exterior, polygon) >= margin - 1e-6
     corners = shapely.points(outline)
     assert shapely.distance(corners, polygon).max() <= 1.81 * margin + 1e-6
 
@@ -54,18 +54,18 @@ def test_a_grown_polygon_has_all_places_within_the_margin_and_few_more(vertices,
 @example(COURT, 4.0)
 @example(SQUARE, 10.0)
 @given(outlines(), margins)
-def test_what_a_margin_leaves_of_a_fence_is_as_far_inside(vertices, margin):
+def test_an_inward_offset_keeps_the_margin_and_loses_little_more(vertices, margin):
     polygon = shapely.Polygon(vertices)
     for outline in offset_polygon(vertices, -margin):
-        found = shapely.Polygon(outline)
-        assert found.is_valid and polygon.contains(found)
-        assert shapely.distance(found.exterior, polygon.exterior) >= margin - 1e-6
-    # What is far enough inside for mitred corners is left.
+        shape = shapely.Polygon(outline)
+        assert shape.is_valid and polygon.contains(shape)
+        assert shapely.distance(shape.exterior, polygon.exterior) >= margin - 1e-6
+    # All places inside by the mitred corners' distance are left.
     left = shapely.union_all([*map(shapely.Polygon, offset_polygon(vertices, -margin))])
     assert polygon.buffer(-1.81 * margin - 1e-6).difference(left.buffer(1e-6)).area < 1e-6
 
 
-def test_a_margin_grows_zones_in_height_the_separation_twice_and_shrinks_the_fence():
+def test_a_margin_offsets_zones_in_height_as_well_and_the_separation_twice():
     paper = Scenario.paper()
     scenario = replace(
         paper, separation=2.0, tracking_margin=3.0,
@@ -91,8 +91,8 @@ def test_without_a_margin_the_geometry_is_the_given_one_to_the_last_digit():
     assert (scenario.keep_in, scenario.keep_apart) == (fence, 7.7)
 
 
-def team(**fields):
-    """Return a mission of two UAVs that fly 20 m apart, along a wall and a fence 10 m away."""
+def make_team(**fields):
+    """Return a mission of two UAVs 20 m apart that fly along a wall and a fence 10 m away."""
     uavs = tuple(Uav(name, (x, 0.0), (x, 80.0), 50.0, 20.0) for name, x in (
         ('one', 0.0), ('two', 20.0)))
     wall = NoFlyZone(((-30, -30), (-10, -30), (-10, 40), (-30, 40)), 0.0, 60.0, 'wall')
@@ -101,56 +101,54 @@ def team(**fields):
         'geofence': ((-99, -99), (30, -99), (30, 99), (-99, 99)), **fields})
 
 
-def flown(scenario):
-    """Return the plan along straight lines."""
+def fly_straight(scenario):
+    """Return the plan of straight flights."""
     share = np.linspace(0, 1, scenario.slots + 2)[:, None]
     ends = zip(scenario.starts, scenario.goals)
     return Plan(scenario, [start + share * (goal - start) for start, goal in ends],
                 np.zeros((2, scenario.slots)))
 
 
-def test_a_plan_tells_distances_to_what_was_given_and_what_the_margin_leaves():
-    clearance = flown(team(tracking_margin=8.0)).clearance
+def test_a_plan_has_its_distances_with_and_without_the_margin():
+    clearance = fly_straight(make_team(tracking_margin=8.0)).clearance
     assert clearance.to_zones.distance == pytest.approx(10.0)
     assert clearance.zones_beyond_margin == pytest.approx(2.0)
     assert clearance.between_uavs.distance == pytest.approx(20.0)
     assert clearance.uavs_beyond_margin == pytest.approx(4.0)
-    # A zone below a UAV by less than the margin counts, too.
-    assert flown(team(tracking_margin=8.0, no_fly_zones=(
+    # A zone below a UAV by less than the margin counts as well.
+    assert fly_straight(make_team(tracking_margin=8.0, no_fly_zones=(
         NoFlyZone(((-30, -30), (-10, -30), (-10, 40)), 0.0, 45.0),))).clearance.to_zones
 
 
-def test_the_status_tells_both():
-    plan = flown(team(tracking_margin=8.0))
+def test_the_status_shows_distances_with_and_without_the_margin():
+    plan = fly_straight(make_team(tracking_margin=8.0))
     assert closest_approach_text(plan) == (
         'one and two come within 20.0 m of each other (4.0 m with the tracking_margin of 8 m); '
         'one comes within 10.0 m of wall (2.0 m with the tracking_margin of 8 m)')
     values = closest_approach_values(plan)
     assert {key: values[key] for key in values if key.endswith('_margin')} == pytest.approx({
         'plan.uav_distance.beyond_margin': 4.0, 'plan.zone_distance.beyond_margin': 2.0})
-    assert 'margin' not in closest_approach_text(flown(team()))
+    assert 'margin' not in closest_approach_text(fly_straight(make_team()))
 
 
-def test_uavs_that_the_margin_brings_close_are_close():
-    assert not flown(team(separation=0.0, tracking_margin=7.4)).clearance.is_close
-    assert flown(team(separation=0.0, tracking_margin=7.6)).clearance.is_close
+def test_a_margin_can_make_uavs_close():
+    assert not fly_straight(make_team(separation=0.0, tracking_margin=7.4)).clearance.is_close
+    assert fly_straight(make_team(separation=0.0, tracking_margin=7.6)).clearance.is_close
 
 
-@pytest.mark.parametrize('fields, reason', [
-    ({'tracking_margin': 8.1}, 'separation with the tracking_margin of 8.1 m is 20.2 m; it must '
-                               'be at most 20 m, the distance between the starts of one and two'),
-    ({'tracking_margin': 10.1, 'separation': 0.0}, 'one.start is (0.0, 0.0) at 50 m, inside wall '
-     'with the tracking_margin of 10.1 m; it must be outside'),
-    ({'tracking_margin': 10.1, 'separation': 0.0, 'no_fly_zones': ()}, 'two.start is (20.0, 0.0), '
-     'outside the geofence with the tracking_margin of 10.1 m; it must be inside'),
-    ({'tracking_margin': 64.6, 'no_fly_zones': ()},
-     'tracking_margin is 64.6 m, which leaves nothing of the geofence; it must be smaller'),
-    ({'tracking_margin': -1.0}, 'tracking_margin is -1.0; it must be a number from 0 to 1e+06'),
-    ({'tracking_margin': math.nan}, 'tracking_margin is nan; it must be a number from 0')])
-def test_a_margin_for_which_there_is_no_room_is_refused_by_name(fields, reason):
+@pytest.mark.parametrize('fields, field, reason', [
+    ({'tracking_margin': 8.1}, 'separation', 'the tracking_margin of 8.1 m is 20.2 m; it must be '
+                                             'at most 20 m'),
+    ({'tracking_margin': 10.1, 'separation': 0.0}, 'uavs[0].start',
+     'inside wall with the tracking_margin of 10.1 m'),
+    ({'tracking_margin': 10.1, 'separation': 0.0, 'no_fly_zones': ()}, 'uavs[1].start',
+     'outside the geofence with the tracking_margin of 10.1 m'),
+    ({'tracking_margin': 64.6, 'no_fly_zones': ()}, 'tracking_margin', '64.6 m, which leaves'),
+    ({'tracking_margin': -1.0}, 'tracking_margin', 'is -1.0; it must be a number from 0 to')])
+def test_a_margin_without_room_is_refused_with_its_field(fields, field, reason):
     with pytest.raises(ScenarioError) as error:
-        team(**fields)
-    assert reason in str(error.value)
+        make_team(**fields)
+    assert error.value.field == field and reason in str(error.value)
 
 
 @pytest.mark.parametrize('margin, places, reason', [
@@ -159,20 +157,20 @@ def test_a_margin_for_which_there_is_no_room_is_refused_by_name(fields, reason):
     (7.0, (2.5, 17.5), 'one and two are 15 m apart 1 s after point 0; separation with the '
                        'tracking_margin of 7 m is 18 m')])
 def test_a_plan_within_the_margin_is_refused(margin, places, reason):
-    scenario = team(separation=1.0 if margin > 9 else 4.0)
-    positions = flown(scenario).positions.copy()
+    scenario = make_team(separation=1.0 if margin > 9 else 4.0)
+    positions = fly_straight(scenario).positions.copy()
     positions[:, 1:-1, 0] = np.array(places)[:, None]
     Plan(scenario, positions, np.zeros((2, 8)))
     with pytest.raises(PlanError, match=reason):
         Plan(replace(scenario, tracking_margin=margin), positions, np.zeros((2, 8)))
 
 
-def test_a_fence_that_a_margin_divides_is_the_part_in_which_the_first_uav_starts():
+def test_of_a_fence_that_a_margin_divides_the_part_of_the_first_start_is_kept():
     rooms = ((-50, -50), (50, -50), (50, 40), (52, 40), (52, -50), (150, -50), (150, 50),
              (-50, 50))
     uavs = tuple(Uav(name, (x, 0.0), (x, 10.0), 50.0, 20.0) for name, x in (
         ('one', 100.0), ('two', 120.0)))
-    scenario = team(uavs=uavs, geofence=rooms, no_fly_zones=(), tracking_margin=5.5)
+    scenario = make_team(uavs=uavs, geofence=rooms, no_fly_zones=(), tracking_margin=5.5)
     assert shapely.Polygon(scenario.keep_in).bounds == pytest.approx((57.5, -44.5, 144.5, 44.5))
     with pytest.raises(ScenarioError, match='one.start .* outside the geofence with the'):
         replace(scenario, uavs=(uavs[1], replace(uavs[0], start=(0.0, 0.0))))

@@ -18,14 +18,14 @@ PARAMETERS = {'duration': 150.0, 'slots': 75, 'uav1__max_acceleration': ACCELERA
 
 
 class Stream:
-    """All setpoints of both UAVs: time in s, position (3,) and velocity (2,) of each."""
+    """Setpoints of both UAVs: time in s, position (3,) and velocity (2,) of each."""
 
     def __init__(self, client):
-        self.found = {'uav1': [], 'uav2': []}
-        for name, found in self.found.items():
+        self.rows = {'uav1': [], 'uav2': []}
+        for name, rows in self.rows.items():
             client.node.create_subscription(
                 MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
-                lambda message, found=found: found.append(self._row(message)), 1000)
+                lambda message, rows=rows: rows.append(self._row(message)), 1000)
 
     @staticmethod
     def _row(message):
@@ -34,15 +34,15 @@ class Stream:
         return (seconds(message.header.stamp), at.x, at.y, at.z, velocity.x, velocity.y)
 
     def last(self, name):
-        return np.array(self.found[name][-1][1:3])
+        return np.array(self.rows[name][-1][1:3])
 
     def has_begun(self):
-        return all(self.found.values())
+        return all(self.rows.values())
 
     def check(self):
         """Fail if any position or velocity jumps."""
-        for name, found in self.found.items():
-            rows = np.array(found)
+        for name, rows in self.rows.items():
+            rows = np.array(rows)
             times, places, velocities = rows[:, 0], rows[:, 1:4], rows[:, 4:]
             steps = np.diff(times)
             jumps = np.linalg.norm(np.diff(places, axis=0), axis=1) - SPEED * steps
@@ -74,26 +74,26 @@ def is_on_its_plan(client):
     return all(value not in (None, 'none') and float(value) < 0.5 for value in distances)
 
 
-def take_up(client, before):
-    """Wait until the replay has taken up a plan of the planner that is newer than another."""
-    def taken_up():
+def wait_for_adoption(client, before):
+    """Wait until the replay has adopted a new plan of the planner, after a plan's identity."""
+    def is_adopted():
         identity = status(client, 'plan.identity')
         return identity not in (None, before) and (
             client.times and client.times[-1].source == identity)
-    wait_for(taken_up, what='the new plan in the replay')
+    wait_for(is_adopted, what='the new plan in the replay')
     assert not [line for line in client.replay.lines if 'not played' in line]
 
 
 def plan(client):
-    """Ask for a plan; return the answer, once the replay has taken it up."""
+    """Ask for a plan; return the answer, once the replay has adopted it."""
     before = status(client, 'plan.identity')
     answer = client.call('planner/plan')
     assert answer.success, answer.message
-    take_up(client, before)
+    wait_for_adoption(client, before)
     return answer
 
 
-def test_a_plan_waits_for_its_release_and_a_late_one_is_no_deviation(flown):
+def test_a_plan_waits_for_its_release_and_a_late_release_is_no_deviation(flown):
     plan(flown)
     wait_for(lambda: status(flown, 'track.state') == 'waiting', what='a plan that waits')
     time.sleep(3.0)
@@ -106,7 +106,7 @@ def test_a_plan_waits_for_its_release_and_a_late_one_is_no_deviation(flown):
 
 def test_a_pause_slows_down_within_the_limit_and_the_planner_knows(flown):
     assert flown.call('replay/pause').success
-    # A silence is a stop as well, so the reports themselves count, too.
+    # The planner takes a silence for a hold as well, so the reports are compared, too.
     wait_for(lambda: status(flown, 'track.state') == 'held' and (
         flown.times[-1].time_ref == flown.times[-2].time_ref), what='a flight that is held')
     wait_for(lambda: is_on_its_plan(flown))
@@ -114,7 +114,7 @@ def test_a_pause_slows_down_within_the_limit_and_the_planner_knows(flown):
     flown.stream.check()
 
 
-def test_a_plan_that_is_made_during_a_pause_goes_on_from_where_it_is_held(flown):
+def test_a_plan_made_during_a_pause_continues_from_the_hold(flown):
     held = flown.stream.last('uav1')
     assert 'which is held' in plan(flown).message
     assert np.linalg.norm(flown.stream.last('uav1') - held) < 0.01
@@ -153,7 +153,7 @@ def test_a_replan_in_a_flight_that_is_late_joins_without_a_jump(flown):
     assert flown.set_parameters('planner', replan_distance=5.0)[0].successful
     before = status(flown, 'plan.identity')
     flown.send_estimate('eavesdropper/pose', 170.0, 30.0)
-    take_up(flown, before)
+    wait_for_adoption(flown, before)
     assert int(status(flown, 'replans')) > 0
     wait_for(lambda: is_on_its_plan(flown))
     assert flown.set_parameters('planner', replan_distance=0.0)[0].successful
@@ -175,7 +175,7 @@ def test_reset_and_start_wait_until_the_uavs_can_be_back(flown):
         answer.message)
     assert flown.call('replay/pause').success
     wait_for(lambda: status(flown, 'track.state') == 'waiting', what='a plan that waits')
-    # The next plan begins where the UAVs start and goes on from nothing.
+    # The next plan begins at the UAVs' starts and continues no flight.
     assert flown.set_parameters(
         'planner', uav1__use_pose=False, uav2__use_pose=False)[0].successful
     # For a second after the reset the flight counts as one that slows down.
@@ -202,38 +202,34 @@ def test_real_vehicles_are_waited_for_until_they_are_at_their_start():
 
         assert client.call('planner/plan').success
 
-        def refused_or_waiting(text, *how):
-            def asked():
-                report(*how)
-                answer = client.call('replay/start')
-                return answer.success and text in answer.message
-            return asked
+        def has_answer(text, *odometry):
+            report(*odometry)
+            answer = client.call('replay/start')
+            return answer.success and text in answer.message
 
-        def of_another_frame(message):
+        def change_frame(message):
             message.header.frame_id = 'uav1_ned'
 
-        def without_a_place(message):
+        def remove_position(message):
             message.pose.pose.position.z = math.nan
 
-        def of_yesterday(message):
+        def change_day(message):
             message.header.stamp.sec -= 86400
 
-        for text, *how in (
+        for text, *odometry in (
                 ('uav1 to be at its start, 100.0 m away', 100.0, 400.0),
-                ("odometry of uav1 in frame 'map', that which comes is in 'uav1_ned'",
-                 100.0, 499.0, of_another_frame),
-                ('finite odometry of uav1, its position is', 100.0, 499.0, without_a_place),
-                ('odometry of uav1 of now, the stamp of that which comes is 86400', 100.0, 499.0,
-                 of_yesterday)):
-            wait_for(refused_or_waiting(text, *how), what=text)
+                ("odometry of uav1 in frame 'map'", 100.0, 499.0, change_frame),
+                ('finite odometry of uav1', 100.0, 499.0, remove_position),
+                ('odometry of uav1 of now', 100.0, 499.0, change_day)):
+            wait_for(lambda: has_answer(text, *odometry), what=text)
             assert not stream.has_begun()
 
-        def without_a_stamp(message):
+        def remove_stamp(message):
             message.header.stamp = Time()
 
-        def started():
-            report(100.0, 499.0, without_a_stamp)
+        def is_started():
+            report(100.0, 499.0, remove_stamp)
             time.sleep(0.05)
             return stream.has_begun()
-        wait_for(started, what='setpoints')
-        assert math.dist(stream.found['uav1'][0][1:4], (100.0, 500.0, 100.0)) < 0.1
+        wait_for(is_started, what='setpoints')
+        assert math.dist(stream.rows['uav1'][0][1:4], (100.0, 500.0, 100.0)) < 0.1

@@ -4,7 +4,6 @@ import json
 import os
 import pathlib
 import pickle
-import re
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,35 +23,35 @@ def plan():
     return fly_hover_fly(Scenario.paper(102))
 
 
-def test_neither_a_plan_nor_its_rates_nor_what_is_copied_from_it_can_be_changed(plan):
+def test_a_plan_its_rates_and_its_copies_are_read_only(plan):
     with pytest.raises(AttributeError):
         plan.powers = np.ones((2, 102))
-    for one in (plan, copy.deepcopy(plan), pickle.loads(pickle.dumps(plan.evaluate()))):
-        for array in (one.positions, one.powers, one.guaranteed_rates, one.worst_case_rates):
+    for same in (plan, copy.deepcopy(plan), pickle.loads(pickle.dumps(plan.evaluate()))):
+        for array in (same.positions, same.powers, same.guaranteed_rates, same.worst_case_rates):
             with pytest.raises(ValueError):
                 array[...] = 9.0
-        assert one.guaranteed_rate == plan.guaranteed_rate
+        assert same.guaranteed_rate == plan.guaranteed_rate
 
 
-def test_a_plan_made_by_hand_says_so_and_shows_itself_in_one_line(plan):
+def test_a_plan_made_by_hand_has_that_status_and_a_representation_of_one_line(plan):
     given = Plan(plan.scenario, plan.positions, plan.powers)
     assert (given.status, given.message) == ('given', 'made by hand')
     assert len(repr(given)) < 150 and '\n' not in repr(given)
 
 
-def test_rates_count_only_in_the_slots_in_which_something_is_secret():
+def test_only_slots_with_a_positive_rate_count():
     scenario = Scenario.paper(104.0, 60.0, slots=26)
-    plan, baseline = solve(scenario), fly_hover_fly(scenario)
+    optimised, baseline = solve(scenario), fly_hover_fly(scenario)
     unhelped = replace(baseline, powers=baseline.powers * [[1.0], [0.0]])
-    for one in (plan, baseline, unhelped):
-        before = channel.guaranteed_rates(scenario, one.positions, one.powers)
-        worst = channel.worst_case_rates(scenario, one.positions, one.powers)
+    for plan in (optimised, baseline, unhelped):
+        before = channel.guaranteed_rates(scenario, plan.positions, plan.powers)
+        worst = channel.worst_case_rates(scenario, plan.positions, plan.powers)
         assert before.min() < -0.01
-        assert one.guaranteed_rates == pytest.approx(np.where(before > 0, before, 0.0))
-        assert one.guaranteed_rate == one.guaranteed_rates.mean() > before.mean()
-        assert one.worst_case_rates == pytest.approx(np.where(worst > 0, worst, 0.0))
-        assert one.curve_rates.min() == 0.0
-        assert (worst.min() < -0.01) == (one is unhelped)
+        assert plan.guaranteed_rates == pytest.approx(np.where(before > 0, before, 0.0))
+        assert plan.guaranteed_rate == plan.guaranteed_rates.mean() > before.mean()
+        assert plan.worst_case_rates == pytest.approx(np.where(worst > 0, worst, 0.0))
+        assert plan.curve_rates.min() == 0.0
+        assert (worst.min() < -0.01) == (plan is unhelped)
 
 
 def test_every_status_has_a_text():
@@ -61,11 +60,12 @@ def test_every_status_has_a_text():
 
 @pytest.mark.parametrize('start_ns', [-5, 2**63 - 1, 1.5, True])
 def test_a_start_that_ros_cannot_stamp_is_refused(plan, start_ns):
-    with pytest.raises(PlanError, match='start_ns is .*it must be None or a whole number'):
+    with pytest.raises(PlanError) as error:
         replace(plan, start_ns=start_ns)
+    assert error.value.field == 'start_ns'
 
 
-def changed(array, index, value):
+def change_value(array, index, value):
     array = array.copy()
     array[index] = value
     return array
@@ -82,7 +82,7 @@ def changed(array, index, value):
 ])
 def test_a_plan_that_breaks_a_limit_is_refused_with_the_place(plan, field, index, value, message):
     with pytest.raises(ValueError, match=message):
-        replace(plan, **{field: changed(getattr(plan, field), index, value)})
+        replace(plan, **{field: change_value(getattr(plan, field), index, value)})
 
 
 def test_arrays_of_another_shape_are_refused(plan):
@@ -103,8 +103,8 @@ def test_a_plan_survives_its_file(tmp_path_factory, scenario):
 
 
 @pytest.mark.parametrize('text', [
-    '', '{', '[]', '{"format": "other"}', 'null', '{"format": "secure_uav_planner/plan"}',
-    '{"format": "secure_uav_planner/plan", "version": 2}', '[' * 100000, '\x00'])
+    '', '[]', '{"format": "other"}', '{"format": "secure_uav_planner/plan", "version": 2}',
+    '[' * 100000, '\x00'])
 def test_a_foreign_file_is_refused_by_name(tmp_path, text):
     path = tmp_path / 'foreign.json'
     path.write_text(text)
@@ -122,7 +122,7 @@ def test_the_plan_file_of_version_0_1_0_loads():
     assert plan.scenario.eavesdroppers[0].receiver_advantage_db == 0.0
 
 
-def test_a_field_that_an_older_file_lacks_takes_its_default(tmp_path):
+def test_a_missing_field_of_an_older_file_takes_its_default(tmp_path):
     document = json.loads(OLD.read_text())
     for field in ('history', 'status', 'method', 'solve_time', 'start_ns'):
         del document[field]
@@ -133,20 +133,18 @@ def test_a_field_that_an_older_file_lacks_takes_its_default(tmp_path):
     assert (plan.status, plan.history, plan.scenario.uavs[0].peak_power) == ('given', (), 4.0)
 
 
-def test_a_file_of_a_newer_version_says_so(tmp_path):
+def test_a_file_of_a_newer_version_is_refused_with_its_version(tmp_path):
     document = {**json.loads(OLD.read_text()), 'version': 99, 'wind': 'from the west'}
     path = tmp_path / 'newer.json'
     path.write_text(json.dumps(document))
-    with pytest.raises(PlanFileError, match='version 99, which a newer secure_uav_planner wrote'):
+    with pytest.raises(PlanFileError, match='version 99'):
         Plan.load(path)
 
 
 @pytest.mark.parametrize('change, message', [
-    ({'status': 'finished'}, "status is 'finished'; it must be one of"),
-    ({'start_ns': 10**400}, 'start_ns is'),
-    ({'wind': 1}, "plan has no field 'wind'"), ({'powrs': 1}, 'did you mean powers'),
-    ({'history': 5}, 'history is 5'), ({'history': [{'number': 'one'}]}, 'iteration lacks'),
-    ({'solve_time': 'long'}, "solve_time is 'long'"), ({'scenario': None}, 'mission is null'),
+    ({'status': 'finished'}, "status is 'finished'"), ({'start_ns': 10**400}, 'start_ns is'),
+    ({'powrs': 1}, 'did you mean powers'), ({'history': 5}, 'history is 5'),
+    ({'history': [{'number': 'one'}]}, 'iteration lacks'), ({'scenario': None}, 'mission is null'),
     ({'positions': None}, 'positions'), ({'version': True}, 'its version is true')])
 def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):
     path = tmp_path / 'wrong.json'
@@ -156,26 +154,21 @@ def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):
     assert len(str(error.value)) < 300
 
 
-@pytest.mark.parametrize('field, place, value', [
-    ('powers', (1, 7), '0.5'), ('powers', (1, 7), True), ('positions', (0, 3, 1), None),
-    ('positions', (0, 3, 1), {})])
-def test_what_is_no_number_in_a_file_is_named_with_its_place(tmp_path, field, place, value):
+@pytest.mark.parametrize('field, value, text', [
+    ('powers', '0.5', "'0.5'"), ('powers', True, 'true'), ('positions', {}, '{}')])
+def test_a_value_of_a_file_that_is_not_a_number_is_named_with_its_place(
+        tmp_path, field, value, text):
     document = json.loads(OLD.read_text())
-    *outer, last = place
-    inner = document[field]
-    for index in outer:
-        inner = inner[index]
-    inner[last] = value
+    document[field][1][7] = value
     path = tmp_path / 'wrong.json'
     path.write_text(json.dumps(document))
-    name = re.escape(field + ''.join(f'[{index}]' for index in place))
-    shown = re.escape(repr(value) if isinstance(value, (str, dict)) else json.dumps(value))
-    with pytest.raises(PlanFileError, match=f'{name} is {shown}; it must be a number') as error:
+    with pytest.raises(PlanFileError) as error:
         Plan.load(path)
-    assert re.escape(error.value.field) == name
+    assert error.value.field == f'{field}[1][7]'
+    assert f'{field}[1][7] is {text}; it must be a number' in str(error.value)
 
 
-def test_a_new_file_has_the_permissions_that_the_umask_leaves_and_a_replaced_one_keeps_its_own(
+def test_a_new_file_has_the_permissions_of_the_umask_and_a_replaced_one_keeps_its_own(
         tmp_path, plan):
     path, before = tmp_path / 'plan.json', os.umask(0o027)
     try:
@@ -189,18 +182,13 @@ def test_a_new_file_has_the_permissions_that_the_umask_leaves_and_a_replaced_one
         assert path.stat().st_mode & 0o777 == mode
 
 
-def test_a_file_that_is_missing_is_an_error_of_the_package_that_names_it(tmp_path):
-    with pytest.raises(PlanFileError, match='plan.json cannot be read'):
-        Plan.load(tmp_path / 'plan.json')
-
-
-@pytest.mark.parametrize('device', ['/dev/zero', '/dev/full'])
-def test_a_device_is_neither_read_nor_replaced(plan, device):
-    with pytest.raises(PlanFileError, match=f'{device} cannot be read'):
-        Plan.load(device)
+def test_a_missing_file_and_a_device_are_neither_read_nor_replaced(plan, tmp_path):
+    for file in (tmp_path / 'plan.json', '/dev/zero'):
+        with pytest.raises(PlanFileError, match=f'{file} cannot be read'):
+            Plan.load(file)
     with pytest.raises(OSError, match='not a regular file'):
-        plan.save(device)
-    assert not pathlib.Path(device).is_file()
+        plan.save('/dev/full')
+    assert not pathlib.Path('/dev/full').is_file()
 
 
 def test_a_symbolic_link_is_followed_and_stays_a_link(plan, tmp_path):
@@ -236,7 +224,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, plan, monk
     assert [file.name for file in tmp_path.iterdir()] == ['plan.json']
 
 
-def test_an_error_of_a_save_names_the_file_that_was_asked_for(tmp_path, plan):
+def test_an_error_of_a_save_names_the_file_and_not_its_part(tmp_path, plan):
     file = tmp_path / 'none' / 'plan.json'
     with pytest.raises(FileNotFoundError) as error:
         plan.save(file)
@@ -244,7 +232,7 @@ def test_an_error_of_a_save_names_the_file_that_was_asked_for(tmp_path, plan):
 
 
 @given(scenarios(), st.data())
-def test_the_tail_of_a_plan_is_feasible_for_what_is_left(scenario, data):
+def test_the_tail_of_a_plan_is_feasible_for_the_rest_of_the_mission(scenario, data):
     plan = replace(fly_hover_fly(scenario), start_ns=10**18)
     point = data.draw(st.integers(0, scenario.slots - 1))
     tail = plan.tail(point)

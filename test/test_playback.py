@@ -65,8 +65,8 @@ def test_the_curve_is_smooth_and_keeps_its_limits_at_any_time(scenario, seed):
     assert (np.abs(speed - here.velocities) / scale)[smooth].max(initial=0) < 1e-4
     for values, most in ((here.velocities, scenario.max_speeds),
                          (here.accelerations, scenario.max_accelerations)):
-        found = np.linalg.norm(values, axis=-1).max(axis=1)
-        assert (found <= most * (1 + 1e-6) + 3e-6 / scenario.slot_duration**2)[smooth].all()
+        largest = np.linalg.norm(values, axis=-1).max(axis=1)
+        assert (largest <= most * (1 + 1e-6) + 3e-6 / scenario.slot_duration**2)[smooth].all()
     # It points where it flies.
     ahead = np.stack([np.cos(here.headings), np.sin(here.headings)], axis=-1)
     along = (ahead * here.velocities).sum(axis=-1) - np.linalg.norm(here.velocities, axis=-1)
@@ -104,7 +104,7 @@ def test_rates_along_the_curve_are_those_of_dense_samples(plan):
 
 @settings(max_examples=60)
 @given(scenarios())
-def test_a_motion_tells_the_limits_and_the_ends_of_the_curve_that_it_is_of(scenario):
+def test_a_motion_has_the_limits_and_the_ends_of_its_curve(scenario):
     plan = fly_hover_fly(scenario)
     motion = Curve(scenario, plan.positions).at(plan.times)
     uavs = tuple(
@@ -118,6 +118,6 @@ def test_a_motion_tells_the_limits_and_the_ends_of_the_curve_that_it_is_of(scena
     again = replace(plan, scenario=replace(scenario, uavs=uavs))
     times = np.linspace(plan.times[0], plan.times[-1], 999)
     before = Curve(scenario, plan.positions).at(times)
-    found = Curve(again.scenario, again.positions).at(times)
-    assert found.positions == pytest.approx(before.positions, abs=1e-6)
-    assert found.velocities == pytest.approx(before.velocities, abs=1e-4)
+    after = Curve(again.scenario, again.positions).at(times)
+    assert after.positions == pytest.approx(before.positions, abs=1e-6)
+    assert after.velocities == pytest.approx(before.velocities, abs=1e-4)

@@ -1,4 +1,4 @@
-"""Plans played one after another: no setpoint ever jumps, whatever is asked for in any order."""
+"""Plans played one after another: no setpoint jumps, whatever the order of calls and plans."""
 
 from dataclasses import replace
 import math
@@ -27,7 +27,7 @@ def plan(request):
 
 
 class Bench:
-    """A player, the clock, and all that it has sent and refused."""
+    """A player, its clock, its setpoints and its refusals."""
 
     def __init__(self, plan=None):
         self.refused, self.sent = [], []
@@ -37,7 +37,7 @@ class Bench:
             self.player.load(plan)
 
     def run(self, seconds, step=STEP, **options):
-        """Go on by a time; return the last setpoints."""
+        """Advance the clock in steps; return the last setpoints."""
         for _ in range(round(seconds / step)):
             self.now += round(step * SECOND)
             moment = self.player.tick(self.now, **options)
@@ -47,13 +47,13 @@ class Bench:
 
     @property
     def lag(self):
-        """How much later than by the stamps of its plan the flight is, in s."""
+        """Delay of the flight against the stamps of its plan in s."""
         start_ns = self.player.playback.plan.start_ns
         return (self.now - start_ns) * 1e-9 - self.player.time
 
 
-def flying(plan, seconds, released=0.0):
-    """Return a Bench whose plan was started at a time, and which has gone on for another one."""
+def start_flight(plan, seconds, released=0.0):
+    """Return a Bench whose plan was released after a time, and then flown for another one."""
     bench = Bench(plan)
     bench.run(released)
     bench.player.start()
@@ -61,14 +61,14 @@ def flying(plan, seconds, released=0.0):
     return bench
 
 
-def homeward(plan):
-    """Return a plan that leads back, and begins after another one."""
+def plan_return(plan):
+    """Return a plan that leads back to the starts, and begins after the first one."""
     back = replace(plan.scenario, uavs=tuple(
         replace(uav, start=uav.goal, goal=uav.start) for uav in plan.scenario.uavs))
     return replace(fly_hover_fly(back), start_ns=BEGIN + 150 * SECOND)
 
 
-def test_a_plan_that_is_released_early_waits_at_its_start_and_begins_at_its_time(plan):
+def test_a_plan_released_early_waits_at_its_start_and_begins_at_its_time(plan):
     bench = Bench(plan)
     bench.player.start()
     held = bench.run(4.0)
@@ -79,7 +79,7 @@ def test_a_plan_that_is_released_early_waits_at_its_start_and_begins_at_its_time
         Playback(plan).at(bench.player.time).positions)
 
 
-def test_a_plan_that_is_released_late_is_flown_as_a_whole_and_later(plan):
+def test_a_plan_released_late_is_flown_as_a_whole_with_a_delay(plan):
     bench = Bench(plan)
     bench.run(9.0)
     assert not bench.sent
@@ -92,8 +92,8 @@ def test_a_plan_that_is_released_late_is_flown_as_a_whole_and_later(plan):
     assert end.positions == pytest.approx(plan.scenario.goals)
 
 
-def test_a_pause_comes_to_rest_on_the_curve_and_the_flight_goes_on_from_there(plan):
-    bench = flying(plan, 30.0)
+def test_a_pause_holds_on_the_curve_and_the_flight_resumes_from_there(plan):
+    bench = start_flight(plan, 30.0)
     assert bench.player.pause()
     held = bench.run(15.0)
     assert not held.velocities.any() and bench.player.rate == 0.0
@@ -104,48 +104,44 @@ def test_a_pause_comes_to_rest_on_the_curve_and_the_flight_goes_on_from_there(pl
     assert bench.player.rate == 1.0 and 14.99 < bench.lag < 25.0
 
 
-def test_what_has_ended_or_is_older_is_never_played_again(plan):
-    bench = flying(plan, 150.0)
+def test_an_ended_and_an_older_plan_are_never_played_again(plan):
+    bench = start_flight(plan, 150.0)
     assert bench.player.ended
-    with pytest.raises(OptionError, match='has ended, and no newer one has come'):
-        bench.player.start()
-    bench.player.load(plan)
-    with pytest.raises(OptionError, match='has ended'):
-        bench.player.start()
-    bench.player.load(replace(plan, start_ns=BEGIN - 1))
-    assert bench.refused == ['it begins no later than a plan that has been flown']
-    with pytest.raises(OptionError, match='has ended, and the one that came then is not played: '
-                                          'it begins no later than a plan that has been flown'):
-        bench.player.start()
+    reason = 'it begins no later than a plan that has been flown'
+    for start_ns, text in ((None, 'no newer one'), (BEGIN, 'no newer one'), (BEGIN - 1, reason)):
+        if start_ns is not None:
+            bench.player.load(replace(plan, start_ns=start_ns))
+        with pytest.raises(OptionError, match=f'has ended, and .*{text}'):
+            bench.player.start()
+    assert bench.refused == [reason]
     assert not bench.run(1.0).velocities.any()
 
 
-def test_after_a_reset_the_flight_begins_again_once_the_uavs_can_be_back(plan):
-    bench = flying(plan, 45.0)
+def test_after_a_reset_the_flight_waits_until_the_uavs_can_be_back(plan):
+    bench = start_flight(plan, 45.0)
     bench.player.reset()
     assert not bench.player.streaming
     bench.player.start()
     unknown = [None, None]
     waits = bench.player.not_at_start(unknown, 5.0, 1.0)
     assert len(waits) == 2 and 'uav1 to reach its start, another' in waits[0]
-    # A clock that jumps brings nobody back.
+    # A jump of the clock does not count as time to fly.
     bench.now += 60 * SECOND
     bench.run(STEP, is_ready=False)
     assert len(bench.player.not_at_start(unknown, 5.0, 1.0)) == 2
     bench.run(60.0, is_ready=False)
     assert not bench.player.not_at_start(unknown, 5.0, 1.0)
-    # Where they are measured, that counts.
+    # Measured places count instead of times.
     places = [(*uav.start, uav.altitude) for uav in plan.scenario.uavs]
     assert not bench.player.not_at_start(places, 5.0, 1.0)
-    places[1] = (0.0, 0.0, 110.0)
-    assert bench.player.not_at_start(places, 5.0, 1.0) == [
-        'uav2 to be at its start, 509.9 m away']
-    places[1] = (math.nan, 500.0, 110.0)
-    assert bench.player.not_at_start(places, 5.0, 1.0) == ['uav2 to be at its start, nan m away']
+    for x, distance in ((0.0, '509.9'), (math.nan, 'nan')):
+        places[1] = (x, 0.0, 110.0)
+        assert bench.player.not_at_start(places, 5.0, 1.0) == [
+            f'uav2 to be at its start, {distance} m away']
 
 
-def onward(bench, plan, ahead, start_ns=None, **fields):
-    """Return a plan that goes on from where the setpoints will be, some seconds ahead."""
+def plan_continuation(bench, plan, ahead, start_ns=None, **fields):
+    """Return a plan that continues the setpoints some seconds ahead."""
     player, slot = bench.player, plan.scenario.slot_duration
     moment = player.playback.at(player.time + player.rate * ahead)
     uavs = tuple(
@@ -153,25 +149,25 @@ def onward(bench, plan, ahead, start_ns=None, **fields):
                                  tuple((velocity * player.rate).tolist()), slot), **fields)
         for uav, at, velocity in zip(
             plan.scenario.uavs, moment.positions, moment.velocities, strict=True))
-    found = fly_hover_fly(replace(plan.scenario, uavs=uavs))
-    lead = round(-Playback(found).begin * SECOND)
-    return replace(found, start_ns=bench.now + round(ahead * SECOND) + lead
+    next_plan = fly_hover_fly(replace(plan.scenario, uavs=uavs))
+    lead = round(-Playback(next_plan).begin * SECOND)
+    return replace(next_plan, start_ns=bench.now + round(ahead * SECOND) + lead
                    if start_ns is None else start_ns)
 
 
-def test_a_new_plan_takes_over_at_its_time_without_a_jump(plan):
-    bench = flying(plan, 20.0, released=8.0)
-    found = onward(bench, plan, 3.0)
-    bench.player.load(found)
+def test_a_new_plan_is_spliced_in_at_its_time_without_a_jump(plan):
+    bench = start_flight(plan, 20.0, released=8.0)
+    next_plan = plan_continuation(bench, plan, 3.0)
+    bench.player.load(next_plan)
     assert bench.player.playback.plan is plan
     bench.run(4.0)
-    assert bench.player.playback.plan is found and not bench.refused
+    assert bench.player.playback.plan is next_plan and not bench.refused
     assert bench.lag == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_plan_that_waits_takes_over_after_a_pause_as_it_would_have_without(plan):
-    bench = flying(plan, 20.0, released=8.0)
-    next_plan = onward(bench, plan, 6.0)
+def test_a_pause_delays_a_pending_plan(plan):
+    bench = start_flight(plan, 20.0, released=8.0)
+    next_plan = plan_continuation(bench, plan, 6.0)
     bench.player.load(next_plan)
     bench.run(1.0)
     assert bench.player.pause()
@@ -182,26 +178,26 @@ def test_a_plan_that_waits_takes_over_after_a_pause_as_it_would_have_without(pla
     assert 10.0 < bench.lag < 30.0
 
 
-def test_a_pause_while_a_plan_takes_over_comes_to_rest_on_the_new_one(plan):
-    bench = flying(plan, 25.0)
-    next_plan = onward(bench, plan, 1.0)
+def test_a_pause_at_a_splice_holds_on_the_new_plan(plan):
+    bench = start_flight(plan, 25.0)
+    next_plan = plan_continuation(bench, plan, 1.0)
     bench.player.load(next_plan)
     bench.run(0.8)
     bench.player.pause()
     assert not bench.run(15.0).velocities.any() and not bench.refused
     limited = plan.scenario.uavs[0].max_acceleration is not None
-    assert (bench.player.playback.plan is next_plan) == limited  # Others stop at once.
+    assert (bench.player.playback.plan is next_plan) == limited  # The others stop at once.
 
 
-def test_at_rest_a_plan_from_elsewhere_is_refused_and_one_from_there_is_played(plan):
-    bench = flying(plan, 25.0)
+def test_at_a_hold_a_plan_from_elsewhere_is_refused_and_a_continuation_is_adopted(plan):
+    bench = start_flight(plan, 25.0)
     bench.player.pause()
     bench.run(15.0)
     bench.player.load(replace(fly_hover_fly(plan.scenario), start_ns=bench.now + SECOND))
     assert len(bench.refused) == 1 and 'm from the last one' in bench.refused[0]
     assert bench.player.playback.plan is plan and bench.player.rate == 0.0
-    # One from where they are held is played, when it is released.
-    next_plan = onward(bench, plan, 1.0)
+    # A plan from the hold is played, once it is released.
+    next_plan = plan_continuation(bench, plan, 1.0)
     bench.player.load(next_plan)
     assert bench.player.playback.plan is next_plan
     assert not bench.run(5.0).velocities.any()
@@ -210,9 +206,9 @@ def test_at_rest_a_plan_from_elsewhere_is_refused_and_one_from_there_is_played(p
     assert bench.player.time > next_plan.scenario.slot_duration and len(bench.refused) == 1
 
 
-def test_a_pause_before_the_end_holds_the_plan_that_was_to_begin_after_it(plan):
-    bench = flying(plan, 25.0)
-    home = homeward(plan)
+def test_a_pause_before_the_end_holds_a_pending_plan(plan):
+    bench = start_flight(plan, 25.0)
+    home = plan_return(plan)
     bench.player.load(home)
     while bench.player.time < bench.player.playback.duration - 0.5:
         bench.run(STEP)
@@ -223,7 +219,7 @@ def test_a_pause_before_the_end_holds_the_plan_that_was_to_begin_after_it(plan):
     assert bench.player.playback.plan is home and not bench.refused
 
 
-def test_a_reason_never_says_that_two_places_are_nought_apart(plan):
+def test_the_reason_of_a_refusal_has_small_distances(plan):
     bench = Bench(plan)
     bench.player.start()
     held = bench.run(3.0)
@@ -235,15 +231,15 @@ def test_a_reason_never_says_that_two_places_are_nought_apart(plan):
 
 
 def test_a_new_altitude_is_a_jump(plan):
-    bench = flying(plan, 25.0)
-    bench.player.load(onward(bench, plan, 1.0, altitude=150.0))
+    bench = start_flight(plan, 25.0)
+    bench.player.load(plan_continuation(bench, plan, 1.0, altitude=150.0))
     bench.run(3.0)
     assert '50 m from the last one' in bench.refused[0]
 
 
-def test_a_plan_that_came_during_the_flight_begins_after_it_at_its_own_time(plan):
-    bench = flying(plan, 25.0)
-    home = homeward(plan)
+def test_a_pending_plan_begins_after_the_flight_at_its_own_time(plan):
+    bench = start_flight(plan, 25.0)
+    home = plan_return(plan)
     bench.player.load(home)
     held = bench.run(119.0)
     assert held.positions == pytest.approx(plan.scenario.goals) and not held.velocities.any()
@@ -251,12 +247,12 @@ def test_a_plan_that_came_during_the_flight_begins_after_it_at_its_own_time(plan
     assert bench.player.playback.plan is home and bench.lag == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_revision_takes_over_at_once_and_one_that_comes_too_late_is_refused(plan):
-    bench = flying(plan, 25.0)
+def test_a_revision_replaces_its_plan_at_once_and_a_late_revision_is_refused(plan):
+    bench = start_flight(plan, 25.0)
     ahead = plan.tail(20)
-    other = fly_hover_fly(replace(ahead.scenario, eavesdroppers=(
+    new_tail = fly_hover_fly(replace(ahead.scenario, eavesdroppers=(
         replace(plan.scenario.eavesdroppers[0], position=(150.0, 60.0)),)))
-    revised = plan.continued(20, other)
+    revised = plan.continued(20, new_tail)
     bench.player.load(revised)
     assert bench.player.playback.plan is revised
     bench.run(30.0)
@@ -268,7 +264,7 @@ def test_a_revision_takes_over_at_once_and_one_that_comes_too_late_is_refused(pl
 
 
 @pytest.mark.parametrize('jump', [-30.0, 30.0])
-def test_a_clock_that_jumps_moves_nobody(plan, jump):
+def test_a_jump_of_the_clock_does_not_move_the_setpoints(plan, jump):
     bench = Bench(plan)
     bench.player.start()
     before = bench.run(30.0)
@@ -281,7 +277,7 @@ def test_a_clock_that_jumps_moves_nobody(plan, jump):
     assert bench.player.ended and bench.player.largest_jump < 1e-9
 
 
-def test_a_goal_that_is_passed_at_speed_is_reached_at_rest():
+def test_the_flight_ends_at_rest_at_a_goal_with_a_velocity():
     scenario = with_uavs(Scenario.paper(140.0, slots=70), max_acceleration=2.0,
                          goal_velocity=None, start_velocity=None)
     plan = replace(fly_hover_fly(scenario), start_ns=BEGIN)
@@ -298,13 +294,13 @@ def test_a_goal_that_is_passed_at_speed_is_reached_at_rest():
 
 @pytest.mark.parametrize('step', [STEP, 0.43])
 @pytest.mark.parametrize('speed', [1.0, 40.0])
-def test_what_is_delivered_does_not_depend_on_the_playback_speed(plan, step, speed):
+def test_the_delivered_information_does_not_depend_on_the_playback_speed(plan, step, speed):
     bench, place = Bench(plan), (195.0, 0.0)
     bench.player.start()
     bench.run(10.0 + 140.0 / speed, step, speed=speed, eavesdropper=place)
     assert bench.player.ended
     rates = channel.secrecy_rates(plan.scenario, plan.positions, plan.powers, place)
-    # Positions move on within a slot, so the sum over slots is only close.
+    # The rate changes within a slot, so the sum over slots is only close.
     assert bench.player.delivered == pytest.approx(
         2 * np.maximum(rates, 0).sum(), rel=0.01)
     assert bench.player.largest_jump < 1e-6
@@ -327,22 +323,20 @@ class AnyOrder(RuleBasedStateMachine):
         self.speed = self.rate = 1.0
 
     def observe(self, moment, seconds):
-        """Compare setpoints with the last ones, that many seconds before."""
+        """Compare setpoints with the last ones, a number of seconds before."""
         if self.last is not None:
             self.since += seconds
         if moment is None:
             return
         if self.last is not None:
-            quick = max(1.0, self.fastest)
-            for uav, at, before, velocity, was in zip(
-                    self.plan.scenario.uavs, moment.positions, self.last.positions,
-                    moment.velocities, self.last.velocities):
-                assert math.dist(at, before) <= (
-                    uav.max_speed * quick * self.since + POSITION_JUMP + 1e-9)
-                if uav.max_acceleration is not None:  # Without one, 0 s would allow inf * 0.
-                    assert math.dist(velocity, was) <= (
-                        uav.max_acceleration * quick**2 * self.since + 2e-3)
-        # After the playback speed is lowered, time slows down to it and is faster until then.
+            scale = max(1.0, self.fastest)
+            for index, uav in enumerate(self.plan.scenario.uavs):
+                assert math.dist(moment.positions[index], self.last.positions[index]) <= (
+                    uav.max_speed * scale * self.since + POSITION_JUMP + 1e-9)
+                if uav.max_acceleration is not None:  # Without a limit, 0 s would allow inf * 0.
+                    assert math.dist(moment.velocities[index], self.last.velocities[index]) <= (
+                        uav.max_acceleration * scale**2 * self.since + 2e-3)
+        # A lower playback speed is reached by and by.
         rate = self.player.rate
         assert rate <= max(self.speed, self.rate) + 1e-9
         self.last, self.since, self.rate = moment, 0.0, rate
@@ -358,7 +352,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(seconds=st.floats(-100.0, 100.0))
     def jump(self, seconds):
-        # Nobody knows how long that was: as long as a tick is at most.
+        # The time that passed is unknown: at most that of a tick.
         self.bench.now += round(seconds * SECOND)
         self.observe(self.player.tick(self.bench.now, self.speed, is_ready=False), 1.0)
 
@@ -389,11 +383,11 @@ class AnyOrder(RuleBasedStateMachine):
 
     @precondition(lambda self: self.player.playback is not None)
     @rule(ahead=st.floats(0.0, 5.0))
-    def load_a_plan_that_goes_on(self, ahead):
+    def load_a_continuation(self, ahead):
         try:
-            self.player.load(onward(self.bench, self.plan, ahead))
+            self.player.load(plan_continuation(self.bench, self.plan, ahead))
         except PlanningError:
-            pass  # It cannot be flown from there.
+            pass  # It is infeasible from there.
 
     @precondition(lambda self: self.player.playback is not None)
     @rule(ahead=st.floats(-10.0, 20.0), x=st.floats(100.0, 300.0))
@@ -402,9 +396,9 @@ class AnyOrder(RuleBasedStateMachine):
         point = math.ceil((self.player.time + ahead) / plan.scenario.slot_duration)
         try:
             tail = plan.tail(min(max(point, 0), plan.scenario.slots - 1))
-            other = fly_hover_fly(replace(tail.scenario, eavesdroppers=(
+            new_tail = fly_hover_fly(replace(tail.scenario, eavesdroppers=(
                 replace(plan.scenario.eavesdroppers[0], position=(x, 0.0)),)))
-            self.player.load(plan.continued(max(point, 0), other))
+            self.player.load(plan.continued(max(point, 0), new_tail))
         except PlanningError:
             pass
 

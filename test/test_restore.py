@@ -1,4 +1,4 @@
-"""What the planner makes of the file that keeps its last plan."""
+"""The planner's plan_file: the last plan is restored, and a wrong file is one warning."""
 
 from dataclasses import replace
 import json
@@ -23,7 +23,7 @@ def file(tmp_path):
 @pytest.mark.parametrize('change', [
     {'status': 'cancelled'}, {'status': 'given'}, {'method': 'x' * 10**5}],
     ids=['cancelled', 'given', 'long name'])
-def test_a_plan_that_is_valid_is_restored_whatever_it_says_of_its_origin(client, file, change):
+def test_a_valid_plan_is_restored_whatever_its_status_and_method(client, file, change):
     replace(PLAN, **change).save(file)
     with node_here('planner', plan_file=file) as process:
         paths = client.listen(Path, 'uav2/path')
@@ -35,7 +35,7 @@ def test_a_plan_that_is_valid_is_restored_whatever_it_says_of_its_origin(client,
         assert max(map(len, process.lines)) < 1000 and len(status[-1].message) < 1000
 
 
-def test_a_request_just_after_a_restart_in_flight_waits_for_who_flies_the_plan(client, file):
+def test_a_request_just_after_a_restart_in_flight_waits_for_the_follower(client, file):
     scenario = Scenario.paper(400.0, slots=40)
     plan = replace(fly_hover_fly(scenario), start_ns=time.time_ns() - 60 * 10**9)
     plan.save(file)
@@ -44,18 +44,18 @@ def test_a_request_just_after_a_restart_in_flight_waits_for_who_flies_the_plan(c
         answer = client.ask('planner/plan')
         reports = client.publisher(TimeReference, 'plan_time')
 
-        def reported():
+        def is_answered():
             now = client.node.get_clock().now()
             time_of_plan = (now.nanoseconds - plan.start_ns) * 1e-9
             reports.publish(plan_time(plan, time_of_plan, now.to_msg()))
             return answer.done()
-        wait_for(reported)
+        wait_for(is_answered)
     assert answer.result().success
     assert f'goes on from plan {plan.identity}, which is flying' in answer.result().message
 
 
-def changed(field, value):
-    """Return what changes a field in the text of a file, of the scenario or of the plan."""
+def replace_field(field, value):
+    """Return a function that replaces a field in the text of a file."""
     def change(text):
         values = json.loads(text)
         (values['scenario'] if field == 'slots' else values)[field] = '@'
@@ -65,10 +65,10 @@ def changed(field, value):
 
 @pytest.mark.parametrize('change', [
     lambda text: text[:len(text) // 2], lambda text: text.replace('"uav2"', '"other"'),
-    lambda text: text.replace('100.0', 'NaN', 1), changed('start_ns', f'{10**30}'),
-    changed('start_ns', '-5'), changed('start_ns', 'null'), changed('slots', '1' + 400 * '0'),
-    changed('status', '"finished"'), changed('positions', f'"{"x" * 10**5}"')], ids=[
-    'half', 'foreign', 'NaN', 'too late', 'too early', 'none', 'endless', 'status', 'text'])
+    lambda text: text.replace('100.0', 'NaN', 1), replace_field('start_ns', f'{10**30}'),
+    replace_field('start_ns', 'null'), replace_field('slots', '1' + 400 * '0'),
+    replace_field('positions', f'"{"x" * 10**5}"')], ids=[
+    'half', 'foreign', 'NaN', 'too late', 'none', 'endless', 'text'])
 def test_a_plan_that_cannot_be_published_is_one_short_warning_and_is_replaced(
         client, file, change):
     PLAN.save(file)
@@ -77,14 +77,14 @@ def test_a_plan_that_cannot_be_published_is_one_short_warning_and_is_replaced(
     assert Plan.load(file).scenario.slots == 20
 
 
-@pytest.mark.parametrize('file', ['/dev/full', '/dev/zero', '/tmp', 'x' * 5000],
-                         ids=['full', 'zero', 'folder', 'long name'])
+@pytest.mark.parametrize('file', ['/dev/zero', '/tmp', 'x' * 5000],
+                         ids=['device', 'folder', 'long name'])
 def test_a_plan_file_that_is_no_regular_file_is_one_short_warning(client, file):
     check_one_warning(client, file)
 
 
 def check_one_warning(client, file):
-    """Check that the planner has warned once, has published nothing and can plan."""
+    """Check that the planner warns once, publishes nothing and can plan."""
     paths = client.listen(Path, 'uav1/path')
     with node_here('planner', plan_file=file, duration=120.0, slots=20) as process:
         warnings = [line for line in process.lines if 'plan_file' in line]

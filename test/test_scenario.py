@@ -23,34 +23,24 @@ def test_paper_scenario_is_section_iv():
 
 @pytest.mark.parametrize('field, value', [
     ('altitude', 0.0), ('altitude', True), ('max_speed', math.nan), ('max_speed', None),
-    ('average_power', math.inf), ('average_power', 'high'), ('peak_power', -1.0)])
-def test_a_wrong_number_of_a_uav_names_uav_field_and_value(field, value):
+    ('average_power', 'high'), ('start', (1.0,)), ('start', 'xy'), ('goal', (1e9, 0))])
+def test_a_wrong_value_of_a_uav_names_uav_field_and_value(field, value):
     good = Uav('scout', (0, 0), (1, 1), 100.0, 10.0)
     with pytest.raises(ValueError) as error:
         replace(good, **{field: value})
     assert f'scout.{field} is {value!r}; it must be' in str(error.value)
 
 
-@pytest.mark.parametrize('value', [(1.0,), (math.nan, 0.0), 'xy', (1e9, 0)])
-def test_a_wrong_place_names_field_and_value(value):
-    for make, field in ((lambda: Eavesdropper(value), 'eavesdropper position'),
-                        (lambda: Uav('a', value, (0, 0), 1, 1), 'a.start'),
-                        (lambda: replace(Scenario.paper(), ground_node=value), 'ground_node')):
-        with pytest.raises(ValueError) as error:
-            make()
-        assert f'{field} is {value!r}; it must be two coordinates' in str(error.value)
-
-
 @pytest.mark.parametrize('field, value', [
-    ('slots', 0), ('slots', 2.5), ('slots', 10**9), ('duration', math.inf),
-    ('reference_snr_db', math.nan), ('eavesdroppers', ()), ('uavs', [1])])
+    ('ground_node', (math.nan, 0.0)), ('slots', 2.5), ('slots', 10**9), ('duration', math.inf),
+    ('eavesdroppers', ()), ('uavs', [1])])
 def test_a_wrong_field_of_a_scenario_is_named(field, value):
     with pytest.raises(ValueError, match=field):
         replace(Scenario.paper(), **{field: value})
 
 
 @given(st.integers(1, 500), st.floats(1, 50))
-def test_the_shortest_duration_named_can_be_flown_and_a_shorter_one_cannot(slots, speed):
+def test_the_shortest_duration_of_the_error_is_feasible_and_a_shorter_one_is_not(slots, speed):
     uav = Uav('slow', (0.0, 0.0), (300.0, 400.0), 50.0, speed)
     scenario = Scenario((0, 0), (Eavesdropper((1, 1)),), (uav,), 1e6, slots)
     with pytest.raises(ValueError, match=r'slow needs at least') as error:
@@ -63,17 +53,17 @@ def test_the_shortest_duration_named_can_be_flown_and_a_shorter_one_cannot(slots
             replace(scenario, duration=shortest - 0.002)
 
 
-def test_the_arrays_of_a_scenario_are_there_once_and_cannot_be_changed():
+def test_the_arrays_of_a_scenario_are_computed_once_and_read_only():
     scenario = Scenario.paper()
-    for one in (scenario, copy.deepcopy(scenario), pickle.loads(pickle.dumps(scenario))):
+    for instance in (scenario, copy.deepcopy(scenario), pickle.loads(pickle.dumps(scenario))):
         for name in ('max_step', 'altitudes', 'max_speeds', 'average_powers', 'peak_powers',
                      'starts', 'goals', 'eavesdropper_positions', 'error_radii'):
-            assert getattr(one, name) is getattr(one, name)
+            assert getattr(instance, name) is getattr(instance, name)
             with pytest.raises(ValueError):
-                getattr(one, name)[0] = 0.0
+                getattr(instance, name)[0] = 0.0
 
 
-def test_eavesdroppers_of_one_name_are_refused_and_those_without_a_name_numbered():
+def test_equal_names_of_eavesdroppers_are_refused_and_default_names_numbered():
     def scenario(*names):
         return replace(Scenario.paper(), eavesdroppers=tuple(
             Eavesdropper((0, 0), **({} if name is None else {'name': name})) for name in names))
@@ -84,7 +74,7 @@ def test_eavesdroppers_of_one_name_are_refused_and_those_without_a_name_numbered
     assert caught.value.field == 'eavesdroppers[2].name'
 
 
-def test_what_is_too_large_to_plan_in_time_is_refused_with_the_most_that_is_not():
+def test_a_mission_that_is_too_large_is_refused_with_the_most_slots():
     uav = Scenario.paper().uavs[0]
     crowd = tuple(replace(uav, name=f'uav{number}') for number in range(32))
     with pytest.raises(ScenarioError, match='with 32 uavs it must be at most 1085'):
@@ -93,14 +83,14 @@ def test_what_is_too_large_to_plan_in_time_is_refused_with_the_most_that_is_not(
     assert Scenario.paper(200.0, slots=20000).slots == 20000
 
 
-def test_messages_show_long_and_strange_values_in_short():
+def test_messages_abbreviate_long_values():
     for value in ('x' * 10**6, 10**5000, np.float64(-1.0), list(range(10**5))):
         with pytest.raises(ScenarioError) as error:
             replace(Scenario.paper(), duration=value)
         assert len(str(error.value)) < 200 and 'np.' not in str(error.value)
 
 
-def test_every_error_has_a_code_of_its_own_and_is_a_value_or_runtime_error():
+def test_each_error_has_a_code_of_its_own_and_is_a_value_or_runtime_error():
     classes = [kind for kind in vars(errors).values()
                if isinstance(kind, type) and issubclass(kind, PlanningError)]
     codes = [kind.code for kind in classes]

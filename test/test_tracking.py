@@ -1,4 +1,4 @@
-"""Where UAVs are beside their plan, and where a replan meets them: the laws, without ROS."""
+"""Tracking of UAVs against their plan, and the rejoin of a replan: the laws, without ROS."""
 
 from dataclasses import replace
 import math
@@ -23,7 +23,7 @@ LEAD, TOLERANCE = 2.0, 1.0
 
 @pytest.fixture(scope='module', params=[None, 2.0], ids=['unlimited', '2 m/s^2'])
 def plan(request):
-    """Return a plan of a minute more than the flight needs, for both kinds of vehicle."""
+    """Return a plan with a minute to spare, for both kinds of vehicle."""
     scenario = with_uavs(Scenario.paper(160.0, slots=80), max_acceleration=request.param)
     return replace(solve(scenario), start_ns=10**18)
 
@@ -34,7 +34,7 @@ def state_at(playback, time, offset, gust=(0.0, 0.0), uav=0):
                          tuple((moment.velocities[uav] + gust).tolist()))
 
 
-def limits_of(plan):
+def get_limits(plan):
     uav = plan.scenario.uavs[0]
     return uav.max_speed, uav.max_acceleration
 
@@ -47,31 +47,31 @@ GUSTS = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 @settings(max_examples=25)
 @given(time=TIMES, offset=OFFSETS, gust=GUSTS)
 def test_a_prediction_keeps_the_limits_of_the_vehicle(plan, time, offset, gust):
-    most_speed, most_acceleration = limits_of(plan)
-    seen = state_at(Playback(plan), time, offset, gust)
+    most_speed, most_acceleration = get_limits(plan)
+    measured = state_at(Playback(plan), time, offset, gust)
     times = np.linspace(time, time + 20.0, 401)
-    positions, velocities = predict_return(Playback(plan), 0, seen, times)
-    assert positions[0] == pytest.approx(seen.position)
+    positions, velocities = predict_return(Playback(plan), 0, measured, times)
+    assert positions[0] == pytest.approx(measured.position)
     speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / 0.05
-    # A gust may have made it faster; it then slows down.
-    assert (speeds <= max(most_speed, np.hypot(*seen.velocity)) + 1e-6).all()
+    # After a gust it may be faster at first.
+    assert (speeds <= max(most_speed, np.hypot(*measured.velocity)) + 1e-6).all()
     if most_acceleration is not None:
         changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1) / 0.05
         assert changes.max() <= most_acceleration + 1e-6
-        assert velocities[0] == pytest.approx(seen.velocity)
+        assert velocities[0] == pytest.approx(measured.velocity)
 
 
 @settings(max_examples=25)
 @given(time=st.floats(90.0, 100.0), offset=OFFSETS, gust=GUSTS)
-def test_a_prediction_comes_back_to_a_plan_that_leaves_time_for_it(plan, time, offset, gust):
+def test_a_prediction_returns_to_a_plan_that_leaves_time_for_it(plan, time, offset, gust):
     playback = Playback(plan)
-    # The plan hovers for a minute; this one does so all the time.
-    still = Playback(replace(
+    # The plan hovers for a minute; this one hovers all the time.
+    hovering = Playback(replace(
         plan, scenario=replace(plan.scenario, uavs=tuple(
             replace(uav, start=uav.goal) for uav in plan.scenario.uavs)),
         positions=np.repeat(plan.positions[:, -1:], plan.positions.shape[1], axis=1)))
-    seen = state_at(still, time, offset, gust)
-    (before, after), _ = predict_return(still, 0, seen, [time, time + 25.0])
+    measured = state_at(hovering, time, offset, gust)
+    (before, after), _ = predict_return(hovering, 0, measured, [time, time + 25.0])
     goal = plan.positions[0, -1]
     assert np.linalg.norm(after - goal) < 0.01
     assert np.linalg.norm(before - goal) == pytest.approx(np.hypot(*offset))
@@ -82,17 +82,17 @@ def test_a_prediction_comes_back_to_a_plan_that_leaves_time_for_it(plan, time, o
     assert np.linalg.norm(on_plan - planned, axis=1).max() < 0.5 / GAIN
 
 
-def test_the_distance_counts_from_a_plan_that_rests_before_and_after_its_flight(plan):
+def test_the_deviation_is_from_the_start_before_the_flight_and_from_the_goal_after_it(plan):
     playback, uav = Playback(plan), plan.scenario.uavs[0]
     for time, place in ((-100.0, uav.start), (playback.duration + 100.0, uav.goal)):
-        seen = MeasuredState(time, (place[0] + 3.0, place[1] - 4.0))
-        assert deviation(playback, 0, seen) == pytest.approx([3.0, -4.0])
+        measured = MeasuredState(time, (place[0] + 3.0, place[1] - 4.0))
+        assert deviation(playback, 0, measured) == pytest.approx([3.0, -4.0])
 
 
-def test_before_a_new_plan_a_uav_goes_on_with_its_plan_or_else_brakes(plan):
-    playback, (_, limit) = Playback(plan), limits_of(plan)
-    seen = state_at(playback, 30.0, (0.2, -0.1))
-    position, velocity = predict_state(seen, 35.0, limit, playback, 0, TOLERANCE)
+def test_before_a_new_plan_a_uav_follows_its_plan_or_else_brakes(plan):
+    playback, (_, limit) = Playback(plan), get_limits(plan)
+    measured = state_at(playback, 30.0, (0.2, -0.1))
+    position, velocity = predict_state(measured, 35.0, limit, playback, 0, TOLERANCE)
     assert position == tuple(playback.at(35.0).positions[0])
     assert velocity == tuple(playback.at(35.0).velocities[0])
     far = MeasuredState(30.0, (500.0, 0.0), (3.0, -4.0))
@@ -107,7 +107,7 @@ def test_before_a_new_plan_a_uav_goes_on_with_its_plan_or_else_brakes(plan):
     assert predict_state(far._replace(velocity=None), 35.0, limit) == (far.position, None)
 
 
-def test_the_curve_of_a_departing_uav_begins_with_its_state(plan):
+def test_the_curve_of_a_uav_in_motion_begins_with_its_state(plan):
     limit = plan.scenario.uavs[0].max_acceleration
     uav = start_from_state(plan.scenario.uavs[0], (80.0, 480.0), (3.0, -4.0), 2.0)
     scenario = replace(plan.scenario, uavs=(uav, plan.scenario.uavs[1]))
@@ -123,7 +123,7 @@ def test_the_curve_of_a_departing_uav_begins_with_its_state(plan):
         assert fast.start_velocity == pytest.approx((6.0, -8.0))
 
 
-def test_setpoints_pass_over_to_a_plan_asked_for_in_flight_without_a_jump(plan):
+def test_a_plan_made_in_flight_is_spliced_in_without_a_jump(plan):
     playback, player, step = Playback(plan), Player(), plan.scenario.slot_duration
     limit = plan.scenario.uavs[0].max_acceleration
     start = 41.3  # of the new plan, in s from point 0 of the old one
@@ -138,20 +138,20 @@ def test_setpoints_pass_over_to_a_plan_asked_for_in_flight_without_a_jump(plan):
         player.tick(plan.start_ns + round(now * 1e9), longest=math.inf)
     player.load(replace(solve(scenario, initial=plan), start_ns=plan.start_ns + round(
         start * 1e9)))
-    before, changed = player.playback, False
+    before, spliced = player.playback, False
     moments = []
     for number in range(1, 1001):
         moments.append(player.tick(plan.start_ns + round((36.0 + 0.01 * number) * 1e9)))
-        changed = changed or player.playback is not before
-    assert changed
-    moves = np.linalg.norm(np.diff([one.positions for one in moments], axis=0), axis=-1)
-    assert moves.max() <= limits_of(plan)[0] * 0.01 * (1 + 1e-6)
+        spliced = spliced or player.playback is not before
+    assert spliced
+    moves = np.linalg.norm(np.diff([moment.positions for moment in moments], axis=0), axis=-1)
+    assert moves.max() <= get_limits(plan)[0] * 0.01 * (1 + 1e-6)
     if limit:
-        bends = np.linalg.norm(np.diff([one.velocities for one in moments], axis=0), axis=-1)
-        assert bends.max() <= limit * 0.01 * (1 + 1e-6)
+        turns = np.linalg.norm(np.diff([moment.velocities for moment in moments], axis=0), axis=-1)
+        assert turns.max() <= limit * 0.01 * (1 + 1e-6)
 
 
-def begun(plan, time, states, tolerance=TOLERANCE):
+def begin_replan(plan, time, states, tolerance=TOLERANCE):
     first = first_point(plan.scenario, time + LEAD)
     return find_rejoin(plan, first, states, tolerance, plan.scenario.ground_node,
                        plan.scenario.eavesdroppers)
@@ -162,16 +162,16 @@ def begun(plan, time, states, tolerance=TOLERANCE):
 def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
         plan, time, offset, gust):
     playback = Playback(plan)
-    seen = state_at(playback, time, offset, gust)
+    measured = state_at(playback, time, offset, gust)
     try:
-        beginning = begun(plan, time, [seen, None])
+        beginning = begin_replan(plan, time, [measured, None])
     except InfeasibleMissionError as error:
         assert 'uav1 (' in str(error) and 'cannot be met' in str(error)
         return
     scenario = beginning.scenario
     assert scenario.duration == pytest.approx(
         plan.scenario.duration - beginning.point * plan.scenario.slot_duration)
-    # A plan checks all limits of its points, those of the way as well.
+    # A plan checks the limits of all its points, those of the way included.
     whole = beginning.continued(solve(scenario, initial=beginning.tail, time_limit=0.05))
     new = Playback(whole)
     assert beginning.effect >= time + LEAD - 1e-9
@@ -179,7 +179,7 @@ def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
     assert new.curve.at(before).positions == pytest.approx(playback.curve.at(before).positions)
     limited = plan.scenario.uavs[0].max_acceleration is not None
     meeting = (beginning.point - 0.5 * limited) * plan.scenario.slot_duration
-    (position,), (velocity,) = predict_return(playback, 0, seen, [meeting])
+    (position,), (velocity,) = predict_return(playback, 0, measured, [meeting])
     there, planned = new.at(meeting), playback.at(meeting)
     if np.linalg.norm(position - planned.positions[0]) <= TOLERANCE:
         assert there.positions[0] == pytest.approx(planned.positions[0])
@@ -190,11 +190,11 @@ def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
     assert there.positions[1] == pytest.approx(planned.positions[1])
 
 
-def test_a_replan_that_meets_nobody_begins_on_the_plan(plan):
+def test_without_a_deviation_a_replan_begins_on_the_plan(plan):
     playback = Playback(plan)
     near = state_at(playback, 40.0, (0.3, -0.3))
     for states in ([None, None], [near, None]):
-        beginning = begun(plan, 40.0, states)
+        beginning = begin_replan(plan, 40.0, states)
         assert beginning.point == beginning.first
         assert beginning.scenario == plan.tail(beginning.point).scenario
         assert (beginning.positions == plan.positions[:, :beginning.point + 1]).all()
@@ -204,26 +204,26 @@ def test_a_replan_that_meets_nobody_begins_on_the_plan(plan):
 @pytest.mark.parametrize('share', [0.6, 1.0], ids=['between', 'around'])
 def test_the_way_to_a_uav_keeps_out_of_zones(plan, share):
     """The zone is between the UAV and its plan, or around the place where they would meet."""
-    seen = state_at(Playback(plan), 30.0, (40.0, 20.0))
-    free = begun(plan, 30.0, [seen, None])
+    measured = state_at(Playback(plan), 30.0, (40.0, 20.0))
+    free = begin_replan(plan, 30.0, [measured, None])
     assert free.point > free.first
     x, y = (1 - share) * plan.positions[0, free.first] + share * free.positions[0, -1]
     zone = NoFlyZone(tuple((x + u, y + v) for u, v in ((-2, -2), (2, -2), (2, 2), (-2, 2))),
                      ceiling=105.0, name='mast')
     zoned = replace(plan, scenario=replace(plan.scenario, no_fly_zones=(zone,)))
-    beginning = begun(zoned, 30.0, [seen, None])
+    beginning = begin_replan(zoned, 30.0, [measured, None])
     assert beginning.point > free.point
     whole = beginning.continued(solve(
         beginning.scenario, initial=beginning.tail, time_limit=1.0))
     assert whole.scenario.no_fly_zones == (zone,)
 
 
-def test_nothing_is_sent_on_the_way_where_it_would_only_leak(plan):
+def test_slots_of_the_way_with_a_negative_rate_do_not_transmit(plan):
     """Far from its plan the transmitter may be nearer to the eavesdropper than to its node."""
     playback = Playback(plan)
     loud = replace(plan, powers=np.repeat([[1.0], [0.0]], plan.scenario.slots, axis=1))
-    seen = state_at(playback, 70.0, (60.0, 0.0))
-    beginning = begun(loud, 70.0, [seen, None])
+    measured = state_at(playback, 70.0, (60.0, 0.0))
+    beginning = begin_replan(loud, 70.0, [measured, None])
     whole = beginning.continued(solve(
         beginning.scenario, initial=beginning.tail, time_limit=0.05))
     way = slice(beginning.first, beginning.point)
@@ -232,7 +232,7 @@ def test_nothing_is_sent_on_the_way_where_it_would_only_leak(plan):
     assert (rates[way] >= 0).all()
 
 
-def test_the_achieved_rate_is_the_planned_one_for_uavs_that_follow_exactly(plan):
+def test_the_achieved_rate_of_exact_followers_is_the_planned_rate(plan):
     playback, track = Playback(plan), AchievedRates()
     assert track.rates is None
     for time in np.arange(-3.0, playback.duration + 3.0, 0.1):
@@ -242,13 +242,13 @@ def test_the_achieved_rate_is_the_planned_one_for_uavs_that_follow_exactly(plan)
     assert should_be == pytest.approx(playback.guaranteed_rates.mean(), rel=5e-3)
 
 
-def test_the_achieved_rate_falls_when_uavs_leave_their_plan_and_begins_anew(plan):
+def test_the_achieved_rate_falls_off_the_plan_and_begins_anew_with_a_new_flight(plan):
     playback, track = Playback(plan), AchievedRates()
     for time in np.arange(0.0, 60.0, 0.2):
         track.add(playback, time, playback.at(time).positions + [0.0, 200.0])
     achieved, should_be = track.rates
     assert achieved < 0.9 * should_be
-    # Nothing counts twice, and a long silence does not count.
+    # No time counts twice, and a long gap does not count.
     track.add(playback, 59.0, playback.at(59.0).positions)
     track.add(playback, 90.0, playback.at(90.0).positions)
     assert track.rates == (achieved, should_be)
