@@ -97,12 +97,12 @@ def random_flight(scenario, rng):
     return positions, random_powers(scenario, rng)
 
 
-def turned(scenario, angle, shift):
-    """Return a scenario on a map that is turned and shifted, and what moves places there."""
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+def rotate_map(scenario, angle, shift):
+    """Return a scenario on a rotated and shifted map, and the function that moves its places."""
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
     def move(places):
-        return np.asarray(places) @ turn.T + shift
+        return np.asarray(places) @ rotation.T + shift
 
     return replace(
         scenario, ground_node=move(scenario.ground_node),
@@ -113,8 +113,8 @@ def turned(scenario, angle, shift):
                    for uav in scenario.uavs)), move
 
 
-def crowded(uavs, eavesdroppers, slots):
-    """Return a random scenario of so many UAVs, eavesdroppers and slots."""
+def make_crowd(uavs, eavesdroppers, slots):
+    """Return a random scenario with these numbers of UAVs, eavesdroppers and slots."""
     rng = np.random.default_rng(0)
     return Scenario(
         (0.0, 0.0), tuple(Eavesdropper(tuple(place), 30.0)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, optimize, Plan, Scenario, Uav)
-from secure_uav_planner.errors import InfeasibleMissionError, PlanError, ScenarioError
+from secure_uav_planner.errors import InfeasibleMissionError, PlanError
 from secure_uav_planner.mission.kinematics import Vehicle
 from secure_uav_planner.model.grid import Grid
 from strategies import scenarios, with_uavs
@@ -94,17 +93,6 @@ def test_an_infeasible_mission_names_the_uav_its_limits_and_the_shortest_duratio
     assert replace(scenario, duration=shortest).efforts[0] <= 1 + 1e-9
     with pytest.raises(InfeasibleMissionError):
         replace(scenario, duration=shortest - 0.01)
-
-
-@pytest.mark.parametrize('changes, message', [
-    ({'max_acceleration': 0.0}, 'scout.max_acceleration is 0.0; it must be'),
-    ({'max_acceleration': math.nan}, 'max_acceleration is nan'),
-    ({'start_velocity': (8.0, 8.0)}, 'scout.start_velocity is .* at most max_speed'),
-    ({'goal_velocity': (math.nan, 0.0)}, 'goal_velocity is'), ({'start_velocity': 3}, 'is 3')])
-def test_a_wrong_limit_or_velocity_is_named(changes, message):
-    good = Uav('scout', (0, 0), (1, 1), 100.0, 10.0)
-    with pytest.raises(ScenarioError, match=message):
-        replace(good, **changes)
 
 
 def test_a_plan_that_accelerates_too_much_is_refused_with_the_place():

@@ -13,7 +13,7 @@ from secure_uav_planner.model import channel
 from secure_uav_planner.optimize import alternating
 from secure_uav_planner.optimize.alternating import trajectory
 from secure_uav_planner.optimize.warm_start import similar
-from strategies import crowded, scenarios, with_uavs
+from strategies import make_crowd, scenarios, with_uavs
 
 
 @pytest.mark.parametrize('duration, at_least', [
@@ -63,13 +63,13 @@ def test_the_largest_scenarios_end_at_their_deadline_before_what_takes_long(
         monkeypatch, uavs, eavesdroppers, slots):
     # Compiling the trajectory problem alone takes some ten seconds, and is not begun.
     monkeypatch.setattr(trajectory.TrajectoryProblem, 'solve', None)
-    plan = solve(crowded(uavs, eavesdroppers, slots), method='alternating', time_limit=1.0)
+    plan = solve(make_crowd(uavs, eavesdroppers, slots), method='alternating', time_limit=1.0)
     assert plan.status == 'time_limit'
 
 
 def test_a_scenario_that_cannot_keep_a_deadline_is_refused():
     with pytest.raises(OptionError, match="at most 500000 .* has 1111040: use 'joint'"):
-        solve(crowded(32, 32, 1085), method='alternating')
+        solve(make_crowd(32, 32, 1085), method='alternating')
 
 
 def test_a_solver_that_reaches_its_limit_costs_a_step_not_the_plan(monkeypatch):
@@ -101,7 +101,7 @@ def test_a_warm_start_is_where_it_begins():
 
 def test_a_plan_of_another_number_of_uavs_is_no_start():
     with pytest.raises(ValueError, match='initial is a plan for'):
-        solve(Scenario.paper(), method='alternating', initial=fly_hover_fly(crowded(3, 1, 4)))
+        solve(Scenario.paper(), method='alternating', initial=fly_hover_fly(make_crowd(3, 1, 4)))
 
 
 @pytest.mark.parametrize('options, message', [

@@ -20,7 +20,7 @@ from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.limits import (
     AccelerationLimit, AveragePower, LIMITS, PeakPower, SpeedLimit)
 from secure_uav_planner.plan.results import Bound
-from strategies import crowded, scenarios
+from strategies import make_crowd, scenarios
 
 PAPER = Scenario.paper(104, slots=13)
 
@@ -312,7 +312,7 @@ def check_extreme(scenario, objectives=OBJECTIVES):
 
 
 def test_the_largest_mission_is_bounded_in_time():
-    scenario = crowded(2, 32, 3)
+    scenario = make_crowd(2, 32, 3)
     plan = fly_hover_fly(scenario)
     for objective in OBJECTIVES:
         bound = upper_bound(scenario, objective=objective, plan=plan)

@@ -7,7 +7,7 @@ import oracle
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario
 from secure_uav_planner.model import channel
-from strategies import missions, random_flight, turned
+from strategies import missions, random_flight, rotate_map
 
 # design: duration, error radius, fly-hover-fly with constant power, before the [x]^+ of each slot,
 # and with optimised power
@@ -92,7 +92,7 @@ def test_the_worst_case_is_that_of_a_fine_search(scenario, seed):
 @given(missions(), st.integers(0, 2**32 - 1), st.floats(-3, 3), st.floats(-300, 300))
 def test_rotation_and_translation_change_no_rate(scenario, seed, angle, shift):
     positions, powers = random_flight(scenario, np.random.default_rng(seed))
-    moved, move = turned(scenario, angle, shift)
+    moved, move = rotate_map(scenario, angle, shift)
     for rates in (channel.guaranteed_rates, channel.worst_case_rates):
         assert rates(moved, move(positions), powers) == pytest.approx(
             rates(scenario, positions, powers), abs=1e-6)

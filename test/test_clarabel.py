@@ -97,10 +97,9 @@ def test_every_solve_has_a_solver_of_its_own(monkeypatch):
     assert len(made) == 3
 
 
-@pytest.mark.parametrize('slots', [102, 200])
-def test_a_large_mission_is_solved_where_other_powers_are_zero_than_before(slots):
+def test_a_large_mission_is_solved_again_with_other_zero_powers():
     # Then other entries of the matrices are zero, which CVXPY's warm start did not survive.
-    scenario = Scenario.paper(slots)
+    scenario = Scenario.paper(200)
     start = fly_hover_fly(scenario)
     restriction = TrajectoryProblem(scenario)
     for silent in (slice(0, 0), slice(0, 50), slice(40, 90)):
@@ -110,10 +109,3 @@ def test_a_large_mission_is_solved_where_other_powers_are_zero_than_before(slots
         assert answer is not None
         assert seconds > 0
         assert np.isfinite(answer).all()
-
-
-def test_a_large_mission_can_be_planned_twice():
-    scenario = Scenario.paper(104)
-    first, second = (solve(scenario, method='alternating') for _ in range(2))
-    assert first.status == second.status == 'converged'
-    assert first.guaranteed_rate == second.guaranteed_rate > 1.56

@@ -21,7 +21,7 @@ import pytest
 from secure_uav_planner import Channel, METHODS, Plan, Scenario
 from secure_uav_planner.apps.cli import EXIT_STATUSES, main, make_parser
 from secure_uav_planner.plan.plan import OBJECTIVES
-from strategies import crowded
+from strategies import make_crowd
 from test_mission_file import RICH
 
 MODULE = [sys.executable, '-m', 'secure_uav_planner']
@@ -87,7 +87,7 @@ def test_the_csv_is_the_table_of_the_plan(planned):
 
 @pytest.mark.parametrize('scenario, reason', [
     (replace(Scenario.paper(120.0, slots=10), channel=Channel(los='urban')), 'free space'),
-    (crowded(3, 1, 10), '2 jammers')], ids=['channel', 'jammers'])
+    (make_crowd(3, 1, 10), '2 jammers')], ids=['channel', 'jammers'])
 def test_a_mission_without_a_proof_is_planned_and_its_plan_says_so(
         scenario, reason, tmp_path, capsys):
     scenario.save(tmp_path / 'mission.yaml')

@@ -18,7 +18,7 @@ from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.starts import several_starts
 from secure_uav_planner.optimize.joint.stepper import Stepper
 from secure_uav_planner.optimize.search import Search
-from strategies import crowded, PLACE, scenarios, turned
+from strategies import make_crowd, PLACE, rotate_map, scenarios
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.
 
@@ -132,7 +132,7 @@ def test_the_joint_method_beats_the_alternating_one_on_a_team():
 @given(st.floats(0, 2 * np.pi), PLACE)
 def test_turning_and_shifting_the_map_changes_nothing(angle, shift):
     scenario = Scenario.paper(120, slots=60)
-    assert solve(turned(scenario, angle, shift)[0], method='joint').guaranteed_rate == (
+    assert solve(rotate_map(scenario, angle, shift)[0], method='joint').guaranteed_rate == (
         pytest.approx(solve(scenario, method='joint').guaranteed_rate, rel=1e-5))
 
 
@@ -149,7 +149,7 @@ def test_the_callback_stops_the_run_at_once(calls):
 
 @pytest.mark.parametrize('uavs, eavesdroppers, slots', [(32, 32, 1085), (7, 32, 20000)])
 def test_the_largest_scenarios_end_at_their_deadline(uavs, eavesdroppers, slots):
-    scenario = crowded(uavs, eavesdroppers, slots)
+    scenario = make_crowd(uavs, eavesdroppers, slots)
     plan = solve(scenario, method='joint', time_limit=1.0)
     assert plan.status == 'time_limit'
 

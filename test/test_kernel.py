@@ -25,7 +25,7 @@ from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.starts import several_starts, strictly_feasible
-from strategies import crowded, scenarios, with_uavs
+from strategies import make_crowd, scenarios, with_uavs
 
 ROOT = Path(__file__).resolve().parents[1]
 COARSE_MU = 1e-3
@@ -105,7 +105,7 @@ def test_the_barrier_function_is_that_of_the_formulas_for_missions_of_every_kind
 
 
 def test_the_largest_scenario_is_no_other_than_small_ones():
-    grid, x = interior(crowded(32, 32, 6), 6)
+    grid, x = interior(make_crowd(32, 32, 6), 6)
     check_model(grid, x, 1e-2, np.random.default_rng(0))
     barrier = Barrier(grid, x[None], 1e-2)
     barrier.advance(1, 1e-3)

@@ -85,11 +85,11 @@ def test_a_plan_that_breaks_a_limit_is_refused_with_the_place(plan, field, index
         replace(plan, **{field: change_value(getattr(plan, field), index, value)})
 
 
-def test_arrays_of_another_shape_are_refused(plan):
-    with pytest.raises(ValueError, match='positions has the shape'):
-        replace(plan, positions=plan.positions[:, :-1])
-    with pytest.raises(ValueError, match='powers must be an array of numbers'):
-        replace(plan, powers='loud')
+@pytest.mark.parametrize('field, value', [('positions', np.zeros((2, 103, 2))), ('powers', 'x')])
+def test_arrays_of_another_shape_or_kind_are_refused(plan, field, value):
+    with pytest.raises(PlanError) as error:
+        replace(plan, **{field: value})
+    assert error.value.field == field
 
 
 @given(scenario=scenarios())
@@ -133,19 +133,12 @@ def test_a_missing_field_of_an_older_file_takes_its_default(tmp_path):
     assert (plan.status, plan.history, plan.scenario.uavs[0].peak_power) == ('given', (), 4.0)
 
 
-def test_a_file_of_a_newer_version_is_refused_with_its_version(tmp_path):
-    document = {**json.loads(OLD.read_text()), 'version': 99, 'wind': 'from the west'}
-    path = tmp_path / 'newer.json'
-    path.write_text(json.dumps(document))
-    with pytest.raises(PlanFileError, match='version 99'):
-        Plan.load(path)
-
-
 @pytest.mark.parametrize('change, message', [
     ({'status': 'finished'}, "status is 'finished'"), ({'start_ns': 10**400}, 'start_ns is'),
     ({'powrs': 1}, 'did you mean powers'), ({'history': 5}, 'history is 5'),
     ({'history': [{'number': 'one'}]}, 'iteration lacks'), ({'scenario': None}, 'mission is null'),
-    ({'positions': None}, 'positions'), ({'version': True}, 'its version is true')])
+    ({'positions': None}, 'positions'), ({'version': True}, 'its version is true'),
+    ({'version': 99, 'wind': 'west'}, 'version 99, which a newer secure_uav_planner wrote')])
 def test_a_wrong_field_of_a_file_is_named(tmp_path, change, message):
     path = tmp_path / 'wrong.json'
     path.write_text(json.dumps({**json.loads(OLD.read_text()), **change}))
@@ -245,6 +238,6 @@ def test_the_tail_of_a_plan_is_feasible_for_the_rest_of_the_mission(scenario, da
         assert spent <= before.average_power * scenario.slots * (1 + 1e-9)
 
 
-def test_there_is_no_tail_beyond_the_last_slot(plan):
+def test_a_tail_beyond_the_last_slot_is_refused(plan):
     with pytest.raises(ValueError, match='point is 102'):
         plan.tail(102)

@@ -23,12 +23,14 @@ def test_paper_scenario_is_section_iv():
 
 @pytest.mark.parametrize('field, value', [
     ('altitude', 0.0), ('altitude', True), ('max_speed', math.nan), ('max_speed', None),
-    ('average_power', 'high'), ('start', (1.0,)), ('start', 'xy'), ('goal', (1e9, 0))])
+    ('average_power', 'high'), ('start', (1.0,)), ('start', 'xy'), ('goal', (1e9, 0)),
+    ('max_acceleration', 0.0), ('start_velocity', (8.0, 8.0)), ('goal_velocity', 3)])
 def test_a_wrong_value_of_a_uav_names_uav_field_and_value(field, value):
     good = Uav('scout', (0, 0), (1, 1), 100.0, 10.0)
     with pytest.raises(ValueError) as error:
         replace(good, **{field: value})
-    assert f'scout.{field} is {value!r}; it must be' in str(error.value)
+    assert error.value.field == field
+    assert str(error.value).startswith(f'scout.{field} is {value!r}')
 
 
 @pytest.mark.parametrize('field, value', [
