@@ -109,11 +109,7 @@ uavs:
     average_power: 5
     peak_power: 4
     max_speed: 10
-  - name: b
-    start: [0, 0]
-    goal: [0, 90000]
-    altitude: 100
-    max_speed: 10
+  - {name: b, start: [0, 0], goal: [0, 90000], altitude: 100, max_speed: 10}
   - name: c
     start: [0, 0]
     goal: [0, 0]
@@ -142,17 +138,16 @@ colluding: maybe
         (6, 'uavs[0]: UAV lacks altitude'),
         (8, 'a.goal is [1000.0]; it must be two coordinates'),
         (10, 'a.peak_power is 4.0; it must be at least average_power, which is 5.0'),
-        (21, "'altitude' comes twice"),
-        (22, 'c.max_speed is [10]; it must be a number'),
-        (23, "uavs[2]: UAV has no field 'hover'"),
-        (25, "c.propulsion.blade_power is '70 W'; it must be a number from 0 to 1e+06, in W, "
+        (17, "'altitude' comes twice"), (18, 'c.max_speed is [10]; it must be a number'),
+        (19, "uavs[2]: UAV has no field 'hover'"),
+        (21, "c.propulsion.blade_power is '70 W'; it must be a number from 0 to 1e+06, in W, "
          'without its unit'),
-        (26, "c.propulsion has no field 'solid'; did you mean solidity?"),
-        (28, 'zone vertices'), (28, 'zone floor is 5 m; it must be at most ceiling'),
-        (29, 'duration is 100 s; b needs at least'),
-        (30, 'separation is -3; it must be a number from 0 to 1e+06 m'),
-        (31, 'rician_k_db is null'), (32, 'channel.exponent is 7'), (33, "no field 'loss'"),
-        (34, 'null, one of suburban, urban, dense_urban, highrise'), (36, 'colluding is')]
+        (22, "c.propulsion has no field 'solid'; did you mean solidity?"),
+        (24, 'zone vertices'), (24, 'zone floor is 5 m; it must be at most ceiling'),
+        (25, 'duration is 100 s; b needs at least'),
+        (26, 'separation is -3; it must be a number from 0 to 1e+06 m'),
+        (27, 'rician_k_db is null'), (28, 'channel.exponent is 7'), (29, "no field 'loss'"),
+        (30, 'null, one of suburban, urban, dense_urban, highrise'), (32, 'colluding is')]
     check_problems(problems, expected)
 
 
@@ -162,23 +157,9 @@ ground_node: [0, 0]
 eavesdroppers: [{position: [200, 0]}]
 uavs:
   - {name: odd, start: [0], goal: [0, 0], altitude: 100, max_speed: 10}
-  - name: a
-    start: [0, 0]
-    goal: [0, 900]
-    altitude: 100
-    max_speed: 10
-    average_power: 5
-  - name: a
-    start: [5, 0]
-    goal: [50, 0]
-    altitude: 100
-    max_speed: fast
-  - name: b
-    start: [3, 0]
-    goal: [900, 0]
-    altitude: 100
-    max_speed: 10
-    max_acceleration: -1
+  - {name: a, start: [0, 0], goal: [0, 900], altitude: 100, max_speed: 10, average_power: 5}
+  - {name: a, start: [5, 0], goal: [50, 0], altitude: 100, max_speed: fast}
+  - {name: b, start: [3, 0], goal: [900, 0], altitude: 100, max_speed: 10, max_acceleration: -1}
 geofence: [[-100, -100], [800, -100], [800, 950], [-100, 950]]
 duration: 60
 slots: 60
@@ -188,14 +169,14 @@ tracking: 1
     expected = [
         (4, 'odd.start is [0]'),
         (5, 'a.peak_power is 4.0; it must be at least average_power'),
-        (15, "a.max_speed is 'fast'; it must be a number"),
-        (18, 'b.goal is [900.0, 0.0], outside the geofence'),
-        (21, 'b.max_acceleration is -1'),
-        (23, 'duration is 60 s; a needs at least 8'),
-        (23, 'duration is 60 s; b needs at least 8'),
-        (25, 'separation is 20 m; it must be at most 3 m, the distance between the starts of a '
+        (6, "a.max_speed is 'fast'; it must be a number"),
+        (7, 'b.max_acceleration is -1'),
+        (7, 'b.goal is [900.0, 0.0], outside the geofence'),
+        (9, 'duration is 60 s; a needs at least 8'),
+        (9, 'duration is 60 s; b needs at least 8'),
+        (11, 'separation is 20 m; it must be at most 3 m, the distance between the starts of a '
          'and b'),
-        (26, "no field 'tracking'")]
+        (12, "no field 'tracking'")]
     check_problems(problems, expected)
 
 
