@@ -69,9 +69,9 @@ class Player:
         Adopt a plan, or refuse it; return True if it is adopted.
 
         A plan with the same point 0 as the present one is a revision of its flight and replaces
-        it at once. Any other plan is spliced in at once where the setpoints rest, and otherwise
-        at the plan's time that is due when the new one begins, or at the end. A pause and another
-        speed delay both flights alike.
+        it at once. Any other plan is spliced in at once if the setpoints rest. Otherwise it is
+        pending until the present plan reaches the time at which the new one begins, or its end.
+        A pause and another speed delay both flights alike.
         """
         new, current = Playback(plan), self.playback
         if current is not None and plan.identity == current.plan.identity:
