@@ -77,7 +77,7 @@ class InfeasibleMissionError(ScenarioError, code='infeasible'):
 
 class MissionFileError(ScenarioError, code='invalid_mission_file'):
     """
-    A file does not hold a mission; the text has the file, the line and what is wrong first.
+    A file does not hold a mission; the text has the file, line and text of its first problem.
 
     :ivar problems: all errors of the file, each with its line (or None) and a text.
     :ivar relaxed: the Scenario of the file with wide limits in place of wrong values, or None. If

@@ -82,7 +82,7 @@ def test_each_uav_has_the_named_pieces_at_its_altitude():
     assert plain.pieces == ((), ()) and len(plain.hull[1]) == 0
 
 
-def test_horizontal_separation_is_what_the_altitudes_leave():
+def test_the_horizontal_separation_is_less_for_different_altitudes():
     scenario = replace(Scenario.paper(), uavs=tuple(
         replace(uav, start=(uav.start[0] + 20 * number, 500.0), goal=(20.0 * number, -400.0))
         for number, uav in enumerate(Scenario.paper().uavs)), separation=20.0)
@@ -152,7 +152,7 @@ def test_the_edge_of_a_zone_and_of_a_fence_may_be_a_start():
                    geofence=((100, 500), (100, -500), (300, -500)))
 
 
-def test_a_start_in_motion_may_be_off_the_curve_by_what_its_acceleration_allows():
+def test_a_start_in_motion_may_be_off_the_curve_by_its_bend():
     scenario = Scenario.paper(200.0)  # One-second slots: the curve passes within 0.25 m.
     zone = NoFlyZone(((99, 499.8), (101, 499.8), (101, 520), (99, 520)))
 

@@ -141,11 +141,11 @@ def set_checked(item: object, owner: str, check: Callable[[str, str, Any], Any],
             object.__setattr__(item, name, check(owner, name, value))
 
 
-def checked_name(what: str, name: object) -> None:
+def checked_name(owner: str, name: object) -> None:
     """Raise ScenarioError unless a name is a string that is not empty."""
     if not isinstance(name, str) or not name:
         raise ScenarioError(
-            f'{what} name is {quote(name)}; it must be text that is not empty', ('name',))
+            f'{owner} name is {quote(name)}; it must be text that is not empty', ('name',))
 
 
 def _number(value: Any) -> float:
