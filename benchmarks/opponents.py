@@ -5,8 +5,8 @@ import time
 
 import casadi as ca
 import numpy as np
-from secure_uav_planner.model.limits import repaired
-from secure_uav_planner.optimize.search import without_losing_slots
+from secure_uav_planner.model.limits import repair
+from secure_uav_planner.optimize.incumbent import silence_losing_slots
 
 UNIT = 100.0  # m
 TOLERANCE = 1e-6  # Of FATROP.
@@ -181,8 +181,8 @@ def _largest_leaks(scenario, positions, powers):
 def _judged(scenario, values, times, solver):
     """Return the Answer that an iterate is: x and y in UNITs and powers in W, (3, U, N)."""
     inner = UNIT * np.stack(values[:2], axis=-1)
-    path, powers = repaired(scenario, np.concatenate(
+    path, powers = repair(scenario, np.concatenate(
         [scenario.starts[:, None], inner, scenario.goals[:, None]], axis=1), values[2])
-    _, found = without_losing_slots(scenario, path, powers)
+    _, found = silence_losing_slots(scenario, path, powers)
     return Answer(float(found.mean()), times[1] - times[0], times[2] - times[1],
                   solver.stats()['success'])

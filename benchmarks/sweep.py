@@ -8,14 +8,14 @@ from unittest.mock import patch
 
 import numpy as np
 from secure_uav_planner.mission.scenario import Scenario
+from secure_uav_planner.optimize.incumbent import Incumbent
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint import exchange, multistart, starts, stepper
+from secure_uav_planner.optimize.joint import barrier, exchange, multistart, starts
 from secure_uav_planner.optimize.joint.method import improve
-from secure_uav_planner.optimize.search import Search
 
 from .missions import random_mission
 
-_MODULES = multistart, starts, stepper, exchange
+_MODULES = multistart, starts, barrier, exchange
 _LOW = 0.01  # bit/s/Hz, of which changes are shares where a rate is lower: some are nearly 0.
 
 
@@ -69,9 +69,10 @@ def _measured(scenarios):
     rates, times = [], []
     for scenario in scenarios:
         started = time.process_time()
-        search = Search(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
-        improve(search)
-        rates.append(search.rate)
+        incumbent = Incumbent(
+            scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
+        improve(incumbent)
+        rates.append(incumbent.rate)
         times.append(time.process_time() - started)
     return np.array(rates), np.array(times)
 

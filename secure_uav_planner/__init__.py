@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .mission.link_budget import reference_snr_db
     from .mission.participants import Propulsion
     from .mission.scenario import Channel, Eavesdropper, NoFlyZone, Scenario, Uav
-    from .optimize.solve import fly_hover_fly, METHODS, solve
+    from .optimize.methods import fly_hover_fly, METHODS, solve
     from .plan.plan import Plan
     from .plan.results import Bound, Iteration
     __version__: str

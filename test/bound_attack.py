@@ -7,7 +7,7 @@ from secure_uav_planner.bound.proof.reachable_set import Team
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
 from secure_uav_planner.bound.search.multipliers import build_multipliers, MultiplierSearch
 from secure_uav_planner.bound.search.variables import InitialMultipliers
-from secure_uav_planner.model.limits import repaired
+from secure_uav_planner.model.limits import repair
 
 
 def run_search(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
@@ -142,5 +142,5 @@ def random_plans(scenario, rng, count):
         peaks = np.array([[uav.peak_power] for uav in scenario.uavs])
         powers = peaks * rng.uniform(0, 1, (uavs, slots)) * (
             rng.random((uavs, slots)) > rng.uniform(0, 0.9))
-        plans.append(Plan(scenario, *repaired(scenario, np.array(paths), powers)))
+        plans.append(Plan(scenario, *repair(scenario, np.array(paths), powers)))
     return plans

@@ -6,9 +6,10 @@ Variables x are those of a Grid, and may be complex: `gradient` differentiates b
 
 import numpy as np
 from scipy.stats import rice
+from secure_uav_planner.model.channel import guaranteed_rates, worst_case_rates
 from secure_uav_planner.model.channel.rates import leakage_rates
-from secure_uav_planner.model.limits import limits_of
-from secure_uav_planner.model.limits.norm import NormLimit
+from secure_uav_planner.model.limits import build_limits
+from secure_uav_planner.model.limits.motion import NormLimit
 
 SOFTENING = 0.3  # Rounding of the kink above an eavesdropper, in sqrt(mu); see rates.hpp.
 STEP = 1e-30  # Of complex steps, which nothing cancels.
@@ -24,7 +25,7 @@ def snr(scenario, squared, to_ground):
     :param to_ground: whether the links are those to the ground node, or to an eavesdropper.
     """
     channel, uavs = scenario.channel, len(scenario.uavs)
-    found = 10.0**(scenario.reference_snr_db / 10) / np.exp(
+    snrs = 10.0**(scenario.reference_snr_db / 10) / np.exp(
         0.5 * channel.exponent * np.log(squared + scenario.altitudes**2))
     harms = [(uav > 0) == to_ground for uav in range(uavs)]
     if channel.los is not None:
@@ -32,14 +33,14 @@ def snr(scenario, squared, to_ground):
         elevation = 90 - 180 / np.pi * np.arctan(np.sqrt(squared) / scenario.altitudes)
         sight = 1 / (1 + a * np.exp(-b * (elevation - a)))
         mean = sight + (1 - sight) / 10**(loss / 10)
-        found = found * np.where(np.logical_and(harms, channel.cautious), 1.0, mean)
+        snrs = snrs * np.where(np.logical_and(harms, channel.cautious), 1.0, mean)
     if channel.outage is not None:
         factor = 10**(channel.rician_k_db / 10)
         share = channel.outage / (uavs * (1 + len(scenario.eavesdroppers)))
         low, high = (quantile(share, np.sqrt(2 * factor))**2 / (2 * (factor + 1))
                      for quantile in (rice.ppf, rice.isf))
-        found = found * np.where(harms, high, low)
-    return found
+        snrs = snrs * np.where(harms, high, low)
+    return snrs
 
 
 def rates(grid, x, softening=0.0):
@@ -53,8 +54,9 @@ def rates(grid, x, softening=0.0):
     receivers = [(scenario.ground_node, 0.0, 1.0, True)] + list(zip(
         scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages,
         [False] * len(scenario.eavesdroppers)))
-    found = [_rate(grid, x, *receiver, softening * grid.length) for receiver in receivers]
-    return found[0], np.stack(found[1:], axis=-1)
+    ground, *leaks = (_rate(grid, x, *receiver, softening * grid.length)
+                      for receiver in receivers)
+    return ground, np.stack(leaks, axis=-1)
 
 
 def _rate(grid, x, place, radius, advantage, to_ground, softening):
@@ -74,16 +76,16 @@ def _rate(grid, x, place, radius, advantage, to_ground, softening):
 
 def model(barrier):
     """
-    Return what the next step of a Barrier is computed from.
+    Return the model from which the next step of a Barrier is computed.
 
     :return: the barrier function, (S,), its gradient, (S, N, U, 3), and the Hessian of the
         objective slot by slot, of which the lower triangles count, (S, N, 3 U, 3 U).
     """
     size = 3 * barrier.x.shape[2]
-    found = (np.empty(len(barrier.x)), np.empty_like(barrier.x),
+    parts = (np.empty(len(barrier.x)), np.empty_like(barrier.x),
              np.empty((*barrier.x.shape[:2], size, size)))
-    barrier._core.model(*found)
-    return found
+    barrier._core.model(*parts)
+    return parts
 
 
 def slacks(limit, path, lines=None):
@@ -96,9 +98,9 @@ def slacks(limit, path, lines=None):
     grid = limit.grid
     if isinstance(limit, NormLimit):
         positions = np.swapaxes(path, 0, 1) * grid.length + grid.origin
-        found = limit.differences(positions).swapaxes(0, 1)
+        differences = limit.differences(positions).swapaxes(0, 1)
         return np.where(limit.absent | grid.fixed, 1.0,
-                        1 - (found**2).sum(axis=-1) / limit.longest**2)
+                        1 - (differences**2).sum(axis=-1) / limit.longest**2)
     return np.where(limit.ignored, 1.0, limit.slacks(path, lines))
 
 
@@ -113,10 +115,10 @@ def slacks_at(grid, x, at=None):
 
     :param at: where lines were chosen, by default at x.
     """
-    for limit in limits_of(grid.scenario, grid):
-        if limit.of_flights:
+    for limit in build_limits(grid.scenario, grid):
+        if limit.constrains_positions:
             lines = (None if isinstance(limit, NormLimit)
-                     else limit.lines(path_of(grid, x if at is None else at)))
+                     else limit.choose_lines(path_of(grid, x if at is None else at)))
             yield slacks(limit, path_of(grid, x), lines), 1.0
     peaks = grid.scenario.peak_powers / grid.power
     yield x[..., 0], 1.0
@@ -149,20 +151,20 @@ def objective(grid, x, mu, softening):
 def barrier(grid, x, mu, softening, at=None):
     """Return the barrier function at an x (N, U, 3), with lines chosen at x or elsewhere."""
     value = objective(grid, x, mu, softening).sum()
-    for found, weight in slacks_at(grid, x, at):
-        # Of what is below zero, as if it was above: its derivatives are the same.
-        value -= weight * mu * 0.5 * np.log(found**2).sum()
+    for values, weight in slacks_at(grid, x, at):
+        # Negative slacks count as positive ones: the derivatives are the same.
+        value -= weight * mu * 0.5 * np.log(values**2).sum()
     return value
 
 
 def gradient(function, x):
     """Return the derivatives of a real function by every variable, shaped as x."""
-    found = np.empty(x.shape)
-    for place in np.ndindex(x.shape):
+    slopes = np.empty(x.shape)
+    for index in np.ndindex(x.shape):
         moved = x.astype(complex)
-        moved[place] += STEP * 1j
-        found[place] = function(moved).imag / STEP
-    return found
+        moved[index] += STEP * 1j
+        slopes[index] = function(moved).imag / STEP
+    return slopes
 
 
 def hessians(function, x, step=1e-5):
@@ -176,10 +178,8 @@ def hessians(function, x, step=1e-5):
     size = x.shape[1] * 3
 
     def slopes(at):
-        found = []
-        for unit in np.eye(size).reshape(size, *x.shape[1:]):
-            found.append(function(at + STEP * 1j * unit).imag / STEP)
-        return np.stack(found, axis=-1)
+        return np.stack([function(at + STEP * 1j * unit).imag / STEP
+                         for unit in np.eye(size).reshape(size, *x.shape[1:])], axis=-1)
 
     def differences(step):
         return np.stack([(slopes(x + step * unit) - slopes(x - step * unit)) / (2 * step)
@@ -194,7 +194,7 @@ def sampled_leaks(scenario, positions, powers, worst, rng, count=300):
 
     :param worst: places near which to look closely, (N, 2) in m.
     """
-    found = []
+    leaks_by_disc = []
     for centre, radius, advantage in zip(
             scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages):
         angles = rng.uniform(0, 2 * np.pi, count)
@@ -208,10 +208,22 @@ def sampled_leaks(scenario, positions, powers, worst, rng, count=300):
             leaks = leakage_rates(scenario, positions[:, 1:-1], powers, np.broadcast_to(
                 places, (powers.shape[1], count, 2)), advantage)
             largest = np.maximum(largest, leaks.max(axis=1))
-        found.append(largest)
+        leaks_by_disc.append(largest)
     if scenario.colluding:
-        return np.log2(1 + (2**np.array(found) - 1).sum(axis=0))
-    return np.max(found, axis=0)
+        return np.log2(1 + (2**np.array(leaks_by_disc) - 1).sum(axis=0))
+    return np.max(leaks_by_disc, axis=0)
+
+
+def check_rates(plan):
+    """Assert that the history rises to the plan's rate and that no slot leaks what it receives."""
+    guaranteed = plan.objective == 'guaranteed'
+    history = [iteration.rate for iteration in plan.history]
+    assert (np.diff(history) >= 0).all()
+    # In a plan, slots of less than 1e-7 are silent.
+    assert abs(history[-1] - plan.rate) <= (1e-7 if guaranteed else 5e-6)
+    rates = (guaranteed_rates if guaranteed else worst_case_rates)(
+        plan.scenario, plan.positions, plan.powers)
+    assert rates.min() >= (-1e-12 if guaranteed else -1e-9)
 
 
 def inverse_sinr(pairs, x, y):

@@ -31,19 +31,19 @@ def random_city_mission(seed, slots=None, slack=None):
             floor=floor, ceiling=np.inf if rng.random() < 0.8 else 95.0,
             name=f'zone {number + 1}'))
     separation = float(rng.uniform(5, 30))
-    known = [shapely.Polygon(zone.vertices) for zone in zones]
+    polygons = [shapely.Polygon(zone.vertices) for zone in zones]
     inside = shapely.Polygon(fence).buffer(-10.0)
     ends = {'start': [], 'goal': []}
 
     def place(end):
         while True:
-            found = rng.uniform(-500, 500, 2)
-            point = shapely.Point(found)
-            if (inside.contains(point) and all(polygon.distance(point) > 5 for polygon in known)
-                    and all(np.hypot(*(found - other)) > 1.1 * separation
-                            for other in ends[end])):
-                ends[end].append(found)
-                return tuple(found.tolist())
+            position = rng.uniform(-500, 500, 2)
+            point = shapely.Point(position)
+            if (inside.contains(point) and all(polygon.distance(point) > 5 for polygon in polygons)
+                    and all(np.hypot(*(position - taken)) > 1.1 * separation
+                            for taken in ends[end])):
+                ends[end].append(position)
+                return tuple(position.tolist())
 
     limited = rng.random() < 0.75
     uavs = []

@@ -118,8 +118,8 @@ def test_a_curve_with_other_slots_keeps_its_ends_and_nearly_its_acceleration(sce
     coarse = Grid.of(scenario)
     positions = fly_hover_fly(scenario).positions[:, 1:-1]
     x = coarse.variables(positions, np.ones(positions.shape[:2]))
-    fine = coarse.divided(slots)
-    path = fine.positions(coarse.refined(x, slots))
+    fine = coarse.with_slots(slots)
+    path = fine.positions(coarse.refine(x, slots))
     assert np.isfinite(path).all()
     assert np.allclose(path[:, 0], scenario.starts) and np.allclose(path[:, -1], scenario.goals)
 

@@ -8,7 +8,7 @@ import pytest
 from secure_uav_planner import NoFlyZone, Scenario, Uav
 from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.mission.polygons import convex_parts, depth, half_planes, pockets
-from secure_uav_planner.model.airspace import airspace_of
+from secure_uav_planner.model.airspace import get_airspace
 import shapely
 
 SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
@@ -71,24 +71,24 @@ def test_each_uav_has_the_named_pieces_at_its_altitude():
     scenario = replace(Scenario.paper(), geofence=(*FENCE[:3], (100.0, 700.0), FENCE[3]),
                        no_fly_zones=(
         NoFlyZone(HOOK, name='tower'), NoFlyZone(SQUARE, ceiling=105.0), NoFlyZone(SQUARE, 110.0)))
-    first, second = airspace_of(scenario).pieces
+    first, second = get_airspace(scenario).obstacles
     assert [piece.name for piece in first] == ['tower', 'tower', 'zone 2', 'the geofence']
     assert [piece.name for piece in second] == ['tower', 'tower', 'zone 3', 'the geofence']
-    assert airspace_of(replace(scenario)) is airspace_of(scenario)
-    for array in (first[0].vertices, *airspace_of(scenario).hull):
+    assert get_airspace(replace(scenario)) is get_airspace(scenario)
+    for array in (first[0].vertices, *get_airspace(scenario).hull):
         with pytest.raises(ValueError):
             array[0] = 0.0
-    plain = airspace_of(Scenario.paper())
-    assert plain.pieces == ((), ()) and len(plain.hull[1]) == 0
+    plain = get_airspace(Scenario.paper())
+    assert plain.obstacles == ((), ()) and len(plain.hull[1]) == 0
 
 
 def test_the_horizontal_separation_is_less_for_different_altitudes():
     scenario = replace(Scenario.paper(), uavs=tuple(
         replace(uav, start=(uav.start[0] + 20 * number, 500.0), goal=(20.0 * number, -400.0))
         for number, uav in enumerate(Scenario.paper().uavs)), separation=20.0)
-    assert airspace_of(scenario).separations == pytest.approx(
+    assert get_airspace(scenario).separations == pytest.approx(
         np.array([[0, math.sqrt(300)], [math.sqrt(300), 0]]))
-    assert airspace_of(replace(scenario, separation=9.0)).separations.max() == 0
+    assert get_airspace(replace(scenario, separation=9.0)).separations.max() == 0
 
 
 def test_a_closed_ring_is_the_polygon():

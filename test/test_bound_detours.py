@@ -51,7 +51,7 @@ def path_lengths_and_bounds(seed, count=300):
         bounds = region.detours.lengths[(slice(None), *region.detours.locate(place))] * region.unit
         size = np.hypot(*region.detours.size) * region.unit
         for end, bound in zip((scenario.uavs[i].start, scenario.uavs[i].goal), bounds):
-            yield graph.distances(positions, np.array(end)), bound, size
+            yield graph.measure_distances(positions, np.array(end)), bound, size
 
 
 @pytest.mark.parametrize('seed', range(12))

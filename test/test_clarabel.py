@@ -5,8 +5,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario, solve
-from secure_uav_planner.optimize.alternating.clarabel import solve_problem
-from secure_uav_planner.optimize.alternating.trajectory import TrajectoryProblem
+from secure_uav_planner.optimize.alternating.restrictions import solve_problem, TrajectoryProblem
 
 
 class PanicException(BaseException):

@@ -15,8 +15,7 @@ from secure_uav_planner import (
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.validation import RANGES
-from secure_uav_planner.model.curve import Curve
-from secure_uav_planner.model.energy import energies, HOVERING_SPEED
+from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.table import table
 from secure_uav_planner.ros.mission_parameters import uav_from, values_of
@@ -69,7 +68,7 @@ def test_the_energy_is_the_integral_along_the_curve(scenario, seed):
         (0, 0), (1, 0), (0, 0)))
     curve = Curve(scenario, positions)
     steps = np.arange(curve.begin, curve.end + curve.piece / 2, curve.piece)
-    for index, energy in enumerate(energies(scenario, curve)):
+    for index, energy in enumerate(compute_energies(scenario, curve)):
         propulsion = scenario.uavs[index].propulsion
 
         def power(time, index=index, propulsion=propulsion):
@@ -86,7 +85,7 @@ def test_below_a_tenth_of_max_speed_a_uav_hovers():
     scenario = add_propulsion(Scenario.paper(1000.0, slots=4))
     x = np.cumsum([0.0, 0.99, 0.0, 1.01, 10.0, 5.0]) * scenario.slot_duration
     positions = np.repeat(np.stack([x, 0 * x], axis=-1)[None], 2, axis=0)
-    energy = energies(scenario, Curve(scenario, positions))[0]
+    energy = compute_energies(scenario, Curve(scenario, positions))[0]
     power, step = Propulsion().power, scenario.slot_duration
     assert HOVERING_SPEED * scenario.uavs[0].max_speed == 1.0
     assert energy.hovering == pytest.approx(step * power([0.99, 0.0]).sum())

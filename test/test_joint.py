@@ -7,17 +7,16 @@ from benchmarks.missions import random_mission
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+import oracle
 import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, optimize, Plan, Scenario, Uav
 from secure_uav_planner.errors import NumericalError
-from secure_uav_planner.model import channel
 from secure_uav_planner.model.grid import Grid
-from secure_uav_planner.model.limits.norm import reference_flight
-from secure_uav_planner.optimize.joint.barrier import Barrier
-from secure_uav_planner.optimize.joint.starts import several_starts
-from secure_uav_planner.optimize.joint.stepper import Stepper
-from secure_uav_planner.optimize.search import Search
+from secure_uav_planner.model.limits.motion import reference_flight
+from secure_uav_planner.optimize.incumbent import Incumbent
+from secure_uav_planner.optimize.joint.barrier import Barrier, Stepper
+from secure_uav_planner.optimize.joint.starts import generate_starts
 from strategies import make_crowd, PLACE, rotate_map, scenarios
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.
@@ -47,37 +46,37 @@ def test_the_papers_scenario_reaches_the_best_known_rate(duration, radius, at_le
 @settings(max_examples=25)
 @given(scenarios())
 def test_the_objective_never_falls_and_beats_the_baseline(scenario):
-    plan = solve(scenario, method='joint')  # which checks that it is feasible
-    rates = [iteration.guaranteed_rate for iteration in plan.history]
-    assert (np.diff(rates) >= 0).all()
-    # In the final plan, slots of less than 1e-7 are silent.
-    assert rates[-1] == pytest.approx(plan.guaranteed_rate, abs=1e-7)
-    rates = channel.guaranteed_rates(scenario, plan.positions, plan.powers)
-    assert rates.min() >= -1e-12
+    plan = solve(scenario, method='joint')
+    oracle.check_rates(plan)
     assert plan.status == 'converged'
     baseline = fly_hover_fly(scenario, 'optimised').guaranteed_rate
     assert plan.guaranteed_rate >= baseline - 1e-6
 
 
-@pytest.mark.parametrize('seed, least', [(4, 1.80), (3028, 0.113), (3063, 0.985), (3068, 0.425)])
-def test_missions_with_many_optima_end_near_the_best_known(seed, least):
-    """Starts that hover in regular patterns, with more jamming, end 4 to 18% lower."""
-    assert solve(random_mission(seed, slots=60)).guaranteed_rate > least
+@pytest.mark.parametrize('seed, slots, most, least', [
+    (4, 60, 9, 1.80), (3028, 60, 9, 0.113), (3063, 60, 9, 0.985), (3068, 60, 9, 0.425),
+    (6, None, 2, 0.57)])  # The last is won in few good slots.
+def test_missions_with_many_optima_end_near_the_best_known(seed, slots, most, least):
+    """Starts that hover in regular patterns, with more jamming, or fewer end 4 to 30% lower."""
+    scenario = random_mission(seed, slots)
+    scenario = replace(scenario, uavs=scenario.uavs[:most],
+                       eavesdroppers=scenario.eavesdroppers[:most])
+    assert solve(scenario).guaranteed_rate > least
 
 
 def test_starts_keep_all_limits_and_are_the_same_every_time():
     for scenario in (team(), random_city_mission(3001, 40), random_city_mission(3007, 40)):
         grid = Grid.of(scenario)
-        batches, again = list(several_starts(grid)), list(several_starts(grid))
-        for (x, mu), (same, _) in zip(batches, again, strict=True):
-            assert len(x) == len(mu) and (x == same).all()
-            for one in x:
-                Plan(scenario, grid.positions(one), grid.powers(one))
+        batches, again = list(generate_starts(grid)), list(generate_starts(grid))
+        for (x, mu), (repeated, _) in zip(batches, again, strict=True):
+            assert len(x) == len(mu) and (x == repeated).all()
+            for start in x:
+                Plan(scenario, grid.positions(start), grid.powers(start))
 
 
 @pytest.mark.parametrize('failing', [2, 3, 4, 6, 7])
-def test_numbers_that_fail_in_a_part_do_not_spoil_the_plan(monkeypatch, failing):
-    """The parts are first and other starts, two polishes, the finish and two polishes."""
+def test_a_numerical_failure_of_a_part_does_not_spoil_the_plan(monkeypatch, failing):
+    """The parts are two batches of starts, two polishes, the finish and two polishes."""
     calls = []
 
     def barrier(*arguments):
@@ -86,8 +85,8 @@ def test_numbers_that_fail_in_a_part_do_not_spoil_the_plan(monkeypatch, failing)
             raise NumericalError('no Newton step could be computed')
         return make(*arguments)
 
-    make = Stepper.barrier
-    monkeypatch.setattr(Stepper, 'barrier', barrier)
+    make = Stepper.build_barrier
+    monkeypatch.setattr(Stepper, 'build_barrier', barrier)
     scenario = random_mission(4, slots=40)
     plan = solve(scenario)
     assert len(calls) >= failing and plan.status == 'converged'
@@ -136,15 +135,18 @@ def test_turning_and_shifting_the_map_changes_nothing(angle, shift):
         pytest.approx(solve(scenario, method='joint').guaranteed_rate, rel=1e-5))
 
 
-@pytest.mark.parametrize('calls', [1, 5, 30, 45])
-def test_the_callback_stops_the_run_at_once(calls):
-    seen = []
-    plan = solve(team(), method='joint',
-                 on_iteration=lambda iteration: seen.append(iteration) or len(seen) == calls)
-    assert plan.status == 'cancelled'
-    assert list(plan.history) == seen
-    assert len(seen) <= calls + 1
-    assert plan.guaranteed_rate == seen[-1].guaranteed_rate
+@pytest.mark.parametrize('objective, calls', [
+    ('guaranteed', 1), ('guaranteed', 5), ('guaranteed', 45), ('worst_case', 1),
+    ('worst_case', 60), ('worst_case', 75)])
+def test_the_callback_stops_the_run_with_the_best_plan_so_far(objective, calls):
+    iterations = []
+    plan = optimize.solve(
+        team(), objective=objective,
+        on_iteration=lambda iteration: iterations.append(iteration) or len(iterations) == calls)
+    assert plan.status == 'cancelled' and len(iterations) <= calls + 1
+    assert list(plan.history) == iterations
+    # An iterate for (P2) may be better for (P1) before it is reported as that.
+    assert plan.rate >= max(iteration.rate for iteration in iterations) - 5e-6
 
 
 @pytest.mark.parametrize('uavs, eavesdroppers, slots', [(32, 32, 1085), (7, 32, 20000)])
@@ -155,7 +157,7 @@ def test_the_largest_scenarios_end_at_their_deadline(uavs, eavesdroppers, slots)
 
 
 @pytest.mark.parametrize('healthy', [0, 3, 10])
-def test_numbers_that_fail_cost_steps_and_not_the_plan(monkeypatch, healthy):
+def test_numerical_failures_cost_steps_and_not_the_plan(monkeypatch, healthy):
     calls = []
     advance = Barrier.advance
 
@@ -180,7 +182,7 @@ def test_the_default_method_does_not_import_cvxpy():
     subprocess.run([sys.executable, '-c', script], check=True)
 
 
-def moved_eavesdropper(scenario, distance):
+def move_eavesdropper(scenario, distance):
     eve = scenario.eavesdroppers[0]
     place = (eve.position[0], eve.position[1] + distance)
     return replace(scenario, eavesdroppers=(
@@ -189,7 +191,7 @@ def moved_eavesdropper(scenario, distance):
 
 def test_a_warm_start_takes_fewer_steps_to_the_same_rate():
     scenario = Scenario.paper(120)
-    moved = moved_eavesdropper(scenario, 5.0)
+    moved = move_eavesdropper(scenario, 5.0)
     cold = solve(moved, method='joint')
     warm = solve(moved, method='joint', initial=solve(scenario, method='joint'))
     assert warm.guaranteed_rate >= cold.guaranteed_rate * (1 - 1e-5)
@@ -212,20 +214,13 @@ def test_slots_that_a_local_optimum_has_lost_carry_again_or_are_silent(objective
     powers = plan.powers.copy()
     powers[:, [10, 25]] = 0.0
     powers[:, 40] = 1e-4, 0.5  # So much jamming that nothing arrives.
-    spoiled = Search(plan.scenario, plan.positions, powers, objective=objective)
+    spoiled = Incumbent(plan.scenario, plan.positions, powers, objective=objective)
     lost, carrying = spoiled.rate, np.count_nonzero(plan.powers[0])
-    found = spoiled.plan('joint', 'converged')
-    rates = found.guaranteed_rates if objective == 'guaranteed' else found.worst_case_rates
-    assert found.rate > lost and found.rate == pytest.approx(plan.rate, rel=1e-3)
+    mended = spoiled.to_plan('joint', 'converged')
+    rates = getattr(mended, f'{objective}_rates')
+    assert mended.rate > lost and mended.rate == pytest.approx(plan.rate, rel=1e-3)
     idle = rates <= 1e-3 * rates.mean()
-    assert np.count_nonzero(~idle) == carrying and not found.powers[:, idle].any()
-
-
-def test_a_nearly_lost_mission_against_two_eavesdroppers_is_won_in_its_few_good_slots():
-    scenario = random_mission(6)
-    scenario = replace(
-        scenario, uavs=scenario.uavs[:2], eavesdroppers=scenario.eavesdroppers[:2])
-    assert solve(scenario).guaranteed_rate > 0.57  # Fewer starts ended at 0.39.
+    assert np.count_nonzero(~idle) == carrying and not mended.powers[:, idle].any()
 
 
 def team_of_four(ground_node, eavesdroppers, uavs, duration, slots):

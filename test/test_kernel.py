@@ -20,11 +20,11 @@ from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.model import kernel
 from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.model.kernel import core
-from secure_uav_planner.model.limits import limits_of
+from secure_uav_planner.model.limits import build_limits
 from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.barrier import Barrier
-from secure_uav_planner.optimize.joint.starts import several_starts, strictly_feasible
+from secure_uav_planner.optimize.joint.starts import generate_starts, make_strictly_feasible
 from strategies import make_crowd, scenarios, with_uavs
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,8 +33,8 @@ COARSE_MU = 1e-3
 
 def interior(scenario, slots):
     """Return a grid and strictly feasible variables on it, (N, U, 3)."""
-    grid = Grid.of(scenario).divided(slots or scenario.slots)
-    return grid, strictly_feasible(
+    grid = Grid.of(scenario).with_slots(slots or scenario.slots)
+    return grid, make_strictly_feasible(
         grid, fly_hover_fly_positions(scenario), constant_powers(scenario, 0.9, 0.5), share=0.2)
 
 
@@ -88,8 +88,8 @@ def test_with_lines_the_barrier_function_and_its_gradient_are_those_of_the_formu
     check_model(grid, x, 1e-2, np.random.default_rng(0))
     # The lines are not far away.
     path = np.ascontiguousarray(oracle.path_of(grid, x))
-    least = min(oracle.slacks(limit, path, limit.lines(path)).min()
-                for limit in limits_of(grid.scenario, grid) if isinstance(limit, LineLimit))
+    least = min(oracle.slacks(limit, path, limit.choose_lines(path)).min()
+                for limit in build_limits(grid.scenario, grid) if isinstance(limit, LineLimit))
     assert 0 < least < 0.5
 
 
@@ -97,8 +97,8 @@ def test_with_lines_the_barrier_function_and_its_gradient_are_those_of_the_formu
 @given(scenarios(max_uavs=6, max_eavesdroppers=4), st.integers(1, 10), st.integers(0, 100))
 def test_the_barrier_function_is_that_of_the_formulas_for_missions_of_every_kind(
         scenario, slots, seed):
-    grid = Grid.of(scenario).divided(slots or scenario.slots)
-    x, mu = next(several_starts(grid))
+    grid = Grid.of(scenario).with_slots(slots or scenario.slots)
+    x, mu = next(generate_starts(grid))
     for one in range(0, len(x), 5):
         if smallest_slack(grid, x[one]) > 0:  # on another grid, acceleration may be too hard
             check_model(grid, x[one], mu[one], np.random.default_rng(seed))
@@ -120,7 +120,7 @@ def test_steps_stay_inside_and_lower_the_function_until_it_is_stationary(scenari
     grid, x = interior(scenario, None)
     mu = 1e-2
     barrier = Barrier(grid, x[None], mu)
-    lines = any(isinstance(limit, LineLimit) for limit in limits_of(scenario, grid))
+    lines = any(isinstance(limit, LineLimit) for limit in build_limits(scenario, grid))
     first, last = slope_of(barrier), np.inf
     for _ in range(80):
         [value] = oracle.model(barrier)[0]
@@ -141,8 +141,8 @@ def slope_of(barrier):
 
 
 def test_several_steps_at_once_are_the_same_as_one_after_the_other():
-    grid = Grid.of(random_mission(2)).divided(30)
-    x, mu = next(several_starts(grid))
+    grid = Grid.of(random_mission(2)).with_slots(30)
+    x, mu = next(generate_starts(grid))
     once, one_by_one = (Barrier(grid, x, mu) for _ in range(2))
     left = 12
     while left:
@@ -158,8 +158,8 @@ def test_only_steps_that_are_short_are_taken_at_once():
     taken = []
     for slots in (50, 5000):
         grid = Grid.of(Scenario.paper(slots=slots))
-        x = strictly_feasible(grid, fly_hover_fly_positions(grid.scenario),
-                              constant_powers(grid.scenario), share=0.05)
+        x = make_strictly_feasible(grid, fly_hover_fly_positions(grid.scenario),
+                                   constant_powers(grid.scenario), share=0.05)
         taken.append(Barrier(grid, x[None], 0.02).advance(60, 1e-3))
     assert 1 <= taken[1] < taken[0] == 60
 
@@ -181,7 +181,7 @@ def test_places_that_are_no_arrays_of_pairs_are_refused():
 
 def test_others_run_while_a_long_step_is_taken_and_can_stop_it():
     grid = Grid.of(Scenario.paper(slots=20000))
-    x = next(several_starts(grid))[0][:2]
+    x = next(generate_starts(grid))[0][:2]
     x = np.concatenate([x] * 8)
     seen, counted, done = [], [0], threading.Event()
 
@@ -215,7 +215,7 @@ def test_others_run_while_a_long_step_is_taken_and_can_stop_it():
 
 def test_what_is_no_array_of_the_problem_is_refused():
     grid = Grid.of(Scenario.paper(slots=5))
-    x, mu = next(several_starts(grid))
+    x, mu = next(generate_starts(grid))
     for wrong in (x[:, :4], x[:, :, :1], x[..., :2], x[0], x[:0]):
         with pytest.raises((ValueError, IndexError)):
             Barrier(grid, wrong, 0.1)
@@ -223,7 +223,7 @@ def test_what_is_no_array_of_the_problem_is_refused():
 
 def test_numbers_that_are_none_fail_and_cost_nothing_but_their_own_start():
     grid = Grid.of(Scenario.paper(slots=5))
-    x, mu = next(several_starts(grid))
+    x, mu = next(generate_starts(grid))
     x = x[:3].copy()
     x[1, 2] = np.nan
     barrier = Barrier(grid, x, mu[:3])

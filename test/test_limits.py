@@ -11,10 +11,10 @@ from random_cities import random_city_mission
 from secure_uav_planner import PlanningError
 from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.model.grid import Grid
-from secure_uav_planner.model.limits import LIMITS, limits_of
+from secure_uav_planner.model.limits import build_limits, LIMITS
 from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
-from secure_uav_planner.optimize.joint.starts import strictly_feasible
+from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
 from strategies import random_powers, scenarios
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -36,82 +36,82 @@ def cities(draw):
 MISSIONS = st.one_of(scenarios(), cities())
 
 
-def inside(scenario, rng):
+def make_interior(scenario, rng):
     """Return a Grid and strictly feasible variables on it, (1, N, U, 3)."""
     grid = Grid.of(scenario)
-    x = strictly_feasible(grid, fly_hover_fly_positions(scenario),
-                          constant_powers(scenario, 0.9, 0.5), share=0.3)
+    x = make_strictly_feasible(grid, fly_hover_fly_positions(scenario),
+                               constant_powers(scenario, 0.9, 0.5), share=0.3)
     x[..., 0] *= rng.uniform(0.5, 1.0, x.shape[:-1])
     return grid, x[None]
 
 
-def moves_of(grid, rng, size):
-    """Return moves of the points of flights in units, (N+2, U, 2)."""
+def random_moves(grid, rng, size):
+    """Return random moves of the points of flights in units, (N+2, U, 2)."""
     moves = np.zeros((grid.slots + 2, len(grid.fixed), 2))
     moves[1:-1] = size * rng.normal(size=moves[1:-1].shape) * ~grid.fixed[:, None]
     return moves
 
 
-def answered(scenario, seed, size):
-    """Give each limit of flights with c as a function of a step's length, and its answers."""
+def evaluate_limits(scenario, seed, size):
+    """Yield for each limit of positions c as a function of a step, and the kernel's answers."""
     rng = np.random.default_rng(seed)
-    grid, [x] = inside(scenario, rng)
+    grid, [x] = make_interior(scenario, rng)
     path = np.ascontiguousarray(oracle.path_of(grid, x))
-    moves = moves_of(grid, rng, size)
-    for limit in limits_of(scenario, grid):
-        if limit.of_flights:
-            lines = limit.lines(path) if isinstance(limit, LineLimit) else None
+    moves = random_moves(grid, rng, size)
+    for limit in build_limits(scenario, grid):
+        if limit.constrains_positions:
+            lines = limit.choose_lines(path) if isinstance(limit, LineLimit) else None
             yield (lambda by: oracle.slacks(limit, path + by * moves, lines).ravel(),
                    limit.compiled.answers(path, moves, 0.99))
 
 
 @settings(max_examples=40)
 @given(MISSIONS, SEEDS)
-def test_slacks_and_their_derivatives_are_those_of_the_definition(scenario, seed):
-    for slacks, found in answered(scenario, seed, 1.0):
+def test_slacks_and_their_derivatives_match_the_definition(scenario, seed):
+    for slacks, answers in evaluate_limits(scenario, seed, 1.0):
         here = slacks(0.0)
         slopes, bends = (slacks(1.0) - slacks(-1.0)) / 2, slacks(1.0) - 2 * here + slacks(-1.0)
         scale = np.abs([slopes, bends]).max()
-        np.testing.assert_allclose(found['slacks'], here, atol=1e-12)
-        np.testing.assert_allclose(found['slopes'], slopes, atol=1e-10 * scale)
-        here = np.array(found['slacks'])  # Where there is all but no slack, rounding matters.
-        shares = np.array(found['slopes']) / here
-        assert found['slope'] == pytest.approx(
+        np.testing.assert_allclose(answers['slacks'], here, atol=1e-12)
+        np.testing.assert_allclose(answers['slopes'], slopes, atol=1e-10 * scale)
+        here = np.array(answers['slacks'])  # Where there is all but no slack, rounding matters.
+        shares = np.array(answers['slopes']) / here
+        assert answers['slope'] == pytest.approx(
             -shares.sum(), rel=1e-7, abs=1e-7 * np.abs(shares).sum())
         # With duals 1 / c, the primal-dual Hessian is that of -sum log c.
         parts = shares**2 - bends / here
-        assert found['curvature'] == pytest.approx(
+        assert answers['curvature'] == pytest.approx(
             parts.sum(), rel=1e-7, abs=1e-7 * np.abs(parts).sum())
 
 
 @settings(max_examples=40)
 @given(MISSIONS, SEEDS)
 def test_the_longest_step_stays_inside_and_is_not_needlessly_short(scenario, seed):
-    for slacks, found in answered(scenario, seed, 10.0):
-        by = min(found['longest'])
+    for slacks, answers in evaluate_limits(scenario, seed, 10.0):
+        by = min(answers['longest'])
         assert 0 < by <= 1
         assert (slacks(by) >= 0.0099 * slacks(0.0) - 1e-9).all()
-        if by < 1 and not found['has_room']:  # what has no line stops it, too
+        if by < 1 and not answers['has_room']:  # Obstacles without a line stop it, too.
             assert slacks(1.02 * by).min() < 0.012 * slacks(0.0).max()
 
 
 @settings(max_examples=40)
 @given(MISSIONS, SEEDS)
-def test_what_is_repaired_passes_the_check_and_what_breaks_a_limit_does_not(scenario, seed):
+def test_a_repaired_plan_passes_the_checks_that_it_failed_before(scenario, seed):
     rng = np.random.default_rng(seed)
     positions = fly_hover_fly_positions(scenario)
     positions[:, 1:-1] += rng.normal(0, 100, positions[:, 1:-1].shape)
     powers = 3 * random_powers(scenario, rng)
     powers[0, 0] = -0.1
     broken = 0
-    for limit in limits_of(scenario):
+    for limit in build_limits(scenario):
         try:
             limit.check(positions, powers)
         except PlanningError:
             broken += 1
         positions, powers = limit.repair(positions, powers)
     assert broken
-    for limit in limits_of(scenario):
+    for limit in build_limits(scenario):
         limit.check(positions, powers)
 
 

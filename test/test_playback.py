@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.model import channel
-from secure_uav_planner.model.curve import Curve, flown
+from secure_uav_planner.model.curve import Curve, infer_limits
 from secure_uav_planner.plan.playback import Playback
 from strategies import scenarios, with_uavs
 
@@ -109,8 +109,9 @@ def test_a_motion_has_the_limits_and_the_ends_of_its_curve(scenario):
     plan = fly_hover_fly(scenario)
     motion = Curve(scenario, plan.positions).at(plan.times)
     uavs = tuple(
-        replace(uav, **flown(plan.positions[index], scenario.slot_duration,
-                             motion.velocities[index], motion.accelerations[index])._asdict())
+        replace(uav, **infer_limits(
+            plan.positions[index], scenario.slot_duration, motion.velocities[index],
+            motion.accelerations[index]))
         for index, uav in enumerate(scenario.uavs))
     for uav, was in zip(uavs, scenario.uavs, strict=True):
         assert uav.max_speed <= was.max_speed * (1 + 2e-6) + 1e-6

@@ -43,7 +43,7 @@ class Bench:
             return
         try:
             rejoin = rest.rejoin()
-            plan = rejoin.continued(solve(
+            plan = rejoin.splice(solve(
                 rejoin.scenario, method=settings['method'], objective=objective_from(settings),
                 initial=rejoin.tail, time_limit=rest.time_limit))
             check_in_time(rejoin, self.tracking.flight(self.now_ns * 1e-9))

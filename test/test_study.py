@@ -140,7 +140,7 @@ def test_a_plan_for_the_model_is_guaranteed_more_there_than_one_for_free_space(p
 
 def test_the_key_of_a_plan_depends_on_all_code_that_makes_it():
     names = {path.relative_to(PACKAGE).as_posix() for path in sources()}
-    assert {'optimize/solve.py', 'model/kernel/newton.cpp', 'mission/scenario.py',
+    assert {'optimize/methods.py', 'model/kernel/newton.cpp', 'mission/scenario.py',
             'bound/method.py'} < names
     assert not {name.partition('/')[0] for name in names} & {'apps', 'ros', 'output'}
 

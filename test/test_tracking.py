@@ -10,7 +10,7 @@ import pytest
 from secure_uav_planner import NoFlyZone, Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, OptionError
 from secure_uav_planner.model.channel import guaranteed_rates
-from secure_uav_planner.optimize.rejoin import find_rejoin, first_point
+from secure_uav_planner.optimize.rejoin import find_first_point, find_rejoin
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.plan.tracking import (
@@ -152,7 +152,7 @@ def test_a_plan_made_in_flight_is_spliced_in_without_a_jump(plan):
 
 
 def begin_replan(plan, time, states, tolerance=TOLERANCE):
-    first = first_point(plan.scenario, time + LEAD)
+    first = find_first_point(plan.scenario, time + LEAD)
     return find_rejoin(plan, first, states, tolerance, plan.scenario.ground_node,
                        plan.scenario.eavesdroppers)
 
@@ -172,7 +172,7 @@ def test_a_replan_meets_a_uav_where_it_will_be_and_setpoints_keep_the_limits(
     assert scenario.duration == pytest.approx(
         plan.scenario.duration - beginning.point * plan.scenario.slot_duration)
     # A plan checks the limits of all its points, those of the way included.
-    whole = beginning.continued(solve(scenario, initial=beginning.tail, time_limit=0.05))
+    whole = beginning.splice(solve(scenario, initial=beginning.tail, time_limit=0.05))
     new = Playback(whole)
     assert beginning.effect >= time + LEAD - 1e-9
     before = np.linspace(playback.begin, beginning.effect, 500)
@@ -213,7 +213,7 @@ def test_the_way_to_a_uav_keeps_out_of_zones(plan, share):
     zoned = replace(plan, scenario=replace(plan.scenario, no_fly_zones=(zone,)))
     beginning = begin_replan(zoned, 30.0, [measured, None])
     assert beginning.point > free.point
-    whole = beginning.continued(solve(
+    whole = beginning.splice(solve(
         beginning.scenario, initial=beginning.tail, time_limit=1.0))
     assert whole.scenario.no_fly_zones == (zone,)
 
@@ -224,7 +224,7 @@ def test_slots_of_the_way_with_a_negative_rate_do_not_transmit(plan):
     loud = replace(plan, powers=np.repeat([[1.0], [0.0]], plan.scenario.slots, axis=1))
     measured = state_at(playback, 70.0, (60.0, 0.0))
     beginning = begin_replan(loud, 70.0, [measured, None])
-    whole = beginning.continued(solve(
+    whole = beginning.splice(solve(
         beginning.scenario, initial=beginning.tail, time_limit=0.05))
     way = slice(beginning.first, beginning.point)
     assert beginning.point > beginning.first

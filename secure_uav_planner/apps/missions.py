@@ -15,7 +15,7 @@ from ..mission.files import atomic_file
 from ..mission.formats.mission_file import EXAMPLE, locate_error
 from ..mission.link_budget import reference_snr_db
 from ..mission.scenario import Scenario
-from ..model.clearance import CLOSE_DISTANCE, kept_apart_by_nothing
+from ..model.clearance import CLOSE_DISTANCE, find_unseparated_pair
 from ..output.autopilot_limits import changes
 from ..plan.plan import Plan
 
@@ -95,7 +95,7 @@ def check(options: argparse.Namespace) -> int:
         from ..assessment import assess
         print(f'rates are {scenario.channel.promise}, not guaranteed: with fly-hover-fly, '
               f'{assess(plan, SHORTFALL_DRAWS).shortfall}')
-    if (names := kept_apart_by_nothing(scenario)):
+    if (names := find_unseparated_pair(scenario)):
         print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
               f'{scenario.margin_text}; set separation, or altitudes that differ',
               file=sys.stderr)

@@ -21,7 +21,7 @@ from ..mission import METHODS, OBJECTIVES
 from ..mission.formats.documents import make_file_error, Problem, read_document
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
-from ..optimize.solve import checked_objective
+from ..optimize.methods import check_objective
 
 BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
 """What `methods` may name beside the methods of solve."""
@@ -231,7 +231,7 @@ def _varied(mission: dict[str, Any] | None, name: str, value: Any) -> Any:
 def _schemes(methods: list[str], objectives: list[str] | None) -> list[tuple[str, str]]:
     """Return the pairs of a method and an objective that exist."""
     if objectives is None:
-        return [(method, OBJECTIVES[0] if method in BASELINES else checked_objective(method))
+        return [(method, OBJECTIVES[0] if method in BASELINES else check_objective(method))
                 for method in methods]
     pairs = [(method, objective) for method in methods for objective in objectives
              if method == METHODS[0] or objective == OBJECTIVES[0]]

@@ -12,10 +12,10 @@ from ..mission.scenario import Scenario
 from ..mission.validation import Array, read_only
 
 GEOFENCE = 'the geofence'
-"""What a piece outside the fence belongs to."""
+"""Name of the obstacles outside the fence."""
 
 
-class Piece(NamedTuple):
+class Obstacle(NamedTuple):
     """A convex polygon that no UAV may enter, (K, 2) in m, with its zone's name or GEOFENCE."""
 
     vertices: Array
@@ -23,25 +23,25 @@ class Piece(NamedTuple):
 
 
 class Airspace:
-    """What is forbidden to UAVs, each at its altitude, tracking_margin included; read-only."""
+    """The obstacles of UAVs, each at its altitude, tracking_margin included; read-only."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
 
     @cached_property
-    def pieces(self) -> tuple[tuple[Piece, ...], ...]:
+    def obstacles(self) -> tuple[tuple[Obstacle, ...], ...]:
         """
-        Convex pieces of all that each UAV may not enter.
+        Obstacles of each UAV.
 
-        These are the parts of the zones at its altitude that are not far, and the pockets of a
-        geofence that is not convex: what its convex hull has and the fence has not.
+        These are the convex parts of the zones at its altitude that are not far, and of the
+        pockets of a geofence that is not convex: its convex hull without the fence.
         """
         scenario = self._scenario
         outside = [] if scenario.keep_in is None else [
-            Piece(part, GEOFENCE) for pocket in pockets(scenario.keep_in)
+            Obstacle(part, GEOFENCE) for pocket in pockets(scenario.keep_in)
             for part in convex_parts(pocket)]
         return tuple(
-            (*(Piece(part, name) for vertices, name in scenario.keep_out(uav.altitude)
+            (*(Obstacle(part, name) for vertices, name in scenario.keep_out(uav.altitude)
                if name not in self.far for part in convex_parts(vertices)), *outside)
             for uav in scenario.uavs)
 
@@ -81,6 +81,6 @@ class Airspace:
 
 
 @lru_cache(maxsize=64)
-def airspace_of(scenario: Scenario) -> Airspace:
+def get_airspace(scenario: Scenario) -> Airspace:
     """Return the Airspace of a scenario, the same for equal scenarios."""
     return Airspace(scenario)

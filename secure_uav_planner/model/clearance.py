@@ -1,4 +1,4 @@
-"""How close the flown curve comes to forbidden places and UAVs to each other, at any time."""
+"""Distances of the flown curves to zones, to the geofence and to each other, at any time."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import shapely
 
 from .curve import Curve
-from .quadratics import crossings, least_distance, least_distance_to_edge, Pieces
+from .quadratics import find_crossings, least_distance, least_distance_to_edge, Pieces
 from ..errors import PlanError
 from ..mission.participants import Uav
 from ..mission.scenario import POSITION_TOLERANCE, Scenario
@@ -23,22 +23,22 @@ CLOSE_DISTANCE = 5.0
 _Indices = NDArray[np.intp]
 
 
-def kept_apart_by_nothing(scenario: Scenario) -> tuple[str, str] | None:
+def find_unseparated_pair(scenario: Scenario) -> tuple[str, str] | None:
     """Return two UAVs that may come within CLOSE_DISTANCE and margins, or None if none may."""
     least = CLOSE_DISTANCE + 2 * scenario.tracking_margin
-    for one, other in combinations(scenario.uavs, 2):
-        if scenario.separation == 0 and abs(one.altitude - other.altitude) < least:
-            return one.name, other.name
+    for first, second in combinations(scenario.uavs, 2):
+        if scenario.separation == 0 and abs(first.altitude - second.altitude) < least:
+            return first.name, second.name
     return None
 
 
 class Approach(NamedTuple):
     """
-    Where two things are closest.
+    The closest approach of a UAV to another UAV or a zone.
 
     :ivar distance: in m, in space between UAVs and on the map to a zone as given, without margin.
     :ivar time: in s from point 0.
-    :ivar names: of a UAV, and of another UAV or a zone.
+    :ivar names: of the UAV, and of the other UAV or the zone.
     """
 
     distance: float
@@ -61,21 +61,21 @@ class Clearance:
         self._curve = curve
 
     def __repr__(self) -> str:
-        found = (('UAVs', self.between_uavs), ('UAV and zone', self.to_zones))
+        approaches = (('UAVs', self.between_uavs), ('UAV and zone', self.to_zones))
         return '<Clearance: ' + '; '.join(
-            f'{what} at least {least.distance:.4g} m apart ({" and ".join(least.names)} after '
-            f'{least.time:.4g} s)' for what, least in found if least is not None) + '>'
+            f'{kind} at least {least.distance:.4g} m apart ({" and ".join(least.names)} after '
+            f'{least.time:.4g} s)' for kind, least in approaches if least is not None) + '>'
 
     def check(self) -> None:
         """
         Check zones, geofence and separation with tracking_margin, each to POSITION_TOLERANCE.
 
-        :raises PlanError: naming the UAV, what it comes too close to, the time and the distance.
+        :raises PlanError: naming the UAV, the zone, fence or other UAV, the time and the distance.
         """
         scenario = self._scenario
         if scenario.no_fly_zones or scenario.geofence is not None:
             for number, uav in enumerate(scenario.uavs):
-                self._check_places(number, uav)
+                self._check_area(number, uav)
         nearest = self.between_uavs if scenario.separation > 0 else None
         if nearest is not None and nearest.distance < scenario.keep_apart - POSITION_TOLERANCE:
             raise PlanError(
@@ -98,28 +98,28 @@ class Clearance:
         middle = np.hypot(np.linalg.norm(position, axis=-1), heights[:, None])
         relative = Pieces(pieces.times, pieces.half, position, velocity, acceleration)
         least = middle - np.linalg.norm(relative.reach, axis=-1)
-        ignored = self._in_flight(pairs)
+        ignored = self._mask_half_slots(pairs)
         least[ignored] = middle[ignored] = np.inf
         pair, at = np.nonzero(least <= middle.min())
         level, by = least_distance(position[pair, at], velocity[pair, at], acceleration[pair, at],
                                    pieces.half)
         distance = np.hypot(level, heights[pair])
         best = int(distance.argmin())
-        one, other = pairs[pair[best]].tolist()
+        names = [uavs[number].name for number in pairs[pair[best]].tolist()]
         return Approach(float(distance[best]), float(pieces.times[at[best]] + by[best]),
-                        (uavs[one].name, uavs[other].name))
+                        (names[0], names[1]))
 
     @property
     def uavs_beyond_margin(self) -> float:
         """Distance that two errors of tracking_margin leave between UAVs, m; infinite for one."""
-        found = self.between_uavs
-        return math.inf if found is None else found.distance - 2 * self._scenario.tracking_margin
+        least = self.between_uavs
+        return math.inf if least is None else least.distance - 2 * self._scenario.tracking_margin
 
     @property
     def zones_beyond_margin(self) -> float:
         """Distance that an error of tracking_margin leaves to zones, m; infinite without any."""
-        found = self.to_zones
-        return math.inf if found is None else found.distance - self._scenario.tracking_margin
+        least = self.to_zones
+        return math.inf if least is None else least.distance - self._scenario.tracking_margin
 
     @property
     def is_close(self) -> bool:
@@ -128,33 +128,34 @@ class Clearance:
 
     @property
     def between_uavs_text(self) -> str:
-        """How close UAVs come to each other in words, and what to do if it is too close."""
-        found, margin = self.between_uavs, self._scenario.margin_text
-        if found is None:
+        """Closest approach of UAVs in words, with the remedy if it is too close."""
+        least, margin = self.between_uavs, self._scenario.margin_text
+        if least is None:
             return ''
         left = margin and f' ({self.uavs_beyond_margin:.1f} m{margin})'
-        text = (f'{found.names[0]} and {found.names[1]} come within {found.distance:.1f} m of '
+        text = (f'{least.names[0]} and {least.names[1]} come within {least.distance:.1f} m of '
                 f'each other{left}')
         return text if not self.is_close else (
-            f'{text} at {found.time:.1f} s, less than {CLOSE_DISTANCE:g} m{margin}; set '
+            f'{text} at {least.time:.1f} s, less than {CLOSE_DISTANCE:g} m{margin}; set '
             'separation to keep them apart')
 
     @cached_property
     def to_zones(self) -> Approach | None:
         """Smallest distance of a UAV to a zone, as given, at its altitude, or None without any."""
-        found = [self._to_zones(number, uav) for number, uav in enumerate(self._scenario.uavs)]
-        return min((approach for approach in found if approach is not None), default=None)
+        nearest = (self._find_nearest_zone(number, uav)
+                   for number, uav in enumerate(self._scenario.uavs))
+        return min((approach for approach in nearest if approach is not None), default=None)
 
     @cached_property
     def _pieces(self) -> Pieces:
         return Pieces.of(self._curve)
 
-    def _in_flight(self, pairs: _Indices) -> NDArray[np.bool_]:
+    def _mask_half_slots(self, pairs: _Indices) -> NDArray[np.bool_]:
         """
-        Return which half slots of pairs do not belong to the mission, (pairs, K).
+        Return a mask of the half slots of pairs that are not part of the mission, (pairs, K).
 
-        At an end, a UAV with a limit of acceleration may be in flight, in the half slot in which
-        one without a limit would wait. That one is then in flight, too, and not waiting.
+        At an end, a UAV with a limit of acceleration may be in flight in the half slot in which a
+        UAV without a limit would wait. The latter is then in flight, too.
         """
         uavs = self._scenario.uavs
         ignored = np.zeros((len(pairs), len(self._pieces.times)), bool)
@@ -165,21 +166,21 @@ class Clearance:
                 ignored[index, -1] = smooth[0].goal_velocity != (0.0, 0.0)
         return ignored
 
-    def _check_places(self, number: int, uav: Uav) -> None:
+    def _check_area(self, number: int, uav: Uav) -> None:
         """Check the zones and the fence of one UAV."""
-        scenario, pieces = self._scenario, self._pieces.of_uav(number)
+        scenario, pieces = self._scenario, self._pieces.select_uav(number)
         zones = scenario.keep_out(uav.altitude)
         shapes = [shapely.Polygon(vertices) for vertices, _ in zones]
         texts = [f'inside {name}' for _, name in zones]
-        # What is deeper in a zone than the tolerance, and farther from the fence.
+        # Deeper in a zone than the tolerance, and farther from the fence.
         forbidden = [shape.buffer(-POSITION_TOLERANCE, join_style='mitre') for shape in shapes]
         if scenario.keep_in is not None:
             fence = shapely.Polygon(scenario.keep_in)
             shapes.append(fence)
             texts.append('outside the geofence')
-            forbidden.append(_around(pieces, fence).difference(
+            forbidden.append(_bounding_box(pieces, fence).difference(
                 fence.buffer(POSITION_TOLERANCE, join_style='mitre')))
-        entered = _entered(pieces, forbidden)
+        entered = _find_entries(pieces, forbidden)
         if not entered:
             return
         index, times = next(iter(entered.items()))
@@ -193,13 +194,13 @@ class Clearance:
                         f'{scenario.margin_text} {times[depths.argmax()]:.6g} s after point 0; '
                         'it must not be')
 
-    def _to_zones(self, number: int, uav: Uav) -> Approach | None:
+    def _find_nearest_zone(self, number: int, uav: Uav) -> Approach | None:
         """Return the smallest distance of one UAV to a zone at its altitude."""
-        zones, pieces = self._scenario.zones_at(uav.altitude), self._pieces.of_uav(number)
+        zones, pieces = self._scenario.zones_at(uav.altitude), self._pieces.select_uav(number)
         if not zones:
             return None
-        edges, owners = _edges_of([shapely.Polygon(zone.vertices) for zone, _ in zones])
-        tree, middles = _tree(edges), shapely.points(pieces.positions)
+        edges, owners = _list_edges([shapely.Polygon(zone.vertices) for zone, _ in zones])
+        tree, middles = _build_tree(edges), shapely.points(pieces.positions)
         (at, _), distances = tree.query_nearest(
             middles, all_matches=False, return_distance=True)
         middle = np.empty(len(middles))
@@ -208,38 +209,38 @@ class Clearance:
         near = np.flatnonzero(middle - reach <= middle.min())
         at, edge = tree.query(middles[near], predicate='dwithin',
                               distance=(middle.min() + reach[near]) * (1 + 1e-9))
-        distance, by = least_distance_to_edge(pieces.chosen(near[at]), edges[edge])
+        distance, by = least_distance_to_edge(pieces.take(near[at]), edges[edge])
         best = int(distance.argmin())
         return Approach(float(distance[best]), float(pieces.times[near[at[best]]] + by[best]),
                         (uav.name, zones[owners[edge[best]]][1]))
 
 
-def _entered(pieces: Pieces, polygons: Sequence[Any]) -> dict[int, Array]:
-    """Return which polygons a motion enters, by index, and times around those of its entries."""
-    found: dict[int, list[Array]] = {}
+def _find_entries(pieces: Pieces, polygons: Sequence[Any]) -> dict[int, Array]:
+    """Return times around the entries of a motion into polygons, by the polygons' indices."""
+    entries: dict[int, list[Array]] = {}
     middles = shapely.points(pieces.positions)
     at, inside = shapely.STRtree(polygons).query(middles, predicate='intersects')
     for index in np.unique(inside).tolist():
-        found.setdefault(index, []).append(pieces.times[at[inside == index]])
-    edges, owners = _edges_of(polygons)
+        entries.setdefault(index, []).append(pieces.times[at[inside == index]])
+    edges, owners = _list_edges(polygons)
     low, high = pieces.positions - pieces.reach, pieces.positions + pieces.reach
-    at, edge = _tree(edges).query(shapely.box(*low.T, *high.T))
-    by, crossed = crossings(pieces.chosen(at), edges[edge])
+    at, edge = _build_tree(edges).query(shapely.box(*low.T, *high.T))
+    by, crossed = find_crossings(pieces.take(at), edges[edge])
     times = np.where(crossed, pieces.times[at][:, None] + by, np.nan)
     for index in np.unique(owners[edge][crossed.any(axis=1)]).tolist():
-        of_it = times[owners[edge] == index]
-        found.setdefault(index, []).append(of_it[~np.isnan(of_it)])
-    return {index: np.sort(np.concatenate(found[index])) for index in sorted(found)}
+        own = times[owners[edge] == index]
+        entries.setdefault(index, []).append(own[~np.isnan(own)])
+    return {index: np.sort(np.concatenate(entries[index])) for index in sorted(entries)}
 
 
-def _around(pieces: Pieces, polygon: Any) -> Any:
+def _bounding_box(pieces: Pieces, polygon: Any) -> Any:
     """Return a box that holds a motion and a polygon."""
     places = np.concatenate([pieces.positions - pieces.reach, pieces.positions + pieces.reach,
                              shapely.get_coordinates(polygon)])
     return shapely.box(*places.min(axis=0) - 1.0, *places.max(axis=0) + 1.0)
 
 
-def _edges_of(polygons: Sequence[Any]) -> tuple[Array, _Indices]:
+def _list_edges(polygons: Sequence[Any]) -> tuple[Array, _Indices]:
     """Return the edges of polygons, (E, 2, 2) in m, and the index of the polygon of each."""
     parts, owner = shapely.get_parts(np.array(polygons, object), return_index=True)
     rings, part = shapely.get_rings(parts, return_index=True)
@@ -248,5 +249,5 @@ def _edges_of(polygons: Sequence[Any]) -> tuple[Array, _Indices]:
     return np.stack([corners[inside], corners[inside + 1]], axis=1), owner[part[ring[inside]]]
 
 
-def _tree(edges: Array) -> Any:
+def _build_tree(edges: Array) -> Any:
     return shapely.STRtree(shapely.linestrings(edges))

@@ -1,5 +1,5 @@
 """
-The curve that the UAVs fly, in continuous time.
+The curve that the UAVs fly, in continuous time, with its mean rates and its energy.
 
 The points of a UAV with a limit of acceleration are the control points of a uniform quadratic
 B-spline: it passes (q[n] + q[n+1]) / 2 half a slot after point n, with the velocity
@@ -9,7 +9,7 @@ the limit flies straight from point to point.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,20 +18,24 @@ from .channel import guaranteed_rates
 from ..mission.scenario import Array, Point, Scenario
 from ..mission.validation import RANGES
 
-# Slower than this share of the largest speed, a direction of travel is numerical noise.
-_HOVERING = 1e-3
-# Smaller velocities in m/s, and changes of velocity in a slot, are those of rounding.
-_NOTHING = 1e-9
-# How far limits lie above what a flight uses of them, as a share.
-_ROUNDING = 1e-6
+_STANDING = 1e-3  # Share of the largest speed below which a heading is numerical noise.
+_ZERO = 1e-9  # Smaller velocities in m/s, and changes of velocity in a slot, are rounding errors.
+_ROUNDING = 1e-6  # Share by which inferred limits lie above what a flight uses.
+_MOST_TIMES = 2**15  # At which velocities are evaluated at once, for the memory.
 
 GAUSS_LEGENDRE = ((-math.sqrt(0.15), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.15), 5 / 18))
 """Places from -1/2 to 1/2 and weights, whose weighted sum is the mean of quintics in between."""
 
+_PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+HOVERING_SPEED = 0.1
+"""Slower than this share of its largest speed, a UAV counts as hovering. At 1 m/s the power of the
+default rotary wing is 1% below that of hovering, and a UAV that circles in place does so too."""
+
 
 class Motion(NamedTuple):
     """
-    How the UAVs move at some times, (U, K, 2) in m, m/s and m/s^2.
+    Motion of the UAVs at K times, (U, K, 2) in m, m/s and m/s^2.
 
     :ivar headings: directions of travel, held while hovering, (U, K) in rad from x to y.
     """
@@ -42,25 +46,25 @@ class Motion(NamedTuple):
     headings: Array
 
 
-class Flown(NamedTuple):
+class Energy(NamedTuple):
     """
-    The fields of Uav that a flight tells: its smallest limits, and the velocities at its ends.
+    Energy of one UAV's flight, from when the first UAV leaves until the last one arrives.
 
-    max_acceleration is None for a flight straight from point to point, and a velocity is None
-    where the move there goes on as it is.
+    :ivar total: in J.
+    :ivar hovering: while it is slower than HOVERING_SPEED times its max_speed, in J.
+    :ivar flying: while it is not, in J.
     """
 
-    max_speed: float
-    max_acceleration: float | None
-    start_velocity: Point | None
-    goal_velocity: Point | None
+    total: float
+    hovering: float
+    flying: float
 
 
 class Curve:
     """
     The flight of all UAVs as a function of time.
 
-    :param scenario: whose UAVs fly.
+    :param scenario: of the UAVs.
     :param positions: points of the flight, (U, N+2, 2) in m, for any N.
     :ivar begin: when the first UAV leaves its start, in s from point 0.
     :ivar end: when the last UAV reaches its goal, likewise.
@@ -77,19 +81,19 @@ class Curve:
         self.end = self._last * self._step + margin
         self.piece = self._step / 2 if margin else self._step
         moves = np.diff(positions, axis=1)
-        first, last = end_moves(moves[:, [0, -1]], scenario.end_velocities * self._step)
+        first, last = complete_end_moves(moves[:, [0, -1]], scenario.end_velocities * self._step)
         # The moves w[-1], w[0], ..., w[N+1].
         self._moves = np.concatenate([first[:, None], moves, last[:, None]], axis=1)
-        self._headings = _headings(moves, scenario.max_step)
-        self._slow = _HOVERING * scenario.max_speeds[:, None]
+        self._headings = _find_headings(moves, scenario.max_step)
+        self._slow = _STANDING * scenario.max_speeds[:, None]
 
     def at(self, times: ArrayLike) -> Motion:
         """Return the motion at times (K,) in s from point 0; it rests before begin, after end."""
         nodes = np.asarray(times, float) / self._step
-        straight, smooth = self._straight_at(nodes), self._smooth_at(nodes)
+        straight, smooth = self._evaluate_polyline(nodes), self._evaluate_spline(nodes)
         position, velocity, acceleration = (
-            np.where(self._smooth[:, None, None], one, other)
-            for one, other in zip(smooth, straight, strict=True))
+            np.where(self._smooth[:, None, None], *values)
+            for values in zip(smooth, straight, strict=True))
         velocity, acceleration = velocity / self._step, acceleration / self._step**2
         # A share of a slot late, as times are rounded: the heading of a move holds in all of it.
         node = np.clip(np.floor(nodes + 1e-9), 0, self._last).astype(int)
@@ -98,7 +102,7 @@ class Curve:
         heading = np.where(fast, np.arctan2(velocity[..., 1], velocity[..., 0]), held)
         return Motion(position, velocity, acceleration, heading)
 
-    def _straight_at(self, nodes: Array) -> tuple[Array, Array, Array]:
+    def _evaluate_polyline(self, nodes: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the polyline, by slots."""
         inside = np.clip(nodes, 0, self._last)
         node = np.minimum(np.floor(inside + 1e-9).astype(int), self._last)
@@ -107,20 +111,20 @@ class Curve:
         move = np.where(flying[:, None], self._moves[:, 1 + node], 0.0)
         return self._points[:, node] + by * move, move, np.zeros_like(move)
 
-    def _smooth_at(self, nodes: Array) -> tuple[Array, Array, Array]:
+    def _evaluate_spline(self, nodes: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the B-spline, by slots."""
         inside = np.clip(nodes, -0.5, self._last + 0.5)
-        position, velocity, bend = spline_at(self._points, self._moves, inside)
+        position, velocity, bend = evaluate_spline(self._points, self._moves, inside)
         flying = (inside == nodes)[:, None]
         return position, np.where(flying, velocity, 0.0), np.where(flying, bend, 0.0)
 
 
-def end_moves(moves: Array, given: Array) -> Array:
-    """Return the moves at both ends (2, U, 2): those of a flight (U, 2, 2) where none is given."""
+def complete_end_moves(moves: Array, given: Array) -> Array:
+    """Return the moves beyond both ends (2, U, 2); where not given, a flight's own (U, 2, 2)."""
     return np.where(np.isnan(given), np.swapaxes(moves, 0, 1), given)
 
 
-def spline_at(points: Array, moves: Array, nodes: Array) -> tuple[Array, Array, Array]:
+def evaluate_spline(points: Array, moves: Array, nodes: Array) -> tuple[Array, Array, Array]:
     """
     Return position, velocity and acceleration of a B-spline by slots, (U, K, 2) each.
 
@@ -145,10 +149,39 @@ def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Ar
     return rates
 
 
-def flown(points: Array, step: float, velocities: Array | None = None,
-          accelerations: Array | None = None) -> Flown:
+def compute_energies(scenario: Scenario, curve: Curve) -> tuple[Energy | None, ...]:
     """
-    Return the limits and the ends with which the Curve of some points is a given motion.
+    Return the Energy of each UAV along a curve, None for one without a propulsion.
+
+    It is the integral of Propulsion.power over the speed of the curve, without what changes of
+    velocity and the radio take.
+    """
+    members = [(index, uav.propulsion, HOVERING_SPEED * uav.max_speed)
+               for index, uav in enumerate(scenario.uavs) if uav.propulsion is not None]
+    sums = np.zeros((len(scenario.uavs), 2))
+    count = round((curve.end - curve.begin) / curve.piece) if members else 0
+    at_once = max(1, _MOST_TIMES // (len(_PLACES) * len(scenario.uavs)))
+    for first in range(0, count, at_once):
+        pieces = np.arange(first, min(first + at_once, count))
+        times = curve.begin + (pieces[:, None] + (_PLACES + 1) / 2) * curve.piece
+        velocities = curve.at(times.ravel()).velocities
+        speeds = np.linalg.norm(velocities, axis=-1).reshape(-1, *times.shape)
+        for index, propulsion, slow in members:
+            joules = propulsion.power(speeds[index]) * _WEIGHTS * (curve.piece / 2)
+            hovers = speeds[index] < slow
+            sums[index] += joules[hovers].sum(), joules[~hovers].sum()
+    return tuple(
+        None if uav.propulsion is None else Energy(hovering + flying, hovering, flying)
+        for uav, (hovering, flying) in zip(scenario.uavs, sums.tolist(), strict=True))
+
+
+def infer_limits(points: Array, step: float, velocities: Array | None = None,
+                 accelerations: Array | None = None) -> dict[str, Any]:
+    """
+    Return the smallest limits and the end velocities with which the Curve of points is a motion.
+
+    They are fields of Uav: max_acceleration is None for a flight straight from point to point, and
+    a velocity is None where it is that of the move at the end.
 
     :param points: of one UAV, (N+2, 2) in m.
     :param step: the length of a slot in s.
@@ -160,32 +193,35 @@ def flown(points: Array, step: float, velocities: Array | None = None,
     fastest = float(np.linalg.norm(moves, axis=-1).max())
     least_speed, least = RANGES['max_speed'][0], RANGES['max_acceleration'][0]
     if velocities is None or accelerations is None or not (
-            np.abs(accelerations * step).max() > _NOTHING
-            or np.abs(velocities[-1]).max() > _NOTHING):
-        return Flown(max(fastest * (1 + 1e-9), least_speed), None, (0.0, 0.0), (0.0, 0.0))
-    ends = [_end(moves[0], -accelerations[0] * step), _end(moves[-1], accelerations[-1] * step)]
+            np.abs(accelerations * step).max() > _ZERO
+            or np.abs(velocities[-1]).max() > _ZERO):
+        return {'max_speed': max(fastest * (1 + 1e-9), least_speed), 'max_acceleration': None,
+                'start_velocity': (0.0, 0.0), 'goal_velocity': (0.0, 0.0)}
+    ends = [_find_end_velocity(moves[0], -accelerations[0] * step),
+            _find_end_velocity(moves[-1], accelerations[-1] * step)]
     given = [end for end in ends if end is not None]
     fastest = max([fastest, *(math.hypot(*end) for end in given)])
     changes = np.diff(np.concatenate([
         moves[:1] if ends[0] is None else [ends[0]], moves,
         moves[-1:] if ends[1] is None else [ends[1]]]), axis=0)
     most = float(np.linalg.norm(changes, axis=-1).max()) / step
-    return Flown(max(fastest * (1 + _ROUNDING), least_speed),
-                 max(most * (1 + _ROUNDING), least), *ends)
+    return {'max_speed': max(fastest * (1 + _ROUNDING), least_speed),
+            'max_acceleration': max(most * (1 + _ROUNDING), least),
+            'start_velocity': ends[0], 'goal_velocity': ends[1]}
 
 
-def _end(velocity: Array, change: Array) -> Point | None:
-    """Return the velocity at an end, from that of the move there and the change to it."""
-    if np.abs(change).max() <= _NOTHING:
+def _find_end_velocity(velocity: Array, change: Array) -> Point | None:
+    """Return the velocity at an end, a change from that of the move there, or None without."""
+    if np.abs(change).max() <= _ZERO:
         return None
     x, y = (velocity + change).tolist()
-    return (0.0, 0.0) if max(abs(x), abs(y)) <= _NOTHING else (x, y)
+    return (0.0, 0.0) if max(abs(x), abs(y)) <= _ZERO else (x, y)
 
 
-def _headings(moves: Array, max_step: Array) -> Array:
+def _find_headings(moves: Array, max_step: Array) -> Array:
     """Return the direction of travel from every point, (U, N+2) in rad, held while hovering."""
     moves = np.concatenate([moves, np.zeros_like(moves[:, :1])], axis=1)
-    moving = np.linalg.norm(moves, axis=-1) > _HOVERING * max_step[:, None]
+    moving = np.linalg.norm(moves, axis=-1) > _STANDING * max_step[:, None]
     # The index of the last point at which the UAV moved; before the first, that of the first.
     index = np.where(moving, np.arange(moves.shape[1]), -1)
     last = np.maximum.accumulate(index, axis=1)

@@ -6,11 +6,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .curve import end_moves, spline_at
+from .curve import complete_end_moves, evaluate_spline
 from ..mission.scenario import Array, Scenario
 
 _SHORT = 0.25  # Share of a mission's extent beyond which no distance is short.
-_NO_SLACK = 1e-7  # Share of its limits that a flight must leave to be free to change.
+_NO_SLACK = 1e-7  # Share of its limits below which a flight is fixed.
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Grid:
     positions in these units with start and goal, point by point, (N+2, U, 2).
 
     :param scenario: whose flight it is; the flight's length stays the scenario's.
-    :param slots: into how many slots it is divided here.
+    :param slots: N on this grid.
     :param fixed: UAVs whose positions are not variables, (U,).
     """
 
@@ -33,10 +33,10 @@ class Grid:
 
     @classmethod
     def of(cls, scenario: Scenario) -> 'Grid':
-        """Return the grid of a scenario's own slots; a UAV with a single flight is fixed."""
+        """Return the grid of a scenario's own slots; a UAV with no slack is fixed."""
         return cls(scenario, scenario.slots, scenario.efforts > 1 - _NO_SLACK)
 
-    def divided(self, slots: int) -> 'Grid':
+    def with_slots(self, slots: int) -> 'Grid':
         """Return the same flight divided into another number of slots."""
         return replace(self, slots=slots)
 
@@ -73,7 +73,7 @@ class Grid:
 
     @cached_property
     def steps(self) -> Array:
-        """Distances that are short: flown in a slot, but a share of the extent, (U,) in m."""
+        """Short distances: flown in a slot, at most a share of the extent, (U,) in m."""
         scenario = self.scenario
         places = np.concatenate([scenario.starts, scenario.goals, self.origin[None],
                                  scenario.eavesdropper_positions])
@@ -92,53 +92,54 @@ class Grid:
 
     def positions(self, x: Array) -> Array:
         """Return the positions of x (N, U, 3) with start and goal, (U, N+2, 2) in m."""
-        return self.positions_of(self.path(x))
+        return self.to_positions(self.path(x))
 
     def path(self, x: Array) -> Array:
         """Return the path of x (N, U, 3)."""
         return np.concatenate([self.starts[None], x[..., 1:], self.goals[None]])
 
-    def path_of(self, positions: Array) -> Array:
+    def to_path(self, positions: Array) -> Array:
         """Return the path of positions (U, N+2, 2) in m."""
         return (np.swapaxes(positions, 0, 1) - self.origin) / self.length
 
-    def positions_of(self, path: Array) -> Array:
+    def to_positions(self, path: Array) -> Array:
         """Return the positions of a path, (U, N+2, 2) in m."""
-        found: Array = np.swapaxes(path, 0, 1) * self.length + self.origin
-        found[:, 0], found[:, -1] = self.scenario.starts, self.scenario.goals
-        return found
+        positions: Array = np.swapaxes(path, 0, 1) * self.length + self.origin
+        positions[:, 0], positions[:, -1] = self.scenario.starts, self.scenario.goals
+        return positions
 
-    def refined(self, x: Array, slots: int) -> Array:
+    def refine(self, x: Array, slots: int) -> Array:
         """Return x (N, U, 3) of this grid on one of other slots; mean powers are kept."""
-        path = self.refined_path(self.path(x), slots)
-        power = resampled(x[..., 0], slots, inner=True)
+        path = self.refine_path(self.path(x), slots)
+        power = resample(x[..., 0], slots, inner=True)
         power *= np.minimum(1, x[..., 0].mean(axis=0) / power.mean(axis=0))
         return np.concatenate([power[..., None], path[1:-1]], axis=-1)
 
-    def refined_path(self, path: Array, slots: int) -> Array:
+    def refine_path(self, path: Array, slots: int) -> Array:
         """
         Return a path of this grid on one of another number of slots.
 
-        Interpolation keeps the largest speed, along the curve of UAVs with a limit of
-        acceleration all but that, too.
+        Interpolation keeps the largest speed; for UAVs with a limit of acceleration it is along
+        the curve, and nearly keeps the largest acceleration.
         """
-        found = resampled(path, slots + 2)
+        finer = resample(path, slots + 2)
         limited = np.isfinite(self.scenario.max_accelerations)
         if limited.any():
             points = np.swapaxes(path, 0, 1)
-            ends = end_moves(np.diff(points, axis=1)[:, [0, -1]],
-                             self.scenario.end_velocities * self.slot_duration / self.length)
-            found[:, limited] = np.swapaxes(
-                resampled_curve(points, ends, slots + 2), 0, 1)[:, limited]
-        return found
+            ends = complete_end_moves(
+                np.diff(points, axis=1)[:, [0, -1]],
+                self.scenario.end_velocities * self.slot_duration / self.length)
+            finer[:, limited] = np.swapaxes(
+                resample_curve(points, ends, slots + 2), 0, 1)[:, limited]
+        return finer
 
 
-def resampled_curve(points: Array, ends: Array, count: int) -> Array:
+def resample_curve(points: Array, ends: Array, count: int) -> Array:
     """
     Return the control points (U, count, 2) of nearly the same B-spline (U, M, 2) in other slots.
 
-    The curve begins and ends half a slot of its own beyond the points. With other slots it is
-    warped in time by that much, while its ends keep their velocities.
+    The curve begins and ends half a slot beyond the points. As that differs between the two, time
+    is warped, while the ends keep their velocities.
 
     :param ends: moves before the first point, and behind the last, (2, U, 2).
     """
@@ -149,18 +150,18 @@ def resampled_curve(points: Array, ends: Array, count: int) -> Array:
     warped: Array = (times + slot / 2) * (last + 1) / (last + slot) - 0.5
     share = (times / last)[:, None]
     drift = (times - warped)[:, None] * ((1 - share) * first_move + share * last_move)
-    velocities = [spline_at(points, moves, np.clip(warped + by, -0.5, last + 0.5))[1]
+    velocities = [evaluate_spline(points, moves, np.clip(warped + by, -0.5, last + 0.5))[1]
                   for by in (-slot / 2, slot / 2)]
     inside = np.clip(warped, -0.5, last + 0.5)
-    position, velocity, _ = spline_at(points, moves, inside)
+    position, velocity, _ = evaluate_spline(points, moves, inside)
     # Beyond its ends the curve goes straight on.
-    found = (position + (warped - inside)[:, None] * velocity + drift
-             - slot / 8 * (velocities[1] - velocities[0]))
-    found[:, [0, -1]] = points[:, [0, -1]]
-    return found
+    controls = (position + (warped - inside)[:, None] * velocity + drift
+                - slot / 8 * (velocities[1] - velocities[0]))
+    controls[:, [0, -1]] = points[:, [0, -1]]
+    return controls
 
 
-def resampled(values: Array, count: int, inner: bool = False) -> Array:
+def resample(values: Array, count: int, inner: bool = False) -> Array:
     """
     Return values (M, ...) over equal shares of a flight at another number of points.
 
@@ -168,19 +169,19 @@ def resampled(values: Array, count: int, inner: bool = False) -> Array:
     """
     if count == len(values):
         return values.copy()
-    before, share = _interpolation(len(values), count, inner)
+    before, share = _get_interpolation(len(values), count, inner)
     share = share.reshape(-1, *[1] * (values.ndim - 1))
     here = values[before]
     return here + share * (values[np.minimum(before + 1, len(values) - 1)] - here)
 
 
-def resampled_flights(positions: Array, slots: int) -> Array:
-    """Return positions (U, M+2, 2) over equal shares of a flight in other slots, (U, N+2, 2)."""
-    return np.swapaxes(resampled(np.swapaxes(positions, 0, 1), slots + 2), 0, 1)
+def resample_flights(positions: Array, slots: int) -> Array:
+    """Return positions (U, M+2, 2) over equal shares of a flight in N slots, (U, N+2, 2)."""
+    return np.swapaxes(resample(np.swapaxes(positions, 0, 1), slots + 2), 0, 1)
 
 
 @lru_cache(maxsize=64)
-def _interpolation(number: int, count: int, inner: bool) -> tuple[NDArray[np.intp], Array]:
+def _get_interpolation(number: int, count: int, inner: bool) -> tuple[NDArray[np.intp], Array]:
     """Return the preceding sample and the interpolation weight of each new point, (count,)."""
     more = int(inner)
     place = np.arange(more, count + more) * (

@@ -1,4 +1,4 @@
-"""Motion that is a quadratic polynomial of time piece by piece: its exact extremes."""
+"""Exact extremes of motion that is piecewise quadratic in time."""
 
 from typing import NamedTuple
 
@@ -9,8 +9,8 @@ from .curve import Curve
 from ..mission.validation import Array
 
 _HALVINGS = 45
-_POINT = 1e-300  # Square of the length of an edge between equal corners, which is a point.
-_ROUNDING = 1e-9  # Share by which an edge is longer, and a piece, so that no crossing is missed.
+_POINT = 1e-300  # The square of an edge's length at least, where its corners are equal.
+_ROUNDING = 1e-9  # Share by which edges and pieces are made longer, so that no crossing is missed.
 
 
 class Pieces(NamedTuple):
@@ -37,13 +37,13 @@ class Pieces(NamedTuple):
         return cls(times, curve.piece / 2, motion.positions, motion.velocities,
                    motion.accelerations)
 
-    def of_uav(self, uav: int) -> 'Pieces':
-        """Return the pieces of one UAV."""
+    def select_uav(self, uav: int) -> 'Pieces':
+        """Return the pieces of one UAV, with arrays (K, 2)."""
         return self._replace(positions=self.positions[uav], velocities=self.velocities[uav],
                              accelerations=self.accelerations[uav])
 
-    def chosen(self, index: Array) -> 'Pieces':
-        """Return the pieces of one motion with these indices."""
+    def take(self, index: Array) -> 'Pieces':
+        """Return the pieces with these indices, for arrays (K, 2)."""
         return Pieces(self.times[index], self.half, self.positions[index],
                       self.velocities[index], self.accelerations[index])
 
@@ -64,14 +64,14 @@ def least_distance(position: Array, velocity: Array, acceleration: Array,
     """
     Return the least of |position + velocity t + acceleration t^2 / 2| for |t| <= half, and t.
 
-    The square is a quartic of t. It is convex on both sides of where its second derivative is
-    negative, and in each the derivative is halved down to its zero. Arrays are (K, 2), and (K,).
+    The square is a quartic of t, convex on both sides of where its second derivative is negative.
+    On each side the zero of its derivative is bisected. Arrays are (K, 2), and (K,).
     """
     cubic = 0.5 * (acceleration**2).sum(axis=-1)
     square = 1.5 * (velocity * acceleration).sum(axis=-1)
     linear = ((velocity**2) + position * acceleration).sum(axis=-1)
     constant = (position * velocity).sum(axis=-1)
-    first, second = _roots(3 * cubic, square, linear, half)
+    first, second = _find_roots(3 * cubic, square, linear, half)
     best, at = np.full(len(position), np.inf), np.zeros(len(position))
     for low, high in ((np.full(len(position), -half), first), (second, np.full_like(at, half))):
         for _ in range(_HALVINGS):
@@ -86,17 +86,17 @@ def least_distance(position: Array, velocity: Array, acceleration: Array,
     return best, at
 
 
-def crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
+def find_crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
     """
-    Return when pieces with arrays (K, 2) cross edges (K, 2, 2) in m, each one its own.
+    Find the crossings of K pieces with arrays (K, 2) and K edges (K, 2, 2) in m, pair by pair.
 
     :return: two times from the middles, (K, 2) in s, and which are crossings, (K, 2).
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
-    places = _roots((pieces.accelerations * normal).sum(axis=1) / 2,
-                    (pieces.velocities * normal).sum(axis=1) / 2,
-                    ((pieces.positions - begin) * normal).sum(axis=1), np.inf)
+    places = _find_roots((pieces.accelerations * normal).sum(axis=1) / 2,
+                         (pieces.velocities * normal).sum(axis=1) / 2,
+                         ((pieces.positions - begin) * normal).sum(axis=1), np.inf)
     times = np.stack(places, axis=1)
     inside = np.abs(times) <= pieces.half * (1 + _ROUNDING)
     times = np.clip(times, -pieces.half, pieces.half)
@@ -107,10 +107,10 @@ def crossings(pieces: Pieces, edges: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
     """
-    Return the least distances (K,) of pieces to edges as in crossings, and when, from the middles.
+    Return the least distances (K,) of pieces to edges, and their times from the middles, (K,).
 
-    They are reached where the distance to the line of the edge or to one of its corners is least,
-    where the edge is crossed, or at an end of the piece.
+    Pieces and edges are as in find_crossings. A distance is least where that to the line of the
+    edge or to one of its corners is, where the edge is crossed, or at an end of the piece.
     """
     begin, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
@@ -120,8 +120,8 @@ def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
     line = np.divide(-slope, bend, out=half.copy(), where=np.abs(slope) < np.abs(bend) * half)
     corners = [least_distance(pieces.positions - edges[:, end], pieces.velocities,
                               pieces.accelerations, pieces.half)[1] for end in range(2)]
-    found, counts = crossings(pieces, edges)
-    times = np.stack([line, *corners, -half, half, *np.where(counts, found, half[:, None]).T])
+    crossings, crosses = find_crossings(pieces, edges)
+    times = np.stack([line, *corners, -half, half, *np.where(crosses, crossings, half[:, None]).T])
     offsets = pieces.at(times) - begin
     square = np.maximum((along**2).sum(axis=1), _POINT)
     share = np.clip((offsets * along).sum(axis=-1) / square, 0, 1)
@@ -131,8 +131,8 @@ def least_distance_to_edge(pieces: Pieces, edges: Array) -> tuple[Array, Array]:
             np.take_along_axis(times, best, axis=0)[0])
 
 
-def _roots(square: Array, half_linear: Array, constant: Array,
-           most: float) -> tuple[Array, Array]:
+def _find_roots(square: Array, half_linear: Array, constant: Array,
+                most: float) -> tuple[Array, Array]:
     """
     Return the smaller and the larger root of square t^2 + 2 half_linear t + constant.
 
@@ -141,10 +141,11 @@ def _roots(square: Array, half_linear: Array, constant: Array,
     discriminant = half_linear**2 - square * constant
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         # Without cancellation, and with a root at infinity where the polynomial is linear.
-        sum_of = -(half_linear + np.copysign(np.sqrt(discriminant), half_linear))
-        one, other = sum_of / square, constant / sum_of
-    one, other = np.where(np.isnan(one), other, one), np.where(np.isnan(other), one, other)
-    known = (discriminant >= 0) & ((square != 0) | (half_linear != 0))
-    low, high = (np.where(known, np.clip(root, -most, most), most)
-                 for root in (np.minimum(one, other), np.maximum(one, other)))
+        scaled = -(half_linear + np.copysign(np.sqrt(discriminant), half_linear))
+        first, second = scaled / square, constant / scaled
+    first, second = (np.where(np.isnan(first), second, first),
+                     np.where(np.isnan(second), first, second))
+    exists = (discriminant >= 0) & ((square != 0) | (half_linear != 0))
+    low, high = (np.where(exists, np.clip(root, -most, most), most)
+                 for root in (np.minimum(first, second), np.maximum(first, second)))
     return low, high

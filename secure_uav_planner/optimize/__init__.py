@@ -1,5 +1,19 @@
-"""The optimisation: baselines, convex subproblems, methods."""
+"""
+The optimisation: methods and baselines, from a scenario to a plan.
 
-from .solve import fly_hover_fly, METHODS, solve
+| algorithm | module |
+| --- | --- |
+| primal-dual interior-point method, banded Newton steps | `joint/barrier.py`, `model/kernel/` |
+| multistart, refinement from coarse to fine grids | `joint/multistart.py`, `joint/starts.py` |
+| exchange of constraints (semi-infinite programming) | `joint/exchange.py` |
+| alternating successive convex approximation, the paper's | `alternating/` |
+| projection by sequential convex programming | `initial/projection.py` |
+| shortest paths in a visibility graph | `initial/visibility_graph.py` |
+
+`methods.py` runs a method by its name. An `Incumbent` keeps the best feasible iterate of a call,
+whichever method proposes it. `rejoin.py` finds the beginning of a replan in flight.
+"""
+
+from .methods import fly_hover_fly, METHODS, solve
 
 __all__ = ['METHODS', 'fly_hover_fly', 'solve']

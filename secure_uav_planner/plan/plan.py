@@ -19,9 +19,8 @@ from ..mission.scenario import Array, Point, POSITION_TOLERANCE, RANGES, read_on
 from ..mission.validation import checked_array, checked_kind
 from ..model import channel
 from ..model.clearance import Clearance
-from ..model.curve import Curve, mean_guaranteed_rates
-from ..model.energy import energies, Energy
-from ..model.limits import limits_of
+from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
+from ..model.limits import build_limits
 from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ class Plan:
         if self.start_ns is not None:
             self._check_start(self.start_ns)
         self._check_ends()
-        for limit in limits_of(self.scenario):
+        for limit in build_limits(self.scenario):
             limit.check(self.positions, self.powers)
         self.clearance.check()
 
@@ -190,7 +189,7 @@ class Plan:
     @cached_property
     def energies(self) -> tuple[Energy | None, ...]:
         """Energy of the flight of each UAV, None for a UAV without a propulsion."""
-        return energies(self.scenario, self.curve)
+        return compute_energies(self.scenario, self.curve)
 
     @property
     def curve_rate(self) -> float:

@@ -9,7 +9,7 @@ from .cdr import PathContent, read_path, read_power, read_trajectory, stamp_of
 from .parameters import LONGEST_FRAME
 from ..errors import PlanError, quote
 from ..mission.scenario import Array, RANGES, Scenario, Uav
-from ..model.curve import flown
+from ..model.curve import infer_limits
 from ..plan.plan import Plan
 
 _SETTLING_NS = 100_000_000
@@ -145,7 +145,7 @@ def _plan_from(paths: Mapping[str, PathContent], messages: Mapping[str, bytes],
     uavs = tuple(
         Uav(name, tuple(line[0].tolist()), tuple(line[-1].tolist()), float(line_z),
             average_power=float(mean), peak_power=float(most),
-            **flown(line, slot_duration, *motions.get(name, [])[1:])._asdict())
+            **infer_limits(line, slot_duration, *motions.get(name, [])[1:]))
         for name, line, line_z, mean, most in zip(
             names, positions, places[:, 0, 2], average, peak, strict=True))
     scenario = Scenario(uavs=uavs, duration=slot_duration * slots, slots=slots, **fields)

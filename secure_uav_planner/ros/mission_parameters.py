@@ -19,7 +19,7 @@ from ..mission.participants import NoFlyZone, Propulsion
 from ..mission.polygons import checked_polygon
 from ..mission.propagation import Channel
 from ..mission.scenario import Point, Scenario, Uav
-from ..optimize.solve import checked_objective
+from ..optimize.methods import check_objective
 
 _NOTHING = {'geofence': [], 'los': NO_LOS, 'rician_k_db': 0.0, 'outage': NO_OUTAGE,
             'max_acceleration': NO_LIMIT, 'start_velocity': [], 'goal_velocity': [],
@@ -30,7 +30,7 @@ _NOTHING = {'geofence': [], 'los': NO_LOS, 'rician_k_db': 0.0, 'outage': NO_OUTA
 def objective_from(values: Mapping[str, Any]) -> Objective:
     """Return the objective that the parameter values describe, if the method maximises it."""
     objective = values['objective']
-    return checked_objective(values['method'], None if objective == OWN_OBJECTIVE else objective)
+    return check_objective(values['method'], None if objective == OWN_OBJECTIVE else objective)
 
 
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:

@@ -44,8 +44,8 @@ from ..errors import (
     StoppedError)
 from ..mission.scenario import Scenario
 from ..optimize import solve
+from ..optimize.initial import is_similar
 from ..optimize.rejoin import Rejoin
-from ..optimize.warm_start import similar
 from ..plan.plan import Iteration, Plan
 from ..plan.results import Bound
 from ..plan.tracking import Flight
@@ -200,7 +200,7 @@ class Planner(Node):
             self._reply(False, self._refuse(error))
             return
         last = self._state.plan
-        initial = last if last and similar(scenario, last.scenario) else None
+        initial = last if last and is_similar(scenario, last.scenario) else None
 
         def work(job: Job) -> tuple[Plan, dict[str, bytes]]:
             left = None if limit is None else max(
@@ -305,7 +305,7 @@ class Planner(Node):
         """Start the solve of a replan."""
         def work(job: Job) -> tuple[Plan, Rejoin, dict[str, bytes]]:
             rejoin = rest.rejoin()
-            plan = rejoin.continued(
+            plan = rejoin.splice(
                 self._solve(job, rejoin.scenario, settings, rest.time_limit, rejoin.tail))
             return plan, rejoin, self._messages_of(plan)
 

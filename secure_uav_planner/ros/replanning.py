@@ -9,7 +9,7 @@ from .poses import PoseBook
 from .scenarios import has_moved, update_receivers
 from ..errors import InfeasibleMissionError, LateError, PlanningError, SupersededError
 from ..mission.scenario import Scenario
-from ..optimize.rejoin import find_rejoin, first_point, Rejoin
+from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ..plan.plan import Plan
 from ..plan.tracking import Flight, MeasuredState
 
@@ -80,7 +80,7 @@ class Replanning:
         if plan.start_ns != last.start_ns:
             return None  # The last plan is not flown yet.
         lead = settings['replan_lead']
-        first = first_point(plan.scenario, flight.time + lead * flight.rate)
+        first = find_first_point(plan.scenario, flight.time + lead * flight.rate)
         if first >= plan.scenario.slots:
             return None  # The mission ends before a new plan could take effect.
         try:

@@ -36,7 +36,7 @@ import shapely
 
 from ...mission.polygons import convex_parts, pockets
 from ...mission.validation import Array
-from ...model.airspace import airspace_of
+from ...model.airspace import get_airspace
 from ...plan.plan import POSITION_TOLERANCE
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def _has_too_many_corners(parts: tuple[Any, ...]) -> bool:
 @lru_cache(maxsize=16)
 def _split_obstacles(scenario: Scenario, altitude: float) -> tuple[Any, ...]:
     """Return convex polygons that overlap a little and make up O at an altitude in m."""
-    far = airspace_of(scenario).far
+    far = get_airspace(scenario).far
     # Each alone: a plan may fly between two that touch.
     solids = [shapely.Polygon(vertices) for vertices, name in scenario.keep_out(altitude)
               if name not in far]

@@ -1,4 +1,4 @@
-"""What every limit answers: the check of a plan, the repair of an iterate, the kernel's form."""
+"""What every limit provides: the check of a plan, the repair of an iterate, the kernel's form."""
 
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
@@ -12,14 +12,15 @@ class Limit(ABC):
     One limit of a scenario.
 
     A new limit is one subclass of this, named in `limits.LIMITS`, and one of the class Limit in
-    `kernel/limit.hpp`. `Plan` calls check; `Search` calls repair; `joint` has the kernel's form.
+    `kernel/limit.hpp`. `Plan` calls check, `Incumbent` calls repair, and `joint` uses the form of
+    the kernel.
 
-    :cvar of_flights: whether it limits positions rather than powers.
+    :cvar constrains_positions: whether it limits positions rather than powers.
     :param scenario: whose limit it is.
-    :param grid: on which joint asks; by default the scenario's own.
+    :param grid: of the optimisation; by default the scenario's own.
     """
 
-    of_flights: ClassVar[bool] = False
+    constrains_positions: ClassVar[bool] = False
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         self.scenario = scenario
@@ -27,7 +28,7 @@ class Limit(ABC):
 
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
-        """Return whether a scenario has this limit."""
+        """Return True if a scenario has this limit."""
         return True
 
     @property
@@ -38,8 +39,6 @@ class Limit(ABC):
         None for limits of powers, which the kernel has as bounds of its variables.
         """
         return None
-
-    # For a plan
 
     @abstractmethod
     def check(self, positions: Array, powers: Array) -> None:

@@ -1,4 +1,11 @@
-"""Limits that keep pieces of the flown curve on one side of lines: what clearances share."""
+"""
+Limits that keep pieces of the flown curve on one side of lines.
+
+In the slot around point n a quadratic B-spline is a Bezier curve with the control points
+(q[n-1] + q[n]) / 2, q[n] and (q[n] + q[n+1]) / 2, and stays within their convex hull. A UAV
+without a limit of acceleration flies along the line from q[n] to q[n+1]. Where UAVs of both kinds
+are compared at the same time, slots are halved: in each half both curves are quadratic.
+"""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -9,17 +16,105 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base import Limit
-from .tracks import Tracks
 from ..grid import Grid
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 
-_INSIDE = 1e-6  # How far in units what is given may be beyond a line.
+_TOLERANCE = 1e-6  # By which constant control points may be beyond a line, in units.
+
+_Piece: TypeAlias = tuple[tuple[float, float, float], ...]
+
+# The weights of q[n-1], q[n], q[n+1] in each control point.
+_SMOOTH: _Piece = ((0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 0.5))
+_STRAIGHT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_STRAIGHT_BY_THREE = ((0.0, 1.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 1.0))
+_SMOOTH_HALVES = (((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.125, 0.75, 0.125)),
+                  ((0.125, 0.75, 0.125), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5)))
+_POINT = ((0.0, 1.0, 0.0),)
+_ENDS = ((0.5, 0.5, 0.0),), ((0.0, 0.5, 0.5),)
+_STRAIGHT_HALVES = (((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.0, 1.0, 0.0)),
+                    ((0.0, 1.0, 0.0), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5)))
+
+
+class ControlPoints:
+    """
+    The K control points of each piece of the curves, linear in the points of a flight.
+
+    Around each of the points 0..N+1 every UAV has one piece, or two halves: T pieces of all UAVs.
+
+    :param grid: of the flight.
+    :param kinds: the weights of each UAV's pieces around a point, as choose_pieces returns them.
+    :param ends: those around the first point and the last, where they differ.
+    :ivar uav: the UAV of each piece, (T,).
+    :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, T, K, 3); zero for points
+        that do not vary.
+    :ivar all_weights: likewise, with the points that do not vary.
+    :ivar constant: the constant part of each control point, (N+2, T, K, 2) in units.
+    """
+
+    def __init__(self, grid: Grid, kinds: list[list[_Piece]],
+                 ends: tuple[_Piece, _Piece] | None = None) -> None:
+        self.grid = grid
+        self.uav: NDArray[np.intp] = np.repeat(np.arange(len(kinds)), len(kinds[0]))
+        weights = np.array([piece for pieces in kinds for piece in pieces])
+        self.weights: Array = np.repeat(weights[None], grid.slots + 2, axis=0)
+        if ends is not None:
+            self.weights[0], self.weights[-1] = ends
+        self.constant = np.zeros((*self.weights.shape[:-1], 2))
+        self._close_ends(np.isfinite(grid.scenario.max_accelerations))
+        self.all_weights = self.weights.copy()
+        self.weights[0, ..., 1] = self.weights[-1, ..., 1] = 0.0
+        self.weights[1, ..., 0] = self.weights[-2, ..., 2] = 0.0
+        self.weights[:, grid.fixed[self.uav]] = 0.0
+
+    @classmethod
+    def from_points(cls, grid: Grid) -> 'ControlPoints':
+        """Return the points themselves, with the curve's ends in place of start and goal."""
+        return cls(grid, [[_POINT]] * len(grid.scenario.uavs), _ENDS)
+
+    def _close_ends(self, smooth: NDArray[np.bool_]) -> None:
+        """Express the points before the first and after the last by those of the flight."""
+        moves = self.grid.scenario.end_velocities[:, self.uav] * self.grid.slot_duration / (
+            self.grid.length)
+        free = smooth[self.uav] & np.isnan(moves[..., 0])
+        # A UAV without a limit of acceleration rests there.
+        moves = np.where((smooth[self.uav] & ~free)[..., None], moves, 0.0)
+        for end, sign, outer, inner in ((0, -1.0, 0, 2), (-1, 1.0, 2, 0)):
+            weights = self.weights[end]
+            beyond = weights[..., outer].copy()
+            weights[..., outer] = 0.0
+            weights[..., 1] += beyond
+            weights[free[end], :, 1] += beyond[free[end]]
+            weights[free[end], :, inner] -= beyond[free[end]]
+            self.constant[end] += beyond[..., None] * sign * moves[end][:, None]
+
+    def evaluate(self, path: Array) -> Array:
+        """Return the control points of a path, (N+2, T, K, 2) in units."""
+        path, weights = path[:, self.uav, None], self.all_weights[..., None]
+        points: Array = weights[..., 1, :] * path
+        points[1:] += weights[1:, ..., 0, :] * path[:-1]
+        points[:-1] += weights[:-1, ..., 2, :] * path[1:]
+        return points + self.constant
+
+
+def choose_pieces(grid: Grid, simultaneous: bool) -> list[list[_Piece]]:
+    """
+    Return the weights of each UAV's pieces around a point.
+
+    :param simultaneous: whether pieces of the same number must be flown at the same time by all
+        UAVs; if not, each UAV has its own kind of piece.
+    """
+    limited = np.isfinite(grid.scenario.max_accelerations)
+    if limited.all() or not limited.any():
+        return [[_SMOOTH if smooth else _STRAIGHT] for smooth in limited]
+    if simultaneous:
+        return [list(_SMOOTH_HALVES if smooth else _STRAIGHT_HALVES) for smooth in limited]
+    return [[_SMOOTH if smooth else _STRAIGHT_BY_THREE] for smooth in limited]
 
 
 class Lines(NamedTuple):
     """
-    Lines on whose far side pieces of curves stay: normal . place >= offset.
+    Lines on whose far side pieces of curves stay: normal . p >= offset.
 
     :ivar normals: unit vectors, (N+2, G, 2).
     :ivar offsets: in units, (N+2, G).
@@ -30,67 +125,68 @@ class Lines(NamedTuple):
 
 
 Subjects: TypeAlias = tuple[
-    Tracks, NDArray[np.intp], NDArray[np.intp] | None, dict[str, Array]]
+    ControlPoints, NDArray[np.intp], NDArray[np.intp] | None, dict[str, Array]]
 
 
 class LineLimit(Limit):
     """
     A limit c = normal . p - offset >= 0 on the control points p of pieces of curves.
 
-    A convex obstacle is cleared by a convex piece when a line separates them. So each of G
-    subjects has a line for every piece: a UAV with an obstacle, or two UAVs, whose difference is
-    the piece. The kernel's class of the same name chooses the lines.
+    A convex piece clears a convex obstacle if a line separates them. Each of G subjects, a UAV
+    with an obstacle or two UAVs with their difference, has a line for every piece of its curve.
+    The kernel's class of the same name chooses the lines.
 
-    :ivar first: the track of each subject, (G,).
-    :ivar second: the track that is subtracted, (G,), or None.
+    :ivar points: the ControlPoints of all curves.
+    :ivar first: the piece of each subject, (G,).
+    :ivar second: the piece that is subtracted, (G,), or None.
     :ivar ignored: which control points do not vary, (N+2, G, K).
     """
 
-    of_flights = True
+    constrains_positions = True
 
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
-        self.tracks, self.first, self.second, self._obstacles = self._subjects()
-        still: NDArray[np.bool_] = np.all(self.tracks.weights == 0, axis=-1)
-        self.ignored = still[:, self.first]
+        self.points, self.first, self.second, self._obstacles = self._list_subjects()
+        constant: NDArray[np.bool_] = np.all(self.points.weights == 0, axis=-1)
+        self.ignored = constant[:, self.first]
         if self.second is not None:
-            self.ignored &= still[:, self.second]
+            self.ignored &= constant[:, self.second]
 
     @abstractmethod
-    def _subjects(self) -> Subjects:
-        """Return the tracks, first and second, and what the kernel asks of the obstacles."""
+    def _list_subjects(self) -> Subjects:
+        """Return points, first and second, and the obstacles by the kernel's names."""
 
     @cached_property
     def compiled(self) -> Any:
         """Return an object of the kernel's class."""
-        tracks = self.tracks
-        arrays = {'uav': tracks.uav, 'weights': tracks.weights, 'all': tracks.all_weights,
-                  'constant': tracks.constant, 'first': self.first, 'ignored': self.ignored,
+        points = self.points
+        arrays = {'uav': points.uav, 'weights': points.weights, 'all': points.all_weights,
+                  'constant': points.constant, 'first': self.first, 'ignored': self.ignored,
                   'second': self.second, **self._obstacles}
         plain = {name: values if values is None else np.ascontiguousarray(values, float)
                  for name, values in arrays.items()}
         return getattr(core, type(self).__name__)({
             'slots': self.grid.slots, 'uavs': len(self.scenario.uavs),
-            'corners': tracks.weights.shape[2], **plain})
+            'corners': points.weights.shape[2], **plain})
 
-    def lines(self, path: Array) -> Lines:
+    def choose_lines(self, path: Array) -> Lines:
         """
-        Return lines that separate the pieces of a path from what they must clear.
+        Return lines that separate the pieces of a path (N+2, U, 2) from what they must clear.
 
-        Where that is impossible, c is negative for some control point of the piece.
+        Where that is impossible, c is negative for at least one control point of the piece.
         """
         shape = len(path), len(self.first)
-        found = Lines(np.empty((*shape, 2)), np.empty(shape))
-        self.compiled.choose(np.ascontiguousarray(path), *found)
-        return found
+        lines = Lines(np.empty((*shape, 2)), np.empty(shape))
+        self.compiled.choose(np.ascontiguousarray(path), *lines)
+        return lines
 
-    def turned_lines(self, path: Array, lines: Lines, other_way: bool,
-                     check: Callable[[], None]) -> Lines:
+    def turn_lines(self, path: Array, lines: Lines, opposite: bool,
+                   check: Callable[[], None]) -> Lines:
         """
-        Return lines for a path that need not be clear, as whole flights ask for.
+        Return lines for a path that need not be clear, chosen for the flight as a whole.
 
         :param lines: those of the path, which may be changed.
-        :param other_way: whether to take another side than the nearest, where there is one.
+        :param opposite: whether to take the opposite side of the nearest, where there is one.
         :param check: called now and then; what it raises is passed on.
         """
         return lines
@@ -98,22 +194,20 @@ class LineLimit(Limit):
     def check(self, positions: Array, powers: Array) -> None:
         """Leave it to Plan, which checks the flown curve by itself."""
 
-    def places(self, path: Array, subjects: Any = slice(None)) -> Array:
-        """Return what lines are about on a path, for some of the subjects, (N+2, G, K, 2)."""
-        found = self.tracks.at(path)
-        places = found[:, self.first[subjects]]
-        return places if self.second is None else places - found[:, self.second[subjects]]
+    def control_points(self, path: Array, subjects: Any = slice(None)) -> Array:
+        """Return the control points p of subjects, by default of all, (N+2, G, K, 2)."""
+        points = self.points.evaluate(path)
+        first = points[:, self.first[subjects]]
+        return first if self.second is None else first - points[:, self.second[subjects]]
 
     def slacks(self, path: Array, lines: Lines) -> Array:
         """Return c of a path, (N+2, G, K)."""
-        places = self.places(path)
-        along = np.einsum('ngkx,ngx->ngk', places, lines.normals)
+        along = np.einsum('ngkx,ngx->ngk', self.control_points(path), lines.normals)
         return along - lines.offsets[..., None]
 
     def is_clear(self, positions: Array) -> bool:
-        """Return whether all control points of flights, also fixed ones, are beyond lines."""
-        path = self.grid.path_of(positions)
-        slacks = self.slacks(path, self.lines(path))
-        # What is given may be at the very limit.
-        slacks[self.ignored] += _INSIDE
+        """Return True if all control points of flights (U, N+2, 2) in m are beyond lines."""
+        path = self.grid.to_path(positions)
+        slacks = self.slacks(path, self.choose_lines(path))
+        slacks[self.ignored] += _TOLERANCE
         return bool((slacks > 0).all())

@@ -1,15 +1,111 @@
 """
-The limits of speed, equation (1), and of acceleration.
+The limits of speed, equation (1), and of acceleration: lengths of differences of points.
 
 For the latter, the points are the control points of a uniform quadratic B-spline, which has the
 acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2 in each slot.
 """
 
-import numpy as np
+from abc import abstractmethod
+from functools import lru_cache
+from typing import Any, ClassVar
 
-from .norm import NormLimit
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import Limit
 from ..grid import Grid
-from ...mission.scenario import Array, Scenario
+from ..kernel import core
+from ...errors import PlanError
+from ...mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
+
+
+class NormLimit(Limit):
+    """
+    A limit c = 1 - |d|^2 / r^2 on differences d = sum_k a_k q[m + k - lead] of points.
+
+    A UAV to which it does not apply, or which is fixed, has no c of its own: its entries are 1.
+
+    :cvar stencil: the weights a_k.
+    :cvar lead: how many points before the start the first difference reaches.
+    :ivar longest: r, (U,) in m, infinite for UAVs without this limit.
+    :ivar absent: which differences have no limit, (M, U).
+    """
+
+    constrains_positions = True
+    stencil: ClassVar[tuple[float, ...]]
+    lead: ClassVar[int]
+
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        super().__init__(scenario, grid)
+        self.longest = self._longest()
+        self.absent: NDArray[np.bool_] = np.tile(
+            ~np.isfinite(self.longest), (self.grid.slots + 1 + self.lead, 1))
+        self._end_moves: Array = np.zeros((2, len(self.longest), 2))
+
+    @property
+    def compiled(self) -> Any:
+        """Return the kernel's NormLimit."""
+        radius = np.where(np.isfinite(self.longest), self.longest, 1.0) / self.grid.length
+        return core.NormLimit({
+            'slots': self.grid.slots, 'order': len(self.stencil) - 1, 'square': radius**2,
+            'ignored': (self.absent | self.grid.fixed).astype(float),
+            'end_moves': self._end_moves / self.grid.length})
+
+    @abstractmethod
+    def _longest(self) -> Array:
+        """Return r, (U,) in m, infinite for UAVs without this limit."""
+
+    @abstractmethod
+    def _describe_excess(self, uav: int, point: int, value: float) -> str:
+        """Return the error's text for a difference, of this length in m, after a point."""
+
+    @abstractmethod
+    def differences(self, positions: Array) -> Array:
+        """Return d of positions (U, N+2, 2), (U, M, 2) in their unit, here m."""
+
+    def check(self, positions: Array, powers: Array) -> None:
+        """Check every difference of a plan; see Limit."""
+        lengths = self._lengths(positions)
+        for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
+            if length.max() > most + POSITION_TOLERANCE:
+                raise PlanError(self._describe_excess(
+                    uav, int(length.argmax()), float(length.max())))
+
+    def repair(self, positions: Array, powers: Array,
+               margin: float = 0.0) -> tuple[Array, Array]:
+        """
+        Return the positions blended with the reference flight as far as the limit asks for.
+
+        No flight has a smaller largest difference in relation to its limits than the reference.
+        An exceedance of 1e-8 costs a share of about 1e-8 of the way towards it.
+
+        :param margin: share of the limit that is left, where the reference leaves as much.
+        """
+        reference = reference_flight(self.grid)
+        positions = positions.copy()
+        positions[:, [0, -1]] = reference[:, [0, -1]]
+        longest = self._lengths(positions).max(axis=1)
+        most = (1 - margin) * self.longest
+        over = longest > most
+        if over.any():
+            excess = (longest - most)[over]
+            least = self._lengths(reference).max(axis=1)
+            slack = np.maximum(most - least, 0)[over]
+            share = excess / (excess + slack)
+            positions[over, 1:-1] += share[:, None, None] * (reference - positions)[over, 1:-1]
+        return positions, powers
+
+    def efforts(self, positions: Array) -> Array:
+        """Return the largest share of the limit that each flight uses, (U,)."""
+        return np.asarray((self._lengths(positions) / self.longest[:, None]).max(axis=1))
+
+    def _lengths(self, positions: Array) -> Array:
+        """Return |d|, 0 where it does not count, (U, M) in m."""
+        differences = self.differences(positions)
+        # Several times as fast as a norm over an axis of two.
+        lengths: Array = np.sqrt(differences[..., 0]**2 + differences[..., 1]**2)
+        lengths[self.absent.T] = 0.0
+        return lengths
 
 
 class SpeedLimit(NormLimit):
@@ -21,8 +117,8 @@ class SpeedLimit(NormLimit):
     def _longest(self) -> Array:
         return self.scenario.max_speeds * self.grid.slot_duration
 
-    def _excess(self, uav: int, place: int, value: float) -> str:
-        return (f'{self.scenario.uavs[uav].name} moves {value:.9g} m after point {place}; '
+    def _describe_excess(self, uav: int, point: int, value: float) -> str:
+        return (f'{self.scenario.uavs[uav].name} moves {value:.9g} m after point {point}; '
                 f'at most {self.longest[uav]:.9g} m are allowed')
 
     def differences(self, positions: Array) -> Array:
@@ -49,18 +145,32 @@ class AccelerationLimit(NormLimit):
 
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
-        """Return whether any UAV has the limit."""
+        """Return True if any UAV has a limit of acceleration."""
         return any(uav.max_acceleration is not None for uav in scenario.uavs)
 
     def _longest(self) -> Array:
         return self.scenario.max_accelerations * self.grid.slot_duration**2
 
-    def _excess(self, uav: int, place: int, value: float) -> str:
+    def _describe_excess(self, uav: int, point: int, value: float) -> str:
         square = self.grid.slot_duration**2
         return (f'{self.scenario.uavs[uav].name} accelerates by {value / square:.9g} m/s^2 at '
-                f'point {place}; at most {self.longest[uav] / square:.9g} m/s^2 are allowed')
+                f'point {point}; at most {self.longest[uav] / square:.9g} m/s^2 are allowed')
 
     def differences(self, positions: Array) -> Array:
         """Return the second differences, (U, N+2, 2)."""
         first, last = self._end_moves[:, :, None]
         return np.diff(np.concatenate([first, np.diff(positions, axis=1), last], axis=1), axis=1)
+
+
+def reference_flight(grid: Grid) -> Array:
+    """Return the flights of least effort on a grid, (U, N+2, 2) in m, read-only."""
+    return _reference_flight(grid.scenario, grid.slots)
+
+
+@lru_cache(maxsize=64)
+def _reference_flight(scenario: Scenario, slots: int) -> Array:
+    step = Grid.of(scenario).with_slots(slots).slot_duration
+    flights = np.stack([
+        uav.start + uav.vehicle.least_effort(slots, step)[1] for uav in scenario.uavs])
+    flights[:, -1] = scenario.goals
+    return read_only(flights)

@@ -25,7 +25,7 @@ class PeakPower(Limit):
 
     def repair(self, positions: Array, powers: Array,
                margin: float = 0.0) -> tuple[Array, Array]:
-        """Return the powers clipped."""
+        """Clip the powers."""
         return positions, np.clip(powers, 0, self.scenario.peak_powers[:, None])
 
 
@@ -41,7 +41,7 @@ class AveragePower(Limit):
 
     def repair(self, positions: Array, powers: Array,
                margin: float = 0.0) -> tuple[Array, Array]:
-        """Return the powers scaled down."""
+        """Scale the powers down."""
         mean = powers.mean(axis=1, keepdims=True)
         return positions, powers * np.minimum(
             1.0, self.scenario.average_powers[:, None] / np.maximum(mean, 1e-300))

@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .lines import LineLimit, Lines, Subjects
-from .tracks import pieces_of, Tracks
-from ..airspace import airspace_of
+from .lines import choose_pieces, ControlPoints, LineLimit, Lines, Subjects
+from ..airspace import get_airspace
 from ...mission.scenario import Array, Scenario
 
 
@@ -21,21 +20,21 @@ class SeparationLimit(LineLimit):
 
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
-        """Return whether any two UAVs can come too close."""
-        return bool(airspace_of(scenario).separations.any())
+        """Return True if any two UAVs can come too close."""
+        return bool(get_airspace(scenario).separations.any())
 
-    def _subjects(self) -> Subjects:
-        tracks = Tracks(self.grid, pieces_of(self.grid, together=True))
-        distances = airspace_of(self.scenario).separations
+    def _list_subjects(self) -> Subjects:
+        points = ControlPoints(self.grid, choose_pieces(self.grid, simultaneous=True))
+        distances = get_airspace(self.scenario).separations
         first, second = np.nonzero(np.triu(distances))
-        halves = len(tracks.uav) // len(distances)
+        halves = len(points.uav) // len(distances)
         parts = np.arange(halves)
-        return (tracks, (first[:, None] * halves + parts).ravel(),
+        return (points, (first[:, None] * halves + parts).ravel(),
                 (second[:, None] * halves + parts).ravel(),
                 {'radii': np.repeat(distances[first, second], halves) / self.grid.length})
 
-    def turned_lines(self, path: Array, lines: Lines, other_way: bool,
-                     check: Callable[[], None]) -> Lines:
+    def turn_lines(self, path: Array, lines: Lines, opposite: bool,
+                   check: Callable[[], None]) -> Lines:
         """
         Return lines that turn evenly while two UAVs are too close, from before to after that.
 
@@ -43,30 +42,30 @@ class SeparationLimit(LineLimit):
         """
         least = self.slacks(path, lines).min(axis=-1)
         check()
-        halves = len(self.tracks.uav) // len(self.scenario.uavs)
+        halves = len(self.points.uav) // len(self.scenario.uavs)
         pairs = np.flatnonzero((least <= 0).any(axis=0)[::halves])
         subjects = (pairs[:, None] * halves + np.arange(halves)).ravel()
-        middles = self.places(path, subjects).mean(axis=-2)
+        middles = self.control_points(path, subjects).mean(axis=-2)
         for number, pair in enumerate(pairs.tolist()):
             chosen = slice(None), slice(pair * halves, (pair + 1) * halves)
             close = (least[chosen] <= 0).ravel()
             middle = middles[:, number * halves:(number + 1) * halves].reshape(-1, 2)
-            turned = _turned(np.arctan2(middle[:, 1], middle[:, 0]), close, other_way)
+            angles = _turn_evenly(np.arctan2(middle[:, 1], middle[:, 0]), close, opposite)
             normals = lines.normals[chosen]
             lines.normals[chosen] = np.where(
-                close[:, None], np.stack([np.cos(turned), np.sin(turned)], axis=-1),
+                close[:, None], np.stack([np.cos(angles), np.sin(angles)], axis=-1),
                 normals.reshape(-1, 2)).reshape(normals.shape)
         return lines
 
 
-def _turned(angles: Array, close: NDArray[np.bool_], other_way: bool) -> Array:
+def _turn_evenly(angles: Array, close: NDArray[np.bool_], opposite: bool) -> Array:
     """Return angles that change evenly within every stretch that is close."""
     angles = angles.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[False], close, [False]])))
     for begin, end in edges.reshape(-1, 2).tolist():
         before, after = angles[max(begin - 1, 0)], angles[min(end, len(angles) - 1)]
-        turn = (after - before + np.pi) % (2 * np.pi) - np.pi
-        if other_way and abs(turn) > np.pi / 3:
-            turn -= np.copysign(2 * np.pi, turn)
-        angles[begin:end] = before + turn * (np.arange(end - begin) + 1) / (end - begin + 1)
+        change = (after - before + np.pi) % (2 * np.pi) - np.pi
+        if opposite and abs(change) > np.pi / 3:
+            change -= np.copysign(2 * np.pi, change)
+        angles[begin:end] = before + change * (np.arange(end - begin) + 1) / (end - begin + 1)
     return angles

@@ -1,8 +1,7 @@
 """Section III: powers and trajectories in turn, by successive convex approximation."""
 
-from .powers import PowerProblem
-from .trajectory import TrajectoryProblem
-from ..search import Search
+from .restrictions import PowerProblem, TrajectoryProblem
+from ..incumbent import Incumbent
 from ...plan.plan import Status
 
 TOLERANCE = 1e-5
@@ -12,61 +11,52 @@ POWER_STEPS = 3
 """Steps of Section III-A, which cost a fifth of one of Section III-B, before each of those."""
 STRETCH = 2.0
 """
-The factor by which a step is made longer while the true rate rises.
+The factor by which a step is lengthened while the true rate rises.
 
-Without, as in the paper, solves take 3.6 times as long and end lower.
+Without it, as in the paper, solves take 3.6 times as long and end lower.
 """
 COMPILE_RATIO = 12.0
-"""How much longer CVXPY takes to compile the trajectory problem than the power problem."""
+"""Ratio of CVXPY's times to compile the trajectory problem and the power problem."""
 
 _Problem = PowerProblem | TrajectoryProblem
 
 
-def alternate(search: Search) -> Status:
-    """
-    Improve a search by the paper's algorithm until a round gains less than the tolerance.
-
-    :param search: whose positions and powers are improved.
-    :return: why the method stopped.
-    """
-    powers = PowerProblem(search.scenario)
-    steps = [powers] * POWER_STEPS + [TrajectoryProblem(search.scenario)]
+def alternate(incumbent: Incumbent) -> Status:
+    """Improve an incumbent by the paper's algorithm until a round gains less than TOLERANCE."""
+    powers = PowerProblem(incumbent.scenario)
+    steps = [powers] * POWER_STEPS + [TrajectoryProblem(incumbent.scenario)]
     for _ in range(MAX_ROUNDS):
-        before = search.rate
+        before = incumbent.rate
         solved = True
         for problem in steps:
-            reason = search.stop_reason()
+            reason = incumbent.stop_reason()
             if reason is not None:
                 return reason
-            if _compile_time(problem, powers) > search.termination.time_left:
+            if _predict_compile_time(problem, powers) > incumbent.termination.time_left:
                 return 'time_limit'
-            solved &= _step(search, problem)
-        if search.rate - before < TOLERANCE:
-            return search.stop_reason() or ('converged' if solved else 'numerical_trouble')
+            solved &= _step(incumbent, problem)
+        if incumbent.rate - before < TOLERANCE:
+            return incumbent.stop_reason() or ('converged' if solved else 'numerical_trouble')
     return 'iteration_limit'
 
 
-def _compile_time(problem: _Problem, powers: PowerProblem) -> float:
-    """
-    Return how long compiling a problem will take in s, which nothing can interrupt.
-
-    It takes as long as the last time. The first trajectory problem is judged by the powers'.
-    """
+def _predict_compile_time(problem: _Problem, powers: PowerProblem) -> float:
+    """Return the last compile time of a problem in s, or for the first trajectory a guess."""
     if problem.compile_time is not None:
         return problem.compile_time
     return COMPILE_RATIO * (powers.compile_time or 0.0)
 
 
-def _step(search: Search, problem: _Problem) -> bool:
-    """Solve a restriction at the present iterate; return whether the solver succeeded."""
-    local = getattr(search, problem.block)
+def _step(incumbent: Incumbent, problem: _Problem) -> bool:
+    """Solve a restriction at the present iterate; return True if the solver succeeded."""
+    local = getattr(incumbent, problem.block)
     answer, seconds = problem.solve(
-        search.positions, search.powers, search.termination.time_left)
-    search.solver_time += seconds
+        incumbent.positions, incumbent.powers, incumbent.termination.time_left)
+    incumbent.solver_time += seconds
     if answer is not None:
-        # The restriction is cautious: go further along its step while the true rate rises.
+        # A restriction is a lower bound: go further along its step while the true rate rises.
         length = 1.0
-        while search.try_improve(**{problem.block: local + length * (answer - local)}):
+        while incumbent.try_improve(**{problem.block: local + length * (answer - local)}):
             length *= STRETCH
-    search.report(problem.step)
+    incumbent.report(problem.step)
     return answer is not None

@@ -1,15 +1,15 @@
 """
-First flights, from which the methods start: the door of all that the search for them needs.
+Initial trajectories, from which the methods start.
 
-`visibility_graph` finds ways around what may not be entered, `flights` flies along them,
-`projection` moves flights strictly inside all limits, `infeasibility` says why there are none, and
-`trajectories` asks these in turn.
+`visibility_graph` finds routes around obstacles, `flights` flies along them, `projection` moves
+flights strictly inside all limits, `infeasibility` says why there are none, and `trajectories`
+calls these in turn.
 """
 
-from .flights import flights_to, route
-from .projection import flights_near, projected, settled
-from .trajectories import constant_powers, fly_hover_fly_positions
-from .visibility_graph import Check, free_places
+from .flights import build_flights, fly_around
+from .projection import move_inside, project
+from .trajectories import adapt_plan, constant_powers, fly_hover_fly_positions, is_similar
+from .visibility_graph import Check, find_free_places
 
-__all__ = ['Check', 'constant_powers', 'flights_near', 'flights_to',
-           'fly_hover_fly_positions', 'free_places', 'projected', 'route', 'settled']
+__all__ = ['Check', 'adapt_plan', 'build_flights', 'constant_powers', 'find_free_places',
+           'fly_around', 'fly_hover_fly_positions', 'is_similar', 'move_inside', 'project']

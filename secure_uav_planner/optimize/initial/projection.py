@@ -1,10 +1,10 @@
 """
-The projection of flights onto those that are strictly inside all limits.
+Projection of flights onto those strictly inside all limits, by sequential convex programming.
 
-Lines separate each piece of a curve from what it must clear, which makes the limits convex; the
-nearest flight on its side of the lines is found, and lines are chosen anew from there (sequential
-convex programming). Many UAVs are moved a few at a time while the others stay, as Chen, Cutler
-and How (2015) do. Flights of many slots are found on a coarse grid first.
+Lines separate each piece of a curve from what it must clear, which makes the limits convex. The
+nearest flight on its side of the lines is found, and lines are chosen anew from there. Many UAVs
+are moved a few at a time while the rest stay, as Chen, Cutler and How (2015) do. Flights of many
+slots are found on a coarse grid first.
 """
 
 from collections.abc import Iterator
@@ -17,191 +17,190 @@ import scipy
 from .visibility_graph import Check
 from ...mission.cone_program import solve_cone_program
 from ...mission.scenario import Array, Scenario
-from ...model.grid import Grid, resampled_flights
-from ...model.limits import is_clear, limits_of
+from ...model.grid import Grid, resample_flights
+from ...model.limits import build_limits, is_clear
 from ...model.limits.lines import LineLimit, Lines
-from ...model.limits.norm import NormLimit, reference_flight
+from ...model.limits.motion import NormLimit, reference_flight
 
-_ROUNDS = 8  # How often lines are chosen at most.
-_PENALTY = 1e4  # Of an exceedance by all of a limit, beside the square of a step of deviation.
-_LINE_PENALTY = 1e7  # Of a step beyond a line: sides are kept even where there is no time to.
-_CLEARANCE = 0.05  # That is left to lines where it can be, in steps.
-_NEAR = 4.0  # Lines farther away than this do not matter, in steps.
-_MOST_MOVED = 1000  # Points that are moved together: nothing stops Clarabel until it begins.
+_ROUNDS = 8  # In which lines are chosen, at most.
+_PENALTY = 1e4  # For exceeding a limit by all of it, in squares of a step of deviation.
+_LINE_PENALTY = 1e7  # For a step beyond a line: sides are kept even where time is too short.
+_CLEARANCE = 0.05  # Distance from lines, in steps, where there is room.
+_NEAR = 4.0  # Distance in steps beyond which lines are left out.
+_MOST_MOVED = 1000  # Points that are moved together: Clarabel cannot be stopped until it begins.
 _COARSE_SLOTS = 500  # At most, of the grid on which flights of more slots are found first,
 _MOST_POINTS = 4000  # with so many points of all UAVs.
 _COARSE_SHARE = 0.05  # Of the slack that flights on a coarse grid leave at least.
-_REFINEMENT = 4  # Factor of slots to the next grid, where flights are not found on a coarse one.
-_SMOOTH_ENDS = 20  # Points over which smoothing begins.
+_REFINEMENT = 4  # Factor of slots to the next grid where a coarse grid has no flights.
+_SMOOTH_ENDS = 20  # Points at each end over which smoothing is faded in.
 
 _Rows: TypeAlias = tuple[list[tuple[NDArray[np.intp], NDArray[np.intp], Array]], Array]
 """Rows of a map A x + b into a cone: (row, column, value) of A as arrays, and b."""
 
 
-def flights_near(scenario: Scenario, positions: Array, check: Check,
-                 share: float = 1e-3) -> Array | None:
+def find_flights_near(scenario: Scenario, positions: Array, check: Check,
+                      share: float = 1e-3) -> Array | None:
     """
-    Return flights near others (U, N+2, 2) in m that keep all limits, or None without any.
+    Return flights that keep all limits, near given ones (U, N+2, 2) in m, or None.
 
     :param check: called now and then; what it raises is passed on, as everywhere here.
     :param share: of the slack that is left where it can be.
     """
     grid = Grid.of(scenario)
-    for other_way in (False, True):
-        found = projected(grid, positions, share, check, other_way)
-        if found is not None and is_clear(scenario, found, check):
-            return found
+    for opposite in (False, True):
+        flights = project(grid, positions, share, check, opposite)
+        if flights is not None and is_clear(scenario, flights, check):
+            return flights
     return None
 
 
-def projected(grid: Grid, positions: Array, share: float, check: Check,
-              other_way: bool = False) -> Array | None:
+def project(grid: Grid, positions: Array, share: float, check: Check,
+            opposite: bool = False) -> Array | None:
     """
-    Return flights (U, N+2, 2) in m strictly inside all limits of flights, or None without any.
+    Return flights (U, N+2, 2) in m strictly inside all limits, near given ones, or None.
 
-    :param positions: that they are near to, (U, M+2, 2) in m, for any number M of slots.
+    :param positions: of the given flights, (U, M+2, 2) in m, for any number M of slots.
     :param share: of the slack of the flight of least effort that is left, at most.
-    :param other_way: whether UAVs that meet pass each other on another side than the nearest.
+    :param opposite: whether UAVs that meet pass each other on the side opposite to the nearest.
     """
     slots = min(_COARSE_SLOTS, _MOST_POINTS // len(positions))
     while slots < grid.slots:
-        coarse = grid.divided(slots)
-        found = _Projection(coarse, max(share, _COARSE_SHARE), check).of(
-            resampled_flights(positions, slots), other_way)
-        if found is not None:
-            found = settled(grid, _refined(coarse, found, grid), share, check)
-            if found is not None:
-                return found
+        coarse = grid.with_slots(slots)
+        flights = _Projection(coarse, max(share, _COARSE_SHARE), check).solve(
+            resample_flights(positions, slots), opposite)
+        if flights is not None:
+            flights = move_inside(grid, _refine(coarse, flights, grid), share, check)
+            if flights is not None:
+                return flights
         slots *= _REFINEMENT
-    return _Projection(grid, share, check).of(
-        resampled_flights(positions, grid.slots), other_way)
+    return _Projection(grid, share, check).solve(
+        resample_flights(positions, grid.slots), opposite)
 
 
-def settled(grid: Grid, positions: Array, share: float, check: Check) -> Array | None:
-    """Return flights (U, N+2, 2) in m if well inside all limits, or what projected returns."""
+def move_inside(grid: Grid, positions: Array, share: float, check: Check) -> Array | None:
+    """Return flights (U, N+2, 2) in m that are well inside all limits, or else project them."""
     projection = _Projection(grid, share, check)
-    inside = projection.inside(positions, _CLEARANCE / 2)
-    return positions if inside.all() else projection.of(positions, inside=inside)
+    inside = projection.test_inside(positions, _CLEARANCE / 2)
+    return positions if inside.all() else projection.solve(positions, inside=inside)
 
 
-def _refined(coarse: Grid, positions: Array, grid: Grid) -> Array:
+def _refine(coarse: Grid, positions: Array, grid: Grid) -> Array:
     """
     Return flights of a coarse grid on a finer one, (U, N+2, 2) in m.
 
     Away from the ends, the points of UAVs with a limit of acceleration are moved onto their curve.
-    This averages accelerations, which refinement lets overshoot where they change.
+    This averages accelerations, which interpolation lets overshoot where they change.
     """
-    path = coarse.refined_path(coarse.path_of(positions), grid.slots)
+    path = coarse.refine_path(coarse.to_path(positions), grid.slots)
     number = np.arange(1.0, grid.slots + 1)
     weight = np.minimum(np.minimum(number, number[::-1]) / _SMOOTH_ENDS, 1.0)
     limited = np.isfinite(grid.scenario.max_accelerations)
     path[1:-1, limited] += weight[:, None, None] / 8 * np.diff(path, n=2, axis=0)[:, limited]
-    return grid.positions_of(path)
+    return grid.to_positions(path)
 
 
 class _Projection:
     """
-    The second-order cone problem of flights near others and inside their limits.
+    The second-order cone problem of flights near given ones and inside their limits.
 
     Speeds and accelerations stay below a share of their limits, and pieces of curves on their
-    side of lines, which separate them from what they must clear.
+    side of the lines that separate them from what they must clear.
     """
 
     def __init__(self, grid: Grid, share: float, check: Check) -> None:
         self._grid, self._check = grid, check
         scenario = grid.scenario
-        limits = limits_of(scenario, grid)
+        limits = build_limits(scenario, grid)
         self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
         self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
         self._efforts = 1 - share * np.maximum(1 - scenario.efforts, 0.0)
         self._step = float(np.median(grid.steps)) / grid.length
 
-    def of(self, positions: Array, other_way: bool = False,
-           inside: NDArray[np.bool_] | None = None) -> Array | None:
+    def solve(self, positions: Array, opposite: bool = False,
+              inside: NDArray[np.bool_] | None = None) -> Array | None:
         """
-        Return flights near others inside the limits, or None; see projected.
+        Return flights inside the limits, near given ones, or None; see project.
 
-        :param inside: UAVs that stay where they are as long as the others leave them room, (U,).
+        :param inside: UAVs that stay where they are as long as the rest leave them room, (U,).
         """
-        base = target = self._path(positions)
-        lines = self._chosen_lines(base)
+        base = target = self._to_path(positions)
+        lines = self._choose_lines(base)
         if inside is None:
             inside = np.full(len(positions), False)
-            lines = [limit.turned_lines(base, chosen, other_way, self._check)
+            lines = [limit.turn_lines(base, chosen, opposite, self._check)
                      for limit, chosen in zip(self._lines, lines, strict=True)]
         for _ in range(_ROUNDS):
-            for group in self._groups(~inside):
+            for group in self._split_groups(~inside):
                 self._check()
-                answer = self._moved(group, base, target, lines)
-                if answer is None:
+                moved = self._move_group(group, base, target, lines)
+                if moved is None:
                     return None
-                base = answer
-            found = self._grid.positions_of(base)
-            inside = self.inside(found)
+                base = moved
+            flights = self._grid.to_positions(base)
+            inside = self.test_inside(flights)
             if inside.all():
-                return found
-            lines = self._chosen_lines(base)
+                return flights
+            lines = self._choose_lines(base)
         return None
 
-    def _chosen_lines(self, base: Array) -> list[Lines]:
+    def _choose_lines(self, base: Array) -> list[Lines]:
         """Return the lines of every limit for a path."""
-        found = []
+        chosen = []
         for limit in self._lines:
             self._check()
-            found.append(limit.lines(base))
-        return found
+            chosen.append(limit.choose_lines(base))
+        return chosen
 
-    def _groups(self, moving: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
-        """Give the UAVs that are to be moved, as many at a time as are moved together."""
+    def _split_groups(self, moving: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
+        """Yield the UAVs that are to be moved, as many at a time as are moved together."""
         uavs = np.flatnonzero(moving & ~self._grid.fixed)
         most = max(1, _MOST_MOVED // self._grid.slots)
         for first in range(0, len(uavs), most):
             yield uavs[first:first + most]
 
-    def inside(self, positions: Array, clearance: float = 0.0) -> NDArray[np.bool_]:
-        """Return which UAVs are inside all limits, by a clearance in steps to lines, (U,)."""
+    def test_inside(self, positions: Array, clearance: float = 0.0) -> NDArray[np.bool_]:
+        """Return True for UAVs inside all limits, by a clearance in steps to lines, (U,)."""
         inside = np.full(len(positions), True)
         for norm in self._norms:
             inside &= self._grid.fixed | (norm.efforts(positions) < 1)
         for limit in self._lines:
             self._check()
-            path = self._grid.path_of(positions)
-            lines = limit.lines(path)
+            path = self._grid.to_path(positions)
+            lines = limit.choose_lines(path)
             self._check()
             slacks = limit.slacks(path, lines)
             close = ((slacks <= clearance * self._step) & ~limit.ignored).any(axis=(0, 2))
-            for tracks in (limit.first, limit.second):
-                if tracks is not None:
-                    inside[limit.tracks.uav[tracks[close]]] = False
+            for pieces in (limit.first, limit.second):
+                if pieces is not None:
+                    inside[limit.points.uav[pieces[close]]] = False
         return inside
 
-    def _path(self, positions: Array) -> Array:
-        """Return positions in units, (N+2, U, 2)."""
+    def _to_path(self, positions: Array) -> Array:
+        """Return the path of positions, with the ends and the fixed UAVs of the grid."""
         grid = self._grid
-        path = grid.path_of(positions)
+        path = grid.to_path(positions)
         path[[0, -1]] = grid.starts, grid.goals
         if grid.fixed.any():
-            path[:, grid.fixed] = grid.path_of(reference_flight(grid))[:, grid.fixed]
+            path[:, grid.fixed] = grid.to_path(reference_flight(grid))[:, grid.fixed]
         return path
 
-    def _moved(self, group: NDArray[np.intp], base: Array, target: Array,
-               lines: list[Lines]) -> Array | None:
+    def _move_group(self, group: NDArray[np.intp], base: Array, target: Array,
+                    lines: list[Lines]) -> Array | None:
         """
-        Return the path beyond lines that is nearest to a target, of which only a group is moved.
+        Return the path nearest to a target in which a group has moved to its side of lines.
 
         Variables are displacements from the base in steps, the excess of speed and acceleration,
-        and what lacks to lines.
+        and the shortfall to lines.
         """
         step, size = self._step, 2 * self._grid.slots * len(group)
-        # The column of the first coordinate of every point that varies, or -1.
+        # The column of x of every point that varies, or -1.
         columns: NDArray[np.intp] = np.full(base.shape[:2], -1)
         columns[1:-1, group] = 2 * np.arange(size // 2).reshape(-1, len(group))
-        excess, lack = size, size + 1
-        # Neither is negative.
-        signs = [(np.arange(2), np.array([excess, lack]), np.ones(2))], np.zeros(2)
-        plain = [signs, *self._line_rows(columns, group, base, lines, lack)]
+        excess, shortfall = size, size + 1
+        signs = [(np.arange(2), np.array([excess, shortfall]), np.ones(2))], np.zeros(2)
+        plain = [signs, *self._line_rows(columns, group, base, lines, shortfall)]
         norms = self._cone_rows(columns, group, base, excess)
-        matrix, right = _put_together([*plain, *norms], size + 2)
+        matrix, right = _assemble([*plain, *norms], size + 2)
         weight = 1.0 / max(size, 1)
         cost = scipy.sparse.csc_array(scipy.sparse.diags(
             np.append(np.full(size, weight), [0.0, 0.0])))
@@ -212,35 +211,35 @@ class _Projection:
             inequalities=sum(len(constants) for _, constants in plain))
         if answer is None:
             return None
-        found = base.copy()
-        found[1:-1, group] += step * answer[:size].reshape(-1, len(group), 2)
-        return found
+        moved = base.copy()
+        moved[1:-1, group] += step * answer[:size].reshape(-1, len(group), 2)
+        return moved
 
     def _line_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
-                   chosen: list[Lines], lack: int) -> Iterator[_Rows]:
-        """Give for each limit a row for every control point near a line that the group moves."""
+                   chosen: list[Lines], shortfall: int) -> Iterator[_Rows]:
+        """Yield for each limit a row for every control point of the group near a line."""
         step = self._step
         for limit, lines in zip(self._lines, chosen, strict=True):
-            weights, uav = limit.tracks.weights, limit.tracks.uav
-            ends = [tracks for tracks in (limit.first, limit.second) if tracks is not None]
+            weights, uav = limit.points.weights, limit.points.uav
+            ends = [pieces for pieces in (limit.first, limit.second) if pieces is not None]
             subjects = np.flatnonzero(np.any([np.isin(uav[end], group) for end in ends], axis=0))
             normals, offsets = lines.normals[:, subjects], lines.offsets[:, subjects]
-            along = (limit.places(base, subjects) @ normals[..., None])[..., 0]
+            along = (limit.control_points(base, subjects) @ normals[..., None])[..., 0]
             slacks = (along - offsets[..., None]) / step
             varies = np.any([
                 weights[:, end[subjects]].any(axis=-1)
                 & np.isin(uav[end[subjects]], group)[:, None] for end in ends], axis=0)
             at = np.nonzero(varies & ~limit.ignored[:, subjects] & (slacks < _NEAR))
-            point, subject, place = at
+            point, subject, corner = at
             normal = normals[at[:2]]
             number = np.arange(len(point))
-            entries = [(number, np.full(len(point), lack), np.ones(len(point)))]
+            entries = [(number, np.full(len(point), shortfall), np.ones(len(point)))]
             for end, sign in zip(ends, (1.0, -1.0)):
-                track = end[subjects[subject]]
+                piece = end[subjects[subject]]
                 for shift in (-1, 0, 1):
-                    weight = sign * weights[point, track, place, 1 + shift]
+                    weight = sign * weights[point, piece, corner, 1 + shift]
                     used = np.flatnonzero(weight)
-                    column = columns[point[used] + shift, uav[track[used]]]
+                    column = columns[point[used] + shift, uav[piece[used]]]
                     used, column = used[column >= 0], column[column >= 0]
                     for axis in (0, 1):
                         entries.append((used, column + axis, weight[used] * normal[used, axis]))
@@ -248,11 +247,11 @@ class _Projection:
 
     def _cone_rows(self, columns: NDArray[np.intp], group: NDArray[np.intp], base: Array,
                    excess: int) -> Iterator[_Rows]:
-        """Give for each limit three rows, a cone, for every difference of the group's points."""
+        """Yield for each limit three rows, a cone, for every difference of the group's points."""
         unit = self._grid.length * self._step
-        positions = self._grid.positions_of(base)
+        positions = self._grid.to_positions(base)
         for limit in self._norms:
-            found, longest = limit.differences(positions) / unit, limit.longest / unit
+            differences, longest = limit.differences(positions) / unit, limit.longest / unit
             chosen, place = np.nonzero(~limit.absent.T[group])
             uav = group[chosen]
             number = 3 * np.arange(len(uav))
@@ -266,12 +265,12 @@ class _Projection:
                                     np.full(len(inside), weight)))
             constants = np.zeros((len(uav), 3))
             constants[:, 0] = longest[uav] * self._efforts[uav]
-            constants[:, 1:] = found[uav, place]
+            constants[:, 1:] = differences[uav, place]
             yield entries, constants.ravel()
 
 
-def _put_together(rows: list[_Rows], columns: int) -> tuple[Any, Array]:
-    """Return -A and b, as Clarabel wants them."""
+def _assemble(rows: list[_Rows], columns: int) -> tuple[Any, Array]:
+    """Return -A and b, as Clarabel takes them."""
     parts, count = [], 0
     for entries, constants in rows:
         parts += [(row + count, column, value) for row, column, value in entries]

@@ -1,16 +1,20 @@
-"""Fly-hover-fly with constant powers, Section IV: the baseline, and where the methods start."""
+"""Initial trajectories and powers: fly-hover-fly of Section IV, or those of an earlier plan."""
 
 from functools import lru_cache
 from itertools import chain
+import math
 
 import numpy as np
 
-from .flights import direct_flights, flights_to
-from .infeasibility import refuse
-from .projection import flights_near
-from .visibility_graph import Check, free_places
-from ...mission.scenario import Array, Scenario
-from ...model.limits import is_open
+from .flights import build_flights, generate_direct_flights
+from .infeasibility import raise_infeasibility
+from .projection import find_flights_near
+from .visibility_graph import Check, find_free_places
+from ...errors import OptionError
+from ...mission.scenario import Array, Point, Scenario
+from ...model.grid import resample, resample_flights
+from ...model.limits import is_clear, is_open, repair
+from ...plan.plan import Plan
 
 
 def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> Array:
@@ -19,10 +23,9 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
 
     The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn. A
     UAV without the time to reach its hovering place flies towards it and turns back at the last
-    moment that still reaches the goal. Flights go around what may not be entered, and keep their
-    separation.
+    moment that still reaches the goal. Flights go around obstacles and keep their separation.
 
-    :param check: called now and then in a search around what is in the way; what it raises is
+    :param check: called now and then in a search for flights around obstacles; what it raises is
         passed on.
     :raises InfeasibleMissionError: when no flights are found that keep the limits.
     """
@@ -30,27 +33,27 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
     jammers = np.arange(len(scenario.uavs) - 1)
     hover = np.concatenate([[scenario.ground_node], eves[jammers % len(eves)]])
     if is_open(scenario):
-        return flights_to(scenario, hover)
-    known = _known_flights(scenario)
-    if not known:
-        known.append(_flights_around(scenario, hover, check))
-    return known[0].copy()
+        return build_flights(scenario, hover)
+    cache = _get_cache(scenario)
+    if not cache:
+        cache.append(_search_flights(scenario, hover, check))
+    return cache[0].copy()
 
 
 @lru_cache(maxsize=16)
-def _known_flights(_scenario: Scenario) -> list[Array]:
-    """Return the list that remembers the flights of a scenario."""
+def _get_cache(_scenario: Scenario) -> list[Array]:
+    """Return the list that holds the flights of a scenario once they are found."""
     return []
 
 
-def _flights_around(scenario: Scenario, hover: Array, check: Check) -> Array:
-    places = free_places(scenario, hover, check)
-    wanted = flights_to(scenario, places, check=check)
-    for flights in chain([wanted], direct_flights(scenario, check)):
-        found = flights_near(scenario, flights, check)
-        if found is not None:
-            return found
-    refuse(scenario, check)
+def _search_flights(scenario: Scenario, hover: Array, check: Check) -> Array:
+    places = find_free_places(scenario, hover, check)
+    wanted = build_flights(scenario, places, check=check)
+    for flights in chain([wanted], generate_direct_flights(scenario, check)):
+        feasible = find_flights_near(scenario, flights, check)
+        if feasible is not None:
+            return feasible
+    raise_infeasibility(scenario, check)
 
 
 def constant_powers(scenario: Scenario, transmitting: float = 1.0,
@@ -59,3 +62,50 @@ def constant_powers(scenario: Scenario, transmitting: float = 1.0,
     shares = np.full(len(scenario.uavs), jamming)
     shares[0] = transmitting
     return np.repeat((shares * scenario.average_powers)[:, None], scenario.slots, axis=1)
+
+
+def is_similar(scenario: Scenario, previous: Scenario) -> bool:
+    """
+    Return True if a plan for the previous scenario is a good start for a scenario.
+
+    So it is when the same UAVs fly for about as long among positions that have moved by no more
+    than the UAVs' altitude: over such distances the gains change little.
+    """
+    if (len(scenario.uavs) != len(previous.uavs)
+            or len(scenario.eavesdroppers) != len(previous.eavesdroppers)
+            or abs(scenario.duration - previous.duration) > 0.1 * previous.duration):
+        return False
+    reach = float(scenario.altitudes.min())
+    return all(math.dist(now, before) <= reach for now, before in zip(
+        _list_landmarks(scenario), _list_landmarks(previous), strict=True))
+
+
+def _list_landmarks(scenario: Scenario) -> list[Point]:
+    return [scenario.ground_node, *(eve.position for eve in scenario.eavesdroppers),
+            *(end for uav in scenario.uavs for end in (uav.start, uav.goal))]
+
+
+def adapt_plan(scenario: Scenario, plan: Plan,
+               check: Check = lambda: None) -> tuple[Array, Array]:
+    """
+    Return the positions and powers of a plan made feasible for another scenario.
+
+    Slots are matched by their share of the duration; new starts and goals bend the whole flight.
+    Where zones, fence or separation allow no flights near those, fly-hover-fly takes their place.
+
+    :param check: as for fly_hover_fly_positions.
+    :raises OptionError: when the number of UAVs differs.
+    """
+    if len(plan.scenario.uavs) != len(scenario.uavs):
+        raise OptionError(f'initial is a plan for {len(plan.scenario.uavs)} UAVs; '
+                          f'it must be one for {len(scenario.uavs)}')
+    positions = resample_flights(plan.positions, scenario.slots)
+    share = np.linspace(0, 1, scenario.slots + 2)
+    ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
+    positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
+    powers = resample(plan.powers.T, scenario.slots, inner=True).T
+    positions, powers = repair(scenario, positions, powers)
+    if not is_clear(scenario, positions):
+        feasible = find_flights_near(scenario, positions, check)
+        positions = fly_hover_fly_positions(scenario, check) if feasible is None else feasible
+    return positions, powers

@@ -1,4 +1,4 @@
-"""Shortest ways around what a UAV may not enter, also those on the other sides."""
+"""Shortest routes around obstacles, and alternatives on their opposite sides."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -12,27 +12,27 @@ import scipy
 import shapely
 
 from ...mission.scenario import Array, Scenario
-from ...model.airspace import airspace_of
+from ...model.airspace import get_airspace
 from ...model.grid import Grid
 
-MOST_WAYS = 3
-"""Between two places, on different sides of what is between them."""
+MOST_ROUTES = 3
+"""Between two places, on different sides of the obstacles between them."""
 
-_DISTANCES = (0.2, 0.01)  # That ways keep from what is in their way, in steps, where they can.
-_INSIDE = 0.1  # How far places are within the fence, in steps.
-_MOST_CORNERS = 250  # Of what is in the way; outlines of more are made coarser.
-_ROUNDING = 1e-6  # By which a way may touch what is in the way, in m.
+_DISTANCES = (0.2, 0.01)  # Of routes from obstacles, in steps; the second where the first fails.
+_INSIDE = 0.1  # Distance of free places from the fence, in steps.
+_MOST_CORNERS = 250  # Of obstacles; outlines with more are simplified.
+_ROUNDING = 1e-6  # By which a route may touch an obstacle, in m.
 
 Check: TypeAlias = Callable[[], None]
 """Called now and then in a search; what it raises ends the search."""
 
 
 class VisibilityGraph:
-    """The visibility graph of what a UAV may not enter, enlarged by a distance in m."""
+    """The visibility graph of a UAV's obstacles, enlarged by a distance in m."""
 
     def __init__(self, scenario: Scenario, uav: int, distance: float) -> None:
-        pieces = airspace_of(scenario).pieces[uav]
-        solid = shapely.union_all([shapely.Polygon(piece.vertices) for piece in pieces])
+        solid = shapely.union_all([shapely.Polygon(obstacle.vertices)
+                                   for obstacle in get_airspace(scenario).obstacles[uav]])
         enlarged = solid.buffer(distance, join_style='mitre')
         coarseness = distance / 4
         while shapely.get_num_coordinates(enlarged) > _MOST_CORNERS:
@@ -44,132 +44,132 @@ class VisibilityGraph:
         self._enlarged = enlarged.buffer(-max(_ROUNDING, distance / 100), join_style='mitre')
         shapely.prepare([self._solid, self._enlarged])
         corners = shapely.get_coordinates(enlarged)
-        self._normals, self._offsets = airspace_of(scenario).hull
+        self._normals, self._offsets = get_airspace(scenario).hull
         self._corners: Array = corners[(corners @ self._normals.T <= self._offsets).all(axis=1)]
         count = len(self._corners)
         first, second = np.triu_indices(count, 1)
-        seen = self._sees(self._corners[first], self._corners[second])
-        self._edges = first[seen], second[seen]
+        visible = self._are_visible(self._corners[first], self._corners[second])
+        self._edges = first[visible], second[visible]
 
-    def _sees(self, begin: Array, end: Array) -> NDArray[np.bool_]:
-        """Return whether nothing is between places, (M,)."""
+    def _are_visible(self, begin: Array, end: Array) -> NDArray[np.bool_]:
+        """Return True for each pair of places without an obstacle in between, (M,)."""
         lines = shapely.linestrings(np.stack([begin, end], axis=1))
         free: NDArray[np.bool_] = ~shapely.intersects(self._enlarged, lines)
         if not free.all():
-            # Near what is in the way, the distance cannot be kept.
+            # Within the distance of an obstacle, only the obstacle itself counts.
             inside = shapely.contains_xy(self._enlarged, begin) | shapely.contains_xy(
                 self._enlarged, end)
             again = np.flatnonzero(~free & inside)
             free[again] = ~shapely.intersects(self._solid, lines[again])
         return free
 
-    def ways(self, begin: Array, end: Array, most: int) -> list[Array]:
+    def find_routes(self, begin: Array, end: Array, most: int) -> list[Array]:
         """
-        Return at most so many ways between two places, the shortest first, each (K, 2) in m.
+        Return at most so many routes between two places, the shortest first, each (K, 2) in m.
 
-        The others pass what the shortest one touches on the other side.
+        The alternatives pass an obstacle that the shortest route touches on its opposite side.
         """
-        places, edges = self._with(np.stack([begin, end]))
-        shortest = _shortest(places, edges)
+        places, edges = self._insert(np.stack([begin, end]))
+        shortest = _find_shortest_route(places, edges)
         if shortest is None:
             return []
-        found = [shortest]
+        routes = [shortest]
         for part in self._parts:
             touched = shortest[1:-1][shapely.distance(
                 part, shapely.points(shortest[1:-1])) <= _ROUNDING]
-            if not len(touched) or len(found) == most:
+            if not len(touched) or len(routes) == most:
                 continue
-            # No way crosses a ray from inside it through where the shortest one touches it.
+            # No alternative crosses the ray from inside it through where the shortest touches it.
             centre = np.array(part.representative_point().coords[0])
             away = touched[len(touched) // 2] - centre
             ray = shapely.linestrings(np.stack([
                 centre, centre + away * (1e5 / max(math.hypot(*away), 1e-9))]))
             lines = shapely.linestrings(np.stack([places[edges[0]], places[edges[1]]], axis=1))
             open_ = ~shapely.intersects(ray, lines)
-            other = _shortest(places, (edges[0][open_], edges[1][open_]))
-            if other is not None:
-                found.append(other)
-        return found
+            alternative = _find_shortest_route(places, (edges[0][open_], edges[1][open_]))
+            if alternative is not None:
+                routes.append(alternative)
+        return routes
 
-    def distances(self, begins: Array, end: Array) -> Array:
-        """Return how long the shortest ways from places (M, 2) to one are, (M,) in m."""
-        places, edges = self._with(np.concatenate([begins, end[None]]))
-        found: Array = scipy.sparse.csgraph.dijkstra(
-            _graph(places, edges), directed=False, indices=[len(places) - 1])[0]
-        return found[-1 - len(begins):-1]
+    def measure_distances(self, begins: Array, end: Array) -> Array:
+        """Return the lengths of the shortest routes from places (M, 2) to an end, (M,) in m."""
+        places, edges = self._insert(np.concatenate([begins, end[None]]))
+        distances: Array = scipy.sparse.csgraph.dijkstra(
+            _build_matrix(places, edges), directed=False, indices=[len(places) - 1])[0]
+        return distances[-1 - len(begins):-1]
 
-    def nearest_free(self, place: Array) -> Array:
-        """Return the nearest place to one that keeps the distance, (2,)."""
+    def find_nearest_free(self, place: Array) -> Array:
+        """Return the place nearest to a given one that keeps the distance, (2,)."""
         point = shapely.Point(place)
         for part in self._parts:
             if part.contains(point):
                 point = part.exterior.interpolate(part.exterior.project(point))
         return np.array(point.coords[0])
 
-    def _with(self, extra: Array) -> tuple[Array, tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Return places with some more, these last, and the edges between all."""
-        known = len(self._corners)
+    def _insert(self, extra: Array) -> tuple[Array, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Return the corners with extra places behind them, and the edges between all."""
+        corners = len(self._corners)
         places = np.concatenate([self._corners, extra])
-        more = np.arange(known, len(places))
-        # From the corners to each of these, and from these to the last.
-        first = np.append(np.tile(np.arange(known), len(more)), more[:-1])
-        second = np.append(np.repeat(more, known), np.full(len(more) - 1, more[-1]))
-        seen = self._sees(places[first], places[second])
-        return places, (np.append(self._edges[0], first[seen]),
-                        np.append(self._edges[1], second[seen]))
+        more = np.arange(corners, len(places))
+        # From the corners to each extra place, and from these to the last.
+        first = np.append(np.tile(np.arange(corners), len(more)), more[:-1])
+        second = np.append(np.repeat(more, corners), np.full(len(more) - 1, more[-1]))
+        visible = self._are_visible(places[first], places[second])
+        return places, (np.append(self._edges[0], first[visible]),
+                        np.append(self._edges[1], second[visible]))
 
 
-def free_places(scenario: Scenario, places: Array, check: Check) -> Array:
-    """Return the nearest places to some (..., U, 2) in m where each UAV may be."""
-    normals, offsets = airspace_of(scenario).hull
-    found = places.copy()
+def find_free_places(scenario: Scenario, places: Array, check: Check) -> Array:
+    """Return the places nearest to given ones (..., U, 2) in m where each UAV may be."""
+    normals, offsets = get_airspace(scenario).hull
+    free = places.copy()
     for uav, step in enumerate(Grid.of(scenario).steps.tolist()):
         check()
-        graph = _graph_of(scenario, uav, _DISTANCES[0])
+        graph = _get_graph(scenario, uav, _DISTANCES[0])
         for index in np.ndindex(places.shape[:-2]):
             at = (*index, uav)
-            found[at] = _into(found[at], normals, offsets - _INSIDE * step)
+            free[at] = _move_inside(free[at], normals, offsets - _INSIDE * step)
             if graph is not None:
-                found[at] = graph.nearest_free(found[at])
-    return found
+                free[at] = graph.find_nearest_free(free[at])
+    return free
 
 
-def ways_through(scenario: Scenario, uav: int, places: Sequence[Array],
-                 most: int) -> tuple[VisibilityGraph | None, list[list[Array]]]:
+def find_routes(scenario: Scenario, uav: int, places: Sequence[Array],
+                most: int) -> tuple[VisibilityGraph | None, list[list[Array]]]:
     """
-    Return the ways of a UAV from each place to the next, which keep a distance where they can.
+    Return the routes of a UAV from each place to the next, which keep a distance where they can.
 
-    :return: the visibility graph, or None where nothing can be in its way, and for each pair of
-        places the ways, as VisibilityGraph.ways returns them.
+    :return: the visibility graph, or None without obstacles, and for each pair of places the
+        routes, as VisibilityGraph.find_routes returns them.
     """
-    ways: list[list[Array]] = [[] for _ in places[1:]]
+    routes: list[list[Array]] = [[] for _ in places[1:]]
     for distance in _DISTANCES:
-        graph = _graph_of(scenario, uav, distance)
+        graph = _get_graph(scenario, uav, distance)
         if graph is None:
             break
-        ways = [graph.ways(begin, end, most) for begin, end in pairwise(places)]
-        if all(ways):
+        routes = [graph.find_routes(begin, end, most) for begin, end in pairwise(places)]
+        if all(routes):
             break
-    return graph, ways
+    return graph, routes
 
 
-def _graph_of(scenario: Scenario, uav: int, distance: float) -> VisibilityGraph | None:
-    """Return the graph of a UAV with a distance in steps, or None without anything in its way."""
-    if not airspace_of(scenario).pieces[uav]:
+def _get_graph(scenario: Scenario, index: int, distance: float) -> VisibilityGraph | None:
+    """Return the graph of a UAV with a distance in steps, or None without obstacles."""
+    if not get_airspace(scenario).obstacles[index]:
         return None
-    # The same for all that fly as high and as fast.
-    kinds = [(one.altitude, one.max_speed) for one in scenario.uavs]
-    return _known_graph(scenario, kinds.index(kinds[uav]), distance)
+    # UAVs that fly as high and as fast share a graph.
+    kinds = [(uav.altitude, uav.max_speed) for uav in scenario.uavs]
+    return _build_graph(scenario, kinds.index(kinds[index]), distance)
 
 
 @lru_cache(maxsize=128)
-def _known_graph(scenario: Scenario, uav: int, distance: float) -> VisibilityGraph:
+def _build_graph(scenario: Scenario, uav: int, distance: float) -> VisibilityGraph:
     return VisibilityGraph(
         scenario, uav, distance * float(Grid.of(scenario).steps[uav]))
 
 
-def _into(place: Array, normals: Array, offsets: Array) -> Array:
-    """Return a place moved into half-planes, by projections in turn."""
+def _move_inside(place: Array, normals: Array, offsets: Array) -> Array:
+    """Return a place moved into half-planes, by successive projections."""
     for _ in range(100):
         beyond = normals @ place - offsets
         if (beyond <= 0).all():
@@ -179,21 +179,21 @@ def _into(place: Array, normals: Array, offsets: Array) -> Array:
     return place
 
 
-def _graph(places: Array, edges: tuple[Any, Any]) -> Any:
+def _build_matrix(places: Array, edges: tuple[Any, Any]) -> Any:
     lengths = np.linalg.norm(places[edges[0]] - places[edges[1]], axis=1)
     # SciPy 1.11 has csgraph for indices of 32 bits only.
-    indices = tuple(np.asarray(places_at, np.int32) for places_at in edges)
+    indices = tuple(np.asarray(ends, np.int32) for ends in edges)
     return scipy.sparse.csr_array((np.maximum(lengths, 1e-12), indices), shape=(len(places),) * 2)
 
 
-def _shortest(places: Array, edges: tuple[Any, Any]) -> Array | None:
-    """Return the shortest way from the last place but one to the last, or None."""
+def _find_shortest_route(places: Array, edges: tuple[Any, Any]) -> Array | None:
+    """Return the shortest route from the last place but one to the last, or None."""
     begin, end = len(places) - 2, len(places) - 1
     lengths, before = scipy.sparse.csgraph.dijkstra(
-        _graph(places, edges), directed=False, indices=begin, return_predecessors=True)
+        _build_matrix(places, edges), directed=False, indices=begin, return_predecessors=True)
     if not np.isfinite(lengths[end]):
         return None
-    way = [end]
-    while way[-1] != begin:
-        way.append(before[way[-1]])
-    return places[way[::-1]]
+    route = [end]
+    while route[-1] != begin:
+        route.append(before[route[-1]])
+    return places[route[::-1]]

@@ -2,18 +2,35 @@
 
 from collections.abc import Callable
 import time
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .worst_places import WorstPlaces
+from .starts import refine
+from ..incumbent import Incumbent
 from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.channel.receivers import Receivers
 from ...model.grid import Grid
 from ...model.kernel import core
-from ...model.limits import limits_of
+from ...model.limits import build_limits, is_open
+from ...plan.plan import Status
+
+COARSE_SLOTS = 40  # Slots of the coarse grid.
+COARSE_MU = 1e-3  # The barrier parameter that ends the coarse grid,
+FINAL_MU = 1e-8  # and that of the full grid.
+REFINED_MU = 0.03  # The least for a finer grid where limits keep interpolation from being centred.
+MOST_STEPS = 150  # Newton steps on one grid.
+TRY_EVERY = 16  # Steps between proposals, each of which takes as long as several steps.
+WARM_SHARE = 0.01  # By which a plan that is improved further is moved into the interior,
+WARM_MU = 1e-3  # and the barrier parameter that it begins with.
+
+_REFINEMENT = 8  # Ratio of slots of the next grid and of the last, at most.
+_MIDDLE_MU = 1e-4  # The barrier parameter that ends a grid in between.
+
+Discs: TypeAlias = dict[str, NDArray[Any]]
+"""The discs of eavesdroppers at places, by the names of problem.hpp."""
 
 
 class Barrier:
@@ -26,43 +43,46 @@ class Barrier:
     :param mu: the barrier parameter to begin with, for all starts or for each, (S,).
     :param check: called between parts of a step that may take long; what it raises ends the
         step and leaves the starts as they are.
-    :param places: of the eavesdroppers in every slot; by default the guarantee counts.
-    :ivar x: where the starts are, changed in place.
+    :param receivers: at places in the discs; by default those of the guarantee.
+    :param discs: of the receivers' places.
+    :ivar x: the iterates of all starts, changed in place.
     :ivar mu: their barrier parameters, likewise.
-    :ivar finished: which have converged, or make no more progress, likewise.
+    :ivar finished: True for those that have converged or make no more progress, likewise.
     """
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array,
                  check: Callable[[], None] = lambda: None,
-                 places: WorstPlaces | None = None) -> None:
+                 receivers: Receivers | None = None, discs: Discs | None = None) -> None:
         self.grid = grid
         self.check = check
-        receivers = Receivers.of(grid) if places is None else places.receivers
         self.solver_time = 0.0
         self.x: Array = np.array(x, float, order='C')
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
         self._core = core.Barrier(
-            _problem(grid, receivers, places), self.x, self.mu, self.finished)
+            _build_problem(grid, receivers or Receivers.of(grid), discs), self.x, self.mu,
+            self.finished)
 
-    def exchange(self, places: WorstPlaces, worse: bool) -> None:
-        """Go on with places that have been exchanged; `worse` ones need further steps."""
+    def exchange(self, receivers: Receivers, discs: Discs, worse: bool) -> None:
+        """Continue with receivers at exchanged places; `worse` ones need further steps."""
         self._core.exchange(
-            _plain(**places.compiled), np.ascontiguousarray(places.receivers.positions, float))
+            _to_kernel(**discs), np.ascontiguousarray(receivers.positions, float))
         if worse:
             self.finished[:] = False
 
     def rates(self) -> Array:
         """Return the mean rates against the receivers, losing slots silenced, in nats, (S,)."""
-        found = np.empty(len(self.x))
-        self._core.rates(found)
-        return found
+        rates = np.empty(len(self.x))
+        self._core.rates(rates)
+        return rates
 
     def advance(self, steps: int, final: float) -> int:
         """
-        Take up to `steps` steps from every start, as many as are short together; return how many.
+        Take up to `steps` steps from every start, as many as are short together.
 
-        After each its mu is lowered towards `final` where it may be; `finished` ones go on.
+        After a step mu is lowered towards `final` where it may be. Finished starts step, too.
+
+        :return: the number of steps.
 
         :raises NumericalError: when no step could be computed from any start.
         """
@@ -75,19 +95,130 @@ class Barrier:
         return int(taken)
 
 
-def _problem(grid: Grid, receivers: Receivers, places: WorstPlaces | None) -> dict[str, Any]:
-    """Return what the kernel asks for, by the names of problem.hpp."""
-    limits = [limit.compiled for limit in limits_of(grid.scenario, grid)]
+class Stop(Exception):
+    """The method must end in a status."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status)
+        self.status: Status = status
+
+
+class Stepper:
+    """
+    Steps of Barriers that all parts of the method take for one Incumbent.
+
+    Every step is reported to the incumbent, and raises Stop where the method must end.
+
+    :ivar grid: the full grid, of the scenario's own slots.
+    """
+
+    def __init__(self, incumbent: Incumbent) -> None:
+        self.incumbent = incumbent
+        self.grid = Grid.of(incumbent.scenario)
+
+    def build_barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
+        """Return a Barrier that stops when the method must end."""
+        return Barrier(grid, x, mu, self.check)
+
+    def check(self) -> None:
+        """Raise Stop where the method must end."""
+        reason = self.incumbent.stop_reason()
+        if reason is not None:
+            raise Stop(reason)
+
+    def advance(self, barrier: Barrier, steps: int, mu: float) -> None:
+        """Take a number of steps from every start."""
+        while steps > 0:
+            steps -= self.step(barrier, mu, steps)
+
+    def refine_to_full_grid(self, coarse: Grid, x: Array, mu: float | Array) -> Barrier:
+        """
+        Return a Barrier of starts (S, N, U, 3) on the full grid, refined through grids in between.
+
+        :param mu: the barrier parameter that they have on the coarse grid, for all or for each.
+        """
+        full = self.grid.slots
+        grid, mu = coarse, np.full(len(x), 1.0) * mu
+        while grid.slots < full:
+            if grid is not coarse:
+                middle = self.build_barrier(grid, x, mu)
+                for _ in range(MOST_STEPS):
+                    self.step(middle, _MIDDLE_MU)
+                    if middle.finished.all():
+                        break
+                x, mu = middle.x, middle.mu
+            grids = int(np.ceil(np.log(full / grid.slots) / np.log(_REFINEMENT)))
+            finer = grid.with_slots(round(grid.slots * (full / grid.slots)**(1 / grids)))
+            refined = [refine(grid, start, finer, self.check) for start in x]
+            inside = [start is not None for start in refined]
+            if not any(inside):
+                raise NumericalError('no flight strictly inside the limits was found')
+            grid, mu = finer, mu[inside]
+            x = np.array([start for start in refined if start is not None])
+            if (np.isfinite(grid.scenario.max_accelerations).any()
+                    or not is_open(grid.scenario)):
+                mu = np.maximum(mu, REFINED_MU)
+        return self.build_barrier(grid, x, mu)
+
+    def finish(self, barrier: Barrier) -> Status:
+        """Converge on the full grid; return the status."""
+        for step in range(1, MOST_STEPS + 1):
+            self.step(barrier, FINAL_MU, try_finished=True)
+            if barrier.finished.all():
+                return 'converged'
+            if step % TRY_EVERY == 0:
+                self.try_best(barrier)
+        self.try_best(barrier)
+        return 'iteration_limit'
+
+    def step(self, barrier: Barrier, mu: float, steps: int = 1,
+             try_finished: bool = False) -> int:
+        """
+        Take up to `steps` steps together, report them, and raise Stop where the method must end.
+
+        :param try_finished: whether to propose finished starts before the step is reported.
+        :return: the number of steps.
+        """
+        before = barrier.solver_time
+        try:
+            taken = barrier.advance(steps, mu)
+        except Stop:
+            self.try_best(barrier)
+            raise
+        self.incumbent.solver_time += barrier.solver_time - before
+        if self.incumbent.stop_reason() is not None or try_finished and barrier.finished.all():
+            self.try_best(barrier)
+        for _ in range(taken):
+            self.incumbent.report('joint')
+            self.check()
+        return taken
+
+    def try_best(self, barrier: Barrier) -> None:
+        """Propose the best start of a Barrier to the incumbent, on the full grid."""
+        x = barrier.x[barrier.rates().argmax()]
+        if barrier.grid.slots != self.grid.slots:
+            x = barrier.grid.refine(x, self.grid.slots)
+        self.try_variables(x)
+
+    def try_variables(self, x: Array) -> None:
+        """Propose variables of the full grid, (N, U, 3), to the incumbent."""
+        positions = None if self.grid.fixed.all() else self.grid.positions(x)
+        self.incumbent.try_improve(positions, self.grid.powers(x))
+
+
+def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None) -> dict[str, Any]:
+    """Return the problem of the kernel, by the names of problem.hpp."""
+    limits = [limit.compiled for limit in build_limits(grid.scenario, grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
         'limits': [limit for limit in limits if limit is not None],
         'channel': receivers.link.compiled(*receivers.edge.shape),
-        'places': None if places is None else _plain(**places.compiled),
-        **_plain(starts=grid.starts, goals=grid.goals, fixed=grid.fixed,
-                 peaks=grid.scenario.peak_powers / grid.power,
-                 positions=receivers.positions, edge=receivers.edge)}
+        'places': None if discs is None else _to_kernel(**discs),
+        **_to_kernel(starts=grid.starts, goals=grid.goals, fixed=grid.fixed,
+                     peaks=grid.scenario.peak_powers / grid.power,
+                     positions=receivers.positions, edge=receivers.edge)}
 
 
-def _plain(**arrays: NDArray[Any]) -> dict[str, Array]:
+def _to_kernel(**arrays: NDArray[Any]) -> dict[str, Array]:
     """Return arrays as the kernel takes them."""
     return {name: np.ascontiguousarray(values, float) for name, values in arrays.items()}

@@ -1,48 +1,49 @@
-"""Where the joint method begins: random hovering places and powers, made strictly feasible."""
+"""Starts of the joint method: random hovering places and powers, made strictly feasible."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeAlias
 
 import numpy as np
 
+from ..incumbent import find_powers_without_jamming
 from ..initial import (
-    Check, flights_to, fly_hover_fly_positions, free_places, projected, route, settled)
-from ..search import powers_without_jamming
+    build_flights, Check, find_free_places, fly_around, fly_hover_fly_positions, move_inside,
+    project)
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
-from ...model.grid import Grid, resampled, resampled_flights
-from ...model.limits import is_open, limits_of
-from ...model.limits.norm import NormLimit, reference_flight
+from ...model.grid import Grid, resample, resample_flights
+from ...model.limits import build_limits, is_open
+from ...model.limits.motion import NormLimit, reference_flight
 
 STARTS = 15  # For each UAV,
 MOST_STARTS = 60  # and for all.
-FIRST = 8  # How many go first; where they agree, the others are not begun.
-PLACES = 13  # Hovering places where flights around zones, fence or UAVs must be found first.
+FIRST = 8  # Starts of the first batch; where they agree, the second is not begun.
+PLACES = 13  # Hovering places where flights around obstacles or UAVs must be found first.
 ENOUGH = 0.5  # Share of the first flights that a coarse grid must have room for.
-OTHER_WAYS = 8  # The most starts that pass what is in the way on other sides; they go first, too.
+ALTERNATIVES = 8  # The most starts on alternative routes, which are in the first batch, too.
 DISTANCE = (0.03, 1.0)  # From targets to hovering places, in mean altitudes, log-uniform.
 JAMMING = (1e-4, 1e-2)  # Jamming powers in units of the average power, log-uniform.
 MU = (0.006, 0.05)  # Barrier parameters to begin with, log-uniform.
 MORE_JAMMING = 0.05  # The jamming power of every fourth start,
 CLOSE_MU = 3e-3  # and the barrier parameter of every second.
 
-_ON = 0.9  # Power of a UAV that is on, in units of its average power.
-_SILENT = 1e-5  # Power of one that is off.
+_ON = 0.9  # Power of a UAV that transmits, in units of its average power.
+_SILENT = 1e-5  # Power of a silent UAV, likewise.
 _MARGIN = 0.01  # Share of a limit of acceleration that is left where it can be.
 _SHARE = 0.05  # Of the slack that a start leaves.
-_MARGIN_OF_POWERS = 0.2  # Of limits of powers, as a share of such a share.
-_REFINED_SHARE = 1e-3  # The same for flights that are refined.
+_POWER_MARGIN = 0.2  # Ratio of the share for limits of powers and that for flights.
+_REFINED_SHARE = 1e-3  # Of the slack that refined flights leave.
 
-_Ways: TypeAlias = tuple[tuple[int, int], ...] | None
+_Routes: TypeAlias = tuple[tuple[int, int], ...] | None
 
 
-def hovering_places(scenario: Scenario, count: int) -> Array:
+def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     """
     Return S hovering places of fly-hover-fly flights, (S, U, 2) in m.
 
-    First the paper's, the transmitter above the ground node and the jammers above the
+    The paper's come first, the transmitter above the ground node and the jammers above the
     eavesdroppers in turn; then random places around these, each jammer's around any eavesdropper.
-    They turn and shift with the map.
+    They rotate and shift with the map.
     """
     rng = np.random.default_rng(0)
     ground, eavesdroppers = np.array(scenario.ground_node), scenario.eavesdropper_positions
@@ -58,10 +59,9 @@ def hovering_places(scenario: Scenario, count: int) -> Array:
     return targets + distances * rng.normal(size=targets.shape) @ axes
 
 
-def several_starts(grid: Grid, check: Check = lambda: None
-                   ) -> Iterator[tuple[Array, Array]]:
+def generate_starts(grid: Grid, check: Check = lambda: None) -> Iterator[tuple[Array, Array]]:
     """
-    Give two batches of strictly feasible starts: those that go first, and the others.
+    Yield two batches of strictly feasible starts.
 
     :param check: called before each flight; what it raises is passed on, as everywhere here.
     :return: the starts, (S, N, U, 3), and the barrier parameters to begin with, (S,).
@@ -70,50 +70,50 @@ def several_starts(grid: Grid, check: Check = lambda: None
     """
     scenario = grid.scenario
     count = min(STARTS * len(scenario.uavs), MOST_STARTS)
-    places, ways = hovering_places(scenario, count), []
+    places, alternatives = sample_hovering_places(scenario, count), []
     if not is_open(scenario):
-        places = free_places(scenario, places[:PLACES], check)
-        ways = list(_other_ways(scenario, places[0]))[:OTHER_WAYS]
+        places = find_free_places(scenario, places[:PLACES], check)
+        alternatives = list(_list_alternatives(scenario, places[0]))[:ALTERNATIVES]
     shortest = [(place, None, False) for place in places]
-    first, others = shortest[:FIRST] + [(places[0], *way) for way in ways], shortest[FIRST:]
+    first = shortest[:FIRST] + [(places[0], *routes) for routes in alternatives]
     rng = np.random.default_rng(1)
     flights: list[tuple[Array, Array]] = []
-    for asked, size in ((first, len(first)), (others, count - FIRST)):
-        flights = [*_flights(grid, asked, check), *flights]
+    for batch, size in ((first, len(first)), (shortest[FIRST:], count - FIRST)):
+        flights = [*_generate_flights(grid, batch, check), *flights]
         if len(flights) < ENOUGH * len(first) and grid.slots < scenario.slots:
             raise NumericalError('the grid is too coarse for most flights')
         if not flights:
-            known = fly_hover_fly_positions(scenario, check)
-            inside = interior(grid, known, _SHARE, check)
+            baseline = fly_hover_fly_positions(scenario, check)
+            inside = find_interior(grid, baseline, _SHARE, check)
             if inside is None:
                 raise NumericalError('no flight strictly inside the limits was found')
-            flights = [(known, inside)]
-        yield _with_powers(grid, [flights[number % len(flights)] for number in range(size)], rng)
+            flights = [(baseline, inside)]
+        yield _add_powers(grid, [flights[number % len(flights)] for number in range(size)], rng)
 
 
-def _flights(grid: Grid, asked: Iterable[tuple[Array, _Ways, bool]],
-             check: Check) -> Iterator[tuple[Array, Array]]:
+def _generate_flights(grid: Grid, batch: Iterable[tuple[Array, _Routes, bool]],
+                      check: Check) -> Iterator[tuple[Array, Array]]:
     """
-    Give flights on the scenario's slots and, strictly inside the limits, on a grid.
+    Yield flights on the scenario's slots and, strictly inside the limits, on a grid.
 
-    :param asked: hovering places, (U, 2) in m, ways to them, and whether UAVs that meet pass each
-        other on another side than the nearest.
+    :param batch: hovering places, (U, 2) in m, routes as for build_flights, and whether UAVs that
+        meet pass each other on the side opposite to the nearest.
     """
-    for place, ways, other_side in asked:
+    for place, routes, opposite in batch:
         check()
-        flight = flights_to(grid.scenario, place, ways, check)
-        inside = interior(grid, flight, _SHARE, check, other_side)
+        flight = build_flights(grid.scenario, place, routes, check)
+        inside = find_interior(grid, flight, _SHARE, check, opposite)
         if inside is not None:
             yield flight, inside
 
 
-def _with_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
-                 rng: np.random.Generator) -> tuple[Array, Array]:
+def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
+                rng: np.random.Generator) -> tuple[Array, Array]:
     """
     Return starts with random jamming powers and barrier parameters.
 
-    Every second begins close to the boundary. Half of these jam more; the others transmit only in
-    the slots that win without jamming, if any do: a mission that is nearly lost is won in a few.
+    Every second begins close to the boundary. Half of these jam more; the rest transmit only in
+    the slots that win without jamming, if any do: some missions are won in a few slots only.
 
     :param flights: of each start, on the scenario's slots and on the grid.
     """
@@ -125,96 +125,96 @@ def _with_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     mu = _log_uniform(rng, MU, (len(flights),))
     mu[1::2] = CLOSE_MU
     for number in range(3, len(flights), 4):
-        alone = powers_without_jamming(scenario, flights[number][0], _ON)
+        alone = find_powers_without_jamming(scenario, flights[number][0], _ON)
         if alone is not None:
-            powers[number, 0] = resampled(alone[0], grid.slots, inner=True)
-    return _variables(grid, np.array([inside for _, inside in flights]), powers, _SILENT), mu
+            powers[number, 0] = resample(alone[0], grid.slots, inner=True)
+    return _scale(grid, np.array([inside for _, inside in flights]), powers, _SILENT), mu
 
 
 def _log_uniform(rng: np.random.Generator, ends: tuple[float, float],
                  shape: tuple[int, ...]) -> Array:
-    """Return random numbers whose logarithms are uniform between those of two ends."""
+    """Return random numbers that are log-uniform between two ends."""
     low, high = np.log(ends).tolist()
     return np.exp(rng.uniform(low, high, shape))
 
 
-def _other_ways(scenario: Scenario, places: Array) -> Iterator[tuple[_Ways, bool]]:
+def _list_alternatives(scenario: Scenario, places: Array) -> Iterator[tuple[_Routes, bool]]:
     """
-    Give ways to hovering places on the other sides of what is in the way.
+    Yield alternative routes to hovering places.
 
-    :return: the ways of flights_to, and whether UAVs that meet pass on another side.
+    :return: the routes of build_flights, and whether UAVs that meet pass on the opposite side.
     """
     uavs = len(scenario.uavs)
     if uavs > 1 and scenario.separation:
         yield None, True
-    for way in (1, 2):
-        for ends in ((way, 0), (0, way)):
+    for route in (1, 2):
+        for legs in ((route, 0), (0, route)):
             for uav in range(uavs):
-                if route(scenario, uav, places[uav], *ends) is not None:
-                    yield tuple(ends if index == uav else (0, 0) for index in range(uavs)), False
+                if fly_around(scenario, uav, places[uav], *legs) is not None:
+                    yield tuple(legs if index == uav else (0, 0) for index in range(uavs)), False
 
 
-def strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float,
-                      check: Check = lambda: None) -> Array:
+def make_strictly_feasible(grid: Grid, positions: Array, powers: Array, share: float,
+                           check: Check = lambda: None) -> Array:
     """
     Return variables of a grid that are strictly feasible and near a plan, (..., N, U, 3).
 
     :param positions: feasible, (U, M+2, 2) in m, for any number M of slots.
     :param powers: feasible, (..., U, M) in W.
-    :param share: by which to go from the plan into the interior.
+    :param share: by which to move from the plan into the interior.
     :raises NumericalError: when no flights strictly inside the limits are found.
     """
-    flights = interior(grid, positions, share, check)
+    flights = find_interior(grid, positions, share, check)
     if flights is None:
         raise NumericalError('no flight strictly inside the limits was found')
-    powers = resampled(powers.T, grid.slots, inner=True).T
-    return _variables(grid, flights, powers, _MARGIN_OF_POWERS * share, share)
+    powers = resample(powers.T, grid.slots, inner=True).T
+    return _scale(grid, flights, powers, _POWER_MARGIN * share, share)
 
 
-def _variables(grid: Grid, flights: Array, powers: Array, least: float | Array,
-               share: float = _SHARE) -> Array:
-    """Return variables of flights and powers on the grid, with powers made strictly feasible."""
+def _scale(grid: Grid, flights: Array, powers: Array, least: float | Array,
+           share: float = _SHARE) -> Array:
+    """Return the variables of flights and powers, with powers made strictly feasible."""
     average, peak = grid.scenario.average_powers[:, None], grid.scenario.peak_powers[:, None]
-    most = 1 - _MARGIN_OF_POWERS * share
+    most = 1 - _POWER_MARGIN * share
     power = np.clip(powers, least * average, most * peak)
     power *= np.minimum(1, most * average / power.mean(axis=-1, keepdims=True))
     return grid.variables(flights[..., 1:-1, :], power)
 
 
-def interior(grid: Grid, positions: Array, share: float, check: Check,
-             other_way: bool = False) -> Array | None:
+def find_interior(grid: Grid, positions: Array, share: float, check: Check,
+                  opposite: bool = False) -> Array | None:
     """
-    Return flights on a grid that are strictly inside their limits, or None if none are found.
+    Return flights on a grid that are strictly inside their limits, or None.
 
     :param positions: (U, M+2, 2) in m, for any number M of slots.
-    :param share: by which to go into the interior.
-    :param other_way: whether UAVs that meet pass each other on another side than the nearest.
+    :param share: by which to move into the interior.
+    :param opposite: whether UAVs that meet pass each other on the side opposite to the nearest.
     """
-    flights = resampled_flights(positions, grid.slots)
+    flights = resample_flights(positions, grid.slots)
     if grid.fixed.all():
         return flights
     if not is_open(grid.scenario):
-        return projected(grid, positions, share, check, other_way)
-    return inside_limits(grid, flights + share * (reference_flight(grid) - flights))
+        return project(grid, positions, share, check, opposite)
+    return limit_acceleration(grid, flights + share * (reference_flight(grid) - flights))
 
 
-def inside_limits(grid: Grid, positions: Array) -> Array:
+def limit_acceleration(grid: Grid, positions: Array) -> Array:
     """
-    Return positions (U, N+2, 2) in m that are strictly inside the limits of acceleration.
+    Return positions (U, N+2, 2) in m moved strictly inside the limits of acceleration.
 
     Blending towards the reference flight and interpolation keep the limit of speed.
     """
     if np.isfinite(grid.scenario.max_accelerations).any():
-        for limit in limits_of(grid.scenario, grid):
+        for limit in build_limits(grid.scenario, grid):
             if isinstance(limit, NormLimit):
                 positions, _ = limit.repair(positions, np.zeros(0), _MARGIN)
     return positions
 
 
-def refined(grid: Grid, x: Array, finer: Grid, check: Check) -> Array | None:
+def refine(grid: Grid, x: Array, finer: Grid, check: Check) -> Array | None:
     """Return variables (N, U, 3) of a grid on a finer one, strictly inside, or None."""
-    x = grid.refined(x, finer.slots)
+    x = grid.refine(x, finer.slots)
     positions = finer.positions(x)
-    inside = (inside_limits(finer, positions) if is_open(grid.scenario) else
-              settled(finer, positions, _REFINED_SHARE, check))
+    inside = (limit_acceleration(finer, positions) if is_open(grid.scenario) else
+              move_inside(finer, positions, _REFINED_SHARE, check))
     return None if inside is None else finer.variables(inside[:, 1:-1], finer.powers(x))

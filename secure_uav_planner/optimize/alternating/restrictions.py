@@ -1,0 +1,313 @@
+"""
+The convex restrictions of Section III, as CVXPY problems that Clarabel solves.
+
+That of trajectories is valid for free space only: it needs a gain whose inverse is affine in the
+squared distance, 1 / g = (d^2 + H^2) / beta_0, which a square's tangent then bounds from below.
+"""
+
+import logging
+import math
+import time
+from typing import Any, ClassVar, Literal
+import warnings
+
+import cvxpy as cp
+import numpy as np
+
+from ...mission.cone_program import is_solver_failure
+from ...mission.scenario import Array, Scenario
+from ...model.channel import (
+    ground_gains, ground_squared_distances, guaranteed_gains, guaranteed_squared_distances)
+from ...model.channel.links import FreeSpace, link_of
+
+_LOG = logging.getLogger(__name__)
+
+_Bound = tuple[Any, list[Any]]  # A CVXPY expression, and the constraints that make it a bound.
+
+
+class PowerProblem:
+    """
+    The convex restriction (13) of problem (11).
+
+    All logarithms are natural, their arguments are 1 at the local point, and powers are in units
+    of the average power: values near one keep the solver accurate.
+
+    :cvar step: name of a solve in the history of a plan.
+    :cvar block: the variables that a solve improves.
+    :ivar problem: the last cvxpy.Problem, which maximises the sum of the slots' rates in nats.
+    :ivar powers: its variable, (U, N) in units of the average power.
+    :ivar compile_time: of CVXPY in the last solve in s, None before the first.
+    """
+
+    step: ClassVar[str] = 'power'
+    block: ClassVar[Literal['powers']] = 'powers'
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self.compile_time: float | None = None
+
+    def solve(self, positions: Array, powers: Array,
+              time_left: float = np.inf) -> tuple[Array | None, float]:
+        """
+        Return the powers that maximise the restriction at a local point.
+
+        :param positions: q_i[n], (U, N+2, 2) in m.
+        :param powers: the local point p_i^(m)[n], (U, N) in W.
+        :param time_left: the limit for compiling and solving in s.
+        :return: powers, (U, N) in W, nearly feasible, or None if none were found; and the time
+            inside the solver in s.
+        """
+        unit = self._scenario.average_powers[:, None]
+        local, gains = powers / unit, ground_gains(self._scenario, positions) * unit
+        self.powers: Any = cp.Variable(powers.shape)
+        leakage = cp.Variable(powers.shape[1])
+        interference = _drop_transmitter(gains)
+        rate = (_log_of_sum(gains, local, self.powers) - leakage
+                - _dot(interference / _total(interference, local), self.powers))
+        constraints = [
+            self.powers >= 0, self.powers <= self._scenario.peak_powers[:, None] / unit
+            @ np.ones((1, powers.shape[1])), cp.sum(self.powers, axis=1) <= powers.shape[1]]
+        constraints += [leakage >= _leakage_bound(gains * unit, local, self.powers)
+                        for gains in guaranteed_gains(self._scenario, positions)]
+        self.problem = cp.Problem(cp.Maximize(cp.sum(rate)), constraints)
+        solved, seconds, self.compile_time = solve_problem(self.problem, time_left)
+        return (self.powers.value * unit if solved else None), seconds
+
+
+class TrajectoryProblem:
+    """
+    The convex restriction (18) of problem (14).
+
+    Its variables are displacements from the local point in units of a typical distance, and
+    zeta, xi and tau are logarithms of the paper's, zero at the local point. A logarithm is only
+    defined above zero, so the paper's lower bounds (15d) are not needed.
+
+    :cvar step: name of a solve in the history of a plan.
+    :cvar block: the variables that a solve improves.
+    :ivar problem: the last cvxpy.Problem, which minimises the loss of rate since the local point
+        in nats, up to a constant, summed over the slots.
+    :ivar moves: its variables, the displacements of every UAV, (N+2, 2) in units of `unit`.
+    :ivar unit: the typical distance of the last solve, in m.
+    :ivar compile_time: of CVXPY in the last solve in s, None before the first.
+    """
+
+    step: ClassVar[str] = 'trajectory'
+    block: ClassVar[Literal['positions']] = 'positions'
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self.compile_time: float | None = None
+
+    def solve(self, positions: Array, powers: Array,
+              time_left: float = np.inf) -> tuple[Array | None, float]:
+        """
+        Return the positions that maximise the restriction at a local point.
+
+        :param positions: the local point q_i^(m)[n], (U, N+2, 2) in m.
+        :param powers: p_i[n], (U, N) in W.
+        :param time_left: the limit for compiling and solving in s.
+        :return: positions, (U, N+2, 2) in m, nearly feasible, or None if none were found; and
+            the time inside the solver in s.
+        """
+        scenario = self._scenario
+        offset = positions[:, 1:-1] - np.array(scenario.ground_node)
+        gains, inverse = _evaluate_link(link_of(scenario, 'ground_node'),
+                                        ground_squared_distances(scenario, positions))
+        self.unit = unit = float(1 / np.sqrt(np.median(inverse)))
+        self.moves: list[Any] = [cp.Variable(path.shape) for path in positions]
+        paths = [path / unit + move for path, move in zip(positions, self.moves, strict=True)]
+        constraints = [cp.hstack([
+            end for move in self.moves for end in (move[0], move[-1])]) == 0]
+        constraints += [cp.norm(path[1:] - path[:-1], axis=1) <= longest / unit
+                        for path, longest in zip(paths, scenario.max_step, strict=True)]
+
+        x, y = (cp.vstack([move[1:-1, axis] for move in self.moves]) for axis in (0, 1))
+        received, inverse = gains * powers, inverse * unit**2
+        slopes = 2 * offset / unit * inverse[..., None]
+        # At the ground node, with the paper's a and b.
+        shares = received / (1 + received.sum(axis=0))
+        loss = cp.sum(_along(shares[..., None] * slopes, x, y) + cp.multiply(
+            shares * inverse, cp.square(x) + cp.square(y)), axis=0)
+        if len(paths) > 1:  # y_k is the logarithm of zeta of (17a).
+            interference, needed = _log_of_sum_bound(received[1:], slopes[1:], x[1:], y[1:])
+            loss += interference[0]
+            constraints += needed
+        bounds, needed = self._leakage_bounds(
+            positions, powers, _normalise(offset, np.array([1.0, 0.0])), x, y, paths)
+        largest = cp.Variable((1, scenario.slots))
+        constraints += [*needed, np.ones((bounds.shape[0], 1)) @ largest >= bounds]
+        self.problem = cp.Problem(cp.Minimize(cp.sum(loss) + cp.sum(largest)), constraints)
+        solved, seconds, self.compile_time = solve_problem(self.problem, time_left)
+        if not solved:
+            return None, seconds
+        return positions + unit * np.stack([move.value for move in self.moves]), seconds
+
+    def _leakage_bounds(self, positions: Array, powers: Array, away: Array, x: Any, y: Any,
+                        paths: list[Any]) -> _Bound:
+        """
+        Return upper bounds of the leakage to each eavesdropper, (E, N) in nats.
+
+        Unit vectors `away` (U, N, 2) are the directions of UAVs straight above it.
+        """
+        scenario, unit = self._scenario, self.unit
+        centres, count = scenario.eavesdropper_positions, len(scenario.eavesdroppers)
+        squared = guaranteed_squared_distances(scenario, positions)
+        gains, inverse = _evaluate_link(
+            link_of(scenario, 'eavesdropper').for_receivers(
+                scenario.receiver_advantages[:, None, None]), squared)
+        received, inverse = gains * powers, inverse * unit**2
+        distances = np.sqrt(squared) / unit
+        # (d + eps)^2 has a kink at d = 0. Any direction gives a subgradient there, and that away
+        # from the ground node makes it pay for the jammer to leave. For the transmitter
+        # [d - eps]^+ is linearised, which is valid inside the disc, unlike (17b).
+        slopes = 2 * (distances * inverse)[..., None] * _normalise(
+            positions[:, 1:-1] - centres[:, None, None], away)
+        # y_k is the logarithm of xi of (17b) for the transmitter, of tau of (17c) for jammers.
+        repeat = np.tile(np.eye(len(positions)), (count, 1))
+        bounds, constraints = _log_of_sum_bound(
+            np.concatenate(received), np.concatenate(slopes), repeat @ x, repeat @ y, count)
+        jamming = 1 + received[:, 1:].sum(axis=1)
+        bounds += np.log1p(received[:, 0] / jamming)
+        if len(positions) > 1:
+            jamming_bounds, needed = _jamming_bound(
+                received[:, 1:] / jamming[:, None] * inverse[:, 1:], distances[:, 1:],
+                [path[1:-1] for path in paths[1:]], centres / unit, scenario.error_radii / unit)
+            bounds += jamming_bounds
+            constraints += needed
+        return bounds, constraints
+
+
+def solve_problem(problem: Any, time_left: float = math.inf) -> tuple[bool, float, float]:
+    """
+    Solve a CVXPY problem by Clarabel.
+
+    A failure of the solver is not raised, as the callers keep their best iterate. A problem that
+    breaks CVXPY's rules raises: that is an error in the program.
+
+    :param time_left: the limit for compiling and solving in s.
+    :return: whether the variables hold a solution, the time of Clarabel in s, and that of CVXPY
+        to compile the problem in s.
+    """
+    started = time.monotonic()
+    # Without solver_opts, CVXPY 1.9 fails when it unpacks the results.
+    data, chain, inverse_data = problem.get_problem_data(cp.CLARABEL, solver_opts={})
+    compile_time = time.monotonic() - started
+    options = {}
+    if time_left < math.inf:
+        options['time_limit'] = time_left - compile_time
+        if options['time_limit'] <= 0:
+            return False, 0.0, compile_time
+    try:
+        # A warm start would only update the last call's solver, which Clarabel refuses when an
+        # entry of a matrix becomes zero or nonzero; CVXPY 1.6.7 to 1.8.1 pass the refusal on.
+        solution = chain.solve_via_data(
+            problem, data, warm_start=False, verbose=False, solver_opts=options)
+    except BaseException as error:
+        if not is_solver_failure(error):
+            raise
+        _LOG.debug('Clarabel failed', exc_info=True)
+        return False, 0.0, compile_time
+    with warnings.catch_warnings():
+        # An inaccurate solution is as good: the caller measures it by the true objective.
+        warnings.filterwarnings('ignore', message='Solution may be inaccurate')
+        try:
+            problem.unpack_results(solution, chain, inverse_data)
+        except cp.SolverError:
+            return False, solution.solve_time, compile_time
+    solved = problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+    return solved, solution.solve_time, compile_time
+
+
+def _log_of_sum(gains: Array, local: Array, powers: Any) -> Any:
+    """Return the concave log(1 + sum_i g_i p_i), less its value at the local point, (N,)."""
+    total = _total(gains, local)
+    return cp.log(1 / total + _dot(gains / total, powers))
+
+
+def _leakage_bound(gains: Array, local: Array, powers: Any) -> Any:
+    """Return a convex upper bound of r-tilde_e in nats, exact at the local point, (N,)."""
+    total, jamming = _total(gains, local), _drop_transmitter(gains)
+    constant = np.log(total / _total(jamming, local)) - (total - 1) / total
+    return constant + _dot(gains / total, powers) - _log_of_sum(jamming, local, powers)
+
+
+def _dot(slopes: Array, powers: Any) -> Any:
+    return cp.sum(cp.multiply(slopes, powers), axis=0)
+
+
+def _total(gains: Array, local: Array) -> Array:
+    """Return the power received at the local point with the noise, whose power is 1, (N,)."""
+    return np.asarray(1 + (gains * local).sum(axis=0))
+
+
+def _drop_transmitter(gains: Array) -> Array:
+    """Return the gains with zeros for the transmitter."""
+    return np.concatenate([np.zeros_like(gains[:1]), gains[1:]])
+
+
+def _evaluate_link(link: FreeSpace, squared: Array) -> tuple[Array, Array]:
+    """Return the gains, and 1 / (d^2 + H^2), which is -g' / g in free space and only there."""
+    gains, slopes = link.gain(squared), link.slope(squared)
+    return gains, -slopes / gains
+
+
+def _log_of_sum_bound(received: Array, slopes: Array, x: Any, y: Any,
+                      receivers: int = 1) -> _Bound:
+    """
+    Return upper bounds of log(1 + sum_k s_k exp(-y_k)), less their values at the local point.
+
+    s_k is a received power there, and y_k a lower bound of the change of log(d_k^2 + H_k^2): the
+    logarithm of one of the paper's zeta, xi and tau, whose squares are linearised.
+
+    :param received: s_k, all of the first receiver, then all of the next, (R K, N).
+    :param slopes: gradients of y_k, (R K, N, 2) in 1/unit.
+    :param x: displacements of the senders, (R K, N) in units, as y.
+    :param receivers: R.
+    :return: a variable, (R, N) in nats, and the constraints that make it an upper bound.
+    """
+    senders, slots = x.shape
+    sums = np.kron(np.eye(receivers), np.ones((1, senders // receivers)))
+    total = 1 + sums @ received
+    value: Any = cp.Variable((receivers, slots))
+    logarithms = cp.Variable((senders, slots))
+    parts = cp.exp(-logarithms - sums.T @ value)
+    weights = received / (sums.T @ total)
+    return value, [
+        cp.exp(logarithms) <= 1 + _along(slopes, x, y),
+        cp.multiply(1 / total, cp.exp(-value)) + sums @ cp.multiply(weights, parts) <= 1]
+
+
+def _jamming_bound(weights: Array, distances: Array, positions: list[Any], centres: Array,
+                   radii: Array) -> _Bound:
+    """
+    Return upper bounds of -log(1 + sum of jamming), with c of the paper, (E, N) in nats.
+
+    They are weighted sums of (d + eps)^2, less their values at the local point.
+
+    :param weights: (E, U - 1, N) in 1/unit^2.
+    :param distances: d + eps at the local point, (E, U - 1, N) in units.
+    :param positions: of every jammer, (N, 2) in units, as centres (E, 2) and radii (E,) of discs.
+    """
+    count, jammers, slots = weights.shape
+    farthest = cp.Variable((count * jammers, slots))  # d + eps
+    repeat = np.tile(np.eye(jammers), (count, 1))
+    sums = np.kron(np.eye(count), np.ones((1, jammers)))
+    offsets = [
+        cp.vec(repeat @ cp.vstack([position[:, axis] for position in positions])
+               - np.outer(sums.T @ centres[:, axis], np.ones(slots)), order='F')
+        for axis in (0, 1)]
+    value = sums @ cp.multiply(np.concatenate(weights), cp.square(farthest)) - (
+        weights * distances**2).sum(axis=1)
+    return value, [cp.vec(farthest, order='F') >= np.tile(sums.T @ radii, slots)
+                   + cp.norm(cp.vstack(offsets), axis=0)]
+
+
+def _along(slopes: Array, x: Any, y: Any) -> Any:
+    """Return scalar products of gradients (K, N, 2) with displacements, (K, N)."""
+    return cp.multiply(slopes[..., 0], x) + cp.multiply(slopes[..., 1], y)
+
+
+def _normalise(offset: Array, fallback: Array) -> Array:
+    """Return the offsets (..., 2) as unit vectors, with a fallback for those of length zero."""
+    distance = np.linalg.norm(offset, axis=-1, keepdims=True)
+    return np.where(distance > 0, offset / np.where(distance > 0, distance, 1), fallback)
