@@ -64,7 +64,8 @@ class Story:
         shared = {'uavs': f'[{", ".join(self.names)}]', 'use_sim_time': self.simulated}
         own = {'vehicle_odometry': self.vehicles} if name == 'replay' else {
             'duration': 130.0, 'slots': 65, 'replan_distance': 8.0, 'replan_deviation': 6.0,
-            'replan_lead': 3.0, 'pose_timeout': 5.0, 'start_delay': self._rng.choice([0.0, 4.0]),
+            'replan_lead': 3.0, 'start_delay': self._rng.choice([0.0, 4.0]),
+            'pose_timeout': 5.0 if self.vehicles else 0.0,  # After ~/reset nobody sends odometry.
             **(ZONE if self._rng.random() < 0.5 else {})}
         if name == 'planner' and self.smooth:
             own |= {f'{uav}__max_acceleration': ACCELERATION for uav in self.names}
