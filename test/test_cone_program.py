@@ -30,7 +30,7 @@ import signal, sys
 from secure_uav_planner import NoFlyZone, Scenario
 from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.optimize.initial.flights import generate_direct_flights
-from secure_uav_planner.optimize.initial.projection import projected
+from secure_uav_planner.optimize.initial.projection import project
 
 wall = NoFlyZone(((50.0, -50.0), (150.0, -50.0), (150.0, 50.0), (50.0, 50.0)))
 scenario = replace(Scenario.paper(200.0), no_fly_zones=(wall,))
@@ -41,7 +41,7 @@ while True:
     try:
         print('working', flush=True)
         while True:
-            projected(grid, flights, 1e-3, lambda: None)
+            project(grid, flights, 1e-3, lambda: None)
     except KeyboardInterrupt:
         print('stopped', flush=True)
 """
