@@ -52,7 +52,7 @@ fly: $(VENV)/.flown
 study: $(VENV)/.paper
 	$(BIN)/python -m studies.paper
 
-# Writes the tables of README and explanation.
+# Writes the measured tables into the pages.
 numbers: study fly bench
 	$(BIN)/python -m docs.tools.measured
 

@@ -42,10 +42,12 @@ html_static_path = [str(_root / 'docs' / '_static')]
 html_css_files = ['site.css']
 
 
+_SOURCES = 'https://github.com/secure-uav-planner/secure_uav_planner/blob/main'
 _PARTS = {
     '% README.md': (_root / 'README.md').read_text().replace('](docs/', ']('),
     '.. CHANGELOG.rst': (_root / 'CHANGELOG.rst').read_text(),
-    '](../README.md': '](index.md'}
+    '](../README.md': '](index.md', '](../studies/': f']({_SOURCES}/studies/',
+    '](studies/': f']({_SOURCES}/studies/'}
 
 
 def insert_parts(_app, _page, source):

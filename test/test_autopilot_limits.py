@@ -11,7 +11,7 @@ from secure_uav_planner import Scenario
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.output.autopilot_limits import AUTOPILOTS, changes, lean
 
-GUIDE = Path(__file__).resolve().parents[1] / 'docs' / 'how-to.md'
+GUIDE = Path(__file__).resolve().parents[1] / 'docs' / 'autopilots.md'
 
 speeds, accelerations = st.floats(0.5, 25), st.floats(0.1, 8)
 

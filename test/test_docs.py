@@ -35,6 +35,7 @@ from secure_uav_planner.ros.replay import Replay
 import yaml
 
 PAGES = sorted([ROOT / 'README.md', *(ROOT / 'docs').glob('*.md'),
+                *(ROOT / 'studies').glob('*.md'),
                 *(ROOT / 'docs' / 'gallery').glob('[!i]*.md')])
 PATIENCE = 300.0
 

@@ -1,4 +1,4 @@
-"""The measured numbers of README and explanation are those that a run gives today."""
+"""The measured numbers of the pages are those that a run gives today."""
 
 from pathlib import Path
 import re

@@ -77,7 +77,7 @@ def test_no_page_table_or_formula_is_wider_than_the_screen(browser, folder, site
 
 
 def test_formulas_are_typeset_without_a_script_and_nothing_is_loaded_from_elsewhere(folder):
-    text = (folder / 'explanation.html').read_text()
+    text = (folder / 'model.html').read_text()
     assert text.count('<math') > 20 and '$' not in re.sub('(?s)<pre>.*?</pre>', '', text)
     for page in folder.glob('*.html'):
         assert not re.search('(src|<link[^>]*href)="(https?:)?//', page.read_text()), page.name

@@ -1,5 +1,5 @@
 """
-The numbers of README and explanation: each table between two comments is written by a run.
+The numbers of the pages: each table between two comments is written by a run.
 
 `python -m docs.tools.measured` computes those of the planner, takes those of study,
 flights and benchmark from the folders in which these have left them, and writes all into the
@@ -20,7 +20,8 @@ from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.optimize import fly_hover_fly, solve
 from secure_uav_planner.output.table import markdown_table
 
-PAGES = ('README.md', 'docs/explanation.md')
+PAGES = ('README.md', 'docs/guarantees.md', 'docs/methods.md', 'docs/paper.md',
+         'studies/flown.md', 'studies/numerics.md')
 BLOCK = re.compile(r'(<!-- numbers: (\w+) -->\n).*?(<!-- end of numbers -->\n)', re.DOTALL)
 """A table in a page, with its name."""
 
