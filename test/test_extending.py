@@ -1,0 +1,39 @@
+"""The programs of examples/extending plan with limits and channels that are not packaged."""
+
+import re
+import shutil
+import subprocess
+import sys
+
+from processes import environment, ROOT
+import pytest
+
+pytestmark = pytest.mark.slow
+
+needs_compiler = pytest.mark.skipif(shutil.which('c++') is None, reason='there is no C++ compiler')
+
+
+def run(name):
+    """Run a program; return the numbers that it prints, one for each line."""
+    result = subprocess.run(
+        [sys.executable, '-m', f'examples.extending.{name}'], cwd=ROOT,
+        capture_output=True, text=True, timeout=300, env=environment())
+    assert result.returncode == 0, result.stdout + result.stderr
+    return [float(number) for number in re.findall(r': \D*([\d.]+)', result.stdout)]
+
+
+@needs_compiler
+def test_a_limit_in_two_files_holds_and_is_used_up():
+    without, limited = run('limit')
+    assert without > 200.0
+    assert 149.0 < limited <= 150.0
+
+
+@needs_compiler
+def test_a_channel_in_two_files_has_the_same_gain_in_both():
+    assert len(run('channel')) == 3
+
+
+def test_a_channel_in_python_alone_is_worth_planning_for():
+    free_space, own = run('channel_in_python')
+    assert own > 1.02 * free_space > 0.0
