@@ -46,8 +46,8 @@ _SOURCES = 'https://github.com/secure-uav-planner/secure_uav_planner/blob/main'
 _PARTS = {
     '% README.md': (_root / 'README.md').read_text().replace('](docs/', ']('),
     '.. CHANGELOG.rst': (_root / 'CHANGELOG.rst').read_text(),
-    '](../README.md': '](index.md', '](../studies/': f']({_SOURCES}/studies/',
-    '](studies/': f']({_SOURCES}/studies/'}
+    '](../README.md': '](index.md', '](studies/': f']({_SOURCES}/studies/',
+    **{f'](../{folder}/': f']({_SOURCES}/{folder}/' for folder in ('studies', 'examples')}}
 
 
 def insert_parts(_app, _page, source):

@@ -1,6 +1,7 @@
 """The documentation does what it says: its code runs, its names and links exist."""
 
 from dataclasses import fields
+from html import unescape
 from importlib import import_module
 import inspect
 from pathlib import Path
@@ -497,23 +498,6 @@ def test_every_name_of_a_parameter_or_a_topic_exists(page, interfaces):
             assert hasattr(kind, name) or name in kind.__dataclass_fields__, code
 
 
-def test_the_reference_of_the_python_api_has_the_signatures_of_the_code():
-    text = (ROOT / 'docs' / 'reference.md').read_text()
-    found = 0
-    for name in secure_uav_planner.__all__:
-        for code in re.findall(rf'`{name}\(([^`]*)\)`', text):
-            thing = getattr(secure_uav_planner, name)
-            parameters = inspect.signature(thing).parameters.values()
-            words = [one.name if one.default is one.empty else f'{one.name}={one.default!r}'
-                     for one in parameters]
-            named = sum(one.kind is one.KEYWORD_ONLY for one in parameters)
-            if named:
-                words.insert(len(words) - named, '*')
-            assert code == ', '.join(words), name
-            found += 1
-    assert found >= 6
-
-
 def test_the_plan_file_has_the_fields_of_the_reference(tmp_path):
     plan = secure_uav_planner.fly_hover_fly(Scenario.paper(120.0, slots=10))
     plan.save(tmp_path / 'plan.json')
@@ -521,3 +505,13 @@ def test_the_plan_file_has_the_fields_of_the_reference(tmp_path):
     rows = re.findall(r'^\| (`.*?) \|', section, re.MULTILINE)
     documented = {name for row in rows for name in re.findall('`(.*?)`', row)}
     assert documented == set(yaml.safe_load((tmp_path / 'plan.json').read_text()))
+
+
+def test_the_figures_name_the_topics_services_and_states_that_there_are(interfaces):
+    words = {name: re.findall('>([^<>]+)</text>', (ROOT / 'docs' / f'{name}.svg').read_text())
+             for name in ('nodes', 'follower')}
+    drawn = {word for text in words['nodes'] for word in unescape(text).split(', ')
+             if re.fullmatch(r'[\w<>~/]*[~/_][\w/<>]*', word)}
+    assert drawn <= {interface.name for interface in interfaces}
+    assert len(drawn) == 16
+    assert set(words['follower']) >= {'waiting', 'flying', 'held', 'ended', '~/start', '~/pause'}
