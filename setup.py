@@ -16,7 +16,7 @@ kernel = Extension(
     f'_{package_name}_kernel',  # at the top, where no source tree hides it
     [f'{kernel_folder}/{unit}' for unit in sources['UNITS']],
     depends=glob(f'{kernel_folder}/*.hpp'), language='c++',
-    define_macros=[('KERNEL_SOURCES', f'"{sources["digest"]()}"')],
+    define_macros=[('KERNEL_SOURCES', f'"{sources["find_digest"]()}"')],
     extra_compile_args=['-std=c++17', '-O3', '-fno-math-errno', '-fno-trapping-math', '-g0',
                         '-fvisibility=hidden', '-pthread'],
     extra_link_args=['-pthread'])
@@ -59,7 +59,7 @@ setup(
     package_data={
         package_name: ['py.typed'],
         f'{package_name}.mission.formats': ['*.yaml'],
-        f'{package_name}.model.kernel': ['*.cpp', '*.hpp']},
+        f'{package_name}.model.kernel': ['*.cpp', '*.hpp', '*.pyi']},
     cmdclass={'build_ext': BuildKernel},
     ext_modules=[kernel],
     data_files=[

@@ -84,7 +84,7 @@ def model(barrier):
     size = 3 * barrier.x.shape[2]
     parts = (np.empty(len(barrier.x)), np.empty_like(barrier.x),
              np.empty((*barrier.x.shape[:2], size, size)))
-    barrier._core.model(*parts)
+    barrier._core.evaluate(*parts)
     return parts
 
 

@@ -92,7 +92,7 @@ def test_the_derivatives_of_a_gain_along_any_line_are_within_their_bounds(model,
     kernel = link_of(scenario, 'eavesdropper', axes=0).compiled(1, 2)
     uav, near = int(rng.integers(2)), 10**rng.uniform(-1, 4)
     far = near * 10**rng.uniform(0, 1)
-    bounds = np.array(kernel.slopes(uav, near, far))
+    bounds = np.array(kernel.bound_log_gain(uav, near, far))
     times, step = np.arange(-3, 4), 1e-2 * near
     for _ in range(20):
         angle, start = rng.uniform(0, 2 * np.pi), rng.uniform(near, far)

@@ -168,15 +168,15 @@ def test_places_that_are_no_arrays_of_pairs_are_refused():
     pairs = dict.fromkeys(('x', 'y'), np.zeros((2, 3))) | {
         'squared_altitudes': np.ones((2, 1)), 'noise': np.ones(3), 'radius': np.ones(3),
         'jamming': np.ones((1, 3))}
-    core.likely_places(pairs, np.empty((3, 3)))
+    core.find_local_minima(pairs, np.empty((3, 3)))
     for name, wrong in (('x', np.zeros((2, 2))), ('jamming', np.ones((2, 3))),
                         ('radius', np.ones(4)), ('y', np.zeros((3, 2))[:, ::2])):
         with pytest.raises(ValueError):
-            core.likely_places(pairs | {name: wrong}, np.empty((3, 3)))
+            core.find_local_minima(pairs | {name: wrong}, np.empty((3, 3)))
     answers = np.zeros(2), np.zeros(2, np.int64), np.zeros((2, 2))
     for slots in ([0, 1, 2], [1, 0, 0], [-1, 0, 0]):
         with pytest.raises(ValueError):
-            core.prove(pairs, np.array(slots), np.ones(3), 100, 1e-6, *answers)
+            core.prove_leaks(pairs, np.array(slots), np.ones(3), 100, 1e-6, *answers)
 
 
 def test_others_run_while_a_long_step_is_taken_and_can_stop_it():
@@ -249,10 +249,10 @@ def test_without_a_kernel_the_error_says_what_to_do(tmp_path):
 
 
 def test_a_kernel_of_other_sources_is_not_used(monkeypatch):
-    assert kernel._loaded() is core
-    monkeypatch.setattr(kernel, 'digest', lambda: 'another')
+    assert kernel._load() is core
+    monkeypatch.setattr(kernel, 'find_digest', lambda: 'another')
     with pytest.raises(ImportError, match='another version of secure_uav_planner'):
-        kernel._loaded()
+        kernel._load()
 
 
 # Building it on a machine without a compiler
@@ -295,7 +295,8 @@ def test_pip_builds_the_kernel_without_a_compiler(source, tmp_path):
     target = tmp_path / 'target'
     subprocess.run([sys.executable, '-m', 'pip', 'install', '--quiet', '--no-deps', '--target',
                     target, source], env=hidden(tmp_path), check=True)
-    script = ('from secure_uav_planner import kernel, Scenario, solve; '
+    script = ('from secure_uav_planner import Scenario, solve; '
+              'from secure_uav_planner.model import kernel; '
               'print(kernel.core.__file__, solve(Scenario.paper(120.0)).worst_case_rate)')
     done = subprocess.run(
         [sys.executable, '-c', script], cwd=tmp_path, check=True, text=True, capture_output=True,

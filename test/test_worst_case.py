@@ -178,7 +178,7 @@ def test_bounds_approach_the_least_value_with_the_square_of_the_size():
              'squared_altitudes': np.array([[1.0], [1.2]]), 'noise': np.array([0.1]),
              'jamming': np.array([[2.0]]), 'radius': np.array([10.0])}
     found = np.empty((3, 1))
-    core.likely_places(pairs, found)
+    core.find_local_minima(pairs, found)
     least, x, y = found
     assert least == pytest.approx(oracle.inverse_sinr(pairs, x, y), rel=1e-12)
     for size in (0.1, 0.01, 1e-3):

@@ -16,49 +16,48 @@ public:
     // The two coordinates of a point are coupled.
     int bandwidth() const override { return 1; }
 
-    void find_slacks(const double* path, kernel::Terms& found) const override {
-        found.slacks.resize(count());
-        found.kept.resize(2 * count());
+    void find_slacks(const double* path, kernel::Slacks& slacks) const override {
+        slacks.values.resize(count());
+        slacks.cache.resize(2 * count());
         for (std::size_t i = 0; i < count(); ++i) {
-            double* d = &found.kept[2 * i];
+            double* d = &slacks.cache[2 * i];
             for (int axis = 0; axis < 2; ++axis)
                 d[axis] = path[2 * (i + uavs_) + axis] - base_[axis];
-            found.slacks[i] = 1.0 - (d[0] * d[0] + d[1] * d[1]) / square_;
+            slacks.values[i] = 1.0 - (d[0] * d[0] + d[1] * d[1]) / square_;
         }
     }
-    void add_gradient(const kernel::Terms& here, double mu, double* gradient) const override {
+    void add_gradient(const kernel::Slacks& slacks, double mu, double* gradient) const override {
         for (std::size_t i = 0; i < count(); ++i)
             for (int axis = 0; axis < 2; ++axis)
                 gradient[3 * i + 1 + axis] +=
-                    mu / here.slacks[i] * 2.0 / square_ * here.kept[2 * i + axis];
+                    mu / slacks.values[i] * 2.0 / square_ * slacks.cache[2 * i + axis];
     }
-    void find_slopes(const kernel::Terms& here, const double* moves,
-                     kernel::Slopes& found) const override {
-        found.slacks.assign(count(), 0.0);
-        found.kept.assign(moves + 2 * uavs_, moves + 2 * (count() + uavs_));
+    void find_slopes(const kernel::Slacks& slacks, const double* moves,
+                     kernel::Slopes& slopes) const override {
+        slopes.values.assign(count(), 0.0);
+        slopes.cache.assign(moves + 2 * uavs_, moves + 2 * (count() + uavs_));
         for (std::size_t i = 0; i < 2 * count(); ++i)
-            found.slacks[i / 2] -= 2.0 / square_ * here.kept[i] * found.kept[i];
+            slopes.values[i / 2] -= 2.0 / square_ * slacks.cache[i] * slopes.cache[i];
     }
-    // To the positive root of bend s^2 - slope s = share c.
-    void shorten(const kernel::Terms& here, const kernel::Slopes& step, double share,
-                 double* longest) const override {
+    // To the positive root of a s^2 + 2 b s = c.
+    void limit_steps(const kernel::Slacks& slacks, const kernel::Slopes& slopes, double fraction,
+                     double* lengths) const override {
         for (std::size_t i = 0; i < count(); ++i) {
-            const double* by = &step.kept[2 * i];
-            const double bend = (by[0] * by[0] + by[1] * by[1]) / square_;
-            const double half = -0.5 * step.slacks[i], room = share * here.slacks[i];
-            const double root = std::sqrt(half * half + bend * room);
-            double& most = longest[i % uavs_];
-            if ((bend * most + 2.0 * half) * most > room) most = room / (root + half);
+            const double* e = &slopes.cache[2 * i];
+            const double a = (e[0] * e[0] + e[1] * e[1]) / square_;
+            const double b = -0.5 * slopes.values[i], c = fraction * slacks.values[i];
+            double& length = lengths[i % uavs_];
+            if ((a * length + 2.0 * b) * length > c) length = c / (std::sqrt(b * b + a * c) + b);
         }
     }
-    void add_curvature(const kernel::Terms& here, const kernel::Reals& duals,
+    void add_curvature(const kernel::Slacks& slacks, const kernel::Reals& duals,
                        const kernel::Band& band) const override {
         for (std::size_t i = 0; i < count(); ++i) {
-            const double* d = &here.kept[2 * i];
-            const double outer = 4.0 * duals[i] / (here.slacks[i] * square_ * square_);
-            const double even = 2.0 * duals[i] / square_;
-            band.add(3 * i + 1, 3 * i + 1, outer * d[0] * d[0] + even, outer * d[0] * d[1],
-                     outer * d[1] * d[1] + even);
+            const double* d = &slacks.cache[2 * i];
+            const double outer = 4.0 * duals[i] / (slacks.values[i] * square_ * square_);
+            const double isotropic = 2.0 * duals[i] / square_;
+            band.add(3 * i + 1, 3 * i + 1, outer * d[0] * d[0] + isotropic, outer * d[0] * d[1],
+                     outer * d[1] * d[1] + isotropic);
         }
     }
 

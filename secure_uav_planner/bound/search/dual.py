@@ -245,7 +245,7 @@ class Dual:
             own = len(index)
             value, grad, hessian = (np.empty((g, *shape) if second or not shape else 0)
                                     for shape in ((), (own,), (own, own)))
-            core.bound_smooth_maxima(pack_columns(
+            core.smooth_maxima(pack_columns(
                 self.team, i, point, columns, weight, v, self.tau), value, grad, hessian)
             values[branch] += value
             if second:

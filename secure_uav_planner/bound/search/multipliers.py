@@ -116,7 +116,7 @@ class MultiplierSearch:
         if weight is None or v is None:
             weight, v = np.zeros(len(columns.ground)), np.zeros(columns.leaks.shape[::2])
         values = np.empty(columns.ground.shape)
-        core.bound_column_values(
+        core.evaluate_columns(
             pack_columns(self.team, uav, self.point, columns, weight, v), values)
         return values
 

@@ -9,7 +9,7 @@ says which.
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ class FreeSpace:
         """Return the link of arrays (K, U) to some of its receivers."""
         return replace(self, reference_snr=np.asarray(self.reference_snr)[receivers])
 
-    def compiled(self, receivers: int, uavs: int) -> Any:
+    def compiled(self, receivers: int, uavs: int) -> core.Channel:
         """Return the kernel's form of the links from every UAV to every receiver."""
         return core.FreeSpace(*self._arrays(receivers, uavs))
 
@@ -103,7 +103,7 @@ class PathLoss(FreeSpace):
         losses = np.broadcast_to(self.losses, snr.shape)
         return replace(self, reference_snr=snr[receivers], losses=losses[receivers])
 
-    def compiled(self, receivers: int, uavs: int) -> Any:
+    def compiled(self, receivers: int, uavs: int) -> core.Channel:
         losses = np.ascontiguousarray(np.broadcast_to(self.losses, (receivers, uavs)), float)
         return core.PathLoss(*self._arrays(receivers, uavs), losses, self.exponent, *self.los)
 

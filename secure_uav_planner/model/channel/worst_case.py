@@ -94,7 +94,7 @@ def _likely_leaks(scenario: Scenario, uav_positions: Array,
     active = np.flatnonzero(_guaranteed_leaks(scenario, offsets, powers).max(axis=1) > _SILENT)
     if active.size:
         found = np.empty((3, active.size * len(scenario.eavesdroppers)))
-        core.likely_places(_pairs(scenario, offsets[:, active], powers[:, active]), found)
+        core.find_local_minima(_pairs(scenario, offsets[:, active], powers[:, active]), found)
         v, x, y = found
         leaks[active] = (np.log1p(1.0 / v) / np.log(2.0)).reshape(active.size, -1)
         places[active] = np.stack([x, y], axis=-1).reshape(active.size, -1, 2)
@@ -119,7 +119,7 @@ def _worst_leaks(scenario: Scenario, uav_positions: Array,
         slot = np.repeat(np.arange(groups), most.shape[1] // count)
         proven: Array = np.empty(groups)
         pair, place = np.empty(groups, np.int64), np.empty((groups, 2))
-        core.prove(pairs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
+        core.prove_leaks(pairs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
                    proven, pair, place)
         of_each = proven.reshape(-1, count)
         worst = np.arange(0, groups, count) + of_each.argmax(axis=1)
@@ -135,7 +135,7 @@ def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
 
 
 def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
-    """Return the Pairs of `kernel/discs.hpp`, of all slots and eavesdroppers, slot by slot."""
+    """Return the discs of `kernel/core.pyi`, of all slots and eavesdroppers, slot by slot."""
     uavs, slots, eves = offsets.shape[:3]
     link = link_of(scenario, 'eavesdropper').for_receivers(
         np.tile(scenario.receiver_advantages, slots))

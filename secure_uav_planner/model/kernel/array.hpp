@@ -1,4 +1,4 @@
-// Arrays of Python's, by the buffer protocol, so that any NumPy will do.
+// Arrays from Python, by the buffer protocol: this does not depend on NumPy's version.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -6,37 +6,38 @@
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <vector>
 
 namespace kernel {
 
 namespace py = pybind11;
 
-// Whatever Python hands over is checked, so that nothing here reads beyond an array.
-inline void expect(bool right, const char* name) {
-    if (!right) throw std::invalid_argument(std::string("wrong array: ") + name);
+// Check an argument, so that nothing is read beyond an array.
+inline void expect(bool valid, const char* name) {
+    if (!valid) throw std::invalid_argument(std::string("wrong array: ") + name);
 }
 
 // A contiguous array of Python's, kept as long as this is; of a const T if it is only read.
 template <typename T>
 class Array {
 public:
-    Array(const py::buffer& given, const char* name)
-        : info_(given.request(!std::is_const_v<T>)) {
+    Array(const py::buffer& buffer, const char* name)
+        : info_(buffer.request(!std::is_const_v<T>)) {
         using Number = std::remove_const_t<T>;
         py::ssize_t stride = sizeof(T);
-        bool right = info_.itemsize == stride
+        bool valid = info_.itemsize == stride
                      && py::detail::compare_buffer_info<Number>::compare(info_);
         for (py::ssize_t axis = info_.ndim - 1; axis >= 0; --axis) {
-            right = right && (info_.strides[axis] == stride || info_.shape[axis] < 2);
+            valid = valid && (info_.strides[axis] == stride || info_.shape[axis] < 2);
             stride *= info_.shape[axis];
         }
-        expect(right, name);
+        expect(valid, name);
     }
-    Array(const py::buffer& given, const char* name, std::size_t size) : Array(given, name) {
+    Array(const py::buffer& buffer, const char* name, std::size_t size) : Array(buffer, name) {
         expect(this->size() == size, name);
     }
-    Array(const py::dict& given, const char* name, std::size_t size)
-        : Array(given[name].cast<py::buffer>(), name, size) {}
+    Array(const py::dict& args, const char* name, std::size_t size)
+        : Array(args[name].cast<py::buffer>(), name, size) {}
 
     T* data() const { return static_cast<T*>(info_.ptr); }
     T& operator[](std::size_t i) const { return data()[i]; }
@@ -48,10 +49,31 @@ private:
     py::buffer_info info_;
 };
 
-inline std::size_t size_of(const py::buffer& given) { return std::size_t(given.request().size); }
+inline std::size_t count_entries(const py::buffer& buffer) {
+    return std::size_t(buffer.request().size);
+}
 
-inline std::size_t size_of(const py::dict& given, const char* name) {
-    return size_of(given[name].cast<py::buffer>());
+inline std::size_t count_entries(const py::dict& args, const char* name) {
+    return count_entries(args[name].cast<py::buffer>());
+}
+
+// Copy an array, or that of a dict's with its name.
+template <typename Source>
+std::vector<double> copy_reals(const Source& source, const char* name, std::size_t size) {
+    const Array<const double> array(source, name, size);
+    return std::vector<double>(array.data(), array.data() + size);
+}
+
+inline std::vector<char> copy_flags(const py::dict& args, const char* name,
+                                    std::size_t size) {
+    const std::vector<double> numbers = copy_reals(args, name, size);
+    return std::vector<char>(numbers.begin(), numbers.end());
+}
+
+// Let Ctrl-C end what runs without the interpreter's lock.
+inline void check_signals() {
+    const py::gil_scoped_acquire acquire;
+    if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 
 }  // namespace kernel

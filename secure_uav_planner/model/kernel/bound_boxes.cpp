@@ -14,28 +14,28 @@ using kernel::Array;
 using kernel::Box;
 using kernel::expect;
 using kernel::Expansion;
-using kernel::kBoxRounding;
-using kernel::kHuge;
+using kernel::BOX_ROUNDING;
+using kernel::INFINITE;
 using kernel::Terms;
 
 namespace {
 
-// The bounds of the maxima of functions of the same stage, by levels of boxes.
+// Upper bounds of the maxima of functions of the same stage, by levels of boxes.
 class BranchAndBound {
 public:
     BranchAndBound(const Terms& terms, std::size_t stage, double budget)
         : terms_(terms), stage_(stage), budget_(budget), parts_(terms.parts()) {}
 
-    // Add function k: its bound will be no more than the larger of a value that it reaches and the
-    // incumbent, and the tolerance, unless the budget ends.
+    // Add function k. Unless the budget ends, its bound will be at most the incumbent, or a larger
+    // value that it reaches, plus the tolerance.
     void add(std::size_t k, double incumbent, double tolerance) {
-        items_.push_back({functions_.size(), kHuge});
-        functions_.push_back({k, incumbent + tolerance, tolerance, -kHuge, 0.0});
+        items_.push_back({functions_.size(), INFINITE});
+        functions_.push_back({k, incumbent + tolerance, tolerance, -INFINITE, 0.0});
     }
 
-    // Write upper bounds of the maxima.
-    void run(Array<double>& best) {
-        std::vector<Node> level{{terms_.whole(stage_), 0, items_.size()}};
+    // Find the bounds.
+    void search(Array<double>& best) {
+        std::vector<Node> level{{terms_.bounding_box(stage_), 0, items_.size()}};
         while (!level.empty()) {
             next_nodes_.clear();
             next_items_.clear();
@@ -52,7 +52,7 @@ private:
         double enough, tolerance, bound, boxes;
     };
 
-    // A function that needs a box, and its bound over the box of which this is a half.
+    // A function that needs a box, and its bound over the parent box.
     struct Item {
         std::size_t function;
         double bound;
@@ -68,9 +68,9 @@ private:
     void visit(Node& node) {
         Box& box = node.box;
         terms_.expand(stage_, box, parts_.data());
-        if (!box.meets) return;
+        if (!box.meets_set) return;
         const std::size_t begin = next_items_.size();
-        double most = -kHuge;
+        double most = -INFINITE;
         Expansion loosest{};
         std::size_t cut = 0;
         for (std::size_t i = node.begin; i < node.end; ++i) {
@@ -80,7 +80,7 @@ private:
             // Written so that a NaN is never dropped.
             if (!(bound <= function.enough) && !(ended && std::isfinite(bound))) {
                 const Expansion f = terms_.sum(function.number, parts_.data());
-                if (box.inside)
+                if (box.centre_in_set)
                     function.enough = std::max(function.enough, f.value + function.tolerance);
                 bound = terms_.bound(stage_, box, f, function.enough);
                 if (!ended && !(bound <= function.enough)) {
@@ -100,7 +100,7 @@ private:
 
     // Halve a box along the side that makes the bound of function k, f there, largest.
     void halve(const Box& box, std::size_t k, const Expansion& f, std::size_t begin) {
-        // Where terms cancel, or a box sticks out of the set, it is their sizes that count.
+        // Where terms cancel, or a box reaches beyond the set, their absolute values count.
         double size[3] = {};
         for (std::size_t part = 0; part < terms_.parts(); ++part) {
             const Expansion& f = parts_[part];
@@ -119,8 +119,8 @@ private:
         }
         Node node{box, begin, next_items_.size()};
         const double width = box.half[side] / 2, middle = box.centre[side];
-        // A box twice as small as the spacing of floats is widened to it.
-        node.box.half[side] = width * (1 + kBoxRounding) + 2e-16 * std::abs(middle);
+        // A box may be narrower than the spacing of floats, to which it is widened.
+        node.box.half[side] = width * (1 + BOX_ROUNDING) + 2e-16 * std::abs(middle);
         for (const int sign : {-1, 1}) {
             node.box.centre[side] = middle + sign * width;
             next_nodes_.push_back(node);
@@ -136,10 +136,10 @@ private:
     std::vector<Node> next_nodes_;
 };
 
-// Write bounds of the maxima of functions, all of the same stage, in place of incumbents.
-void bound_maxima(const py::dict& given, const py::buffer& functions,
+// Replace the incumbents of functions, all of the same stage, by bounds of their maxima.
+void bound_maxima(const py::dict& args, const py::buffer& functions,
                   const py::buffer& incumbents, const py::buffer& tolerance, double budget) {
-    const Terms terms(given);
+    const Terms terms(args);
     const Array<const std::int64_t> index(functions, "functions");
     Array<double> best(incumbents, "incumbents", terms.size());
     const Array<const double> tolerances(tolerance, "tolerance", terms.size());
@@ -149,18 +149,18 @@ void bound_maxima(const py::dict& given, const py::buffer& functions,
                    && terms.stage(std::size_t(index[i])) == terms.stage(std::size_t(index[0])),
                "functions");
     const py::gil_scoped_release release;
-    BranchAndBound search(terms, terms.stage(std::size_t(index[0])), budget);
+    BranchAndBound tree(terms, terms.stage(std::size_t(index[0])), budget);
     for (std::size_t i = 0; i < index.size(); ++i) {
         const std::size_t k = std::size_t(index[i]);
-        search.add(k, best[k], tolerances[k]);
+        tree.add(k, best[k], tolerances[k]);
     }
-    search.run(best);
+    tree.search(best);
 }
 
-// Value at the centre of a box and bound over it, for the tests.
-py::tuple bound_box(const py::dict& given, std::size_t function, const py::buffer& centre,
-              const py::buffer& half) {
-    const Terms terms(given);
+// Return the value at the centre of a box and the bound over it: for tests.
+py::tuple bound_box(const py::dict& args, std::size_t function, const py::buffer& centre,
+                    const py::buffer& half) {
+    const Terms terms(args);
     expect(function < terms.size(), "function");
     const Array<const double> middle(centre, "centre", terms.dimensions());
     const Array<const double> sides(half, "half", terms.dimensions());
@@ -173,7 +173,7 @@ py::tuple bound_box(const py::dict& given, std::size_t function, const py::buffe
     const std::size_t stage = terms.stage(function);
     terms.expand(stage, box, parts.data());
     const Expansion f = terms.sum(function, parts.data());
-    return py::make_tuple(f.value, terms.bound(stage, box, f, -kHuge));
+    return py::make_tuple(f.value, terms.bound(stage, box, f, -INFINITE));
 }
 
 }  // namespace

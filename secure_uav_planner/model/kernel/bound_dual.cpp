@@ -9,46 +9,47 @@
 
 namespace py = pybind11;
 using kernel::Array;
+using kernel::count_entries;
 
 namespace {
 
-constexpr double kNegligible = 1e-10;   // Weight of a column that has no part in the derivatives.
-constexpr std::size_t kSlopes = 14;     // Entries of a potential at both edges of a stage, at most.
-constexpr double kLeast = -40.0;        // Logarithm of one that has no part in the value, either.
+constexpr double NEGLIGIBLE = 1e-10;      // Weight of a column left out of the derivatives.
+constexpr double LEAST_LOG = -40.0;       // Logarithm of a weight left out of the value, too.
+constexpr std::size_t MOST_ENTRIES = 14;  // Of the potentials at both edges of a stage.
 
 // Columns of a UAV in G stages, C in each: see dual.py for what they hold.
 class Columns {
 public:
-    explicit Columns(const py::dict& given)
-        : stages_(kernel::size_of(given, "count")),
-          columns_(kernel::size_of(given, "ground") / std::max<std::size_t>(stages_, 1)),
-          eavesdroppers_(kernel::size_of(given, "shares") / std::max<std::size_t>(stages_, 1)),
-          width_(kernel::size_of(given, "potentials") / (stages_ + 1)),
-          quadratic_(given["quadratic"].cast<bool>()), base_(quadratic_ ? 5 : 2),
-          acceleration_(given["acceleration"].cast<bool>()), tau_(given["tau"].cast<double>()),
-          price_(given["price"].cast<double>()), place_(given, "place", 2 * stages_ * columns_),
-          power_(given, "power", stages_ * columns_),
-          ground_(given, "ground", stages_ * columns_),
-          leaks_(given, "leaks", stages_ * columns_ * eavesdroppers_),
-          potentials_(given, "potentials", (stages_ + 1) * width_),
-          count_(given, "count", stages_), step_(given, "step", stages_),
-          mean_(given, "mean", 2 * stages_), weights_(given, "weights", stages_),
-          shares_(given, "shares", stages_ * eavesdroppers_),
+    explicit Columns(const py::dict& args)
+        : stages_(count_entries(args, "count")),
+          columns_(count_entries(args, "ground") / std::max<std::size_t>(stages_, 1)),
+          eavesdroppers_(count_entries(args, "shares") / std::max<std::size_t>(stages_, 1)),
+          width_(count_entries(args, "potentials") / (stages_ + 1)),
+          quadratic_(args["quadratic"].cast<bool>()), base_(quadratic_ ? 5 : 2),
+          acceleration_(args["acceleration"].cast<bool>()), tau_(args["tau"].cast<double>()),
+          price_(args["price"].cast<double>()), place_(args, "place", 2 * stages_ * columns_),
+          power_(args, "power", stages_ * columns_), ground_(args, "ground", stages_ * columns_),
+          leaks_(args, "leaks", stages_ * columns_ * eavesdroppers_),
+          potentials_(args, "potentials", (stages_ + 1) * width_),
+          count_(args, "count", stages_), step_(args, "step", stages_),
+          mean_(args, "mean", 2 * stages_), weights_(args, "weights", stages_),
+          shares_(args, "shares", stages_ * eavesdroppers_),
           features_(eavesdroppers_ + 2 * width_ + 1) {
         kernel::expect(width_ == base_ + (acceleration_ ? 2 : 0), "potentials");
     }
 
-    // Call `visit` for every stage with all columns' values listed, and the best one.
+    // Evaluate all columns, and call `visit` for every stage with the index of its best column.
     template <typename Visit>
     void evaluate(const Visit& visit) {
         potential_.resize(columns_);
         values_.resize(columns_);
         for (std::size_t g = 0; g < stages_; ++g) {
-            // What linear potentials cost is the same everywhere.
-            const double level = quadratic_ ? 0.0 : lengths(g, 0, nullptr);
+            // The lengths of linear potentials are the same at all columns.
+            const double length = quadratic_ ? 0.0 : sum_lengths(g, 0, nullptr);
             for (std::size_t c = 0; c < columns_; ++c)
-                potential_[c] = change(g, c) + (quadratic_ ? lengths(g, c, nullptr) : level);
-            visit(g, list(g));
+                potential_[c] =
+                    find_change(g, c) + (quadratic_ ? sum_lengths(g, c, nullptr) : length);
+            visit(g, evaluate_stage(g));
         }
     }
 
@@ -57,14 +58,14 @@ public:
     std::size_t features() const { return features_; }
     const std::vector<double>& values() const { return values_; }
 
-    // The smoothed maximum of the values listed last, with derivatives where there is room.
-    double smooth(std::size_t g, std::size_t best, double* slope, double* hessian) {
+    // Find the smoothed maximum of the stage visited, and its derivatives unless they are null.
+    double smooth_maximum(std::size_t g, std::size_t best, double* slope, double* hessian) {
         const std::size_t e = eavesdroppers_, f = features_;
         const double top = values_[best];
         double total = 0.0;
         for (double& value : values_) {
-            const double less = (value - top) / tau_;
-            value = less > kLeast ? std::exp(less) : 0.0;
+            const double log_weight = (value - top) / tau_;
+            value = log_weight > LEAST_LOG ? std::exp(log_weight) : 0.0;
             total += value;
         }
         const double value = top + tau_ * std::log(total);
@@ -74,12 +75,12 @@ public:
         row_.resize(f);
         for (std::size_t c = 0; c < columns_; ++c) {
             const double weight = values_[c] / total;
-            if (weight < kNegligible) continue;
+            if (weight < NEGLIGIBLE) continue;
             const std::size_t column = g * columns_ + c;
             std::copy(&leaks_[column * e], &leaks_[column * e] + e, row_.begin());
             std::fill(row_.begin() + e, row_.end(), 0.0);
             double phi[5];
-            monomials(&place_[2 * column], phi);
+            find_monomials(&place_[2 * column], phi);
             for (std::size_t i = 0; i < base_; ++i) {
                 row_[e + i] -= phi[i] / count_[g];
                 row_[e + width_ + i] += phi[i] / count_[g];
@@ -101,28 +102,29 @@ public:
     }
 
 private:
+    // step / norm, the direction of u + S q, and delta / norm.
     struct Length {
-        double factor, n0, n1, small;  // step / norm, the direction, and delta / norm.
+        double factor, n0, n1, smoothing;
     };
 
     const double* potential(std::size_t edge) const { return &potentials_[edge * width_]; }
-    static void monomials(const double* q, double* phi) {
+    static void find_monomials(const double* q, double* phi) {
         const double x = q[0], y = q[1], all[5] = {x, y, x * x / 2, x * y, y * y / 2};
         std::copy(all, all + 5, phi);
     }
 
-    // The potentials' changes at a column, less what its powers cost.
-    double change(std::size_t g, std::size_t c) const {
+    // Find the change of the potentials at a column, less the price of its power.
+    double find_change(std::size_t g, std::size_t c) const {
         const std::size_t column = g * columns_ + c;
         const double *before = potential(g), *after = potential(g + 1);
         double sum = 0.0, phi[5];
-        monomials(&place_[2 * column], phi);
+        find_monomials(&place_[2 * column], phi);
         for (std::size_t i = 0; i < base_; ++i) sum += phi[i] * (after[i] - before[i]);
         return sum / count_[g] - price_ * power_[column];
     }
 
-    // The lengths |u + S q| at a column, smoothed.
-    double lengths(std::size_t g, std::size_t c, Length* terms) const {
+    // Sum the lengths |u + S q| at a column, smoothed.
+    double sum_lengths(std::size_t g, std::size_t c, Length* terms) const {
         const double step = step_[g], *q = &place_[2 * (g * columns_ + c)];
         const double *before = potential(g), *after = potential(g + 1);
         double value = 0.0;
@@ -148,10 +150,10 @@ private:
         return value;
     }
 
-    // The derivative of a . (u + S q + the change of w) by the potentials at both edges.
-    void chain(std::size_t g, std::size_t c, std::size_t edge, double a0, double a1,
+    // Find the derivative of a . (u + S q + the change of w) by the potentials at both edges.
+    void apply_chain_rule(std::size_t g, std::size_t c, std::size_t edge, double a0, double a1,
                double* row) const {
-        std::fill(row, row + kSlopes, 0.0);
+        std::fill(row, row + MOST_ENTRIES, 0.0);
         double* own = row + edge * width_;
         const double* q = &place_[2 * (g * columns_ + c)];
         own[0] = a0;
@@ -162,16 +164,16 @@ private:
             own[4] = a1 * q[1];
         }
         if (acceleration_) {
-            const double turn[2] = {a0 / count_[g], a1 / count_[g]};
+            const double change[2] = {a0 / count_[g], a1 / count_[g]};
             for (std::size_t i = 0; i < 2; ++i) {
-                row[base_ + i] = -turn[i];
-                row[width_ + base_ + i] = turn[i];
+                row[base_ + i] = -change[i];
+                row[width_ + base_ + i] = change[i];
             }
         }
     }
 
-    // List the values of a stage's columns; return the best one.
-    std::size_t list(std::size_t g) {
+    // Find the values of a stage's columns; return the index of the best.
+    std::size_t evaluate_stage(std::size_t g) {
         const std::size_t e = eavesdroppers_;
         std::size_t best = 0;
         for (std::size_t c = 0; c < columns_; ++c) {
@@ -185,23 +187,23 @@ private:
         return best;
     }
 
-    // Add the tilts' first derivatives to row_ and the second ones to a Hessian.
+    // Add the first derivatives of the lengths to row_ and the second to a Hessian.
     void add_lengths(std::size_t g, std::size_t c, double weight, double* hessian) {
         Length own[2];
-        lengths(g, c, own);
+        sum_lengths(g, c, own);
         const std::size_t e = eavesdroppers_, last = features_ - 1;
         for (std::size_t edge = 0; edge < 2; ++edge) {
             const Length& length = own[edge];
             if (length.factor == 0.0) continue;
-            double row[kSlopes];
-            chain(g, c, edge, length.n0, length.n1, row);
+            double row[MOST_ENTRIES];
+            apply_chain_rule(g, c, edge, length.n0, length.n1, row);
             for (std::size_t i = e; i < last; ++i)
                 row_[i] += mean_[edge * stages_ + g] * step_[g] * row[i - e];
             // I - n n' = t t' + (delta / norm)^2 I with t across n.
-            const double ways[3][2] = {
-                {-length.n1, length.n0}, {length.small, 0.0}, {0.0, length.small}};
-            for (const auto& way : ways) {
-                chain(g, c, edge, way[0], way[1], row);
+            const double factors[3][2] = {
+                {-length.n1, length.n0}, {length.smoothing, 0.0}, {0.0, length.smoothing}};
+            for (const auto& a : factors) {
+                apply_chain_rule(g, c, edge, a[0], a[1], row);
                 add_square(hessian, weight * length.factor, row, e, last);
             }
         }
@@ -229,25 +231,23 @@ private:
     std::vector<double> potential_, values_, row_;
 };
 
-// Write smoothed maxima, (G,), and, unless these are empty, their derivatives.
-void smooth_maxima(const py::dict& given, const py::buffer& value, const py::buffer& slope,
+void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buffer& slope,
                    const py::buffer& hessian) {
-    Columns columns(given);
+    Columns columns(args);
     const std::size_t count = columns.stages(), f = columns.features();
-    const bool second = kernel::size_of(slope) > 0;
+    const bool differentiate = count_entries(slope) > 0;
     const Array<double> values(value, "value", count);
-    const Array<double> first(slope, "slope", second ? count * f : 0);
-    const Array<double> bend(hessian, "hessian", second ? count * f * f : 0);
+    const Array<double> first(slope, "slope", differentiate ? count * f : 0);
+    const Array<double> second(hessian, "hessian", differentiate ? count * f * f : 0);
     const py::gil_scoped_release release;
     columns.evaluate([&](std::size_t g, std::size_t best) {
-        values[g] = columns.smooth(g, best, second ? &first[g * f] : nullptr,
-                                   second ? &bend[g * f * f] : nullptr);
+        values[g] = columns.smooth_maximum(g, best, differentiate ? &first[g * f] : nullptr,
+                                   differentiate ? &second[g * f * f] : nullptr);
     });
 }
 
-// Write the values of all columns, (G, C).
-void column_values(const py::dict& given, const py::buffer& values) {
-    Columns columns(given);
+void evaluate_columns(const py::dict& args, const py::buffer& values) {
+    Columns columns(args);
     const Array<double> written(values, "values", columns.stages() * columns.columns());
     const py::gil_scoped_release release;
     columns.evaluate([&](std::size_t g, std::size_t) {
@@ -259,6 +259,6 @@ void column_values(const py::dict& given, const py::buffer& values) {
 }  // namespace
 
 void add_bound_dual(py::module_& module) {
-    module.def("bound_smooth_maxima", &smooth_maxima);
-    module.def("bound_column_values", &column_values);
+    module.def("smooth_maxima", &smooth_maxima);
+    module.def("evaluate_columns", &evaluate_columns);
 }

@@ -6,34 +6,34 @@
 // least every second derivative in the box, negative where it can be. With q = d^2 + H^2 at a
 // distance d from a receiver, the eigenvalues of the second derivatives are
 //
-//     of -log q:                   -2 / q across and 2 (d^2 - H^2) / q^2 along the radius; the
-//                                  second is the larger one,
+//     of -log q:                   -2 / q across and 2 (d^2 - H^2) / q^2 along the radius, which
+//                                  is larger,
 //     of log q:                    those with the other sign, at most 2 / q,
-//     of -log((d + eps)^2 + H^2):  at most 2 (x^2 - H^2) / (x^2 + H^2)^2, x = d + eps; its kink at
-//                                  d = 0 points upwards, so any supergradient serves there.
+//     of -log((d + eps)^2 + H^2):  at most 2 (x^2 - H^2) / (x^2 + H^2)^2, x = d + eps; its kink
+//                                  at d = 0 points upwards, so any supergradient serves there.
 //
-// log([d - eps]+^2 + H^2) needs no such search: the square of the distance from a disc changes by at
-// most its gradient times dq plus |dq|^2, and log(q + x) <= log q + x / q. So 2 / q at the centre,
-// with [d - eps]+ for d, serves for K over every box.
+// log([d - eps]+^2 + H^2) needs no such bound: the square of the distance from a disc changes by
+// at most its gradient times dq plus |dq|^2, and log(q + x) <= log q + x / q. So 2 / q at the
+// centre, with [d - eps]+ for d, serves for K over every box.
 //
 // A jammer's term is taken in pi = log p, with y = p b(q) and z = log y, so that
-// phi' = y / (1 + y) and phi'' = y / (1 + y)^2. v phi(z_e) adds v phi'' (|dpi| + G |dq|)^2, G being
-// the largest gradient of z_e, 2 x / (x^2 + H^2), and v phi' times the eigenvalue above, with the
-// largest phi' where that is positive and the smallest where it is not. -w0 phi(z0) adds at most
-// w0 phi'(z0) 2 / q and takes away the least w0 phi'' times (dpi + g . dq)^2, |g| <= G, which for
-// any 0 < t <= 1 is at least (1 - t) dpi^2 - (1 / t - 1) G^2 |dq|^2: t = G rho / width leaves the
-// most, where that is below 1. -lam e^pi adds no more than -lam times its least value. Every factor
-// is taken at the end of its range over the box where it is largest.
+// phi' = y / (1 + y) and phi'' = y / (1 + y)^2. v phi(z_e) adds v phi'' (|dpi| + G |dq|)^2, G
+// being the largest gradient of z_e, 2 x / (x^2 + H^2), and v phi' times the eigenvalue above,
+// with the largest phi' where that is positive and the smallest where it is not. -w0 phi(z0) adds
+// at most w0 phi'(z0) 2 / q and subtracts the least w0 phi'' times (dpi + g . dq)^2, |g| <= G,
+// which for any 0 < t <= 1 is at least (1 - t) dpi^2 - (1 / t - 1) G^2 |dq|^2: t = G rho / width
+// leaves the most, where that is below 1. -lam e^pi adds no more than -lam times its least value.
+// Every factor is taken at the end of its range over the box where it is largest.
 //
 // The potential's q . S q / 2 is bounded as it is, and for its |g + S dq| with g = u + S m both
-// |g| + g . S dq / |g| + |S dq|^2 / (2 |g|) and |g| + g . S dq / |g| + 2 |S dq| are bounds. What is
-// linear is at most the box's maximum, and the reachable set's (support); on the rim `press_on_rim`
-// takes the slope across it away. Second order matters: near a maximum inside the reachable set,
-// or on its rim, the number of boxes does not grow as they shrink.
+// |g| + g . S dq / |g| + |S dq|^2 / (2 |g|) and |g| + g . S dq / |g| + 2 |S dq| are bounds. Linear
+// parts are at most the box's maximum, and the reachable set's (support); on the rim
+// `press_on_rim` removes the slope across it. Second order matters: near a maximum inside the
+// reachable set, or on its rim, the number of boxes does not grow as they shrink.
 //
 // All of that but the reachable set's part is linear in the weights w0 and v, which are not
-// negative. So the functions of a stage are searched together: a box has one expansion for each
-// weight and one that none multiplies, and every function that still asks for it adds them up.
+// negative. So the functions of a stage are bounded together: a box has an expansion for each
+// weight and a last one without a weight, and every function that needs the box adds them up.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -45,32 +45,32 @@
 #include <limits>
 
 #include "array.hpp"
-#include "bound_detours.hpp"
 
 namespace kernel {
 
-constexpr double kBoxRounding = 1e-14;  // Share by which the halves of a box are widened.
-constexpr double kTiny = 1e-300;
-constexpr double kHuge = std::numeric_limits<double>::infinity();
+constexpr double BOX_ROUNDING = 1e-14;  // Share by which the halves of a box are widened.
+constexpr double TINY = 1e-300;
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 // The value and slopes of a function at a box's centre, numbers such that
-// ka da^2 + kb db^2 + kp dpi^2 is at least its second derivative along (da, db, dpi) anywhere in the
-// box, and what else may be added.
+// ka da^2 + kb db^2 + kp dpi^2 is at least its second derivative along (da, db, dpi) anywhere in
+// the box, and a bound of all remaining terms.
 struct Expansion {
     double value, ga, gb, gp, ka, kb, kp, rest;
 };
 
 struct Box {
     double centre[3], half[3];
-    bool meets, inside;  // The reachable set; whether its centre is in it.
-    bool out[2];         // Whether it sticks out of the discs about start and goal.
+    bool meets_set;        // False only if it misses the reachable set.
+    bool centre_in_set;
+    bool leaves_disc[2];   // Whether it reaches beyond the discs about start and goal.
 };
 
-// The largest slope x + bend x^2 / 2 for low <= x <= high.
-inline double max_of_quadratic(double slope, double bend, double low, double high) {
-    const auto value = [&](double x) { return (slope + bend * x / 2) * x; };
-    if (bend < 0 && -slope < low * bend && -slope > high * bend)
-        return slope * slope / (-2 * bend);
+// The largest slope x + curvature x^2 / 2 for low <= x <= high.
+inline double max_quadratic(double slope, double curvature, double low, double high) {
+    const auto value = [&](double x) { return (slope + curvature * x / 2) * x; };
+    if (curvature < 0 && -slope < low * curvature && -slope > high * curvature)
+        return slope * slope / (-2 * curvature);
     return std::max(value(low), value(high));
 }
 
@@ -93,24 +93,59 @@ inline double softplus_curvature(double y) { return y / ((1 + y) * (1 + y)); }
 
 inline double positive_part(double x) { return x > 0 ? x : 0; }
 
+// Lemma 9: the places that a UAV reaches in time around what it may not enter; see detours.py.
+class Detours {
+public:
+    explicit Detours(const py::dict& args)
+        : low_(args, "detour_low", 2), size_(args, "detour_size", 2),
+          lengths_(args["detour_lengths"].cast<py::buffer>(), "detour_lengths"),
+          side_(lengths_.axes() == 3 ? lengths_.shape(2) : 0) {
+        expect(lengths_.size() == 2 * side_ * side_, "detour_lengths");
+    }
+
+    // True if a UAV may be in a rectangle, at most `near` from its start and `far` from its goal.
+    bool reaches(const double* low, const double* high, double near, double far) const {
+        if (!side_) return true;
+        double first[2], last[2];
+        for (int i = 0; i < 2; ++i) {
+            const double corner = low_[i], size = size_[i];
+            first[i] = std::max(0.0, std::floor((low[i] - corner) / size - 1e-7));
+            last[i] = std::min(double(side_) - 1, std::floor((high[i] - corner) / size + 1e-7));
+        }
+        const double* from_start = lengths_.data();
+        const double* to_goal = from_start + side_ * side_;
+        for (double i = first[0]; i <= last[0]; ++i)
+            for (double j = first[1]; j <= last[1]; ++j) {
+                const std::size_t cell = std::size_t(i) * side_ + std::size_t(j);
+                if (from_start[cell] <= near && to_goal[cell] <= far) return true;
+            }
+        return false;
+    }
+
+private:
+    Array<const double> low_, size_, lengths_;
+    std::size_t side_;
+};
+
+// The functions of one UAV that boxes.py describes.
 class Terms {
 public:
-    explicit Terms(const py::dict& given)
-        : count_(size_of(given, "weight")), stages_(size_of(given, "from_start")),
-          eavesdroppers_(size_of(given, "radii")), altitude_(given["altitude"].cast<double>()),
-          distance_(given["distance"].cast<double>()), price_(given["price"].cast<double>()),
-          log_gain_(given["log_gain"].cast<double>()),
-          jams_(given["jams"].cast<bool>()), ground_(given, "ground", 2),
-          places_(given, "eavesdroppers", 2 * eavesdroppers_),
-          radii_(given, "radii", eavesdroppers_),
-          log_advantages_(given, "log_advantages", eavesdroppers_),
-          from_start_(given, "from_start", stages_), to_goal_(given, "to_goal", stages_),
-          corner_(given, "corner", 2 * stages_), low_(given, "low", 2 * stages_),
-          high_(given, "high", 2 * stages_), slope_(given, "slope", 2 * stages_),
-          curvature_(given, "curvature", 3 * stages_), speed_cost_(given, "speed_cost", 6 * stages_),
-          margin_(given, "margin", stages_), stage_(given, "stage", count_),
-          weight_(given, "weight", count_), shares_(given, "shares", count_ * eavesdroppers_),
-          powers_(given, "powers", 2), detours_(given) {
+    explicit Terms(const py::dict& args)
+        : count_(count_entries(args, "weight")), stages_(count_entries(args, "from_start")),
+          eavesdroppers_(count_entries(args, "radii")), altitude_(args["altitude"].cast<double>()),
+          distance_(args["distance"].cast<double>()), price_(args["price"].cast<double>()),
+          log_gain_(args["log_gain"].cast<double>()), jams_(args["jams"].cast<bool>()),
+          ground_(args, "ground", 2), places_(args, "eavesdroppers", 2 * eavesdroppers_),
+          radii_(args, "radii", eavesdroppers_),
+          log_advantages_(args, "log_advantages", eavesdroppers_),
+          from_start_(args, "from_start", stages_), to_goal_(args, "to_goal", stages_),
+          corner_(args, "corner", 2 * stages_), low_(args, "low", 2 * stages_),
+          high_(args, "high", 2 * stages_), slope_(args, "slope", 2 * stages_),
+          curvature_(args, "curvature", 3 * stages_),
+          speed_cost_(args, "speed_cost", 6 * stages_), margin_(args, "margin", stages_),
+          stage_(args, "stage", count_), weight_(args, "weight", count_),
+          shares_(args, "shares", count_ * eavesdroppers_), powers_(args, "powers", 2),
+          detours_(args) {
         for (std::size_t k = 0; k < count_; ++k)
             expect(stage_[k] >= 0 && std::size_t(stage_[k]) < stages_, "stage");
     }
@@ -120,41 +155,41 @@ public:
     std::size_t parts() const { return eavesdroppers_ + 2; }
     int dimensions() const { return jams_ ? 3 : 2; }
 
-    // The factor of an expansion of a box in function k.
+    // The weight of an expansion in function k.
     double factor(std::size_t k, std::size_t part) const {
         return part == 0 ? weight_[k] : part > eavesdroppers_ ? 1.0
                          : shares_[k * eavesdroppers_ + part - 1];
     }
 
-    // The box that holds the reachable set of a stage and all powers.
-    Box whole(std::size_t stage) const {
+    // The box around the reachable set of a stage and all powers.
+    Box bounding_box(std::size_t stage) const {
         const double low[3] = {low_[2 * stage], low_[2 * stage + 1], powers_[0]};
         const double high[3] = {high_[2 * stage], high_[2 * stage + 1], powers_[1]};
         Box box{};
         for (int i = 0; i < dimensions(); ++i) {
             box.centre[i] = (low[i] + high[i]) / 2;
-            // The centre is off by a few eps of the corners, so the box reaches farther.
-            box.half[i] = (high[i] - low[i]) / 2 * (1 + kBoxRounding)
+            // The centre is rounded to a few eps of the corners, so the box reaches farther.
+            box.half[i] = (high[i] - low[i]) / 2 * (1 + BOX_ROUNDING)
                           + 4e-16 * (std::abs(low[i]) + std::abs(high[i]));
         }
         return box;
     }
 
-    // Locate a box in the reachable set, and expand it: for the ground node, for each eavesdropper,
-    // and for what no weight multiplies.
+    // Locate a box in the reachable set, and find its expansions: for the ground node, for each
+    // eavesdropper, and for the terms without a weight.
     void expand(std::size_t stage, Box& box, Expansion* parts) const {
-        box.meets = meets(box, stage);
-        box.inside = inside(box.centre, stage);
-        box.out[0] = sticks_out(box, 0.0, from_start_[stage]);
-        box.out[1] = sticks_out(box, distance_, to_goal_[stage]);
+        box.meets_set = meets_set(box, stage);
+        box.centre_in_set = contains(box.centre, stage);
+        box.leaves_disc[0] = leaves_disc(box, 0.0, from_start_[stage]);
+        box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[stage]);
         const double ha = box.half[0], hb = box.half[1], rho = std::sqrt(ha * ha + hb * hb);
         for (std::size_t part = 0; part < this->parts(); ++part) parts[part] = Expansion{};
         if (jams_) {
-            jammer(box, rho, parts);
+            expand_jammer(box, rho, parts);
         } else {
-            transmitter(box, rho, parts);
+            expand_transmitter(box, rho, parts);
         }
-        potential(stage, box, rho, parts[eavesdroppers_ + 1]);
+        add_potential(stage, box, rho, parts[eavesdroppers_ + 1]);
     }
 
     // The expansion of function k in a box.
@@ -174,27 +209,28 @@ public:
         return f;
     }
 
-    // The most that function f is in a box, as closely as it takes to see whether that is `enough`.
+    // An upper bound of function f in a box. If a loose bound is below `enough`, it is returned.
     double bound(std::size_t stage, const Box& box, const Expansion& f, double enough) const {
         const double ha = box.half[0], hb = box.half[1], width = box.half[2];
-        const double base = f.value + f.rest + (jams_ ? max_of_quadratic(f.gp, f.kp, -width, width) : 0.0);
-        double plane = max_of_quadratic(f.ga, f.ka, -ha, ha) + max_of_quadratic(f.gb, f.kb, -hb, hb);
-        // Inside, the reachable set says no more than the box.
-        if ((box.out[0] || box.out[1]) && !(base + plane <= enough)) {
+        const double base =
+            f.value + f.rest + (jams_ ? max_quadratic(f.gp, f.kp, -width, width) : 0.0);
+        double plane = max_quadratic(f.ga, f.ka, -ha, ha) + max_quadratic(f.gb, f.kb, -hb, hb);
+        // Inside both discs, the reachable set gives no tighter bound than the box.
+        if ((box.leaves_disc[0] || box.leaves_disc[1]) && !(base + plane <= enough)) {
             const double whole = support(f.ga, f.gb, stage)
                 - (f.ga * box.centre[0] + f.gb * box.centre[1])
                 + (positive_part(f.ka) * ha * ha + positive_part(f.kb) * hb * hb) / 2;
-            double g[2] = {f.ga, f.gb}, bend[2] = {f.ka, f.kb};
-            const double extra = press_on_rim(box, g, bend, stage);
-            const double rim = extra + max_of_quadratic(g[0], bend[0], -ha, ha)
-                + max_of_quadratic(g[1], bend[1], -hb, hb);
+            double g[2] = {f.ga, f.gb}, k[2] = {f.ka, f.kb};
+            const double extra = press_on_rim(box, g, k, stage);
+            const double rim = extra + max_quadratic(g[0], k[0], -ha, ha)
+                + max_quadratic(g[1], k[1], -hb, hb);
             plane = std::min(plane, std::min(whole, rim));
         }
         return base + plane;
     }
 
 private:
-    void transmitter(const Box& box, double rho, Expansion* parts) const {
+    void expand_transmitter(const Box& box, double rho, Expansion* parts) const {
         const double square = altitude_ * altitude_;
         const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
         const double d = std::sqrt(da * da + db * db), q = d * d + square;
@@ -207,7 +243,7 @@ private:
             const double ea = box.centre[0] - places_[2 * e];
             const double eb = box.centre[1] - places_[2 * e + 1];
             const double d = std::sqrt(ea * ea + eb * eb), x = positive_part(d - radii_[e]);
-            const double q = x * x + square, factor = 2 * x / (q * std::max(d, kTiny));
+            const double q = x * x + square, factor = 2 * x / (q * std::max(d, TINY));
             Expansion& f = parts[e + 1];
             f.value = std::log(q) - (log_gain_ + log_advantages_[e]);
             f.ga = factor * ea;
@@ -216,7 +252,7 @@ private:
         }
     }
 
-    void jammer(const Box& box, double rho, Expansion* parts) const {
+    void expand_jammer(const Box& box, double rho, Expansion* parts) const {
         const double square = altitude_ * altitude_, width = box.half[2];
         const double watts = std::exp(box.centre[2]), more = std::exp(width);
         const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
@@ -235,7 +271,7 @@ private:
         if (steep * rho < width) {
             const double bent = std::min(softplus_curvature(top), softplus_curvature(least));
             f.kp = -bent * (1 - steep * rho / width);
-            f.ka += bent * steep * (width / std::max(rho, kTiny) - steep);
+            f.ka += bent * steep * (width / std::max(rho, TINY) - steep);
         }
         f.kb = f.ka;
         for (std::size_t e = 0; e < eavesdroppers_; ++e) {
@@ -244,7 +280,7 @@ private:
             const double eb = box.centre[1] - places_[2 * e + 1];
             const double d = std::sqrt(ea * ea + eb * eb), x = d + radii_[e];
             const double q = x * x + square, y = gain / q, use = y / (1 + y);
-            const double factor = -use * 2 * x / (q * std::max(d, kTiny));
+            const double factor = -use * 2 * x / (q * std::max(d, TINY));
             Expansion& f = parts[e + 1];
             f.value = std::log(1 + y);
             f.ga = factor * ea;
@@ -256,11 +292,11 @@ private:
             const double twice = softplus_curvature(std::min(std::max(least, 1.0), top));
             const double steep = max_gradient(low, high, altitude_);
             // (|dpi| + G |dq|)^2: the two squares and the product are shared out.
-            const double plane = twice * steep * (steep + width / std::max(rho, kTiny));
+            const double plane = twice * steep * (steep + width / std::max(rho, TINY));
             const double round = max_radial_curvature(low, high, altitude_);
             const double at = round > 0 ? top : least;
             f.ka = f.kb = plane + at / (1 + at) * round;
-            f.kp = twice * (1 + steep * rho / std::max(width, kTiny));
+            f.kp = twice * (1 + steep * rho / std::max(width, TINY));
         }
         const double cost = price_ * watts;
         Expansion& paid = parts[eavesdroppers_ + 1];
@@ -269,9 +305,10 @@ private:
     }
 
     // Add the potential and the margin.
-    void potential(std::size_t stage, const Box& box, double rho, Expansion& f) const {
+    void add_potential(std::size_t stage, const Box& box, double rho, Expansion& f) const {
         const double a = box.centre[0], b = box.centre[1];
-        const double *u = &slope_[2 * stage], *s = &curvature_[3 * stage], *t = &speed_cost_[6 * stage];
+        const double *u = &slope_[2 * stage], *s = &curvature_[3 * stage];
+        const double* t = &speed_cost_[6 * stage];
         const double sa = s[0] * a + s[1] * b, sb = s[1] * a + s[2] * b;
         f.value += u[0] * a + u[1] * b + (sa * a + sb * b) / 2;
         f.ga += u[0] + sa;
@@ -295,33 +332,33 @@ private:
         }
     }
 
-    // Whether a box meets both discs.
-    bool meets(const Box& box, std::size_t stage) const {
-        const auto apart = [](double x, double half) {
+    // False only if a box misses the reachable set.
+    bool meets_set(const Box& box, std::size_t stage) const {
+        const auto square_gap = [](double x, double half) {
             const double far = positive_part(std::abs(x) - half);
             return far * far;
         };
-        const double across = apart(box.centre[1], box.half[1]);
+        const double across = square_gap(box.centre[1], box.half[1]);
         const double near = from_start_[stage], far = to_goal_[stage];
         double low[2], high[2];
         for (int i = 0; i < 2; ++i) {
             low[i] = box.centre[i] - box.half[i];
             high[i] = box.centre[i] + box.half[i];
         }
-        return apart(box.centre[0], box.half[0]) + across <= near * near
-               && apart(box.centre[0] - distance_, box.half[0]) + across <= far * far
+        return square_gap(box.centre[0], box.half[0]) + across <= near * near
+               && square_gap(box.centre[0] - distance_, box.half[0]) + across <= far * far
                && detours_.reaches(low, high, near, far);
     }
 
-    bool inside(const double* place, std::size_t stage) const {
+    bool contains(const double* place, std::size_t stage) const {
         const double x = place[0], along = x - distance_, across = place[1] * place[1];
         const double near = from_start_[stage], far = to_goal_[stage];
         return x * x + across <= near * near && along * along + across <= far * far
                && detours_.reaches(place, place, near, far);
     }
 
-    // Whether a box sticks out of the disc about (middle, 0).
-    static bool sticks_out(const Box& box, double middle, double radius) {
+    // Whether a box reaches beyond the disc about (middle, 0).
+    static bool leaves_disc(const Box& box, double middle, double radius) {
         const double x = std::abs(box.centre[0] - middle) + box.half[0];
         const double y = std::abs(box.centre[1]) + box.half[1];
         return x * x + y * y > radius * radius;
@@ -344,29 +381,30 @@ private:
         return best;
     }
 
-    // What slope and second derivatives become on the rim, and what is added to the value.
+    // Change slope and second derivatives for a box on the rim; return what is added to the value.
     //
     // In a disc about c the function (R^2 - |q - c|^2) / (2 R) is not negative, and for any a >= 0
-    // so many times it may be added to a function before it is bounded. With a the slope's part
-    // along q - c that slope is gone, and a / R is taken from the second derivative: what is left
+    // it may be added a times to a function before that is bounded. With a the slope's part along
+    // q - c, that slope vanishes, and a / R is subtracted from the second derivative: what is left
     // is second order near a maximum on the rim, too.
-    double press_on_rim(const Box& box, double* slope, double* bend, std::size_t stage) const {
+    double press_on_rim(const Box& box, double* slope, double* curvature,
+                        std::size_t stage) const {
         const double radius[2] = {from_start_[stage], to_goal_[stage]}, y = box.centre[1];
         const double x[2] = {box.centre[0], box.centre[0] - distance_};
         double far[2], na[2], nb[2], along[2];
         bool use[2];
         for (int i = 0; i < 2; ++i) {
             far[i] = std::sqrt(x[i] * x[i] + y * y);
-            // A place in the middle of a disc has no side to speak of.
-            use[i] = box.out[i] && far[i] > radius[i] / 2;
-            na[i] = x[i] / std::max(far[i], kTiny);
-            nb[i] = y / std::max(far[i], kTiny);
+            // Near the middle of a disc the direction from its centre means nothing.
+            use[i] = box.leaves_disc[i] && far[i] > radius[i] / 2;
+            na[i] = x[i] / std::max(far[i], TINY);
+            nb[i] = y / std::max(far[i], TINY);
             along[i] = use[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
         }
         const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
         double push[2] = {(along[0] - cosine * along[1]) / sine2,
                           (along[1] - cosine * along[0]) / sine2};
-        // Nearly opposite sides would take pushes far larger than the slope, with its rounding.
+        // Nearly opposite directions would need pushes far larger than the slope.
         if (!(use[0] && use[1] && push[0] > 0 && push[1] > 0 && sine2 > 1e-2)) {
             const int stronger = along[0] > along[1] ? 0 : 1;
             push[stronger] = positive_part(along[stronger]);
@@ -378,8 +416,8 @@ private:
             extra += push[i] * (radius[i] - far[i]) * (radius[i] + far[i]) / (2 * radius[i]);
             slope[0] -= share * x[i];
             slope[1] -= share * y;
-            bend[0] -= share;
-            bend[1] -= share;
+            curvature[0] -= share;
+            curvature[1] -= share;
         }
         return extra;
     }

@@ -9,7 +9,7 @@
 
 namespace kernel {
 
-// The gain of a link, and its derivatives by the squared horizontal distance.
+// The gain of a link, and its first and second derivative by the squared horizontal distance.
 struct Gain {
     double value, first, second;
 };
@@ -17,7 +17,7 @@ struct Gain {
 // The gain of every link over the noise power, as a function of the squared horizontal distance.
 //
 // Links are numbered k U + u, from UAV u to receiver k, the ground node being receiver 0. A gain
-// must fall with the distance. All is in the units of a Grid.
+// must fall with the distance.
 class Channel {
 public:
     // Whether the gain may have a kink at distance 0, which the barrier function then rounds.
@@ -37,12 +37,11 @@ private:
 // Line of sight with free-space path loss: snr / (d^2 + H^2).
 class FreeSpace final : public Channel {
 public:
-    // The SNR at unit distance and unit power, and H^2, of every link.
+    // SNR at unit distance and unit power, and H^2, of every link.
     FreeSpace(std::vector<double> snr, std::vector<double> squared_altitudes)
         : Channel(snr.size()), snr_(std::move(snr)),
           squared_altitudes_(std::move(squared_altitudes)) {}
 
-    // The SNR at unit distance, divided by the gain.
     static double loss(double squared, double squared_altitude) {
         return squared + squared_altitude;
     }
@@ -61,15 +60,16 @@ private:
 };
 
 // Path loss with an exponent and a probability of line of sight:
-// snr (d^2 + H^2)^(-exponent / 2) M, M = kappa + (1 - kappa) P, P = 1 / (1 + a exp(-b (theta - a)))
-// at the elevation theta in degrees. It has a kink at d = 0, below the UAV.
+// snr (d^2 + H^2)^(-exponent / 2) M with M = kappa + (1 - kappa) P and
+// P = 1 / (1 + a exp(-b (theta - a))) at the elevation theta in degrees. It has a kink at d = 0,
+// below the UAV.
 class PathLoss final : public Channel {
 public:
     static constexpr bool KINKED = true;
 
     // Bounds of the absolute values of the first three derivatives of log gain along any straight
     // line on the ground.
-    struct Slopes {
+    struct LogBounds {
         double first, second, third;
     };
 
@@ -83,9 +83,10 @@ public:
     }
 
     double gain(std::size_t link, double squared) const override {
-        const double found = snr_[link] * power(squared + squared_altitudes_[link]);
+        const double in_sight = snr_[link] * power(squared + squared_altitudes_[link]);
         const double loss = losses_[link];
-        return loss < 1.0 ? found * (loss + (1.0 - loss) * probability(link, squared)) : found;
+        return loss < 1.0 ? in_sight * (loss + (1.0 - loss) * probability(link, squared))
+                          : in_sight;
     }
 
     Gain derivatives(std::size_t link, double squared) const override {
@@ -97,34 +98,35 @@ public:
         const double loss = losses_[link];
         if (!(loss < 1.0)) return {value, first, second};
         squared = std::max(squared, LEAST);
-        const double likely = probability(link, squared);
-        const double turn =
+        // The mean over both cases, with its derivatives; the logit of P has the slope `logit`.
+        const double sight = probability(link, squared);
+        const double logit =
             -0.5 * DEGREES * altitudes_[link] * inverse / std::sqrt(squared) * steepness_;
-        const double rise = (1.0 - loss) * likely * (1.0 - likely) * turn;
-        const double bend =
-            rise * ((1.0 - 2.0 * likely) * turn - (0.5 / squared + inverse));
-        const double mean = loss + (1.0 - loss) * likely;
-        return {value * mean, first * mean + value * rise,
-                second * mean + 2.0 * first * rise + value * bend};
+        const double mean = loss + (1.0 - loss) * sight;
+        const double mean_first = (1.0 - loss) * sight * (1.0 - sight) * logit;
+        const double mean_second =
+            mean_first * ((1.0 - 2.0 * sight) * logit - (0.5 / squared + inverse));
+        return {value * mean, first * mean + value * mean_first,
+                second * mean + 2.0 * first * mean_first + value * mean_second};
     }
 
-    // Bounds between two distances; infinite if there is a kink between them.
+    // Bound the derivatives of log gain between two distances; infinite if a kink is between them.
     //
     // Along a line, with D = d^2 + H^2 and the cosine c between line and offset, (log D)' =
     // 2 d c / D, |(log D)''| <= 2 / D and |(log D)'''| <= 4 / D^(3/2). Of theta = arctan(H / d),
     // |theta'| <= H / D, |theta''| <= H / D max(2 d / D, 1 / d), and |theta'''| <=
     // H (6 / D^2 + 1.155 (2 / D^2 + 1 / (D d^2))), as 3 c (1 - c^2) <= 1.155. P' = b P (1 - P)
     // theta', and by P, every further derivative has at most a factor of b more.
-    Slopes slopes(std::size_t link, double near, double far) const {
+    LogBounds bound_log_gain(std::size_t link, double near, double far) const {
         const double squared = squared_altitudes_[link], altitude = altitudes_[link];
         const double lowest = near * near + squared;
         const double along = near < altitude && altitude < far
             ? 0.5 / altitude
             : std::max(near / lowest, far / (far * far + squared));
-        Slopes found{exponent_ * along, exponent_ / lowest,
-                     2.0 * exponent_ / (lowest * std::sqrt(lowest))};
+        LogBounds bounds{exponent_ * along, exponent_ / lowest,
+                         2.0 * exponent_ / (lowest * std::sqrt(lowest))};
         const double loss = losses_[link];
-        if (!(loss < 1.0)) return found;
+        if (!(loss < 1.0)) return bounds;
         const double most = probability(link, near * near);
         const double least = probability(link, far * far);
         const double share = (1.0 - loss) * most / (loss + (1.0 - loss) * most) * (1.0 - least);
@@ -133,10 +135,10 @@ public:
         const double third = unit * (8.31 / lowest + 1.155 / (near * near));
         const double r1 = share * unit, r2 = share * (unit * unit + second);
         const double r3 = share * (unit * unit * unit + 3.0 * unit * second + third);
-        found.first += r1;
-        found.second += r2 + r1 * r1;
-        found.third += r3 + 3.0 * r1 * r2 + 2.0 * r1 * r1 * r1;
-        return found;
+        bounds.first += r1;
+        bounds.second += r2 + r1 * r1;
+        bounds.third += r3 + 3.0 * r1 * r2 + 2.0 * r1 * r1 * r1;
+        return bounds;
     }
 
 private:

@@ -17,8 +17,8 @@ double dot(const double* a, const double* b, int n) {
 }
 
 // Reduce a symmetric matrix, of which the lower triangle counts, to tridiagonal form by
-// Householder reflections: `d` becomes the diagonal, `e` what is beside it, in e[1..], and the
-// rows of `w` the vectors by which it is reached. `v` is used up.
+// Householder reflections: `d` becomes the diagonal, e[1..] the subdiagonal and the rows of `w`
+// the basis of that form. `v` is overwritten.
 template <int SIZE>
 void tridiagonalise(double* v, double* w, double* d, double* e, int size) {
     const int n = SIZE ? SIZE : size;
@@ -41,17 +41,18 @@ void tridiagonalise(double* v, double* w, double* d, double* e, int size) {
         row[i - 1] = last - g;
         std::fill(e, e + i, 0.0);
         for (int j = 0; j < i; ++j) {
-            const double* other = v + j * n;
-            const double by = row[j];
-            for (int k = 0; k < j; ++k) e[k] += other[k] * by;
-            e[j] += dot(other, row, j + 1);
+            const double* lower = v + j * n;
+            const double entry = row[j];
+            for (int k = 0; k < j; ++k) e[k] += lower[k] * entry;
+            e[j] += dot(lower, row, j + 1);
         }
-        const double over = 1.0 / h, half = 0.5 * over * over * dot(e, row, i);
-        for (int j = 0; j < i; ++j) e[j] = e[j] * over - half * row[j];
+        const double reciprocal = 1.0 / h;
+        const double half = 0.5 * reciprocal * reciprocal * dot(e, row, i);
+        for (int j = 0; j < i; ++j) e[j] = e[j] * reciprocal - half * row[j];
         for (int j = 0; j < i; ++j) {
-            double* other = v + j * n;
-            const double f = row[j], from = e[j];
-            for (int k = 0; k <= j; ++k) other[k] -= f * e[k] + from * row[k];
+            double* lower = v + j * n;
+            const double f = row[j], q = e[j];
+            for (int k = 0; k <= j; ++k) lower[k] -= f * e[k] + q * row[k];
         }
         d[i] = h;
     }
@@ -62,8 +63,8 @@ void tridiagonalise(double* v, double* w, double* d, double* e, int size) {
         if (d[i] != 0.0) {
             for (int j = 0; j < i; ++j) {
                 double* vector = w + j * n;
-                const double by = dot(row, vector, i) / d[i];
-                for (int k = 0; k < i; ++k) vector[k] -= by * row[k];
+                const double share = dot(row, vector, i) / d[i];
+                for (int k = 0; k < i; ++k) vector[k] -= share * row[k];
             }
         }
         d[i] = row[i];
@@ -72,7 +73,7 @@ void tridiagonalise(double* v, double* w, double* d, double* e, int size) {
 }
 
 // Diagonalise a tridiagonal matrix by implicit QL steps: `d` becomes the eigenvalues and the
-// rows of `w` the eigenvectors. Return whether it converged.
+// rows of `w` the eigenvectors. Return false if it does not converge.
 template <int SIZE>
 bool diagonalise(double* w, double* d, double* e, int size) {
     const int n = SIZE ? SIZE : size;
@@ -80,13 +81,13 @@ bool diagonalise(double* w, double* d, double* e, int size) {
     for (int i = 1; i < n; ++i) e[i - 1] = e[i];
     e[n - 1] = 0.0;
     for (int l = 0; l < n; ++l) {
-        for (int round = 0;; ++round) {
+        for (int iteration = 0;; ++iteration) {
             int m = l;
             for (; m < n - 1; ++m) {
                 if (std::fabs(e[m]) <= epsilon * (std::fabs(d[m]) + std::fabs(d[m + 1]))) break;
             }
             if (m == l) break;
-            if (round == 60) return false;
+            if (iteration == 60) return false;
             double g = (d[l + 1] - d[l]) / (2.0 * e[l]);
             double r = std::sqrt(g * g + 1.0);
             g = d[m] - d[l] + e[l] / (g + std::copysign(r, g));
@@ -111,9 +112,9 @@ bool diagonalise(double* w, double* d, double* e, int size) {
                 g = c * r - b;
                 double *here = w + i * n, *next = here + n;
                 for (int k = 0; k < n; ++k) {
-                    const double was = next[k];
-                    next[k] = s * here[k] + c * was;
-                    here[k] = c * here[k] - s * was;
+                    const double old = next[k];
+                    next[k] = s * here[k] + c * old;
+                    here[k] = c * here[k] - s * old;
                 }
             }
             if (r == 0.0 && i >= l) continue;
@@ -125,10 +126,10 @@ bool diagonalise(double* w, double* d, double* e, int size) {
     return true;
 }
 
-// Whether a symmetric matrix is positive definite; `space` holds size * size numbers.
+// `space` holds size * size numbers.
 template <int SIZE>
-bool is_positive(const double* matrix, int given, double* space) {
-    const int size = SIZE ? SIZE : given;
+bool is_positive_definite(const double* matrix, int order, double* space) {
+    const int size = SIZE ? SIZE : order;
     for (int j = 0; j < size; ++j)
         for (int i = j; i < size; ++i) space[j * size + i] = matrix[i * size + j];
     for (int j = 0; j < size; ++j) {
@@ -136,51 +137,51 @@ bool is_positive(const double* matrix, int given, double* space) {
         if (!(row[j] > 0.0)) return false;
         const double inverse = 1.0 / row[j];
         for (int i = j + 1; i < size; ++i) {
-            const double by = row[i] * inverse;
-            for (int k = i; k < size; ++k) space[i * size + k] -= by * row[k];
+            const double multiplier = row[i] * inverse;
+            for (int k = i; k < size; ++k) space[i * size + k] -= multiplier * row[k];
         }
     }
     return true;
 }
 
 template <int SIZE>
-void negative_part_of(double* matrix, int given, double* space) {
-    const int size = SIZE ? SIZE : given;
-    if (is_positive<SIZE>(matrix, size, space)) {
+void find_negative_part_sized(double* matrix, int order, double* space) {
+    const int size = SIZE ? SIZE : order;
+    if (is_positive_definite<SIZE>(matrix, size, space)) {
         std::fill(matrix, matrix + size * size, 0.0);
         return;
     }
     double *vectors = space + size * size, *values = vectors + size * size;
-    double* beside = values + size;
+    double* subdiagonal = values + size;
     std::copy(matrix, matrix + size * size, space);
-    tridiagonalise<SIZE>(space, vectors, values, beside, size);
-    const bool found = diagonalise<SIZE>(vectors, values, beside, size);
+    tridiagonalise<SIZE>(space, vectors, values, subdiagonal, size);
+    const bool converged = diagonalise<SIZE>(vectors, values, subdiagonal, size);
     std::fill(matrix, matrix + size * size, 0.0);
     for (int k = 0; k < size; ++k) {
-        // What does not converge makes the matrix infinite, and so the step fail.
-        const double lacking = found ? -values[k] : std::numeric_limits<double>::infinity();
-        if (!(lacking > 0.0)) continue;
+        // Without convergence the matrix becomes infinite, and so the step fails.
+        const double shift = converged ? -values[k] : std::numeric_limits<double>::infinity();
+        if (!(shift > 0.0)) continue;
         const double* vector = vectors + k * size;
         for (int i = 0; i < size; ++i) {
-            const double by = lacking * vector[i];
-            for (int j = 0; j <= i; ++j) matrix[i * size + j] += by * vector[j];
+            const double scaled = shift * vector[i];
+            for (int j = 0; j <= i; ++j) matrix[i * size + j] += scaled * vector[j];
         }
     }
 }
 
 }  // namespace
 
-void negative_part(double* matrix, int size, double* space) {
+void find_negative_part(double* matrix, int size, double* space) {
     switch (size) {
-        case 3: return negative_part_of<3>(matrix, size, space);
-        case 6: return negative_part_of<6>(matrix, size, space);
-        case 9: return negative_part_of<9>(matrix, size, space);
-        case 12: return negative_part_of<12>(matrix, size, space);
-        default: return negative_part_of<0>(matrix, size, space);
+        case 3: return find_negative_part_sized<3>(matrix, size, space);
+        case 6: return find_negative_part_sized<6>(matrix, size, space);
+        case 9: return find_negative_part_sized<9>(matrix, size, space);
+        case 12: return find_negative_part_sized<12>(matrix, size, space);
+        default: return find_negative_part_sized<0>(matrix, size, space);
     }
 }
 
-bool solve_small(double* matrix, double* right, int size) {
+bool solve_dense(double* matrix, double* right, int size) {
     for (int i = 0; i < size; ++i) {
         int pivot = i;
         for (int k = i + 1; k < size; ++k)
@@ -192,9 +193,10 @@ bool solve_small(double* matrix, double* right, int size) {
             std::swap(right[pivot], right[i]);
         }
         for (int k = i + 1; k < size; ++k) {
-            const double by = matrix[k * size + i] / matrix[i * size + i];
-            for (int j = i + 1; j < size; ++j) matrix[k * size + j] -= by * matrix[i * size + j];
-            right[k] -= by * right[i];
+            const double multiplier = matrix[k * size + i] / matrix[i * size + i];
+            for (int j = i + 1; j < size; ++j)
+                matrix[k * size + j] -= multiplier * matrix[i * size + j];
+            right[k] -= multiplier * right[i];
         }
     }
     for (int i = size - 1; i >= 0; --i) {

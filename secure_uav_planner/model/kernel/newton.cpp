@@ -1,17 +1,414 @@
+// A primal-dual interior-point method for (P1) and (P2), one start at a time.
+//
+// The objective is the sum over slots of the largest leak less r_0, in nats. Each slack c > 0 of a
+// limit has the term -mu log c, that of an average power N times as much. The largest leak t has
+// -mu log(t - leak) for every eavesdropper; t is eliminated slot by slot. Limits couple few
+// neighbouring slots, average powers all by one row each, so the Hessian is a band and a few rows,
+// and a step costs time linear in the number of slots.
 #include "newton.hpp"
+
+#include <algorithm>
+
+#include "linear.hpp"
+#include "rates.hpp"
 
 namespace kernel {
 
 namespace {
 
+constexpr double POWER_FACTOR = 10.0;  // By which a power may change in a step.
+// Trials of the line search that stop every variable at its own limit, and those along the step.
+constexpr int CLIPPED_TRIALS = 3, UNIFORM_TRIALS = 17;
+constexpr double ROUNDING = 1e-12;  // Relative change of the barrier function that is rounding.
+constexpr double ARMIJO = 1e-4;     // Share of the expected decrease that is sufficient.
+constexpr double DUAL_RANGE = 1e4;  // How far a dual may leave its central value, as a factor.
+// Linear and superlinear decrease of mu, kappa_mu and theta_mu of IPOPT, and when: at most this
+// Newton decrement for each UAV, or this many steps for one mu.
+constexpr double MU_FACTOR = 0.2, MU_POWER = 1.5, CENTRED = 0.5;
+constexpr int PATIENCE = 15;
+// The Newton decrement, or the gain in nats a slot, below which a start has converged.
+constexpr double CONVERGED = 0.01, NEGLIGIBLE = 1e-8;
+
+// For numbers of UAVs and channel models as Rates are.
+template <int UAVS, class Model>
+class PrimalDualNewton final : public Newton {
+public:
+    explicit PrimalDualNewton(const Problem& problem)
+        : p_(problem), slots_(problem.slots), count_(problem.uavs), rates_(problem),
+          system_(slots_, count_, problem.bandwidth()) {
+        const std::size_t size = slots_ * 3 * count_;
+        line_sets_.resize(p_.limits.size());
+        slopes_.resize(p_.limits.size() + 1);
+        dual_changes_.resize(p_.limits.size() + 1);
+        has_lines_ = std::any_of(p_.limits.begin(), p_.limits.end(),
+                                 [](const auto& limit) { return limit->has_lines(); });
+        gradient_.resize(size);
+        step_.resize(size + problem.bandwidth());
+        trial_x_.resize(size);
+        lengths_.resize(count_);
+        mean_ratios_.resize(count_);
+        mean_changes_.resize(count_);
+    }
+
+    void initialise_duals(Iterate& iterate) override {
+        choose_lines(iterate.x, iterate.evaluation);
+        find_slacks(iterate.x, iterate.evaluation);
+        const double mu = *iterate.mu;
+        for (const Slacks& slacks : iterate.evaluation.slacks) {
+            iterate.duals.push_back(slacks.values);
+            for (double& dual : iterate.duals.back()) dual = mu / dual;
+        }
+        for (const double slack : iterate.evaluation.mean_slacks)
+            iterate.mean_duals.push_back(double(slots_) * mu / slack);
+    }
+
+    Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
+        const double mu = *iterate.mu;
+        Evaluation& here = iterate.evaluation;
+        update_evaluation(iterate);
+        if (has_lines_) clip_duals(iterate, here, mu);
+        if (stop) return Outcome::stopped;
+        rates_.differentiate(iterate, mu, gradient_.data(), system_.blocks.data());
+        if (stop) return Outcome::stopped;
+        add_gradient_of_limits(here, mu, gradient_.data());
+        clear_fixed(gradient_.data());
+        assemble(iterate);
+        if (stop) return Outcome::stopped;
+        const bool solved =
+            system_.solve(gradient_.data(), mean_ratios_.data(), step_.data(), stop);
+        if (stop) return Outcome::stopped;
+        if (!solved) std::fill(step_.begin(), step_.end(), 0.0);
+        find_slopes(here);
+
+        double slope = 0.0;
+        for (std::size_t i = 0; i < gradient_.size(); ++i) slope += step_[i] * gradient_[i];
+        const double length = search_line(iterate, mu, slope, stop);
+        if (stop) return Outcome::stopped;
+        const bool moved = length > 0.0;
+        update_duals(iterate, mu, moved);
+        if (moved) {
+            std::copy(trial_x_.begin(), trial_x_.end(), iterate.x);
+            std::swap(here, trial_);
+        }
+        iterate.is_evaluated = true;
+        update_mu(iterate, length, -slope / (double(slots_) * mu), final_mu);
+        return solved ? Outcome::stepped : Outcome::failed;
+    }
+
+    double evaluate_rate(const Iterate& iterate) override { return rates_.find_mean(iterate.x); }
+
+    double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
+        update_evaluation(iterate);
+        rates_.differentiate(iterate, *iterate.mu, gradient, hessian);
+        add_gradient_of_limits(iterate.evaluation, *iterate.mu, gradient);
+        return iterate.evaluation.value;
+    }
+
+private:
+    int uavs() const { return UAVS ? UAVS : count_; }
+    int size() const { return 3 * uavs(); }
+
+    // Find the points of flights from start to goal, or of their moves, (N + 2, U, 2).
+    void find_path(const double* x, bool with_ends) {
+        const std::size_t width = 2 * uavs();
+        path_.assign((slots_ + 2) * width, 0.0);
+        if (with_ends) {
+            std::copy(p_.starts.begin(), p_.starts.end(), path_.begin());
+            std::copy(p_.goals.begin(), p_.goals.end(), path_.end() - width);
+        }
+        for (std::size_t i = 0; i < slots_ * uavs(); ++i) {
+            path_[width + 2 * i] = x[3 * i + 1];
+            path_[width + 2 * i + 1] = x[3 * i + 2];
+        }
+    }
+
+    void choose_lines(const double* x, Evaluation& here) {
+        here.slacks.resize(p_.limits.size() + 1);
+        trial_.slacks.resize(p_.limits.size() + 1);
+        if (has_lines_) find_path(x, true);
+        for (std::size_t l = 0; l < p_.limits.size(); ++l) {
+            if (p_.limits[l]->has_lines()) p_.limits[l]->choose_lines(path_.data(), line_sets_[l]);
+            here.slacks[l].lines = trial_.slacks[l].lines = &line_sets_[l];
+        }
+    }
+
+    // Choose lines and evaluate the iterate; if only lines changed, only their terms.
+    void update_evaluation(Iterate& iterate) {
+        Evaluation& here = iterate.evaluation;
+        choose_lines(iterate.x, here);
+        if (!iterate.is_evaluated) {
+            evaluate_barrier(iterate.x, *iterate.mu, here);
+            return;
+        }
+        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+            if (p_.limits[l]->has_lines())
+                p_.limits[l]->find_slacks(path_.data(), here.slacks[l]);
+        add_lines(*iterate.mu, here);
+    }
+
+    void add_logarithms(const Evaluation& here, bool with_lines, LogSum& sum) const {
+        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+            if (p_.limits[l]->has_lines() == with_lines)
+                for (const double slack : here.slacks[l].values) sum.add(slack);
+    }
+
+    void add_lines(double mu, Evaluation& here) const {
+        LogSum sum;
+        add_logarithms(here, true, sum);
+        const double value = here.value_without_lines - mu * sum.total();
+        here.value = std::isfinite(value) ? value : INFINITE;
+    }
+
+    void find_slacks(const double* x, Evaluation& here) {
+        const int U = uavs();
+        find_path(x, true);
+        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+            p_.limits[l]->find_slacks(path_.data(), here.slacks[l]);
+        Reals& peaks = here.slacks.back().values;
+        peaks.resize(slots_ * U * 2);
+        here.mean_slacks.assign(U, 0.0);
+        for (std::size_t n = 0; n < slots_; ++n)
+            for (int u = 0; u < U; ++u) {
+                const std::size_t i = n * U + u;
+                const double power = x[3 * i];
+                peaks[2 * i] = power;
+                peaks[2 * i + 1] = 1.0 - power / p_.peaks[u];
+                here.mean_slacks[u] += power;
+            }
+        for (double& sum : here.mean_slacks) sum = 1.0 - sum / double(slots_);
+    }
+
+    void find_slopes(const Evaluation& here) {
+        const int U = uavs();
+        find_path(step_.data(), false);
+        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+            p_.limits[l]->find_slopes(here.slacks[l], path_.data(), slopes_[l]);
+        Reals& peaks = slopes_.back().values;
+        peaks.resize(slots_ * U * 2);
+        for (std::size_t i = 0; i < slots_ * U; ++i) {
+            peaks[2 * i] = step_[3 * i];
+            peaks[2 * i + 1] = -step_[3 * i] / p_.peaks[i % U];
+        }
+    }
+
+    void evaluate_barrier(const double* x, double mu, Evaluation& here) {
+        double value = rates_.evaluate(x, mu, here);
+        find_slacks(x, here);
+        LogSum sum;
+        add_logarithms(here, false, sum);
+        for (const double slack : here.slacks.back().values) sum.add(slack);
+        value -= mu * sum.total();
+        for (const double slack : here.mean_slacks) value -= double(slots_) * mu * std::log(slack);
+        here.value_without_lines = value;
+        add_lines(mu, here);
+    }
+
+    // Set the derivatives by fixed positions to zero.
+    void clear_fixed(double* gradient) const {
+        const int U = uavs();
+        for (int u = 0; u < U; ++u)
+            if (p_.fixed[u])
+                for (std::size_t n = 0; n < slots_; ++n)
+                    gradient[(n * U + u) * 3 + 1] = gradient[(n * U + u) * 3 + 2] = 0.0;
+    }
+
+    void add_gradient_of_limits(const Evaluation& here, double mu, double* gradient) const {
+        const int U = uavs(), V = size();
+        const Reals& peaks = here.slacks.back().values;
+        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+            p_.limits[l]->add_gradient(here.slacks[l], mu, gradient);
+        for (std::size_t n = 0; n < slots_; ++n)
+            for (int u = 0; u < U; ++u) {
+                const double* slacks = &peaks[(n * U + u) * 2];
+                gradient[n * V + 3 * u] += mu / here.mean_slacks[u]  // (N mu / c) / N
+                    - mu / slacks[0] + mu / slacks[1] / p_.peaks[u];
+            }
+    }
+
+    // Assemble the band from the objective's blocks and the limits' terms.
+    void assemble(const Iterate& iterate) {
+        const Evaluation& here = iterate.evaluation;
+        const int U = uavs(), V = size(), height = system_.height();
+        std::fill(system_.band.begin(), system_.band.end(), 0.0);
+        for (std::size_t n = 0; n < slots_; ++n) {
+            double* block = &system_.blocks[n * V * V];
+            for (int u = 0; u < U; ++u)
+                if (p_.fixed[u])
+                    for (int axis = 3 * u + 1; axis < 3 * u + 3; ++axis) {
+                        std::fill(block + axis * V, block + axis * V + V, 0.0);
+                        for (int i = axis; i < V; ++i) block[i * V + axis] = 0.0;
+                    }
+            system_.add_block(n, block);
+            for (int u = 0; u < U; ++u) {
+                const double* slacks = &here.slacks.back().values[(n * U + u) * 2];
+                const double* duals = &iterate.duals.back()[(n * U + u) * 2];
+                double* at = &system_.band[(n * V + 3 * u) * height];
+                at[0] += duals[0] / slacks[0]
+                    + duals[1] / slacks[1] / (p_.peaks[u] * p_.peaks[u]);
+                if (p_.fixed[u]) at[height] = at[2 * height] = 1.0;
+            }
+        }
+        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+            p_.limits[l]->add_curvature(
+                here.slacks[l], iterate.duals[l], {system_.band.data(), height});
+        for (int u = 0; u < U; ++u)
+            mean_ratios_[u] = here.mean_slacks[u] / iterate.mean_duals[u];
+    }
+
+    // Find how far the limits let every UAV's flight go along the step, in lengths_; return the
+    // least of these and of the powers' step lengths.
+    double limit_lengths(const Iterate& iterate) {
+        const Evaluation& here = iterate.evaluation;
+        const int U = uavs();
+        double least = 1.0;
+        std::fill(lengths_.begin(), lengths_.end(), 1.0);
+        for (std::size_t l = 0; l < p_.limits.size(); ++l)
+            p_.limits[l]->limit_steps(
+                here.slacks[l], slopes_[l], FRACTION_TO_BOUNDARY, lengths_.data());
+        for (const double length : lengths_) least = std::min(least, length);
+        for (std::size_t n = 0; n < slots_; ++n)
+            for (int u = 0; u < U; ++u) {
+                const double power = iterate.x[(n * U + u) * 3], change = step_[(n * U + u) * 3];
+                limit_step(least, power, change, FRACTION_TO_BOUNDARY);
+                limit_step(least, p_.peaks[u] - power, -change, FRACTION_TO_BOUNDARY);
+            }
+        for (int u = 0; u < U; ++u)
+            limit_step(least, here.mean_slacks[u], mean_slope(u), FRACTION_TO_BOUNDARY);
+        return least;
+    }
+
+    // The directional derivative of the slack of an average power.
+    double mean_slope(int u) const {
+        const int U = uavs();
+        double sum = 0.0;
+        for (std::size_t n = 0; n < slots_; ++n) sum += step_[(n * U + u) * 3];
+        return -sum / double(slots_);
+    }
+
+    // Find the step length, or 0, with trial_x_ and its evaluation trial_.
+    //
+    // First every power is stopped at its own limit and every flight at its own, which goes much
+    // farther than stopping all at the first limit; then all go along the step.
+    double search_line(const Iterate& iterate, double mu, double slope,
+                       const std::atomic<bool>& stop) {
+        const int U = uavs();
+        const double uniform = limit_lengths(iterate), value = iterate.evaluation.value;
+        const double bound = value + ROUNDING * std::fabs(value);
+        const double lowest = std::max(1.0 - FRACTION_TO_BOUNDARY, 1.0 / POWER_FACTOR);
+        for (int trial = 0; trial < CLIPPED_TRIALS + UNIFORM_TRIALS; ++trial) {
+            if (stop) return 0.0;
+            const bool clipped = trial < CLIPPED_TRIALS;
+            const double length = clipped ? std::ldexp(1.0, -trial)
+                : uniform * std::ldexp(1.0, CLIPPED_TRIALS - trial);
+            double expected = length * slope;
+            if (clipped) {
+                expected = 0.0;
+                for (std::size_t n = 0; n < slots_; ++n)
+                    for (int u = 0; u < U; ++u) {
+                        const std::size_t i = (n * U + u) * 3;
+                        const double* x = iterate.x + i;
+                        const double most = std::min(
+                            x[0] * POWER_FACTOR,
+                            x[0] + FRACTION_TO_BOUNDARY * (p_.peaks[u] - x[0]));
+                        trial_x_[i] =
+                            std::min(std::max(x[0] + length * step_[i], x[0] * lowest), most);
+                        for (int axis = 1; axis < 3; ++axis)
+                            trial_x_[i + axis] = x[axis] + length * step_[i + axis] * lengths_[u];
+                        for (int j = 0; j < 3; ++j)
+                            expected += gradient_[i + j] * (trial_x_[i + j] - x[j]);
+                    }
+            } else {
+                for (std::size_t i = 0; i < trial_x_.size(); ++i)
+                    trial_x_[i] = iterate.x[i] + length * step_[i];
+            }
+            if (!(expected < 0.0)) continue;
+            evaluate_barrier(trial_x_.data(), mu, trial_);
+            if (trial_.value <= bound + ARMIJO * expected) return length;
+        }
+        return 0.0;
+    }
+
+    // Find the Newton step of a dual, and lower the duals' step length for it.
+    double find_dual_change(double dual, double slack, double slope, double weight,
+                            double& length) const {
+        const double change = (weight - dual * slope) / slack - dual;
+        limit_step(length, dual, change, FRACTION_TO_BOUNDARY);
+        return change;
+    }
+
+    // Move the duals along with the step, as far as they stay positive.
+    void update_duals(Iterate& iterate, double mu, bool moved) {
+        const Evaluation& here = iterate.evaluation;
+        const int U = uavs();
+        double length = 1.0;
+        for (std::size_t l = 0; l < iterate.duals.size(); ++l) {
+            const Reals& slacks = here.slacks[l].values;
+            dual_changes_[l].resize(slacks.size());
+            for (std::size_t i = 0; i < slacks.size(); ++i)
+                dual_changes_[l][i] = find_dual_change(
+                    iterate.duals[l][i], slacks[i], slopes_[l].values[i], mu, length);
+        }
+        for (int u = 0; u < U; ++u)
+            mean_changes_[u] = find_dual_change(iterate.mean_duals[u], here.mean_slacks[u],
+                                                mean_slope(u), double(slots_) * mu, length);
+        rates_.update_duals(iterate, step_.data(), length);
+        const auto add = [length](Reals& duals, const Reals& changes) {
+            for (std::size_t i = 0; i < duals.size(); ++i) duals[i] += length * changes[i];
+        };
+        for (std::size_t l = 0; l < iterate.duals.size(); ++l)
+            add(iterate.duals[l], dual_changes_[l]);
+        add(iterate.mean_duals, mean_changes_);
+        clip_duals(iterate, moved ? trial_ : here, mu);
+    }
+
+    // Keep the duals near their central values for the slacks of an evaluation.
+    void clip_duals(Iterate& iterate, const Evaluation& evaluation, double mu) const {
+        const auto clip = [](double& dual, double central) {
+            dual = std::min(std::max(dual, central / DUAL_RANGE), central * DUAL_RANGE);
+        };
+        for (std::size_t l = 0; l < iterate.duals.size(); ++l)
+            for (std::size_t i = 0; i < iterate.duals[l].size(); ++i)
+                clip(iterate.duals[l][i], mu / evaluation.slacks[l].values[i]);
+        for (int u = 0; u < uavs(); ++u)
+            clip(iterate.mean_duals[u], double(slots_) * mu / evaluation.mean_slacks[u]);
+    }
+
+    // Decide whether the start has finished, and lower its barrier parameter.
+    void update_mu(Iterate& iterate, double length, double decrement, double final_mu) const {
+        const double mu = *iterate.mu;
+        ++iterate.steps_at_mu;
+        const bool stalled = iterate.steps_at_mu >= PATIENCE || length == 0.0;
+        const bool centred = decrement <= CENTRED * uavs() && length > 0.5;
+        const bool converged = decrement <= std::max(CONVERGED, NEGLIGIBLE / mu);
+        *iterate.finished = mu <= final_mu && (converged || stalled);
+        if ((centred || stalled) && mu > final_mu) {
+            iterate.steps_at_mu = 0;
+            *iterate.mu = std::max(final_mu, std::min(MU_FACTOR * mu, std::pow(mu, MU_POWER)));
+            iterate.is_evaluated = false;
+        }
+    }
+
+    const Problem& p_;
+    const std::size_t slots_;
+    const int count_;
+    Rates<UAVS, Model> rates_;
+    NewtonSystem<UAVS> system_;
+    Evaluation trial_;
+    Reals gradient_, step_, trial_x_, lengths_, path_, mean_ratios_, mean_changes_;
+    bool has_lines_;  // True if any limit has.
+    std::vector<LineSet> line_sets_;   // Of every Limit, for this step.
+    std::vector<Slopes> slopes_;       // Of every Limit, and last of the peaks.
+    std::vector<Reals> dual_changes_;  // Likewise.
+};
+
 template <class Model>
-std::unique_ptr<Newton> newton_of(const Problem& problem) {
+std::unique_ptr<Newton> make_newton_for(const Problem& problem) {
     switch (problem.uavs) {
-        case 1: return std::make_unique<NewtonOf<1, Model>>(problem);
-        case 2: return std::make_unique<NewtonOf<2, Model>>(problem);
-        case 3: return std::make_unique<NewtonOf<3, Model>>(problem);
-        case 4: return std::make_unique<NewtonOf<4, Model>>(problem);
-        default: return std::make_unique<NewtonOf<0, Model>>(problem);
+        case 1: return std::make_unique<PrimalDualNewton<1, Model>>(problem);
+        case 2: return std::make_unique<PrimalDualNewton<2, Model>>(problem);
+        case 3: return std::make_unique<PrimalDualNewton<3, Model>>(problem);
+        case 4: return std::make_unique<PrimalDualNewton<4, Model>>(problem);
+        default: return std::make_unique<PrimalDualNewton<0, Model>>(problem);
     }
 }
 
@@ -19,9 +416,9 @@ std::unique_ptr<Newton> newton_of(const Problem& problem) {
 
 std::unique_ptr<Newton> make_newton(const Problem& problem) {
     const Channel* channel = problem.channel.get();
-    if (dynamic_cast<const FreeSpace*>(channel)) return newton_of<FreeSpace>(problem);
-    if (dynamic_cast<const PathLoss*>(channel)) return newton_of<PathLoss>(problem);
-    return std::make_unique<NewtonOf<0, Channel>>(problem);
+    if (dynamic_cast<const FreeSpace*>(channel)) return make_newton_for<FreeSpace>(problem);
+    if (dynamic_cast<const PathLoss*>(channel)) return make_newton_for<PathLoss>(problem);
+    return std::make_unique<PrimalDualNewton<0, Channel>>(problem);
 }
 
 }  // namespace kernel

@@ -5,12 +5,12 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 UNITS = tuple(sorted(path.name for path in FOLDER.glob('*.cpp')))
-"""What is compiled; everything else is included by these."""
+"""The files to compile, which include the headers."""
 
 
-def digest() -> str:
-    """Return a digest of all sources, by which a kernel and its package know each other."""
-    found = hashlib.sha256()
+def find_digest() -> str:
+    """Return a digest of all sources, to check that a kernel was built from them."""
+    digest = hashlib.sha256()
     for path in sorted(FOLDER.glob('*.[ch]pp')):
-        found.update(path.name.encode() + b'\0' + path.read_bytes())
-    return found.hexdigest()
+        digest.update(path.name.encode() + b'\0' + path.read_bytes())
+    return digest.hexdigest()

@@ -1,9 +1,10 @@
 """What every limit provides: the check of a plan, the repair of an iterate, the kernel's form."""
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from ..grid import Grid
+from ..kernel import core
 from ...mission.scenario import Array, Scenario
 
 
@@ -32,7 +33,7 @@ class Limit(ABC):
         return True
 
     @property
-    def compiled(self) -> Any:
+    def compiled(self) -> core.Limit | None:
         """
         Return the kernel's form of it on the grid, with slacks c(x) > 0 strictly inside the limit.
 

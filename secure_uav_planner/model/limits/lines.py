@@ -157,17 +157,17 @@ class LineLimit(Limit):
         """Return points, first and second, and the obstacles by the kernel's names."""
 
     @cached_property
-    def compiled(self) -> Any:
-        """Return an object of the kernel's class."""
+    def compiled(self) -> core.LineLimit:
+        """Return the kernel's limit of the same name."""
         points = self.points
-        arrays = {'uav': points.uav, 'weights': points.weights, 'all': points.all_weights,
+        arrays = {'uav': points.uav, 'weights': points.weights, 'all_weights': points.all_weights,
                   'constant': points.constant, 'first': self.first, 'ignored': self.ignored,
                   'second': self.second, **self._obstacles}
         plain = {name: values if values is None else np.ascontiguousarray(values, float)
                  for name, values in arrays.items()}
         return getattr(core, type(self).__name__)({
             'slots': self.grid.slots, 'uavs': len(self.scenario.uavs),
-            'corners': points.weights.shape[2], **plain})
+            'controls': points.weights.shape[2], **plain})
 
     def choose_lines(self, path: Array) -> Lines:
         """
@@ -177,7 +177,7 @@ class LineLimit(Limit):
         """
         shape = len(path), len(self.first)
         lines = Lines(np.empty((*shape, 2)), np.empty(shape))
-        self.compiled.choose(np.ascontiguousarray(path), *lines)
+        self.compiled.choose_lines(np.ascontiguousarray(path), *lines)
         return lines
 
     def turn_lines(self, path: Array, lines: Lines, opposite: bool,

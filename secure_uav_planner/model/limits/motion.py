@@ -43,7 +43,7 @@ class NormLimit(Limit):
         self._end_moves: Array = np.zeros((2, len(self.longest), 2))
 
     @property
-    def compiled(self) -> Any:
+    def compiled(self) -> core.NormLimit:
         """Return the kernel's NormLimit."""
         radius = np.where(np.isfinite(self.longest), self.longest, 1.0) / self.grid.length
         return core.NormLimit({

@@ -30,12 +30,12 @@ _REFINEMENT = 8  # Ratio of slots of the next grid and of the last, at most.
 _MIDDLE_MU = 1e-4  # The barrier parameter that ends a grid in between.
 
 Discs: TypeAlias = dict[str, NDArray[Any]]
-"""The discs of eavesdroppers at places, by the names of problem.hpp."""
+"""The discs of eavesdroppers at places, by the names of core.pyi."""
 
 
 class Barrier:
     """
-    Newton's method on the barrier function of `kernel/newton.hpp`, from strictly feasible starts.
+    Newton's method on the barrier function of `kernel/newton.cpp`, from strictly feasible starts.
 
     S starts are advanced side by side, on all cores.
 
@@ -65,7 +65,7 @@ class Barrier:
 
     def exchange(self, receivers: Receivers, discs: Discs, worse: bool) -> None:
         """Continue with receivers at exchanged places; `worse` ones need further steps."""
-        self._core.exchange(
+        self._core.exchange_places(
             _to_kernel(**discs), np.ascontiguousarray(receivers.positions, float))
         if worse:
             self.finished[:] = False
@@ -73,7 +73,7 @@ class Barrier:
     def rates(self) -> Array:
         """Return the mean rates against the receivers, losing slots silenced, in nats, (S,)."""
         rates = np.empty(len(self.x))
-        self._core.rates(rates)
+        self._core.evaluate_rates(rates)
         return rates
 
     def advance(self, steps: int, final: float) -> int:
@@ -207,7 +207,7 @@ class Stepper:
 
 
 def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None) -> dict[str, Any]:
-    """Return the problem of the kernel, by the names of problem.hpp."""
+    """Return the problem of the kernel, by the names of core.pyi."""
     limits = [limit.compiled for limit in build_limits(grid.scenario, grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,

@@ -137,7 +137,7 @@ class WorstPlaces:
     @property
     def discs(self) -> Discs:
         """
-        Discs of the places, by the names of problem.hpp, in units of the grid.
+        Discs of the places, by the names of core.pyi, in units of the grid.
 
         Radii (E P,), the places relative to the centres, (N, E P, 2), and True for places that
         follow the UAVs, (N, E P).

@@ -1,0 +1,215 @@
+// Several starts of a problem, advanced side by side on all cores; see optimize/joint/barrier.py.
+#include <pybind11/pybind11.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <future>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "array.hpp"
+#include "newton.hpp"
+
+namespace py = pybind11;
+using kernel::Array;
+using kernel::copy_flags;
+using kernel::copy_reals;
+using kernel::count_entries;
+using kernel::expect;
+using kernel::Problem;
+using kernel::Reals;
+
+namespace {
+
+// Estimated multiplications: of several starts below which threads cost more than they gain; of a
+// single one, which a thread does not speed up, below which `check` need not run meanwhile; and of
+// all steps taken in one call.
+constexpr double WORTH_THREADS = 1e6, WORTH_CHECKS = 5e6, MOST_AT_ONCE = 2e7;
+constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Between two calls of `check`.
+
+kernel::Receivers make_receivers(const Problem& problem, const py::dict& args) {
+    const std::size_t uavs = problem.uavs, entries = count_entries(args, "edge");
+    expect(entries >= 2 * uavs && entries % uavs == 0, "edge");
+    kernel::Receivers receivers;
+    receivers.edge = copy_reals(args, "edge", entries);
+    receivers.count = int(entries / uavs);
+    const std::size_t stride = 2 * std::size_t(receivers.count);
+    const bool per_slot = args["positions"].cast<py::buffer>().request().ndim == 3;
+    receivers.stride = per_slot ? int(stride) : 0;
+    receivers.positions =
+        copy_reals(args, "positions", per_slot ? stride * problem.slots : stride);
+    return receivers;
+}
+
+kernel::Places make_places(const Problem& problem, const py::dict& args) {
+    const std::size_t count = problem.receivers.count - 1;
+    return {copy_flags(args, "followed", problem.slots * count),
+            copy_reals(args, "offsets", problem.slots * count * 2),
+            copy_reals(args, "radii", count)};
+}
+
+Problem make_problem(const py::dict& args) {
+    Problem problem;
+    problem.slots = args["slots"].cast<std::size_t>();
+    problem.uavs = args["uavs"].cast<int>();
+    expect(problem.slots >= 1 && problem.uavs >= 1, "slots, uavs");
+    const std::size_t uavs = problem.uavs;
+    problem.starts = copy_reals(args, "starts", 2 * uavs);
+    problem.goals = copy_reals(args, "goals", 2 * uavs);
+    problem.fixed = copy_flags(args, "fixed", uavs);
+    problem.peaks = copy_reals(args, "peaks", uavs);
+    for (const py::handle limit : args["limits"].cast<py::list>()) {
+        problem.limits.push_back(limit.cast<std::shared_ptr<kernel::Limit>>());
+        expect(problem.limits.back()->fits(problem.slots, problem.uavs), "limits");
+    }
+    problem.receivers = make_receivers(problem, args);
+    problem.channel = args["channel"].cast<std::shared_ptr<kernel::Channel>>();
+    expect(problem.channel->links() == problem.receivers.edge.size(), "channel");
+    problem.colluding = args["colluding"].cast<bool>();
+    if (!args["places"].is_none())
+        problem.places = make_places(problem, args["places"].cast<py::dict>());
+    return problem;
+}
+
+class Barrier {
+public:
+    Barrier(const py::dict& args, const py::buffer& x, const py::buffer& mu,
+            const py::buffer& finished)
+        : problem_(make_problem(args)), bandwidth_(problem_.bandwidth()), x_(x, "x"),
+          mu_(mu, "mu"), finished_(finished, "finished", mu_.size()) {
+        expect(mu_.size() > 0, "mu");
+        expect(x_.axes() == 4 && x_.shape(0) == mu_.size() && x_.shape(1) == problem_.slots
+                   && x_.shape(2) == std::size_t(problem_.uavs) && x_.shape(3) == 3, "x");
+        const std::size_t size = x_.size() / mu_.size();
+        iterates_.resize(mu_.size());
+        for (std::size_t s = 0; s < mu_.size(); ++s) {
+            iterates_[s].x = &x_[s * size];
+            iterates_[s].mu = &mu_[s];
+            iterates_[s].finished = &finished_[s];
+            worker(0).initialise_duals(iterates_[s]);
+        }
+    }
+    Barrier(const Barrier&) = delete;
+
+    // Take up to `steps` steps from every start, fewer where they are long; return their number,
+    // and how many starts failed in the worst of them. If `check` throws, starts that have not yet
+    // stepped are left unchanged.
+    py::tuple advance(int steps, double final_mu, const py::function& check) {
+        std::size_t failed;
+        {
+            const py::gil_scoped_release release;
+            const double cost = estimate_cost();
+            steps = int(std::clamp(MOST_AT_ONCE / cost, 1.0, double(std::max(1, steps))));
+            stop_ = false;
+            next_ = 0;
+            failed_ = std::vector<std::atomic<std::size_t>>(steps);
+            worker(0);
+            if (cost * steps < (iterates_.size() > 1 ? WORTH_THREADS : WORTH_CHECKS))
+                take_steps(0, final_mu);
+            else
+                run_threads(final_mu, check);
+            failed = *std::max_element(failed_.begin(), failed_.end());
+        }
+        return py::make_tuple(steps, failed);
+    }
+
+    void evaluate_rates(const py::buffer& rates) {
+        const Array<double> rate(rates, "rates", iterates_.size());
+        const py::gil_scoped_release release;
+        for (std::size_t s = 0; s < iterates_.size(); ++s)
+            rate[s] = worker(0).evaluate_rate(iterates_[s]);
+    }
+
+    void evaluate(const py::buffer& values, const py::buffer& gradients,
+                  const py::buffer& hessians) {
+        const std::size_t size = x_.size() / mu_.size(), row = 3 * problem_.uavs;
+        const Array<double> value(values, "values", iterates_.size());
+        const Array<double> gradient(gradients, "gradients", x_.size());
+        const Array<double> hessian(hessians, "hessians", row * x_.size());
+        for (std::size_t s = 0; s < iterates_.size(); ++s)
+            value[s] = worker(0).evaluate(iterates_[s], &gradient[s * size],
+                                          &hessian[s * size * row]);
+    }
+
+    void exchange_places(const py::dict& places, const py::buffer& positions) {
+        Reals& own = problem_.receivers.positions;
+        expect(!problem_.places.followed.empty(), "places");
+        kernel::Places made = make_places(problem_, places);
+        own = copy_reals(positions, "positions", own.size());
+        problem_.places = std::move(made);
+        for (kernel::Iterate& iterate : iterates_) iterate.is_evaluated = false;
+    }
+
+private:
+    kernel::Newton& worker(std::size_t number) {
+        while (workers_.size() <= number) workers_.push_back(kernel::make_newton(problem_));
+        return *workers_[number];
+    }
+
+    // Take all steps of one start after the other, until none is left.
+    void take_steps(std::size_t number, double final_mu) {
+        kernel::Newton& newton = *workers_[number];
+        while (!stop_) {
+            const std::size_t index = next_++;
+            if (index >= iterates_.size()) return;
+            for (auto& failed : failed_) {
+                if (stop_) return;
+                if (newton.take_step(iterates_[index], final_mu, stop_)
+                    == kernel::Outcome::failed) ++failed;
+            }
+        }
+    }
+
+    void run_threads(double final_mu, const py::function& check) {
+        const std::size_t count = std::min<std::size_t>(
+            iterates_.size(), std::max(1u, std::thread::hardware_concurrency()));
+        worker(count - 1);
+        // If `check` throws, these join their threads as they are destroyed.
+        std::vector<std::future<void>> threads;
+        try {
+            for (std::size_t number = 0; number < count; ++number)
+                threads.push_back(std::async(
+                    std::launch::async, &Barrier::take_steps, this, number, final_mu));
+            for (std::future<void>& thread : threads) {
+                while (thread.wait_for(CHECK_INTERVAL) != std::future_status::ready) {
+                    kernel::check_signals();
+                    const py::gil_scoped_acquire acquire;
+                    check();
+                }
+                thread.get();
+            }
+        } catch (...) {
+            stop_ = true;
+            throw;
+        }
+    }
+
+    double estimate_cost() const {
+        const double row = 3.0 * problem_.uavs, height = bandwidth_ + row;
+        return double(iterates_.size()) * double(problem_.slots)
+            * (height * height + 4.0 * row * row * problem_.receivers.count);
+    }
+
+    Problem problem_;
+    const int bandwidth_;
+    Array<double> x_, mu_;
+    Array<bool> finished_;
+    std::vector<kernel::Iterate> iterates_;
+    std::vector<std::unique_ptr<kernel::Newton>> workers_;
+    std::atomic<bool> stop_{false};
+    std::atomic<std::size_t> next_{0};
+    std::vector<std::atomic<std::size_t>> failed_;  // Starts that failed, for every step.
+};
+
+}  // namespace
+
+void add_barrier(py::module_& module) {
+    py::class_<Barrier>(module, "Barrier")
+        .def(py::init<const py::dict&, const py::buffer&, const py::buffer&, const py::buffer&>())
+        .def("advance", &Barrier::advance)
+        .def("evaluate_rates", &Barrier::evaluate_rates)
+        .def("evaluate", &Barrier::evaluate)
+        .def("exchange_places", &Barrier::exchange_places);
+}

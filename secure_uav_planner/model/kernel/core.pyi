@@ -1,0 +1,226 @@
+"""
+The compiled kernel as Python sees it.
+
+Arrays are contiguous, of float64 unless a type is given, and are read as they are: a wrong type,
+shape or layout is a ValueError. Those that a function fills are its last arguments. Lengths and
+powers are in the units of a Grid but in Discs, where they are in m and W; rates are in nats
+unless stated.
+
+Letters: N slots, M = N + 2 points, U UAVs, K receivers (the ground node first), E eavesdroppers, P
+places or discs, S starts.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Arguments = Mapping[str, Any]
+
+TOLERANCE: float
+"""How far in bit/s/Hz a proven leak may lie above the largest one found."""
+
+
+class Channel:
+    """The gains of K U links over the noise power; link k U + u is from UAV u to receiver k."""
+
+    def gain(self, link: int, squared: float) -> tuple[float, float, float, float]:
+        """
+        Return the gain at a squared horizontal distance, and once more with its derivatives.
+
+        :return: gain, gain, and its first and second derivative by the squared distance.
+        """
+
+
+class FreeSpace(Channel):
+    def __init__(self, snr: Array, squared_altitudes: Array) -> None:
+        """
+        Make the channel model of free space.
+
+        :param snr: at unit distance and unit power, (K, U).
+        :param squared_altitudes: H^2, (K, U).
+        """
+
+
+class PathLoss(Channel):
+    def __init__(self, snr: Array, squared_altitudes: Array, losses: Array, exponent: float,
+                 a: float, b: float) -> None:
+        """
+        Make a channel model with an exponent and a probability of line of sight.
+
+        :param losses: kappa, (K, U); 1 for a link that has a line of sight.
+        :param b: per degree.
+        """
+
+    def bound_log_gain(self, link: int, near: float, far: float) -> tuple[float, float, float]:
+        """Return bounds of the first three derivatives of log gain between two distances."""
+
+
+class Limit:
+    """A limit c > 0 on flights, for `Barrier`."""
+
+    def evaluate(self, path: Array, moves: Array, fraction: float) -> dict[str, Any]:
+        """
+        Return all that Newton's method asks of the limit: for tests.
+
+        :param path: points with start and goal, (M, U, 2).
+        :param moves: of the points along a step, (M, U, 2).
+        :param fraction: of the way to the boundary that a step may take.
+        :return: `slacks` c and their `slopes` along the step; step `lengths`, (U,); `slope` and
+            `curvature` of -sum log c along the step; whether lines limit moves, `limits_moves`.
+        """
+
+
+class NormLimit(Limit):
+    def __init__(self, arguments: Arguments) -> None:
+        """
+        Make a limit c = 1 - |d|^2 / r^2 on differences d of points.
+
+        :param arguments: `slots`, `order` (1: moves, 2: their changes), `square` r^2 (U,),
+            `ignored` (N + order, U) and `end_moves` before the start and after the goal (2, U, 2).
+        """
+
+
+class LineLimit(Limit):
+    """
+    A limit that keeps the pieces of G subjects, each of K control points, beyond lines.
+
+    All kinds are made from `slots`, `uavs` and `controls` K; for T tracks `uav` (T,), `weights` and
+    `all_weights` (M, T, K, 3) and `constant` (M, T, K, 2); for the subjects `first` and `second`
+    (G,), or None, and `ignored` (M, G, K).
+    """
+
+    def choose_lines(self, path: Array, normals: Array, offsets: Array) -> None:
+        """
+        Choose the lines for a path.
+
+        :param path: (M, U, 2).
+        :param normals: filled, (M, G, 2).
+        :param offsets: filled, (M, G).
+        """
+
+
+class ZoneLimit(LineLimit):
+    def __init__(self, arguments: Arguments) -> None:
+        """Make it from those of a LineLimit and `polygons`, for A UAVs Z of V vertices each."""
+
+
+class SeparationLimit(LineLimit):
+    def __init__(self, arguments: Arguments) -> None:
+        """Make it from those of a LineLimit and the `radii` of the discs to stay out of, (G,)."""
+
+
+class FenceLimit(LineLimit):
+    def __init__(self, arguments: Arguments) -> None:
+        """Make it from those of a LineLimit, and `normals` (G, 2) and `offsets` (G,) of sides."""
+
+
+class Barrier:
+    def __init__(self, arguments: Arguments, x: Array, mu: Array,
+                 finished: NDArray[np.bool_]) -> None:
+        """
+        Make Newton's method on a barrier function, for starts that it changes in place.
+
+        :param arguments: `slots`, `uavs`, `colluding`, `limits` (list of Limit), `channel`,
+            `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power (U,), `positions` of
+            the receivers ([N,] K, 2), their `edge`, which the guarantee adds to distances, (K, U),
+            and `places`, None for (P2), or with `followed`, whether they move along with the UAVs,
+            (N, E P), their `offsets` from the centres (N, E P, 2) and the discs' `radii` (E P,).
+        :param x: powers and positions, (S, N, U, 3).
+        :param mu: barrier parameters, (S,).
+        :param finished: set where a start has converged or stalled, (S,).
+        """
+
+    def advance(self, steps: int, final: float, check: Callable[[], None]) -> tuple[int, int]:
+        """
+        Take up to `steps` steps from all starts, fewer where they are long.
+
+        :param final: the barrier parameter at which a start may finish.
+        :param check: called now and then; if it raises, starts that have not yet stepped are left
+            unchanged.
+        :return: the number of steps, and of the starts that failed in the worst of them.
+        """
+
+    def evaluate_rates(self, rates: Array) -> None:
+        """Fill the mean rates against the receivers, losing slots silenced, (S,)."""
+
+    def evaluate(self, values: Array, gradients: Array, hessians: Array) -> None:
+        """
+        Fill the barrier function and its derivatives: for tests.
+
+        :param values: (S,).
+        :param gradients: (S, N, U, 3).
+        :param hessians: lower triangles of the objective's, slot by slot, (S, N, 3 U, 3 U).
+        """
+
+    def exchange_places(self, places: Arguments, positions: Array) -> None:
+        """Replace the places and the receivers' positions by as many."""
+
+
+def find_local_minima(discs: Arguments, minima: Array) -> None:
+    """
+    Find a local minimum of the inverse SINR in each disc, probably the least.
+
+    :param discs: a disc for each slot and eavesdropper, slot by slot: UAVs' `x` and `y` from its
+        centre (U, P), `squared_altitudes` (U,), `noise` (P,), `radius` (P,), `jamming` (U - 1, P)
+        and, but for free space, a `channel`; see struct Discs of inverse_sinr.hpp.
+    :param minima: inverse SINR, x and y, (3, P).
+    """
+
+
+def bound_sectors(discs: Arguments, sectors: Arguments, bounds: Array, values: Array) -> None:
+    """
+    Bound the inverse SINR in a sector of each disc: for tests.
+
+    :param sectors: `inner`, `outer`, `middle` and `half`, (P,) each; see struct Sector.
+    :param bounds: lower bounds, (P,).
+    :param values: at a place of the sector, (P,).
+    """
+
+
+def prove_leaks(discs: Arguments, slots: Indices, most: Array, most_sectors: int,
+                tolerance: float, leaks: Array, worst: Indices, places: Array) -> None:
+    """
+    Prove what no place of a slot's discs leaks more than.
+
+    :param slots: of each disc, ascending from 0, (P,).
+    :param most: upper bounds of the leaks by a formula, (P,) in bit/s/Hz.
+    :param most_sectors: examined in a slot, about; the bound is valid also if they end.
+    :param tolerance: of the bounds, in bit/s/Hz.
+    :param leaks: upper bounds, (slots,) in bit/s/Hz.
+    :param worst: the disc with the largest leak found, (slots,).
+    :param places: where that is, from its centre, (slots, 2) in m.
+    """
+
+
+def bound_maxima(terms: Arguments, functions: NDArray[np.intp], bounds: Array, tolerance: Array,
+                 budget: float) -> None:
+    """
+    Bound the maxima of functions of a stage by branch and bound; see `proof.boxes.Terms`.
+
+    :param functions: their numbers.
+    :param bounds: of all functions; incumbents, which those of `functions` replace.
+    :param tolerance: alike.
+    :param budget: boxes for each function.
+    """
+
+
+def bound_box(terms: Arguments, function: int, centre: Array, half: Array) -> tuple[float, float]:
+    """Return a function's value at the centre of a box and its bound over the box: for tests."""
+
+
+def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians: Array) -> None:
+    """
+    Fill the smoothed maxima over a UAV's columns; see `search.dual.pack_columns`.
+
+    :param values: of every stage, (G,).
+    :param gradients: by a stage's unknowns, (G, F), or empty.
+    :param hessians: (G, F, F), or empty.
+    """
+
+
+def evaluate_columns(columns: Arguments, values: Array) -> None:
+    """Fill the values of a UAV's columns, (G, C)."""
