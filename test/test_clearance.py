@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import combinations
 import math
 
 from hypothesis import given, settings
@@ -15,20 +16,20 @@ import shapely
 SAMPLES = 2001
 
 
-def zone_at(rng, low=-300, high=300):
-    """Return a zone of any shape that need not be convex."""
+def random_zone(rng, low=-300, high=300):
+    """Return the vertices of a polygon that need not be convex."""
     count = int(rng.integers(3, 9))
     angles = np.sort(rng.uniform(0, 2 * math.pi, count))
     radii = rng.uniform(5, 120, count)
     points = rng.uniform(low, high, 2) + np.stack(
         [radii * np.cos(angles), radii * np.sin(angles)], axis=1)
     if not shapely.Polygon(points).is_valid:
-        return zone_at(rng, low, high)
+        return random_zone(rng, low, high)
     return tuple(map(tuple, points.tolist()))
 
 
-def flights(seed, count=3, slots=8):
-    """Return a scenario and points of flights in it that keep no limit."""
+def random_flights(seed, count=3, slots=8):
+    """Return a scenario and random points of flights, which keep no limit of it."""
     rng = np.random.default_rng(seed)
     positions = rng.uniform(-300, 300, (1, slots + 2, 2)) + rng.uniform(
         -100, 100, (count, slots + 2, 2))
@@ -44,11 +45,11 @@ def flights(seed, count=3, slots=8):
                     slots), positions
 
 
-def sampled(scenario, positions):
-    """Return times, and the positions of all UAVs at these, close to each other."""
+def sample_curve(scenario, positions):
+    """Return the curve, and the positions of all UAVs at SAMPLES times."""
     curve = Curve(scenario, positions)
     times = np.linspace(curve.begin, curve.end, SAMPLES)
-    return curve, times, curve.at(times).positions
+    return curve, curve.at(times).positions
 
 
 def at_rest(scenario):
@@ -59,17 +60,16 @@ def at_rest(scenario):
 
 @given(st.integers(0, 10**6))
 def test_the_smallest_distance_between_uavs_is_that_of_dense_samples(seed):
-    scenario, positions = flights(seed)
+    scenario, positions = random_flights(seed)
     scenario = at_rest(scenario)
-    curve, times, places = sampled(scenario, positions)
+    curve, places = sample_curve(scenario, positions)
     nearest = Clearance(scenario, curve).between_uavs
     names = [uav.name for uav in scenario.uavs]
     dense = {}
-    for one in range(len(names)):
-        for other in range(one):
-            height = scenario.altitudes[one] - scenario.altitudes[other]
-            dense[names[other], names[one]] = np.hypot(
-                np.linalg.norm(places[one] - places[other], axis=-1), height).min()
+    for i, j in combinations(range(len(names)), 2):
+        height = scenario.altitudes[i] - scenario.altitudes[j]
+        dense[names[i], names[j]] = np.hypot(
+            np.linalg.norm(places[i] - places[j], axis=-1), height).min()
     assert nearest.distance <= min(dense.values()) + 1e-9
     # Between two samples a UAV flies at most this far.
     step = np.linalg.norm(np.diff(places, axis=1), axis=-1).max()
@@ -84,15 +84,15 @@ def test_the_smallest_distance_between_uavs_is_that_of_dense_samples(seed):
 @settings(max_examples=40)
 @given(st.integers(0, 10**6))
 def test_the_smallest_distance_to_a_zone_is_that_of_dense_samples(seed):
-    scenario, positions = flights(seed)
+    scenario, positions = random_flights(seed)
     rng = np.random.default_rng(seed)
-    zones = tuple(NoFlyZone(zone_at(rng, 250, 600), floor=float(rng.choice([0, 60])),
+    zones = tuple(NoFlyZone(random_zone(rng, 250, 600), floor=float(rng.choice([0, 60])),
                             ceiling=float(rng.choice([60, 100])), name=name) for name in 'abc')
     ends = shapely.MultiPoint([place for uav in scenario.uavs for place in (uav.start, uav.goal)])
     zones = tuple(zone for zone in zones
                   if not shapely.Polygon(zone.vertices).intersects(ends))
     scenario = replace(scenario, no_fly_zones=zones)
-    curve, times, places = sampled(scenario, positions)
+    curve, places = sample_curve(scenario, positions)
     nearest = Clearance(scenario, curve).to_zones
     dense = [shapely.distance(shapely.Polygon(zone.vertices).exterior, shapely.points(path)).min()
              for uav, path in zip(scenario.uavs, places) for zone in zones
@@ -104,8 +104,7 @@ def test_the_smallest_distance_to_a_zone_is_that_of_dense_samples(seed):
     step = np.linalg.norm(np.diff(places, axis=1), axis=-1).max()
     assert nearest.distance >= min(dense) - step
     uav = [uav.name for uav in scenario.uavs].index(nearest.names[0])
-    zone = zones['abc'.index(nearest.names[1])] if len(zones) == 3 else next(
-        zone for zone in zones if zone.name == nearest.names[1])
+    zone = next(zone for zone in zones if zone.name == nearest.names[1])
     there = shapely.Point(curve.at([nearest.time]).positions[uav, 0])
     assert shapely.Polygon(zone.vertices).exterior.distance(there) == pytest.approx(
         nearest.distance, abs=1e-7)
@@ -114,19 +113,19 @@ def test_the_smallest_distance_to_a_zone_is_that_of_dense_samples(seed):
 @settings(max_examples=40)
 @given(st.integers(0, 10**6))
 def test_a_flight_is_refused_if_and_only_if_dense_samples_break_a_limit(seed):
-    scenario, positions = flights(seed, count=2, slots=4)
+    scenario, positions = random_flights(seed, count=2, slots=4)
     rng = np.random.default_rng(seed)
     ends = shapely.MultiPoint([place for uav in scenario.uavs for place in (uav.start, uav.goal)])
     low, high = positions.min(axis=(0, 1)) - 30, positions.max(axis=(0, 1)) + 30
     box = shapely.box(*low, *high)
-    zones = [zone for zone in (zone_at(rng) for _ in range(2))
+    zones = [zone for zone in (random_zone(rng) for _ in range(2))
              if not shapely.Polygon(zone).buffer(1).intersects(ends)]
-    fence = box.difference(shapely.Polygon(zone_at(rng))) if rng.random() < 0.5 else box
+    fence = box.difference(shapely.Polygon(random_zone(rng))) if rng.random() < 0.5 else box
     if fence.geom_type != 'Polygon' or fence.interiors or not fence.buffer(-1).contains(ends):
         fence = box
     scenario = replace(scenario, no_fly_zones=tuple(map(NoFlyZone, zones)),
                        geofence=tuple(fence.exterior.coords[:-1]))
-    curve, times, places = sampled(scenario, positions)
+    curve, places = sample_curve(scenario, positions)
     fast = np.linalg.norm(np.diff(places, axis=1), axis=-1).max()
     worst = -math.inf  # How deep in a forbidden place.
     for path in places:
@@ -144,11 +143,11 @@ def test_a_flight_is_refused_if_and_only_if_dense_samples_break_a_limit(seed):
         depth, at = float(text.split(' is ')[1].split(' m')[0]), float(
             text.split(' s after')[0].rpartition(' ')[2])
         there = shapely.points(
-            curve.at([at]).positions[[one.name for one in scenario.uavs].index(uav), 0])
-        known = (-_depths(fence, there) if 'geofence' in text else _depths(
+            curve.at([at]).positions[[each.name for each in scenario.uavs].index(uav), 0])
+        expected = (-_depths(fence, there) if 'geofence' in text else _depths(
             shapely.Polygon(scenario.no_fly_zones[int(text.split('zone ')[1][0]) - 1].vertices),
             there))
-        assert known == pytest.approx(depth, abs=1e-2) and depth > 0
+        assert expected == pytest.approx(depth, abs=1e-2) and depth > 0
     else:
         assert worst <= 1e-6
 
@@ -175,7 +174,7 @@ def test_the_least_distance_of_quadratic_motion_is_exact(seed, bend):
     assert np.linalg.norm(there, axis=-1) == pytest.approx(least)
 
 
-def plan_of(path, slots=None, acceleration=None, **fields):
+def plan_along(path, acceleration=None, **fields):
     """Return a plan of one UAV at 50 m along points, with seconds between them."""
     path = np.array(path, float)
     uav = Uav('scout', tuple(path[0]), tuple(path[-1]), 50.0, 100.0,
@@ -191,52 +190,52 @@ WALL = NoFlyZone(((10.0, -50.0), (20.0, -50.0), (20.0, 1.0), (10.0, 1.0)), name=
 def test_a_plan_through_a_zone_is_refused_with_uav_zone_time_and_depth():
     line = [(0.0, 0.0), (15.0, 0.5), (30.0, 0.0)]
     with pytest.raises(PlanError, match=r'scout is 0\.5\d* m inside wall 1 s after point 0'):
-        plan_of(line, no_fly_zones=(WALL,))
+        plan_along(line, no_fly_zones=(WALL,))
     # Above, below, and beside by less and by more than the tolerance.
     for zone in (replace(WALL, floor=50.1), replace(WALL, ceiling=49.9)):
-        plan_of(line, no_fly_zones=(zone,))
+        plan_along(line, no_fly_zones=(zone,))
     level = [(0.0, 1.0 - 0.9e-6), (15.0, 1.0 - 0.9e-6), (30.0, 1.0 - 0.9e-6)]
-    assert plan_of(level, no_fly_zones=(WALL,)).clearance.to_zones.distance < 1e-6
+    assert plan_along(level, no_fly_zones=(WALL,)).clearance.to_zones.distance < 1e-6
     with pytest.raises(PlanError, match='inside wall'):
-        plan_of(np.array(level) - [0.0, 0.3e-6], no_fly_zones=(WALL,))
+        plan_along(np.array(level) - [0.0, 0.3e-6], no_fly_zones=(WALL,))
 
 
-def test_it_is_the_curve_that_counts_and_not_its_control_points():
+def test_the_curve_must_be_clear_and_its_control_points_need_not():
     # The points go round the corner of the wall and the curve does not, and the other way round.
     outside = [(0.0, 0.0), (0.0, 0.0), (15.0, 1.5), (30.0, 0.0), (30.0, 0.0)]
     with pytest.raises(PlanError, match='inside wall 1.689 s'):
-        plan_of(outside, acceleration=100.0, no_fly_zones=(WALL,))
+        plan_along(outside, acceleration=100.0, no_fly_zones=(WALL,))
     across = NoFlyZone(((14.0, 1.2), (16.0, 1.2), (15.0, 2.0)))
-    plan = plan_of(outside, acceleration=100.0, no_fly_zones=(across,))
+    plan = plan_along(outside, acceleration=100.0, no_fly_zones=(across,))
     assert plan.clearance.to_zones.distance == pytest.approx(0.075, abs=1e-9)
     with pytest.raises(PlanError, match='inside zone 1'):
-        plan_of(outside, no_fly_zones=(across,))
+        plan_along(outside, no_fly_zones=(across,))
 
 
-def test_a_plan_along_what_divides_a_zone_into_convex_parts_is_refused():
+def test_a_plan_along_the_edges_between_convex_parts_of_a_zone_is_refused():
     star = NoFlyZone(((10, -9), (15, -1), (20, -9), (20, 9), (10, 9)))
     for level in np.linspace(-8, 8, 33):
         with pytest.raises(PlanError, match='inside zone 1'):
-            plan_of([(0.0, level), (12.0, level), (40.0, level)], no_fly_zones=(star,))
+            plan_along([(0.0, level), (12.0, level), (40.0, level)], no_fly_zones=(star,))
 
 
 def test_a_plan_that_leaves_the_fence_is_refused_with_the_distance():
     fence = ((-5.0, -5.0), (35.0, -5.0), (35.0, 5.0), (20.0, 5.0), (15.0, 0.0), (10.0, 5.0),
              (-5.0, 5.0))
     inside = [(0.0, 0.0), (15.0, -2.0), (30.0, 0.0)]
-    assert plan_of(inside, geofence=fence)
+    assert plan_along(inside, geofence=fence)
     with pytest.raises(PlanError, match=r'scout is 0\.7071\d* m outside the geofence 1 s'):
-        plan_of([(0.0, 0.0), (15.0, 1.0), (30.0, 0.0)], geofence=fence)
+        plan_along([(0.0, 0.0), (15.0, 1.0), (30.0, 0.0)], geofence=fence)
     with pytest.raises(PlanError, match=r'scout is 2 m outside the geofence 1 s'):
-        plan_of([(0.0, 0.0), (15.0, -7.0), (30.0, 0.0)], geofence=fence)
+        plan_along([(0.0, 0.0), (15.0, -7.0), (30.0, 0.0)], geofence=fence)
     with pytest.raises(PlanError, match='outside the geofence'):
-        plan_of([(0.0, 0.0), (45.0, 0.0), (30.0, 0.0)], geofence=fence)
+        plan_along([(0.0, 0.0), (45.0, 0.0), (30.0, 0.0)], geofence=fence)
 
 
-def team(offset, separation, velocity=(0.0, 0.0)):
+def passing_plan(offset, separation):
     """Return a plan in which two UAVs pass each other in the middle of a slot."""
-    uavs = [Uav('one', (0.0, 0.0), (30.0, 0.0), 50.0, 100.0),
-            Uav('two', (30.0, offset), (0.0, offset), 53.0, 100.0)]
+    uavs = [Uav('east', (0.0, 0.0), (30.0, 0.0), 50.0, 100.0),
+            Uav('west', (30.0, offset), (0.0, offset), 53.0, 100.0)]
     scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), tuple(uavs), 2.0, 2,
                         separation=separation)
     shares = np.linspace(0, 1, 4)[:, None]
@@ -245,12 +244,13 @@ def team(offset, separation, velocity=(0.0, 0.0)):
 
 
 def test_uavs_that_pass_too_close_between_points_are_refused():
-    plan = team(4.0, 0.0)
-    assert plan.clearance.between_uavs == (pytest.approx(5.0), pytest.approx(1.5), ('one', 'two'))
-    assert team(4.0, 5.0) and team(4.0, 5.0 + 0.9e-6)
-    with pytest.raises(PlanError, match=r'one and two are 5\d* m apart 1.5 s after point 0; '
+    plan = passing_plan(4.0, 0.0)
+    assert plan.clearance.between_uavs == (
+        pytest.approx(5.0), pytest.approx(1.5), ('east', 'west'))
+    assert passing_plan(4.0, 5.0) and passing_plan(4.0, 5.0 + 0.9e-6)
+    with pytest.raises(PlanError, match=r'east and west are 5\d* m apart 1.5 s after point 0; '
                                         'separation is 5.1 m'):
-        team(4.0, 5.1)
+        passing_plan(4.0, 5.1)
 
 
 def test_a_uav_that_waits_at_its_goal_counts():
@@ -268,20 +268,16 @@ def test_a_uav_that_waits_at_its_goal_counts():
 
 @settings(max_examples=30)
 @given(st.integers(0, 10**6))
-def test_the_rest_of_a_plan_that_keeps_its_limits_keeps_them_as_well(seed):
-    scenario, positions = flights(seed, slots=6)
+def test_tails_of_a_plan_keep_its_separation(seed):
+    scenario, positions = random_flights(seed, slots=6)
     plan = Plan(at_rest(scenario), positions, np.zeros((3, 6)))
     nearest = plan.clearance.between_uavs.distance
     plan = replace(plan, scenario=replace(plan.scenario, separation=max(0.0, nearest - 1e-7)))
     for point in range(1, 6):
-        try:
-            rest = plan.tail(point)
-        except PlanError as error:
-            raise AssertionError(f'from {point}: {error}') from None
-        assert rest.clearance.between_uavs.distance >= nearest - 1e-7
+        assert plan.tail(point).clearance.between_uavs.distance >= nearest - 1e-7
 
 
-def test_a_vertex_that_is_given_twice_changes_no_distance():
+def test_a_repeated_vertex_changes_no_distance():
     scenario = Scenario.paper(200.0)
     corners = ((-150.0, 200.0), (-100.0, 200.0), (-100.0, 250.0))
     once, twice = (
@@ -290,8 +286,8 @@ def test_a_vertex_that_is_given_twice_changes_no_distance():
     assert twice.distance == pytest.approx(once.distance, abs=1e-6)
 
 
-def test_one_uav_has_no_distance_to_another():
-    plan = plan_of([(0.0, 0.0), (15.0, 0.0), (30.0, 0.0)])
+def test_a_single_uav_without_zones_has_no_clearances():
+    plan = plan_along([(0.0, 0.0), (15.0, 0.0), (30.0, 0.0)])
     assert plan.clearance.between_uavs is None and plan.clearance.to_zones is None
 
 

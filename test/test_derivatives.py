@@ -14,8 +14,8 @@ SEEDS = st.integers(0, 2**32 - 1)
 MUS = st.sampled_from([1.0, 1e-2, 1e-4])
 
 
-def around_the_discs(scenario, rng):
-    """Return positions (U, N+2, 2) in m inside the discs, on their edges and far away."""
+def random_positions(scenario, rng):
+    """Return positions (U, N+2, 2) in m, half of them in or near the first disc."""
     positions = rng.normal(0, 300, (len(scenario.uavs), scenario.slots + 2, 2))
     eve = scenario.eavesdroppers[0]
     near = rng.random(positions.shape[:2]) < 0.5
@@ -23,27 +23,27 @@ def around_the_discs(scenario, rng):
     return np.where(near[..., None], np.array(eve.position) + offset, positions)
 
 
-def inner_variables(grid, rng):
-    """Return x with every power above zero, as an interior-point method has it."""
+def interior_variables(grid, rng):
+    """Return x with positive powers, as an interior-point method has it."""
     scenario = grid.scenario
-    x = grid.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
+    x = grid.variables(random_positions(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
     x[..., 0] += 0.05
     return x
 
 
-def away_from_kinks(grid, x, step):
-    """Return in which slots the transmitter is not near the edge of any disc, (N,)."""
+def is_smooth(grid, x, step):
+    """Return True for slots in which the transmitter is not near the edge of a disc, (N,)."""
     offset = (x[:, 0, 1:] * grid.length + grid.origin)[:, None] - (
         grid.scenario.eavesdropper_positions)
-    apart = np.linalg.norm(offset, axis=-1) - grid.scenario.error_radii
-    return (np.abs(apart) > 10 * step * grid.length).all(axis=-1)
+    gap = np.linalg.norm(offset, axis=-1) - grid.scenario.error_radii
+    return (np.abs(gap) > 10 * step * grid.length).all(axis=-1)
 
 
 @settings(max_examples=40)
 @given(missions(), SEEDS)
-def test_the_rates_are_those_of_the_channel(scenario, seed):
+def test_rates_are_those_of_the_channel_and_variables_are_positions_and_powers(scenario, seed):
     rng = np.random.default_rng(seed)
-    positions, powers = around_the_discs(scenario, rng), random_powers(scenario, rng)
+    positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
     grid = Grid.of(scenario)
     x = grid.variables(positions[:, 1:-1], powers)
     rates = guaranteed_rates(scenario, positions, powers)
@@ -53,17 +53,7 @@ def test_the_rates_are_those_of_the_channel(scenario, seed):
     ground, leaks = oracle.rates(grid, x)
     leak = (np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) if scenario.colluding
             else leaks.max(axis=-1))
-    np.testing.assert_allclose((ground - leak) / np.log(2), rates,
-                               rtol=1e-9, atol=1e-9)
-
-
-@settings(max_examples=40)
-@given(missions(), SEEDS)
-def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
-    rng = np.random.default_rng(seed)
-    positions, powers = around_the_discs(scenario, rng), random_powers(scenario, rng)
-    grid = Grid.of(scenario)
-    x = grid.variables(positions[:, 1:-1], powers)
+    np.testing.assert_allclose((ground - leak) / np.log(2), rates, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(grid.positions(x)[:, 1:-1], positions[:, 1:-1], atol=1e-9)
     np.testing.assert_allclose(grid.powers(x), powers, atol=1e-12)
 
@@ -72,24 +62,24 @@ def test_variables_are_positions_and_powers_in_other_units(scenario, seed):
 @given(missions(max_eavesdroppers=3, max_slots=6), SEEDS, MUS)
 def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
     grid = Grid.of(scenario)
-    x = inner_variables(grid, np.random.default_rng(seed))
-    _, [found], _ = oracle.model(Barrier(grid, x[None], mu))
+    x = interior_variables(grid, np.random.default_rng(seed))
+    _, [gradient], _ = oracle.model(Barrier(grid, x[None], mu))
     exact = oracle.gradient(
         lambda at: oracle.barrier(grid, at, mu, oracle.SOFTENING), x)
-    np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-7 * (1 + np.abs(exact).max()))
+    np.testing.assert_allclose(gradient, exact, rtol=1e-7, atol=1e-7 * (1 + np.abs(exact).max()))
 
 
 @settings(max_examples=30)
 @given(missions(max_eavesdroppers=3), SEEDS, MUS)
 def test_hessians_are_those_of_the_objective(scenario, seed, mu):
     grid, step = Grid.of(scenario), 1e-5
-    x = inner_variables(grid, np.random.default_rng(seed))
-    _, _, [found] = oracle.model(Barrier(grid, x[None], mu))
+    x = interior_variables(grid, np.random.default_rng(seed))
+    _, _, [hessians] = oracle.model(Barrier(grid, x[None], mu))
     exact = oracle.hessians(
         lambda at: oracle.objective(grid, at, mu, oracle.SOFTENING), x, step)
     scale = 1 + np.abs(exact).max(axis=(-2, -1), keepdims=True)
-    lower = np.tril(np.abs(found - exact)) / scale
-    assert lower[away_from_kinks(grid, x, step)].max(initial=0) < 1e-4
+    lower = np.tril(np.abs(hessians - exact)) / scale
+    assert lower[is_smooth(grid, x, step)].max(initial=0) < 1e-4
 
 
 @settings(max_examples=40)
@@ -97,13 +87,13 @@ def test_hessians_are_those_of_the_objective(scenario, seed, mu):
 def test_rounding_the_kink_never_raises_the_guaranteed_rate(scenario, seed, softening):
     rng = np.random.default_rng(seed)
     grid = Grid.of(scenario)
-    x = grid.variables(around_the_discs(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
+    x = grid.variables(random_positions(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
     (ground, sharp), (same, soft) = oracle.rates(grid, x), oracle.rates(grid, x, softening)
     assert (soft >= sharp - 1e-12).all()
     np.testing.assert_array_equal(same, ground)
 
 
-def test_the_gradient_at_the_very_kink_is_finite():
+def test_derivatives_are_finite_at_the_kink():
     scenario = Scenario.paper(102.0, slots=3)
     grid = Grid.of(scenario)
     above = np.broadcast_to(scenario.eavesdroppers[0].position, (2, 3, 2))

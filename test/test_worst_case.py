@@ -19,7 +19,7 @@ PAPER = [(102, 1.458634), (120, 2.049430), (200, 3.055482)]
 
 
 def random_plan(scenario, rng):
-    """Return positions, some of the UAVs together or above an eavesdropper, and powers."""
+    """Return positions, some at the same place or above an eavesdropper, and powers."""
     uavs, slots = len(scenario.uavs), scenario.slots
     positions = rng.uniform(-400, 400, (uavs, slots + 2, 2))
     together = rng.random(slots + 2) < 0.3
@@ -38,7 +38,7 @@ def proven_leaks(scenario, positions, powers):
 
 
 def leaks_at(scenario, positions, powers, places):
-    """Return the leaks at places (N, 2) to whoever of the eavesdroppers can be there, (N,)."""
+    """Return the largest leak at places (N, 2) to an eavesdropper that may be there, (N,)."""
     leaks = rates.leakage_rates(
         scenario, positions[:, 1:-1], powers,
         np.repeat(places[:, None], len(scenario.eavesdroppers), axis=1),
@@ -47,8 +47,8 @@ def leaks_at(scenario, positions, powers, places):
     return np.where(away <= scenario.error_radii * (1 + 1e-12) + 1e-9, leaks, 0.0).max(axis=1)
 
 
-def check(scenario, positions, powers, rng, margin=1e-11):
-    """Check all that the worst case promises."""
+def check_bounds(scenario, positions, powers, rng, margin=1e-11):
+    """Check that proven leaks bound sampled ones and are tight."""
     proven = proven_leaks(scenario, positions, powers)
     places = channel.worst_case_places(scenario, positions, powers)
     there = leaks_at(scenario, positions, powers, places)
@@ -67,9 +67,9 @@ def test_plans_for_the_paper_have_the_worst_case_rates_that_a_search_found(durat
 
 
 @given(missions(max_eavesdroppers=4), SEEDS)
-def test_no_place_leaks_more_than_is_proven_and_one_leaks_all_but_1e_6_of_it(scenario, seed):
+def test_no_place_leaks_more_than_proven_and_the_worst_within_1e_6(scenario, seed):
     rng = np.random.default_rng(seed)
-    check(scenario, *random_plan(scenario, rng), rng)
+    check_bounds(scenario, *random_plan(scenario, rng), rng)
 
 
 @given(missions(), SEEDS)
@@ -79,20 +79,20 @@ def test_without_an_error_radius_or_a_jammer_it_is_the_guarantee(scenario, seed)
     points = replace(scenario, eavesdroppers=tuple(
         replace(eve, error_radius=0.0) for eve in scenario.eavesdroppers))
     alone = replace(scenario, uavs=scenario.uavs[:1])
-    for one, count in ((points, len(positions)), (alone, 1)):
-        arguments = one, positions[:count], powers[:count]
+    for variant, count in ((points, len(positions)), (alone, 1)):
+        arguments = variant, positions[:count], powers[:count]
         assert channel.worst_case_rates(*arguments) == pytest.approx(
             channel.guaranteed_rates(*arguments), abs=1e-12)
 
 
 @given(missions(max_eavesdroppers=4), SEEDS)
-def test_the_worst_of_several_eavesdroppers_is_that_of_each_or_of_all_together(scenario, seed):
+def test_several_eavesdroppers_leak_the_largest_or_colluding_the_sum(scenario, seed):
     positions, powers = random_plan(scenario, np.random.default_rng(seed))
-    of = scenario.channel
-    if of.outage is not None:  # Which is divided by the number of links.
-        of = replace(of, outage=of.outage * 2 / (1 + len(scenario.eavesdroppers)))
+    model = scenario.channel
+    if model.outage is not None:  # Which is divided by the number of links.
+        model = replace(model, outage=model.outage * 2 / (1 + len(scenario.eavesdroppers)))
     each = np.array([proven_leaks(replace(
-        scenario, eavesdroppers=(eve,), channel=of, colluding=False), positions, powers)
+        scenario, eavesdroppers=(eve,), channel=model, colluding=False), positions, powers)
         for eve in scenario.eavesdroppers])
     together = np.log1p(np.expm1(each * np.log(2)).sum(axis=0)) / np.log(2)
     assert proven_leaks(scenario, positions, powers) == pytest.approx(
@@ -100,8 +100,8 @@ def test_the_worst_of_several_eavesdroppers_is_that_of_each_or_of_all_together(s
         abs=1e-6 * (len(each) if scenario.colluding else 1))
 
 
-def wild_scenario(rng):
-    """Return a scenario with values from all over what is allowed."""
+def extreme_scenario(rng):
+    """Return a scenario with values over the whole of the allowed ranges, and its size in m."""
     uavs, eves = rng.choice([1, 2, 3, 8, 32]), rng.choice([1, 2, 32])
     size = 10**rng.uniform(0, 7)
     radii = 10**rng.uniform(-9, 7, eves) * (rng.random(eves) > 0.1)
@@ -114,9 +114,9 @@ def wild_scenario(rng):
 
 
 @pytest.mark.parametrize('seed', range(40))
-def test_it_holds_for_all_that_a_scenario_allows_without_a_warning(seed):
+def test_bounds_hold_without_a_warning_for_extreme_scenarios(seed):
     rng = np.random.default_rng(seed)
-    scenario, size = wild_scenario(rng)
+    scenario, size = extreme_scenario(rng)
     positions = rng.uniform(-size, size, (len(scenario.uavs), scenario.slots + 2, 2))
     powers = np.minimum(10**rng.uniform(-15, 7, (len(positions), scenario.slots)), 1e6)
     powers *= rng.random(powers.shape) > 0.1
@@ -124,14 +124,14 @@ def test_it_holds_for_all_that_a_scenario_allows_without_a_warning(seed):
     with np.errstate(over='raise', divide='raise', invalid='raise'):
         channel.leak_maximisers(scenario, positions[:, 1:-1], powers)
         # Places are exact to 1e-9 m where coordinates are 1e7 m.
-        check(scenario, positions, powers, rng, margin=1e-11 + 1e-15 * (
+        check_bounds(scenario, positions, powers, rng, margin=1e-11 + 1e-15 * (
             size + scenario.error_radii.max()) / scenario.altitudes.min())
 
 
 @pytest.mark.parametrize('altitudes', [(100, 100), (100, 110), (100, 100, 110), (100, 30, 1000)])
 @pytest.mark.parametrize('radius', [1e-9, 10.0, 1e3, 1e7])
-@pytest.mark.parametrize('apart', [0.0, 1e-6, 1.0])
-def test_uavs_at_one_place_take_few_sectors(altitudes, radius, apart, monkeypatch):
+@pytest.mark.parametrize('spread', [0.0, 1e-6, 1.0])
+def test_uavs_at_the_same_place_take_few_sectors(altitudes, radius, spread, monkeypatch):
     # Where the leak is flat, or largest all along a circle, little can be dropped.
     monkeypatch.setattr(worst_case, 'MOST_SECTORS', 5000)
     rng = np.random.default_rng(0)
@@ -140,51 +140,51 @@ def test_uavs_at_one_place_take_few_sectors(altitudes, radius, apart, monkeypatc
         tuple(Uav(f'uav{index}', (0.0, 0.0), (0.0, 0.0), altitude, 1.0)
               for index, altitude in enumerate(altitudes)), 100.0, 12)
     positions = np.zeros((len(altitudes), 14, 2)) + [300.0, 0.0] * rng.random((14, 1))
-    positions += apart * rng.standard_normal(positions.shape)
-    check(scenario, positions, rng.uniform(0.1, 2, (len(altitudes), 12)), rng)
+    positions += spread * rng.standard_normal(positions.shape)
+    check_bounds(scenario, positions, rng.uniform(0.1, 2, (len(altitudes), 12)), rng)
 
 
-def bounded(pairs, **sectors):
-    """Return a lower bound of v in one sector of every pair, and v at a place of it, (P,)."""
-    bound, value = np.empty((2, len(pairs['noise'])))
-    core.bound_sectors(pairs, sectors, bound, value)
+def bound_sectors(discs, **sectors):
+    """Return lower bounds of the inverse SINR in a sector of each disc, and at a place, (P,)."""
+    bound, value = np.empty((2, len(discs['noise'])))
+    core.bound_sectors(discs, sectors, bound, value)
     return bound, value
 
 
 @given(SEEDS, st.integers(1, 4), st.floats(-4, 4), st.sampled_from([0.0, 1e-3, 100.0]))
-def test_no_place_of_a_sector_is_below_its_bound(seed, uavs, decades, apart):
+def test_no_place_of_a_sector_is_below_its_bound(seed, uavs, decades, spread):
     rng = np.random.default_rng(seed)
     count = 50
     radius = np.full(count, 10**decades)
-    x, y = rng.normal(0, apart, (2, uavs, count)) + radius * rng.normal(0, 1, (2, 1, count))
-    pairs = {'x': x, 'y': y, 'squared_altitudes': rng.choice([0.5, 1.0, 1.2], (uavs, 1))**2,
+    x, y = rng.normal(0, spread, (2, uavs, count)) + radius * rng.normal(0, 1, (2, 1, count))
+    discs = {'x': x, 'y': y, 'squared_altitudes': rng.choice([0.5, 1.0, 1.2], (uavs, 1))**2,
              'noise': 10**rng.uniform(-9, 3, count), 'radius': radius,
              'jamming': 10**rng.uniform(-3, 3, (uavs - 1, count))}
     inner, outer, middle, half = random_sectors(rng, radius)
     zero, whole = np.zeros(count), np.full(count, np.pi)
     for begin, centre, angles in ((zero, zero, whole), (inner, middle, half)):
-        bound, value = bounded(pairs, inner=begin, outer=outer, middle=centre, half=angles)
+        bound, value = bound_sectors(discs, inner=begin, outer=outer, middle=centre, half=angles)
         assert (bound <= value).all()
         for _ in range(100):
             distance = begin + (outer - begin) * rng.choice([0.0, 1.0, rng.random()], count)
             angle = centre + angles * np.clip(rng.uniform(-1.5, 1.5, count), -1, 1)
-            found = oracle.inverse_sinr(
-                pairs, distance * np.cos(angle), distance * np.sin(angle))
-            assert (found >= bound * (1 - 1e-13)).all()
+            inverse_sinr = oracle.inverse_sinr(
+                discs, distance * np.cos(angle), distance * np.sin(angle))
+            assert (inverse_sinr >= bound * (1 - 1e-13)).all()
 
 
 def test_bounds_approach_the_least_value_with_the_square_of_the_size():
-    pairs = {'x': np.array([[0.3], [-1.0]]), 'y': np.array([[0.2], [0.4]]),
+    discs = {'x': np.array([[0.3], [-1.0]]), 'y': np.array([[0.2], [0.4]]),
              'squared_altitudes': np.array([[1.0], [1.2]]), 'noise': np.array([0.1]),
              'jamming': np.array([[2.0]]), 'radius': np.array([10.0])}
-    found = np.empty((3, 1))
-    core.find_local_minima(pairs, found)
-    least, x, y = found
-    assert least == pytest.approx(oracle.inverse_sinr(pairs, x, y), rel=1e-12)
+    minima = np.empty((3, 1))
+    core.find_local_minima(discs, minima)
+    least, x, y = minima
+    assert least == pytest.approx(oracle.inverse_sinr(discs, x, y), rel=1e-12)
     for size in (0.1, 0.01, 1e-3):
         distance = np.hypot(x, y)
-        bound, _ = bounded(pairs, inner=distance - size, outer=distance + size,
-                           middle=np.arctan2(y, x), half=size / distance)
+        bound, _ = bound_sectors(discs, inner=distance - size, outer=distance + size,
+                                 middle=np.arctan2(y, x), half=size / distance)
         assert 0 <= least - bound <= 20 * size**3
 
 
@@ -199,7 +199,7 @@ def difficult_plan():
 
 
 @pytest.mark.parametrize('most', [1, 50])
-def test_it_is_sure_also_where_it_ends_early(most, monkeypatch):
+def test_bounds_hold_where_the_search_ends_early(most, monkeypatch):
     scenario, positions, powers, rng = difficult_plan()
     whole = proven_leaks(scenario, positions, powers)
     worst = channel.worst_case_places(scenario, positions, powers)
@@ -211,7 +211,7 @@ def test_it_is_sure_also_where_it_ends_early(most, monkeypatch):
 
 
 @given(missions(max_eavesdroppers=3), SEEDS)
-def test_maximisers_are_in_their_discs_and_leak_what_is_said(scenario, seed):
+def test_maximisers_are_in_their_discs_and_have_the_leaks_returned(scenario, seed):
     positions, powers = random_plan(scenario, np.random.default_rng(seed))
     places, leaks = channel.leak_maximisers(scenario, positions[:, 1:-1], powers)
     eves = len(scenario.eavesdroppers)
@@ -231,7 +231,7 @@ def test_maximisers_are_almost_always_the_worst():
     assert missed.mean() < 0.05
 
 
-def test_a_power_that_rounding_left_below_zero_counts_as_none():
+def test_a_power_rounded_below_zero_counts_as_zero():
     scenario, positions, powers, _ = difficult_plan()
     powers[:, ::2] = 0.0
     below = np.where(powers > 0, powers, -1e-9)

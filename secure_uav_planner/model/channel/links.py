@@ -56,9 +56,11 @@ class FreeSpace:
         """Return the kernel's form of the links from every UAV to every receiver."""
         return core.FreeSpace(*self._arrays(receivers, uavs))
 
-    def _arrays(self, *shape: int) -> list[Array]:
-        return [np.ascontiguousarray(np.broadcast_to(values, shape), float)
-                for values in (self.reference_snr, self.squared_altitudes)]
+    def _arrays(self, *shape: int) -> tuple[Array, Array]:
+        snr, squared_altitudes = (
+            np.ascontiguousarray(np.broadcast_to(values, shape), float)
+            for values in (self.reference_snr, self.squared_altitudes))
+        return snr, squared_altitudes
 
 
 @dataclass(frozen=True, eq=False)

@@ -94,7 +94,7 @@ def _likely_leaks(scenario: Scenario, uav_positions: Array,
     active = np.flatnonzero(_guaranteed_leaks(scenario, offsets, powers).max(axis=1) > _SILENT)
     if active.size:
         found = np.empty((3, active.size * len(scenario.eavesdroppers)))
-        core.find_local_minima(_pairs(scenario, offsets[:, active], powers[:, active]), found)
+        core.find_local_minima(_pack_discs(scenario, offsets[:, active], powers[:, active]), found)
         v, x, y = found
         leaks[active] = (np.log1p(1.0 / v) / np.log(2.0)).reshape(active.size, -1)
         places[active] = np.stack([x, y], axis=-1).reshape(active.size, -1, 2)
@@ -112,18 +112,18 @@ def _worst_leaks(scenario: Scenario, uav_positions: Array,
     # Where no leak matters, as in a silent slot, the formula is near enough, and the centre.
     active = np.flatnonzero(leaks > core.TOLERANCE)
     if active.size:
-        pairs = _pairs(scenario, offsets[:, active], powers[:, active])
+        discs = _pack_discs(scenario, offsets[:, active], powers[:, active])
         # Of eavesdroppers that collude every one counts, or else the one with the largest leak.
         count = most.shape[1] if scenario.colluding else 1
         groups = active.size * count
         slot = np.repeat(np.arange(groups), most.shape[1] // count)
         proven: Array = np.empty(groups)
-        pair, place = np.empty(groups, np.int64), np.empty((groups, 2))
-        core.prove_leaks(pairs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
-                   proven, pair, place)
+        disc, place = np.empty(groups, np.int64), np.empty((groups, 2))
+        core.prove_leaks(discs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
+                         proven, disc, place)
         of_each = proven.reshape(-1, count)
         worst = np.arange(0, groups, count) + of_each.argmax(axis=1)
-        eves[active], places[active] = pair[worst] % most.shape[1], place[worst]
+        eves[active], places[active] = disc[worst] % most.shape[1], place[worst]
         whole = put_together(of_each) if scenario.colluding else proven
         leaks[active] = np.minimum(leaks[active], whole + _ROUNDING)
     return leaks, scenario.eavesdropper_positions[eves] + places
@@ -134,7 +134,7 @@ def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
     return uav_positions[:, :, None] - scenario.eavesdropper_positions
 
 
-def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
+def _pack_discs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
     """Return the discs of `kernel/core.pyi`, of all slots and eavesdroppers, slot by slot."""
     uavs, slots, eves = offsets.shape[:3]
     link = link_of(scenario, 'eavesdropper').for_receivers(
@@ -144,15 +144,16 @@ def _pairs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
     jamming = powers[1:] / powers[0]
     if scenario.channel.outage is not None:
         jamming *= snr[1:] / snr[0]
-    pairs = {'x': offsets[..., 0], 'y': offsets[..., 1],
-             'squared_altitudes': link.squared_altitudes,
-             'noise': 1.0 / (snr[0] * powers[0]), 'jamming': jamming,
-             'radius': np.tile(scenario.error_radii, slots)}
-    found: dict[str, Any] = {name: np.ascontiguousarray(values) for name, values in pairs.items()}
+    arrays = {'x': offsets[..., 0], 'y': offsets[..., 1],
+              'squared_altitudes': link.squared_altitudes,
+              'noise': 1.0 / (snr[0] * powers[0]), 'jamming': jamming,
+              'radius': np.tile(scenario.error_radii, slots)}
+    discs: dict[str, Any] = {
+        name: np.ascontiguousarray(values) for name, values in arrays.items()}
     if isinstance(link, PathLoss):
-        found['channel'] = replace(
+        discs['channel'] = replace(
             link_of(scenario, 'eavesdropper', axes=0), reference_snr=1.0).compiled(1, uavs)
-    return found
+    return discs
 
 
 def _guaranteed_leaks(scenario: Scenario, offsets: Array, powers: Array) -> Array:

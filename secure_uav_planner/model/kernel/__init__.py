@@ -10,6 +10,9 @@ from typing import Any, TYPE_CHECKING
 
 from .sources import find_digest
 
+if TYPE_CHECKING:
+    from . import core
+
 
 def _load() -> Any:
     """
@@ -31,9 +34,7 @@ def _load() -> Any:
     return module
 
 
-if TYPE_CHECKING:
-    from . import core
-else:
+if not TYPE_CHECKING:
     core = _load()
 
 __all__ = ['core']

@@ -23,41 +23,23 @@ Arguments = Mapping[str, Any]
 TOLERANCE: float
 """How far in bit/s/Hz a proven leak may lie above the largest one found."""
 
-
 class Channel:
     """The gains of K U links over the noise power; link k U + u is from UAV u to receiver k."""
 
     def gain(self, link: int, squared: float) -> tuple[float, float, float, float]:
-        """
-        Return the gain at a squared horizontal distance, and once more with its derivatives.
-
-        :return: gain, gain, and its first and second derivative by the squared distance.
-        """
-
+        """Return the gain twice, and its first and second derivative by the squared distance."""
 
 class FreeSpace(Channel):
     def __init__(self, snr: Array, squared_altitudes: Array) -> None:
-        """
-        Make the channel model of free space.
-
-        :param snr: at unit distance and unit power, (K, U).
-        :param squared_altitudes: H^2, (K, U).
-        """
-
+        """Make it from SNRs at unit distance and unit power, (K, U), and H^2, (K, U)."""
 
 class PathLoss(Channel):
     def __init__(self, snr: Array, squared_altitudes: Array, losses: Array, exponent: float,
                  a: float, b: float) -> None:
-        """
-        Make a channel model with an exponent and a probability of line of sight.
-
-        :param losses: kappa, (K, U); 1 for a link that has a line of sight.
-        :param b: per degree.
-        """
+        """Make it as FreeSpace, with kappa (K, U), 1 with line of sight, and b per degree."""
 
     def bound_log_gain(self, link: int, near: float, far: float) -> tuple[float, float, float]:
         """Return bounds of the first three derivatives of log gain between two distances."""
-
 
 class Limit:
     """A limit c > 0 on flights, for `Barrier`."""
@@ -73,7 +55,6 @@ class Limit:
             `curvature` of -sum log c along the step; whether lines limit moves, `limits_moves`.
         """
 
-
 class NormLimit(Limit):
     def __init__(self, arguments: Arguments) -> None:
         """
@@ -82,7 +63,6 @@ class NormLimit(Limit):
         :param arguments: `slots`, `order` (1: moves, 2: their changes), `square` r^2 (U,),
             `ignored` (N + order, U) and `end_moves` before the start and after the goal (2, U, 2).
         """
-
 
 class LineLimit(Limit):
     """
@@ -94,29 +74,19 @@ class LineLimit(Limit):
     """
 
     def choose_lines(self, path: Array, normals: Array, offsets: Array) -> None:
-        """
-        Choose the lines for a path.
-
-        :param path: (M, U, 2).
-        :param normals: filled, (M, G, 2).
-        :param offsets: filled, (M, G).
-        """
-
+        """Choose for a path (M, U, 2) the normals (M, G, 2) and offsets (M, G) of lines."""
 
 class ZoneLimit(LineLimit):
     def __init__(self, arguments: Arguments) -> None:
         """Make it from those of a LineLimit and `polygons`, for A UAVs Z of V vertices each."""
 
-
 class SeparationLimit(LineLimit):
     def __init__(self, arguments: Arguments) -> None:
         """Make it from those of a LineLimit and the `radii` of the discs to stay out of, (G,)."""
 
-
 class FenceLimit(LineLimit):
     def __init__(self, arguments: Arguments) -> None:
         """Make it from those of a LineLimit, and `normals` (G, 2) and `offsets` (G,) of sides."""
-
 
 class Barrier:
     def __init__(self, arguments: Arguments, x: Array, mu: Array,
@@ -159,7 +129,6 @@ class Barrier:
     def exchange_places(self, places: Arguments, positions: Array) -> None:
         """Replace the places and the receivers' positions by as many."""
 
-
 def find_local_minima(discs: Arguments, minima: Array) -> None:
     """
     Find a local minimum of the inverse SINR in each disc, probably the least.
@@ -170,7 +139,6 @@ def find_local_minima(discs: Arguments, minima: Array) -> None:
     :param minima: inverse SINR, x and y, (3, P).
     """
 
-
 def bound_sectors(discs: Arguments, sectors: Arguments, bounds: Array, values: Array) -> None:
     """
     Bound the inverse SINR in a sector of each disc: for tests.
@@ -179,7 +147,6 @@ def bound_sectors(discs: Arguments, sectors: Arguments, bounds: Array, values: A
     :param bounds: lower bounds, (P,).
     :param values: at a place of the sector, (P,).
     """
-
 
 def prove_leaks(discs: Arguments, slots: Indices, most: Array, most_sectors: int,
                 tolerance: float, leaks: Array, worst: Indices, places: Array) -> None:
@@ -195,7 +162,6 @@ def prove_leaks(discs: Arguments, slots: Indices, most: Array, most_sectors: int
     :param places: where that is, from its centre, (slots, 2) in m.
     """
 
-
 def bound_maxima(terms: Arguments, functions: NDArray[np.intp], bounds: Array, tolerance: Array,
                  budget: float) -> None:
     """
@@ -207,10 +173,8 @@ def bound_maxima(terms: Arguments, functions: NDArray[np.intp], bounds: Array, t
     :param budget: boxes for each function.
     """
 
-
 def bound_box(terms: Arguments, function: int, centre: Array, half: Array) -> tuple[float, float]:
     """Return a function's value at the centre of a box and its bound over the box: for tests."""
-
 
 def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians: Array) -> None:
     """
@@ -220,7 +184,6 @@ def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians:
     :param gradients: by a stage's unknowns, (G, F), or empty.
     :param hessians: (G, F, F), or empty.
     """
-
 
 def evaluate_columns(columns: Arguments, values: Array) -> None:
     """Fill the values of a UAV's columns, (G, C)."""

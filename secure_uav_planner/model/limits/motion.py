@@ -7,7 +7,7 @@ acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2 in each slot.
 
 from abc import abstractmethod
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
