@@ -17,7 +17,7 @@ constexpr double NEGLIGIBLE = 1e-10;      // Weight of a column left out of the 
 constexpr double LEAST_LOG = -40.0;       // Logarithm of a weight left out of the value, too.
 constexpr std::size_t MOST_ENTRIES = 14;  // Of the potentials at both edges of a stage.
 
-// Columns of a UAV in G stages, C in each: see dual.py for what they hold.
+// Columns of a UAV in G stages, C in each: see variables.py for their contents.
 class Columns {
 public:
     explicit Columns(const py::dict& args)
@@ -242,7 +242,7 @@ void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buff
     const py::gil_scoped_release release;
     columns.evaluate([&](std::size_t g, std::size_t best) {
         values[g] = columns.smooth_maximum(g, best, differentiate ? &first[g * f] : nullptr,
-                                   differentiate ? &second[g * f * f] : nullptr);
+                                           differentiate ? &second[g * f * f] : nullptr);
     });
 }
 

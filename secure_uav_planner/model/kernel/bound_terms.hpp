@@ -127,7 +127,7 @@ private:
     std::size_t side_;
 };
 
-// The functions of one UAV that boxes.py describes.
+// The functions of one UAV that terms.py describes.
 class Terms {
 public:
     explicit Terms(const py::dict& args)
