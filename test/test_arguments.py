@@ -21,13 +21,15 @@ WRONG = ('x', None, [], math.nan, {}, object())
 
 def list_public():
     """Yield name and value of all objects on the page of the API."""
-    for module in map(import_module, re.findall('automodule:: (.+)', API)):
-        for name, value in vars(module).items():
-            if getattr(value, '__module__', None) == module.__name__ and name[0] != '_':
-                yield name, value
-        yield from ((name, getattr(module, name)) for name in getattr(module, '__all__', ()))
-    home = import_module(re.search('currentmodule:: (.+)', API)[1])
-    yield from ((name, getattr(home, name)) for name in re.findall('autofunction:: (.+)', API))
+    module = None
+    for kind, name in re.findall(r'\.\. (\w+module|autoclass|autofunction):: (.+)', API):
+        if kind.endswith('module'):
+            module = import_module(name)
+        if kind == 'automodule':
+            yield from ((member, value) for member, value in vars(module).items()
+                        if getattr(value, '__module__', None) == name and member[0] != '_')
+        elif kind != 'currentmodule':
+            yield name, getattr(module, name)
 
 
 def list_signatures():

@@ -10,9 +10,6 @@ from typing import Any, TYPE_CHECKING
 
 from .sources import find_digest
 
-if TYPE_CHECKING:
-    from . import core
-
 
 def _load() -> Any:
     """
@@ -34,7 +31,9 @@ def _load() -> Any:
     return module
 
 
-if not TYPE_CHECKING:
+if TYPE_CHECKING:
+    from . import core
+else:
     core = _load()
 
 __all__ = ['core']
