@@ -5,35 +5,13 @@ Limits and channel models have a class here and one in Python; `limit.hpp` and `
 what the kernel asks of them.
 """
 
-from importlib import import_module
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
-from .sources import find_digest
-
-
-def _load() -> Any:
-    """
-    Return the compiled module.
-
-    :raises ImportError: where there is none, or it was built from other sources.
-    """
-    try:
-        module = import_module('_secure_uav_planner_kernel')
-    except ImportError as error:
-        raise ImportError(
-            f'secure_uav_planner needs its compiled kernel, which cannot be loaded ({error}); a '
-            "source tree must be built: run 'pip install .' in it, which brings a compiler where "
-            "there is none, or 'colcon build' in its workspace", name=error.name) from error
-    if getattr(module, 'sources', None) != find_digest():
-        raise ImportError('the compiled kernel belongs to another version of secure_uav_planner '
-                          "than these files; run 'pip install .' or 'colcon build' again",
-                          name=module.__name__)
-    return module
-
+from .sources import load_kernel
 
 if TYPE_CHECKING:
     from . import core
 else:
-    core = _load()
+    core = load_kernel()
 
 __all__ = ['core']
