@@ -249,10 +249,10 @@ def test_the_error_without_a_kernel_says_what_to_do(tmp_path):
 
 
 def test_a_kernel_of_other_sources_is_not_used(monkeypatch):
-    assert kernel._load() is core
-    monkeypatch.setattr(kernel, 'find_digest', lambda: 'another')
+    assert kernel.sources.load_kernel() is core
+    monkeypatch.setattr(kernel.sources, 'find_digest', lambda: 'another')
     with pytest.raises(ImportError, match='another version of secure_uav_planner'):
-        kernel._load()
+        kernel.sources.load_kernel()
 
 
 # Building it on a machine without a compiler
