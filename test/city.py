@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 from secure_uav_planner import Plan
-from secure_uav_planner.ros.mission_parameters import of_mission
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, uav_parameters, zone_parameters)
+from secure_uav_planner.ros.settings import load_mission
 
 FILE = Path(__file__).resolve().parents[1] / 'config' / 'city.yaml'
 WAY = {'courier': [(-190, 250), (-110, 120), (0, 0), (150, -60), (220, -100), (300, -160)],
@@ -18,7 +18,7 @@ WAIT = {'courier': 8, 'escort1': 24, 'escort2': 12}  # How long each waits at it
 
 def values():
     """Return all values of the planner's parameters, checked."""
-    given = of_mission(FILE)
+    given = load_mission(FILE)
     specs = dict(PLANNER)
     for index, name in enumerate(given['uavs']):
         specs.update(uav_parameters(name, index))
@@ -27,7 +27,7 @@ def values():
     for name in given['no_fly_zones']:
         specs.update(zone_parameters(name))
     return {**{name: spec.default for name, spec in specs.items()},
-            **{name: specs[name].checked(name, value) for name, value in given.items()
+            **{name: specs[name].convert(name, value) for name, value in given.items()
                if name in specs}}
 
 

@@ -7,6 +7,7 @@ of its nodes; see conftest.py.
 """
 
 from contextlib import contextmanager
+from functools import partial
 import gc
 from importlib import import_module
 import os
@@ -21,7 +22,6 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import numpy as np
 from processes import environment, ROOT
 import pytest
-from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
@@ -30,6 +30,7 @@ from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from rclpy.time import Time
+from secure_uav_planner.ros.client import connect
 from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
 from secure_uav_planner.ros.process import run_node
 from secure_uav_planner.ros.topics import LATCHED
@@ -49,12 +50,12 @@ _clients = []
 
 
 def wait_for(condition, patience=PATIENCE, what='the condition'):
-    """Return what the condition returns once that is true; fail after the patience in s."""
+    """Return the value of a condition once it is true; fail after the patience in s."""
     until = time.monotonic() + patience
-    while not (found := condition()):
+    while not (value := condition()):
         assert time.monotonic() < until, f'{what} did not come true in {patience} s'
         time.sleep(0.01)
-    return found
+    return value
 
 
 # Processes
@@ -94,7 +95,7 @@ def _ros_args(parameters):
 
 
 def refusal(capfd, name, **parameters):
-    """Return the one line that says why a node cannot start, which is started in this process."""
+    """Start a node in this process; return the line with the reason why it cannot start."""
     kind = getattr(import_module(f'secure_uav_planner.ros.{name}'), name.title())
     capfd.readouterr()
     with pytest.raises(SystemExit) as ended:
@@ -109,8 +110,8 @@ def refusal(capfd, name, **parameters):
     return reasons[0]
 
 
-class _Here:
-    """A node in this process, as far as it is like a process of its own."""
+class _LocalProcess:
+    """The process attributes of a node in this process."""
 
     def __init__(self, name):
         self.name, self.pid, self.lines, self.ended = name, os.getpid(), [], None
@@ -138,32 +139,32 @@ def _logged_in(lines):
 @contextmanager
 def node_here(name, **parameters):
     """
-    Run a node in this process, which takes a tenth of the time; yield what it logs in .lines.
+    Run a node in this process, which takes a tenth of the time; its log is in .lines.
 
-    For tests that ask a node of their own; those of processes and of warnings use node_process.
+    For tests that ask a node of their own; tests of processes and warnings use node_process.
     """
     kind = getattr(import_module(f'secure_uav_planner.ros.{name}'), name.title())
-    context, here = Context(), _Here(name)
-    _note(here)
+    context, local = Context(), _LocalProcess(name)
+    _note(local)
     rclpy.init(context=context, args=_ros_args(parameters))
     executor = MultiThreadedExecutor(4, context=context)
-    with _logged_in(here.lines):
+    with _logged_in(local.lines):
         node = kind(context=context)
         full_name = node.get_fully_qualified_name()
         executor.add_node(node)
         thread = threading.Thread(target=executor.spin, daemon=True)
         thread.start()
         try:
-            yield here
+            yield local
         finally:
-            here.ended = 0
+            local.ended = 0
             node.close()
             executor.shutdown()
             thread.join(PATIENCE)
             node.destroy_node()
             rclpy.shutdown(context=context)
-            # In DDS the next node of this process is the same participant: clients that have not
-            # seen this one end would never find that.
+            # The next node of this process is the same participant in DDS, which clients would not
+            # discover before the end of this one.
             wait_for(lambda: not any(
                 full_name in client.node.get_fully_qualified_node_names()
                 for client in _clients), what=f'the end of {full_name}')
@@ -190,20 +191,19 @@ def wait_for_line(process, text):
 
 def outputs():
     """Return the last output of the node processes of this test, and their states."""
-    found = []
+    lines = []
     for _, process in _started:
         status = process.poll()
         state = 'running' if status is None else f'ended with status {status}'
-        found.append(f'--- {process.name} ({process.pid}), {state}\n')
-        found += process.lines[-_SHOWN:]
-    return ''.join(found)
+        lines += [f'--- {process.name} ({process.pid}), {state}\n', *process.lines[-_SHOWN:]]
+    return ''.join(lines)
 
 
 def _note(process):
-    """Keep a process for the report of its test, and forget those of tests before."""
+    """Keep a process for the report of its test, and forget the ones of tests before."""
     test = os.environ.get('PYTEST_CURRENT_TEST', '').rpartition(' ')[0]
-    _started[:] = [(known, other) for known, other in _started
-                   if known == test or other.poll() is None]
+    _started[:] = [(name, earlier) for name, earlier in _started
+                   if name == test or earlier.poll() is None]
     _started.append((test, process))
 
 
@@ -289,9 +289,9 @@ class Client:
 
     def listen(self, kind, topic, qos=LATCHED):
         """Return a list that grows with the messages of a topic."""
-        found = []
-        self.node.create_subscription(kind, topic, found.append, qos)
-        return found
+        messages = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
 
     def publisher(self, kind, topic, qos=None):
         """Return the publisher of a topic, once it has a subscriber."""
@@ -312,10 +312,10 @@ class Client:
                       until_known=True):
         """Send an estimate as send_pose does."""
         def message():
-            found = pose_message(
+            estimate = pose_message(
                 PoseWithCovarianceStamped, x, y, 0, frame_id, stamp or self.now())
-            found.pose.covariance[0] = found.pose.covariance[7] = float(variance)
-            return found
+            estimate.pose.covariance[0] = estimate.pose.covariance[7] = float(variance)
+            return estimate
         self._send(
             self.publisher(PoseWithCovarianceStamped, topic), topic, message, stamp, until_known)
 
@@ -325,15 +325,15 @@ class Client:
         def publish():
             publisher.publish(message())
 
-        def known():
+        def is_known():
             publish()
             time.sleep(0.1)
             return not until_known or (status and values_of(status[-1]).get(
                 f'pose_age.{topic}', 'none') != 'none')
 
-        # Not while this one is on its way, and never again if it has a time of its own.
+        # Not while this pose is on its way, and never again if it has a stamp of its own.
         self._poses.pop(topic, None)
-        wait_for(known, what=f'the pose of {topic}')
+        wait_for(is_known, what=f'the pose of {topic}')
         if until_known and stamp is None:
             self._poses[topic] = publish, _running()
 
@@ -377,13 +377,14 @@ class Client:
         """
         node, _, name = service.rpartition('/')
         states = self._states_of(node) if name == 'plan' else None
-        futures, asked, known = [], [], [0]
+        futures, asked, since = [], [], 0
 
         def is_due():
+            nonlocal since
             if asked and time.monotonic() - asked[-1] < ASK_AGAIN:
-                known[0] = len(states or ())
+                since = len(states or ())
                 return False
-            return not asked or states is None or states[known[0]:][-IDLE:] == IDLE * ['idle']
+            return not asked or states is None or states[since:][-IDLE:] == IDLE * ['idle']
 
         def answered():
             if is_due():
@@ -392,48 +393,36 @@ class Client:
             done = next((future for future in futures if future.done()), None)
             return done or (lost is not None and lost())
 
-        found = wait_for(answered, patience, f'the answer of {service}')
-        return None if found is True else found.result()
+        answer = wait_for(answered, patience, f'the answer of {service}')
+        return None if answer is True else answer.result()
 
     def _states_of(self, node):
-        """Return a list that grows every second with what a planner does: 'idle' or 'solving'."""
+        """Return a list that grows each second with the state of a planner."""
         if node not in self._states:
             self._states[node] = []
 
             def take(message):
                 # A name such as 'fleet/planner', or 'planner: plan'.
                 self._states[node] += [
-                    values_of(one)['state'] for one in message.status
-                    if one.name.partition(':')[0].endswith(node.strip('/'))]
+                    values_of(status)['state'] for status in message.status
+                    if status.name.partition(':')[0].endswith(node.strip('/'))]
             self.node.create_subscription(DiagnosticArray, '/diagnostics', take, 10)
         return self._states[node]
 
     def _service(self, service, kind):
-        """
-        Return the client of a service, once its server knows it.
-
-        `service_is_ready` only tells that the client knows the server. An answer to a client that
-        the server has not met within 100 ms is dropped. The server meets clients in their order:
-        it has met this one when it has answered one that was made later.
-        """
         if service not in self._services:
-            client = self.node.create_client(kind, service)
-            wait_for(client.service_is_ready, what=f'the service {service}')
-            name = f'{service.rpartition("/")[0]}/get_parameters'
-            later = self.node.create_client(GetParameters, name)
-            wait_for(later.service_is_ready, what=f'the service {name}')
-            self._answer(lambda: later.call_async(GetParameters.Request()), name)
-            self._services[service] = client
+            self._services[service] = connect(
+                self.node, kind, service, partial(self._answer, again=0.2))
         client = self._services[service]
         wait_for(client.service_is_ready, what=f'the service {service}')
         return client
 
-    def _answer(self, ask, what):
-        """Return the first answer of what may be asked any number of times."""
+    def _answer(self, ask, what, again=ASK_AGAIN):
+        """Return the first answer to a request that is repeated after some s."""
         futures, asked = [], []
 
         def answer():
-            if not asked or time.monotonic() - asked[-1] > ASK_AGAIN:
+            if not asked or time.monotonic() - asked[-1] > again:
                 futures.append(ask())
                 asked.append(time.monotonic())
             return next((future for future in futures if future.done()), None)
@@ -460,9 +449,9 @@ class Client:
     def get_parameters(self, node, *names):
         """Return the values of parameters of a node."""
         client = self._parameter_client(node)
-        found = self._answer(lambda: client.get_parameters(list(names)),
-                             f'{node}/get_parameters')
-        return [rclpy.parameter.parameter_value_to_python(value) for value in found.values]
+        answer = self._answer(lambda: client.get_parameters(list(names)),
+                              f'{node}/get_parameters')
+        return [rclpy.parameter.parameter_value_to_python(value) for value in answer.values]
 
     def all_parameters(self, node):
         """Return the values of all parameters of a node by name."""

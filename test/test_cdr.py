@@ -119,7 +119,7 @@ def test_a_message_that_ends_early_is_refused(read, message):
 def assembled(plan):
     """Return a plan after its messages, and how many functions were called to assemble it."""
     assembly, calls = Assembly(['uav1', 'uav2'], lambda topic: True), []
-    for topic, message in messages.of_plan(plan, 'map'):
+    for topic, message in messages.plan_messages(plan, 'map'):
         assembly.take(topic, bytes(serialize_message(message)), 0)
     sys.setprofile(lambda frame, event, argument: calls.append(event))
     try:

@@ -19,7 +19,7 @@ def test_the_papers_parameters_are_the_defaults(node):
                          **eavesdropper_parameters('eavesdropper')}, 'replay': REPLAY}[node]
     assert values
     for name, value in values.items():
-        assert specs[name].checked(name, value) == specs[name].default, name
+        assert specs[name].convert(name, value) == specs[name].default, name
 
 
 def test_every_parameter_has_a_description_and_says_what_it_allows():
@@ -27,4 +27,4 @@ def test_every_parameter_has_a_description_and_says_what_it_allows():
         for name, spec in specs.items():
             assert spec.description.endswith('.'), name
             assert spec.allowed in spec.descriptor().additional_constraints
-            assert spec.checked(name, spec.default) == spec.default
+            assert spec.convert(name, spec.default) == spec.default

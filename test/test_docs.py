@@ -301,7 +301,7 @@ class Walkthrough:
                 specs.update(zone_parameters(zone))
         assert name in specs, f'{node} has no parameter {name}'
         for one in value:
-            specs[name].checked(name, one)
+            specs[name].convert(name, one)
 
     def _check_arguments(self, node, arguments):
         """Check what follows --ros-args."""

@@ -18,10 +18,10 @@ from secure_uav_planner.mission.validation import RANGES
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.table import table
-from secure_uav_planner.ros.mission_parameters import uav_from, values_of
 from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, uav_parameters
 from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.status import State, values as status_values
+from secure_uav_planner.ros.settings import mission_values, uav_from
+from secure_uav_planner.ros.status import State, status_values
 from strategies import scenarios, with_uavs
 
 # As it stands in the paper, with its numbers for a UAV of 20 N and a rotor of 0.4 m.
@@ -130,7 +130,7 @@ def test_the_nodes_accept_a_propulsion_from_a_mission_and_by_parameters(plan):
     for number, uav in enumerate(scenario.uavs):
         defaults = {name: spec.default for name, spec in uav_parameters(uav.name, number).items()}
         assert uav_from(defaults, uav.name).propulsion is None
-        assert uav_from({**defaults, **values_of(scenario)}, uav.name) == uav
+        assert uav_from({**defaults, **mission_values(scenario)}, uav.name) == uav
 
 
 def test_table_picture_and_status_show_the_energy_of_each_uav_with_a_propulsion(plan):

@@ -62,7 +62,7 @@ class Replay(Target):
 
     def send_good(self, plan):
         self.counts['good plans'] += 1
-        for topic, message in messages.of_plan(plan, 'map'):
+        for topic, message in messages.plan_messages(plan, 'map'):
             if topic != '~/markers':
                 self.client.publisher(type(message), topic, LATCHED).publish(message)
 

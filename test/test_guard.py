@@ -71,7 +71,7 @@ def test_a_jump_is_refused_with_its_distance_and_the_last_place_is_held(distance
 
 def test_a_velocity_beyond_the_limit_is_refused_in_any_place_and_the_last_place_is_held():
     guard, x, now = streamed()
-    guard.see((x, 0.0, 100.0), now)
+    guard.note_position((x, 0.0, 100.0), now)
     for number in range(1, 20):
         later = now + number * STEP
         with pytest.raises(OptionError, match='it has 500.0 m/s, and max_jump and max_speed allow '
@@ -118,7 +118,7 @@ def test_a_stream_that_is_silent_is_held_then_ends_and_another_may_begin_elsewhe
 
 def test_a_stream_begins_where_the_vehicle_is_where_that_is_known():
     guard = Guard()
-    guard.see((100.0, 0.0, 98.0), SECOND)
+    guard.note_position((100.0, 0.0, 98.0), SECOND)
     with pytest.raises(OptionError, match='it is 100.0 m from the vehicle and start_tolerance is '
                                           '5 m'):
         guard.take(at(0.0, SECOND), SECOND, LIMITS)
@@ -126,11 +126,11 @@ def test_a_stream_begins_where_the_vehicle_is_where_that_is_known():
     assert passes(guard, at(104.0, SECOND))
     # After a jump as well.
     assert not passes(guard, at(300.0, SECOND + STEP))
-    guard.see((301.0, 0.0, 100.0), SECOND + STEP)
+    guard.note_position((301.0, 0.0, 100.0), SECOND + STEP)
     assert passes(guard, at(300.0, SECOND + 2 * STEP))
     # What a vehicle has reported long ago says nothing.
     guard = Guard()
-    guard.see((100.0, 0.0, 100.0), SECOND)
+    guard.note_position((100.0, 0.0, 100.0), SECOND)
     assert passes(guard, at(0.0, 3 * SECOND))
 
 

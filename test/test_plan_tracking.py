@@ -34,26 +34,26 @@ def odometry(x, y, velocity=(0.0, 0.0), frame_id='map', stamp=None, orientation=
     return message
 
 
-def known(*sent, now=50.0):
-    """Return what a PoseBook keeps of the last of some messages, each perhaps with its time."""
+def kept_pose(*sent, now=50.0):
+    """Return the pose that is kept of messages, each perhaps with its time of arrival."""
     book = PoseBook()
     for message in sent:
-        message, at = message if isinstance(message, tuple) else (message, now)
-        book.take('uav1/odom', message, 'map', at)
+        message, arrival = message if isinstance(message, tuple) else (message, now)
+        book.take('uav1/odom', message, 'map', arrival)
     return book.get('uav1/odom')
 
 
 @pytest.mark.parametrize('duration', [120.0, 120.1, 123.7, 1e3 / 7])
-def test_a_flight_that_waits_or_has_ended_is_said_to_whatever_its_times_are_rounded_to(duration):
+def test_the_state_of_a_flight_does_not_depend_on_the_rounding_of_its_times(duration):
     plan = fly_hover_fly(limited(Scenario.paper(duration, slots=50), 3.0))
     plan = replace(plan, start_ns=1_795_347_543_727_675_843)
     playback, tracking = Playback(plan), PlanTracking(PoseBook())
-    tracking.follow(plan, plan.start_ns * 1e-9)
+    tracking.add_plan(plan, plan.start_ns * 1e-9)
     for moment, expected in ((playback.begin, 'waiting'), (playback.duration, 'ended'),
                              (playback.begin + 1e-3, 'held'), (playback.duration - 1e-3, 'held')):
         for after in (0, 40_000_000, 77_777_777):
             clock_ns = plan.start_ns + 200_000_000_000 + after
-            tracking.take_report(messages.plan_time(
+            tracking.add_report(messages.plan_time(
                 plan, moment, RosTime(nanoseconds=clock_ns).to_msg()), clock_ns * 1e-9)
             assert tracking.flight(clock_ns * 1e-9).state == expected
 
@@ -63,12 +63,13 @@ def pose(stamp, x, frame_id='map'):
 
 
 def test_the_velocity_of_poses_is_that_of_the_last_second():
-    assert known(pose(40.0, 0.0)).velocity is None
-    assert known(pose(40.0, 0.0), pose(40.1, 0.5)).velocity is None  # too short to tell
+    assert kept_pose(pose(40.0, 0.0)).velocity is None
+    assert kept_pose(pose(40.0, 0.0), pose(40.1, 0.5)).velocity is None  # too short to tell
     steady = [pose(40 + 0.1 * step, 0.4 * step) for step in range(30)]
-    assert known(*steady).velocity == pytest.approx((4.0, 0.0))
-    assert known(pose(10.0, 0.0), pose(40.0, 9.0)).velocity is None
-    assert known(*steady, (pose(20.0, 0.0), 20.1)).velocity is None  # the clock has jumped back
+    assert kept_pose(*steady).velocity == pytest.approx((4.0, 0.0))
+    assert kept_pose(pose(10.0, 0.0), pose(40.0, 9.0)).velocity is None
+    # The clock has jumped back.
+    assert kept_pose(*steady, (pose(20.0, 0.0), 20.1)).velocity is None
 
 
 def test_places_in_two_frames_give_no_velocity():
@@ -84,7 +85,7 @@ def test_places_in_two_frames_give_no_velocity():
     ({'x': math.nan}, 'position.x is nan'),
     ({'orientation': {'w': math.nan}}, 'orientation.w is nan'),
     ({'orientation': {'z': 5.0, 'w': 5.0}}, 'orientation has length 7.07107; it must be')])
-def test_odometry_that_is_no_number_is_refused_and_the_last_one_kept(change, text):
+def test_odometry_that_is_not_finite_is_refused_and_the_last_pose_kept(change, text):
     book = PoseBook()
     book.take('uav1/odom', odometry(1.0, 2.0), 'map', 5.0)
     with pytest.raises(PoseError, match=text):
@@ -176,28 +177,26 @@ def test_the_status_has_the_distance_of_each_uav_and_warns_beyond_the_tolerance(
     values = values_of(status[-1])
     assert [values[f'track.{key}'] for key in ('distance.uav1', 'rate', 'planned_rate')] == [
         'none'] * 3
-    start, (first, second, *_) = seconds(path[-1].header.stamp), places_of(path[-1])
+    start, first = seconds(path[-1].header.stamp), places_of(path[-1])[0]
 
     def beside(x, y):
         """Send odometry of both UAVs, the first one beside its plan, in its first slot."""
         uavs[0].publisher.publish(odometry(first[0] + x, first[1] + y, stamp=start))
         uavs[1].publisher.publish(odometry(100.0, 500.0, stamp=start))
     client.set_parameters('planner', pose_timeout=0.0)
-    found = status_with(status, lambda: beside(0.3, 0.4), lambda values: (
+    near = status_with(status, lambda: beside(0.3, 0.4), lambda values: (
         values['track.distance.uav1'], values['track.distance.uav2']) == ('0.5', '0'), 'distances')
-    assert found.level == DiagnosticStatus.OK
-    assert (second != first).any()
-    found = status_with(status, lambda: beside(30.0, 40.0), lambda values: values[
+    assert near.level == DiagnosticStatus.OK
+    far = status_with(status, lambda: beside(30.0, 40.0), lambda values: values[
         'track.distance.uav1'] == '50', 'the distance')
-    assert found.level == DiagnosticStatus.WARN
-    assert 'uav1 is 50.0 m from its plan, beyond' in found.message
-    wait_for(lambda: diagnostics and diagnostics[-1].status[0].message == found.message)
+    assert far.level == DiagnosticStatus.WARN
+    assert 'uav1 is 50.0 m from its plan, beyond' in far.message
+    wait_for(lambda: diagnostics and diagnostics[-1].status[0].message == far.message)
     assert client.set_parameters('planner', track_tolerance=51.0)[0].successful
     wait_for(lambda: status[-1].level == DiagnosticStatus.OK)
-    # The rate so far, on both sides: here the UAVs move on beside their plan.
-    found = status_with(status, lambda: beside(0.0, 0.0), lambda values: values[
+    rated = status_with(status, lambda: beside(0.0, 0.0), lambda values: values[
         'track.rate'] != 'none', 'the rate')
-    assert np.isfinite(float(values_of(found)['track.planned_rate']))
+    assert np.isfinite(float(values_of(rated)['track.planned_rate']))
 
 
 @pytest.mark.parametrize('acceleration', [0.0, 2.0])
@@ -231,8 +230,8 @@ def test_a_plan_in_flight_starts_from_where_the_uav_will_be(client, acceleration
             assert np.linalg.norm(points[1] - points[0]) / 2.0 <= 2.0 * 2.0 + 1e-6
 
 
-def asked(message, now, plan=None, **changes):
-    """Return the first UAV of a mission asked for at a time in s, when it reports odometry."""
+def requested_uav(message, now, plan=None, **changes):
+    """Return the first UAV of a mission that is requested at a time in s, after its odometry."""
     settings, book = {**DEFAULTS, 'start_delay': 30.0, **changes}, PoseBook()
     for topic, sent in (
             ('ground_node/pose', pose(now, 0.0)), ('uav1/odom', message),
@@ -240,8 +239,8 @@ def asked(message, now, plan=None, **changes):
         book.take(topic, sent, 'map', now)
     tracking = PlanTracking(book)
     if plan is not None:
-        tracking.follow(plan, now)
-    flight, start = tracking.flight(now), StartTime.of(settings, round(now * 1e9), False)
+        tracking.add_plan(plan, now)
+    flight, start = tracking.flight(now), StartTime.from_settings(settings, round(now * 1e9), None)
     return scenario_from(
         settings, book, start, tracking.states(flight, settings, now), flight).uavs[0]
 
@@ -251,7 +250,7 @@ def test_a_uav_that_hovers_with_noisy_odometry_starts_where_it_hovers(noise):
     rng = np.random.default_rng(5)
     for _ in range(100):
         speed = rng.normal(scale=noise, size=2).tolist()
-        uav = asked(odometry(100.0, 500.0, speed, stamp=999.9), 1000.0, **{
+        uav = requested_uav(odometry(100.0, 500.0, speed, stamp=999.9), 1000.0, **{
             'uav1.max_acceleration': 2.0, 'uav2.max_acceleration': 2.0})
         assert math.dist(uav.start, (100.0, 500.0)) < 1.0 and uav.start_velocity == (0.0, 0.0)
 
@@ -259,7 +258,7 @@ def test_a_uav_that_hovers_with_noisy_odometry_starts_where_it_hovers(noise):
 def test_a_plan_in_flight_continues_the_last_one_for_a_uav_that_follows_it(two_plans):
     curve = Playback(two_plans[1])
     x, y = curve.at(20.0).positions[0]
-    uav = asked(odometry(x + 1.0, y, stamp=1020.0), 1020.0, two_plans[1])
+    uav = requested_uav(odometry(x + 1.0, y, stamp=1020.0), 1020.0, two_plans[1])
     assert uav.start == pytest.approx(curve.at(50.0).positions[0])
 
 
@@ -274,31 +273,40 @@ def test_a_plan_that_is_solved_too_late_for_its_start_is_refused(client):
         assert not path
 
 
-def test_a_problem_with_a_uav_is_told_while_a_solve_is_under_way():
+def test_a_problem_with_a_uav_is_in_the_status_during_a_solve():
     outcome, problems = RequestOutcome(DiagnosticStatus.OK, 'ok', 'a plan'), ['uav1 is 9 m off']
-    progress = Iteration(3, 'joint', 1.5, 0.1, 0.1)
-    assert level_and_text(outcome, problems, progress) == (
-        DiagnosticStatus.WARN, 'solving: iteration 3, 1.5000 bit/s/Hz; uav1 is 9 m off')
-    assert level_and_text(outcome, [], progress) == (
-        DiagnosticStatus.OK, 'solving: iteration 3, 1.5000 bit/s/Hz')
-    assert level_and_text(outcome, problems, None) == (DiagnosticStatus.WARN, 'uav1 is 9 m off')
-    assert level_and_text(outcome, [], None) == (DiagnosticStatus.OK, 'a plan')
     failed = outcome._replace(level=DiagnosticStatus.ERROR, text='it failed')
-    assert level_and_text(failed, problems, None) == (DiagnosticStatus.ERROR, 'it failed')
+    solving = 'solving: iteration 3, 1.5000 bit/s/Hz'
+    progress = Iteration(3, 'joint', 1.5, 0.1, 0.1)
+    for last, wrong, iteration, level, text in (
+            (outcome, problems, progress, DiagnosticStatus.WARN, f'{solving}; uav1 is 9 m off'),
+            (outcome, [], progress, DiagnosticStatus.OK, solving),
+            (outcome, problems, None, DiagnosticStatus.WARN, 'uav1 is 9 m off'),
+            (outcome, [], None, DiagnosticStatus.OK, 'a plan'),
+            (failed, problems, None, DiagnosticStatus.ERROR, 'it failed')):
+        assert level_and_text(last, wrong, iteration) == (level, text)
 
 
-def test_a_replan_that_was_refused_is_no_longer_reported_when_the_flight_has_ended():
+def test_the_end_of_the_flight_clears_the_refusal_of_a_replan_only():
     state = State(plan=fly_hover_fly(Scenario.paper(120.0, slots=10)))
     for is_replan in (False, True):
-        state.refuse(LateError('it comes too late'), 'too late', DiagnosticStatus.WARN, is_replan)
+        state.refuse(LateError('it comes too late'), is_replan)
         state.end_flight()
         assert (state.outcome.code == 'ok') is is_replan
 
 
-def hear(tracking, plan, *reports):
-    """Let a follower report (time of the clock, time of the plan) in s of a plan."""
-    for clock, reached in reports:
-        tracking.take_report(messages.plan_time(plan, reached, stamp_at(clock)), clock)
+def tracking_of(*plans, now=1000.0):
+    """Return a PlanTracking of plans that are published at a time in s."""
+    tracking = PlanTracking(PoseBook())
+    for plan in plans:
+        tracking.add_plan(plan, now)
+    return tracking
+
+
+def report(tracking, plan, *reports):
+    """Add reports about a plan: (time of the clock, time of the plan) in s."""
+    for clock, time_of_plan in reports:
+        tracking.add_report(messages.plan_time(plan, time_of_plan, stamp_at(clock)), clock)
 
 
 @pytest.fixture(scope='module')
@@ -309,15 +317,14 @@ def two_plans():
             for power in ('constant', 'optimised')]
 
 
-def test_a_replan_that_its_follower_does_not_take_up_is_not_what_is_flown(two_plans):
+def test_a_replan_that_its_follower_does_not_adopt_is_not_in_flight(two_plans):
     first, second = two_plans
-    tracking = PlanTracking(PoseBook())
-    tracking.follow(first, 1000.0)
-    hear(tracking, first, (1010.0, 10.0), (1010.1, 10.1))
-    tracking.follow(second, 1010.2)
-    hear(tracking, first, (1011.0, 11.0))  # It may not have it yet.
+    tracking = tracking_of(first)
+    report(tracking, first, (1010.0, 10.0), (1010.1, 10.1))
+    tracking.add_plan(second, 1010.2)
+    report(tracking, first, (1011.0, 11.0))  # It may not have it yet.
     assert tracking.flight(1011.0).playback.plan is second
-    hear(tracking, first, (1013.0, 13.0))
+    report(tracking, first, (1013.0, 13.0))
     assert tracking.flight(1013.0).playback.plan is first
     problems, values = tracking.report(
         {'uavs': ['uav1', 'uav2'], 'track_tolerance': 5.0, 'frame_id': 'map', 'pose_timeout': 0.0,
@@ -325,47 +332,45 @@ def test_a_replan_that_its_follower_does_not_take_up_is_not_what_is_flown(two_pl
     assert (values['track.plan'], values['track.state']) == (first.identity, 'flying')
     assert f'plan {second.identity} is not flown: the follower has not taken it up and flies ' \
            f'{first.identity}' in problems
-    hear(tracking, second, (1013.5, 13.5))
+    report(tracking, second, (1013.5, 13.5))
     assert tracking.flight(1013.5).playback.plan is second
 
 
-def test_a_follower_of_a_plan_that_is_not_known_is_named(two_plans):
-    known, other = two_plans
+def test_a_follower_of_an_unknown_plan_is_named(two_plans):
+    plan, unknown = two_plans
     tracking = PlanTracking(PoseBook())
-    hear(tracking, other, (1010.0, 10.0))
+    report(tracking, unknown, (1010.0, 10.0))
     problem, = tracking.report({'uavs': [], 'track_tolerance': 5.0}, 1010.5)[0]
-    assert f'flies plan {other.identity}, which this planner does not know' in problem
-    tracking.follow(known, 1010.6)
-    assert tracking.unknown_plan(1010.6) == other.identity
+    assert f'flies plan {unknown.identity}, which this planner does not know' in problem
+    tracking.add_plan(plan, 1010.6)
+    assert tracking.unknown_plan(1010.6) == unknown.identity
     assert tracking.unknown_plan(1012.0) is None  # Silent since.
 
 
-def test_nobody_predicts_a_flight_whose_pace_changes(two_plans):
+def test_a_flight_whose_rate_changes_is_not_steady(two_plans):
     plan, _ = two_plans
-    tracking = PlanTracking(PoseBook())
-    tracking.follow(plan, 1000.0)
+    tracking = tracking_of(plan)
     clocks = 1010.0 + np.arange(40) * 0.05
-    hear(tracking, plan, *((clock, clock - 1000.0) for clock in clocks))
-    hear(tracking, plan, (1012.0, 11.98), (1012.05, 12.05))  # A stamp that was taken late.
+    report(tracking, plan, *((clock, clock - 1000.0) for clock in clocks))
+    report(tracking, plan, (1012.0, 11.98), (1012.05, 12.05))  # A stamp that was taken late.
     tracking.check_steady(1012.05)
-    slower = np.arange(1, 11) * 0.05
-    hear(tracking, plan, *((1012.05 + since, 12.05 + since - 0.1 * since**2) for since in slower))
+    report(tracking, plan, *((1012.05 + since, 12.05 + since - 0.1 * since**2)
+                             for since in np.arange(1, 11) * 0.05))
     with pytest.raises(LateError, match='slowing down or speeding up'):
         tracking.check_steady(1012.55)
-    hear(tracking, plan, (1012.6, 12.574), (1012.65, 12.574))
+    report(tracking, plan, (1012.6, 12.574), (1012.65, 12.574))
     assert tracking.flight(1012.65).state == 'held'
     tracking.check_steady(1012.65)
-    tracking.check_steady(1014.0)  # Nothing was heard for long: it stands.
+    tracking.check_steady(1014.0)  # After a silence it stands.
 
 
 def test_a_flight_that_has_just_been_released_is_not_steady(two_plans):
     plan, _ = two_plans
-    tracking = PlanTracking(PoseBook())
-    tracking.follow(plan, 1000.0)
+    tracking = tracking_of(plan)
     for clock in 1010.0 + np.arange(30) * 0.05:
-        hear(tracking, plan, (clock, 10.0))
+        report(tracking, plan, (clock, 10.0))
         tracking.check_steady(clock)
-    hear(tracking, plan, (1011.5, 10.001))
+    report(tracking, plan, (1011.5, 10.001))
     with pytest.raises(LateError):
         tracking.check_steady(1011.5)
 
@@ -375,8 +380,8 @@ def test_a_follower_by_stamps_alone_is_on_its_plan_when_a_new_one_takes_over(two
     second = replace(first, start_ns=first.start_ns + 60 * 10**9)
     book = PoseBook()
     tracking = PlanTracking(book)
-    tracking.follow(first, 1000.0)
-    tracking.follow(second, 1050.0)
+    tracking.add_plan(first, 1000.0)
+    tracking.add_plan(second, 1050.0)
     message = odometry(*first.positions[0, 20].tolist(), stamp=1059.95)  # Of 60 s.
     book.take('uav1/odom', message, 'map', 1059.96)
     settings = {'uavs': ['uav1'], 'uav1.use_pose': True, 'frame_id': 'map', 'pose_timeout': 0.0}
@@ -390,12 +395,47 @@ def test_a_follower_by_stamps_alone_is_on_its_plan_when_a_new_one_takes_over(two
 
 
 @pytest.mark.parametrize('age, word', [(1.5, 'past'), (-3.0, 'future')])
-def test_reports_by_another_clock_are_named_with_what_differs(two_plans, age, word):
+def test_reports_by_another_clock_are_named_with_the_difference(two_plans, age, word):
     plan, _ = two_plans
-    tracking = PlanTracking(PoseBook())
-    tracking.follow(plan, 1000.0)
+    tracking = tracking_of(plan)
     settings = {'uavs': [], 'track_tolerance': 5.0}
-    tracking.take_report(messages.plan_time(plan, 10.0, stamp_at(1010.0 - age)), 1010.0)
+    tracking.add_report(messages.plan_time(plan, 10.0, stamp_at(1010.0 - age)), 1010.0)
     problem, = tracking.report(settings, 1010.2)[0]
     assert f'{abs(age):.1f} s in the {word}' in problem and 'NTP' in problem
-    assert not tracking.report(settings, 1012.0)[0]  # Nothing comes any more.
+    assert not tracking.report(settings, 1012.0)[0]  # Silent since.
+
+
+def test_after_a_silence_older_odometry_has_the_time_of_the_reports(two_plans):
+    """Also where the clock has just come to the time of the plan at which the flight stands."""
+    plan, _ = two_plans
+    book = PoseBook()
+    tracking = PlanTracking(book)
+    tracking.add_plan(plan, 1000.0)
+    report(tracking, plan, (1009.0, 18.0), (1010.0, 20.0))  # At double speed.
+    place = Playback(plan).at(19.0).positions[0].tolist()
+    book.take('uav1/odom', odometry(*place, stamp=1009.5), 'map', 1009.5)
+    settings = {'uavs': ['uav1'], 'frame_id': 'map', 'pose_timeout': 0.0}
+    for now in (1015.0, 22.0 + plan.start_ns * 1e-9, 1030.0):
+        assert tracking.flight(now).time == 22.0
+        assert tracking.distances(settings, now)['uav1'] < 1e-3
+
+
+def test_of_two_followers_the_first_under_way_counts_until_it_is_silent(two_plans):
+    plan, _ = two_plans
+    tracking = tracking_of(plan)
+
+    def add(follower, clock, time_of_plan):
+        tracking.add_report(messages.plan_time(
+            plan, time_of_plan, stamp_at(clock), follower), clock)
+        return tracking.flight(clock).time, tracking.report(
+            {'uavs': [], 'track_tolerance': 5.0}, clock)[0]
+
+    waiting = Playback(plan).begin
+    assert add('idle', 1010.0, waiting) == (waiting, [])
+    assert add('real', 1010.1, 3.0) == (3.0, [])  # The first one has not begun.
+    for follower, time_of_plan in (('idle', waiting), ('late', 1.0)):
+        time, (problem,) = add(follower, 1010.2, time_of_plan)
+        assert time == pytest.approx(3.0, abs=0.2)
+        assert "'real' counts" in problem and f"'{follower}' does not" in problem
+    assert add('real', 1011.0, 3.9) == (pytest.approx(3.9), [problem])
+    assert add('late', 1012.1, 2.9) == (pytest.approx(2.9), [])

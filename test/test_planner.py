@@ -351,7 +351,7 @@ def test_a_request_stops_the_bound_of_the_last_plan_before_it_is_solved(client, 
         return solve(scenario, **options)
 
     for name, function in (('upper_bound', held), ('solve', watched)):
-        monkeypatch.setattr(f'secure_uav_planner.ros.planner.{name}', function)
+        monkeypatch.setattr(f'secure_uav_planner.ros.solver.{name}', function)
     with node_here('planner', bound='after', pose_timeout=0.0, duration=104.0, slots=52):
         client.plan_paper()
         wait_for(under_way.is_set, what='the bound to be under way')

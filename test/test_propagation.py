@@ -6,8 +6,8 @@ import math
 
 import pytest
 from secure_uav_planner import Channel, PlanningError, Scenario
-from secure_uav_planner.ros.mission_parameters import channel_from, values_of
 from secure_uav_planner.ros.parameters import PLANNER
+from secure_uav_planner.ros.settings import channel_from, mission_values
 
 CHANNELS = (
     Channel(), Channel(2.6), Channel(los='urban', cautious=True), Channel(3.0, (5, 0.2, 12)),
@@ -26,8 +26,8 @@ def test_a_channel_survives_its_file(tmp_path, channel, name):
 
 @pytest.mark.parametrize('channel', CHANNELS, ids=range(len(CHANNELS)))
 def test_the_parameters_of_the_nodes_stand_for_every_channel(channel):
-    values = values_of(replace(Scenario.paper(), channel=channel, colluding=True))
-    checked = {name: spec.checked(name, values[name])
+    values = mission_values(replace(Scenario.paper(), channel=channel, colluding=True))
+    checked = {name: spec.convert(name, values[name])
                for name, spec in PLANNER.items() if name.startswith(('channel.', 'colluding'))}
     assert channel_from(checked) == channel and checked['colluding']
     with pytest.raises(PlanningError, match='channel.los_numbers is .*; it must be empty'):

@@ -31,12 +31,12 @@ def file(plan, tmp_path_factory):
 
 def messages(file):
     """Return the messages by topic, decoded from the definitions in the file alone."""
-    found = {}
+    entries = {}
     with file.open('rb') as stream:
         for schema, channel, message, decoded in make_reader(
                 stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            found.setdefault(channel.topic, []).append((message.log_time, schema.name, decoded))
-    return found
+            entries.setdefault(channel.topic, []).append((message.log_time, schema.name, decoded))
+    return entries
 
 
 @pytest.fixture(scope='module')
@@ -49,9 +49,9 @@ def test_the_command_writes_the_same_recording_on_request(tmp_path):
     assert main(['plan', str(tmp_path / 'mission.yaml'), '-o', str(tmp_path / 'out'), '--mcap',
                  '--bound-time-limit', '0', '--time-limit', '1']) == 0
     record(Plan.load(tmp_path / 'out' / 'plan.json'), tmp_path / 'plan.mcap')
-    found, again = (messages(path) for path in (
+    written, again = (messages(path) for path in (
         tmp_path / 'out' / 'plan.mcap', tmp_path / 'plan.mcap'))
-    assert str(found) == str(again) and sum(map(len, found.values())) > 100
+    assert str(written) == str(again) and sum(map(len, written.values())) > 100
 
 
 def test_every_topic_of_both_nodes_is_there_with_its_type(read):
@@ -86,10 +86,10 @@ def test_every_eavesdropper_has_a_topic_of_its_own_name(plan, tmp_path):
 def test_zones_fence_and_distances_are_recorded(tmp_path):
     path = tmp_path / 'city.mcap'
     record(city.plan_by_hand(Scenario.load(city.FILE)), path, rate=0.1)
-    found = messages(path)
-    names = [marker.ns for marker in found['/planner/markers'][-1][2].markers]
+    topics = messages(path)
+    names = [marker.ns for marker in topics['/planner/markers'][-1][2].markers]
     assert names.count('no_fly_zone') == 3 and names.count('geofence') == 1
-    values = {one.key: one.value for one in found['/planner/status'][-1][2].values}
+    values = {pair.key: pair.value for pair in topics['/planner/status'][-1][2].values}
     assert float(values['plan.uav_distance']) > 20
     assert values['plan.zone_distance.between'] == 'courier, hospital'
     assert float(values['plan.curve_rate']) == pytest.approx(
@@ -128,9 +128,10 @@ def test_latched_topics_are_offered_latched(file):
 def test_rosbags_opens_it_as_well(file, plan):
     from rosbags.highlevel import AnyReader
     with AnyReader([file]) as reader:
-        connections = [one for one in reader.connections if one.topic == '/uav1/setpoint/pose']
-        last = [reader.deserialize(data, one.msgtype)
-                for one, _, data in reader.messages(connections)][-1]
+        connections = [connection for connection in reader.connections
+                       if connection.topic == '/uav1/setpoint/pose']
+        last = [reader.deserialize(data, connection.msgtype)
+                for connection, _, data in reader.messages(connections)][-1]
     assert last.pose.position.y == -500.0
 
 

@@ -143,8 +143,8 @@ def reported(client, kind, topic, fill, odometry, known=lambda: True, first=lamb
     return wait_for(come, what='odometry')
 
 
-def numbers(of, names='xyz'):
-    return [getattr(of, name) for name in names]
+def numbers(message, names='xyz'):
+    return [getattr(message, name) for name in names]
 
 
 @pytest.mark.parametrize('stack', STACKS)
@@ -170,12 +170,12 @@ def test_a_wrong_parameter_ends_it_with_the_reason(capfd, parameters, reason):
 def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_moved(
         packages, client):
     kind = packages('mavros_msgs', 'PositionTarget')
-    found = client.listen(kind, 'uav2/mavros/setpoint_raw/local', 1000)
+    targets = client.listen(kind, 'uav2/mavros/setpoint_raw/local', 1000)
     odometry = client.listen(Odometry, 'uav2/odom', 10)
     with node_here('relay', stack='mavros', uav2__origin='[1.0, 2.0, 3.0]'):
         source = Source(client, 'uav2')
-        source.until(lambda: found)
-        target = found[0]
+        source.until(lambda: targets)
+        target = targets[0]
         assert target.header.frame_id == 'map' and target.header.stamp in source.stamps
         assert target.coordinate_frame == kind.FRAME_LOCAL_NED
         assert target.type_mask == kind.IGNORE_YAW_RATE
@@ -186,8 +186,8 @@ def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_
         # A source that knows positions only.
         source.message.points[0].velocities = []
         source.message.points[0].accelerations = []
-        source.until(lambda: found[-1].type_mask != kind.IGNORE_YAW_RATE)
-        assert found[-1].type_mask == sum(
+        source.until(lambda: targets[-1].type_mask != kind.IGNORE_YAW_RATE)
+        assert targets[-1].type_mask == sum(
             getattr(kind, f'IGNORE_{name}') for name in (
                 'VX', 'VY', 'VZ', 'AFX', 'AFY', 'AFZ', 'YAW_RATE'))
 
@@ -243,7 +243,7 @@ def test_px4_gets_ned_and_a_stream_that_stops_is_held_without_speed_and_then_end
         assert target.acceleration.tolist() == [-0.25, 0.5, 0.0]
         assert np.isnan(target.jerk).all() and math.isnan(target.yawspeed)
         assert target.yaw == pytest.approx(math.pi / 2 - 0.3)
-        assert any(mode.timestamp == one.timestamp for mode in modes for one in targets)
+        assert {mode.timestamp for mode in modes} & {target.timestamp for target in targets}
         assert modes[0].position and modes[0].velocity and modes[0].acceleration
         assert not modes[0].attitude
         # Setpoints stop: the last place is held for a while, and then nothing comes any more.
@@ -291,21 +291,21 @@ def test_a_planner_plans_from_where_px4_says_that_its_vehicle_is(packages, clien
         client.send_pose('uav2/pose', 110.0, 10.0)
         client.plan_paper()
         wait_for(lambda: all(paths.values()))
-        starts = {name: numbers(found[-1].poses[0].pose.position, 'xy')
-                  for name, found in paths.items()}
+        starts = {name: numbers(path[-1].poses[0].pose.position, 'xy')
+                  for name, path in paths.items()}
         assert starts == {'uav1': [87.0, 484.0], 'uav2': [110.0, 500.0]}
 
 
 def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packages, client):
-    found = client.listen(packages('as2_msgs', 'TrajectorySetpoints'),
-                          'drone0/motion_reference/trajectory', 1000)
+    targets = client.listen(packages('as2_msgs', 'TrajectorySetpoints'),
+                            'drone0/motion_reference/trajectory', 1000)
     odometry = client.listen(Odometry, 'uav1/odom', 10)
     with node_here('relay', stack='aerostack2', vehicles='[drone0, drone1]',
                    frame_id='earth'):
         source = Source(client, 'uav1')
-        source.until(lambda: found)
-        assert found[0].header.frame_id == 'map' and found[0].header.stamp in source.stamps
-        point, = found[0].setpoints
+        source.until(lambda: targets)
+        assert targets[0].header.frame_id == 'map' and targets[0].header.stamp in source.stamps
+        point, = targets[0].setpoints
         assert numbers(point.position) == [10.0, 20.0, 30.0]
         assert (point.twist.x, point.twist.y) == (3.0, 4.0)
         assert (point.acceleration.x, point.acceleration.y) == (0.5, -0.25)
@@ -323,9 +323,9 @@ def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packag
         assert there.pose.pose.position.y == 8.0 and there.twist.twist.linear.x == 3.0
 
 
-def test_what_is_no_setpoint_or_jumps_is_not_relayed_and_said_once_in_a_while(packages, client):
-    found = client.listen(packages('mavros_msgs', 'PositionTarget'),
-                          'uav1/mavros/setpoint_raw/local', 1000)
+def test_a_setpoint_that_is_invalid_or_jumps_is_refused_with_throttled_warnings(packages, client):
+    targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
+                            'uav1/mavros/setpoint_raw/local', 1000)
     with node_here('relay', stack='mavros', setpoint_timeout=60.0) as process:
         source = Source(client, 'uav1')
 
@@ -342,21 +342,21 @@ def test_what_is_no_setpoint_or_jumps_is_not_relayed_and_said_once_in_a_while(pa
         turn = point.transforms[0].rotation
         turn.z, turn.w = 0.0, 0.0
         until_said('rotation has length 0; it must be a quaternion of length 1')
-        assert not found
+        assert not targets
         turn.w = 1.0
-        source.until(lambda: found)
+        source.until(lambda: targets)
         point.velocities[0].linear.x = 500.0
         until_said('a setpoint of uav1 is not relayed: it has 500.0 m/s, and max_jump and')
         point.velocities[0].linear.x = 3.0
         # A jump, such as that of another source, 400 m away: the last place is held.
         source.place.x = 410.0
         until_said('a setpoint of uav1 is not relayed: it is 400.0 m from the last one')
-        source.until(lambda: not numbers(found[-1].velocity, 'xy')[0])
-        assert {target.position.x for target in found} == {10.0}
+        source.until(lambda: not numbers(targets[-1].velocity, 'xy')[0])
+        assert {target.position.x for target in targets} == {10.0}
         # It follows again from there.
         source.place.x = 12.0
-        source.until(lambda: found[-1].position.x == 12.0)
-        assert found[-1].velocity.x == 3.0
+        source.until(lambda: targets[-1].position.x == 12.0)
+        assert targets[-1].velocity.x == 3.0
         assert sum('is not relayed' in line for line in process.lines) < 40
 
 
@@ -364,22 +364,22 @@ def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(
         packages, client, tmp_path):
     scenario = with_uavs(Scenario.paper(slots=16), goal=(100.0, 460.0), max_acceleration=4.0)
     fly_hover_fly(replace(scenario, duration=8.0)).save(tmp_path / 'plan.json')
-    found = client.listen(packages('mavros_msgs', 'PositionTarget'),
-                          'uav1/mavros/setpoint_raw/local', 1000)
+    targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
+                            'uav1/mavros/setpoint_raw/local', 1000)
     # However slow this machine is, the stream has not ended in between.
     with node_process('relay', stack='mavros', setpoint_timeout=60.0) as relay, \
             node_process('replay', plan_file=tmp_path / 'plan.json') as replay:
         assert client.call('replay/start').success
-        wait_for(lambda: found and found[-1].velocity.y < -5.0)
+        wait_for(lambda: targets and targets[-1].velocity.y < -5.0)
         assert client.call('replay/pause').success
-        wait_for(lambda: found[-1].velocity.y == 0.0)
+        wait_for(lambda: targets[-1].velocity.y == 0.0)
         assert client.call('replay/start').success
         wait_for_line(replay, 'end of the plan')
-        wait_for(lambda: numbers(found[-1].position, 'xy') == [100.0, 460.0])
+        wait_for(lambda: numbers(targets[-1].position, 'xy') == [100.0, 460.0])
         assert not any('is not relayed' in line for line in relay.lines)
 
 
-def test_a_second_node_with_the_odometry_of_a_uav_is_warned_of(packages, client):
+def test_a_second_publisher_of_the_odometry_of_a_uav_is_a_warning(packages, client):
     odometry = client.listen(Odometry, 'uav1/odom', 10)
     client.node.create_publisher(Odometry, 'uav1/odom', 10)
     with node_here('relay', stack='mavros') as process:

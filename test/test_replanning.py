@@ -12,17 +12,17 @@ from secure_uav_planner.errors import (
     InfeasibleMissionError, LateError, OptionError, PlanningError)
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.messages import plan_time
-from secure_uav_planner.ros.mission_parameters import objective_from
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.replanning import check_in_time, Replanning
+from secure_uav_planner.ros.scenarios import check_in_time, Replanning
+from secure_uav_planner.ros.settings import objective_from
 
 START = 1000  # of the plan, in s
 
 
 class Bench:
     """
-    A plan, what is known of everybody, and what comes of a check whether a replan is due.
+    A plan in flight, poses, and the replans that are due.
 
     :ivar published: new plans, each with the time in s at which it takes effect.
     """
@@ -31,39 +31,39 @@ class Bench:
         self.plan = plan
         self.poses = PoseBook()
         self.tracking = PlanTracking(self.poses)
-        self.tracking.follow(plan, START)
+        self.tracking.add_plan(plan, START)
         self.published, self.refused = [], []
-        self.now_ns = 0  # When a new plan is ready.
+        self.now_ns = 0  # At which a new plan is ready.
         self.replanning = Replanning(self.poses, self.tracking)
 
     def replan(self, last, now, **settings):
         settings = {**DEFAULTS, 'replan_lead': 5.0, **settings}
-        rest = self.replanning.rest_if_due(last, settings, now)
-        if rest is None:
+        remainder = self.replanning.find_due(last, settings, now)
+        if remainder is None:
             return
         try:
-            rejoin = rest.rejoin()
+            rejoin = remainder.find_rejoin()
             plan = rejoin.splice(solve(
                 rejoin.scenario, method=settings['method'], objective=objective_from(settings),
-                initial=rejoin.tail, time_limit=rest.time_limit))
+                initial=rejoin.tail, time_limit=remainder.time_limit))
             check_in_time(rejoin, self.tracking.flight(self.now_ns * 1e-9))
         except PlanningError as error:
-            self.replanning.failed()
+            self.replanning.note_failure()
             self.refused.append(error)
         else:
             self.published.append((plan, rejoin.effect))
 
-    def know(self, kind, topic, x, y, now):
+    def add_pose(self, kind, topic, x, y, now):
         self.poses.take(topic, pose_message(kind, x, y), 'map', now)
 
     def check(self, time, eavesdropper=(200.0, 0.0), offset=None, **settings):
         """Check at a time of the plan in s; the offset in m is that of the first UAV."""
         now = START + time
-        self.know(PoseStamped, 'ground_node/pose', 0, 0, now)
-        self.know(PoseWithCovarianceStamped, 'eavesdropper/pose', *eavesdropper, now)
+        self.add_pose(PoseStamped, 'ground_node/pose', 0, 0, now)
+        self.add_pose(PoseWithCovarianceStamped, 'eavesdropper/pose', *eavesdropper, now)
         if offset is not None:
             place = Playback(self.plan).at(time).positions[0] + offset
-            self.know(Odometry, 'uav1/odom', *place, now)
+            self.add_pose(Odometry, 'uav1/odom', *place, now)
         self.replan(self.plan, now, **settings)
 
 
@@ -90,23 +90,23 @@ def test_a_deviation_is_a_reason_to_plan_again_once_in_every_lead(bench):
     assert [effect for _, effect in bench.published] == [36.0, 42.0]
 
 
-def test_a_uav_that_cannot_be_met_is_a_refusal_but_does_not_hide_an_eavesdropper(bench, plan):
+def test_a_uav_that_cannot_be_met_does_not_prevent_a_replan_for_an_eavesdropper(bench, plan):
     bench.check(100.0, offset=(60.0, 0.0), replan_deviation=5.0)
     assert not bench.published and len(bench.refused) == 1
     assert isinstance(bench.refused[0], InfeasibleMissionError)
     assert 'uav1 (60.0 m from it) cannot be met' in str(bench.refused[0])
     bench.check(100.0, (160.0, 0.0), (60.0, 0.0), replan_distance=5.0)
-    (found, effect), = bench.published
+    (replan, effect), = bench.published
     assert effect == 105.0 and len(bench.refused) == 1
-    assert found.scenario.eavesdroppers[0].position == (160.0, 0.0)
-    assert (found.positions[:, :36] == plan.positions[:, :36]).all()
+    assert replan.scenario.eavesdroppers[0].position == (160.0, 0.0)
+    assert (replan.positions[:, :36] == plan.positions[:, :36]).all()
 
 
 def test_a_uav_whose_odometry_is_stale_counts_as_on_its_plan(bench, plan):
     bench.check(30.0, offset=(20.0, 0.0), pose_timeout=0.0)
     bench.check(50.0, replan_period=1.0, pose_timeout=10.0)
-    (found, _), = bench.published
-    assert (found.positions[:, :19] == plan.positions[:, :19]).all()
+    (replan, _), = bench.published
+    assert (replan.positions[:, :19] == plan.positions[:, :19]).all()
     again = Bench(plan)
     again.check(30.0, offset=(20.0, 0.0), pose_timeout=0.0)
     again.check(35.0, replan_period=1.0, pose_timeout=10.0)
@@ -125,16 +125,16 @@ def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
         assert len(bench.refused) == failures, time
     assert all(isinstance(error, LateError if late else OptionError) for error in bench.refused)
     # A new plan, as of a request, ends the wait.
-    bench.replanning.planned(START + 70.3)
+    bench.replanning.note_plan(START + 70.3)
     bench.now_ns = 0
     bench.check(70.4, (160.0, 0.0), replan_distance=5.0, replan_lead=40.0)
     assert len(bench.published) == 1 and len(bench.refused) == 2
 
 
 def report(bench, clock, time):
-    """Let a follower say to what time of the plan it has come at a time of the clock, in s."""
+    """Add a report of the time of the plan at a time of the clock, in s."""
     message = plan_time(bench.plan, time, stamp_at(START + clock))
-    bench.tracking.take_report(message, START + clock)
+    bench.tracking.add_report(message, START + clock)
 
 
 def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(bench, plan):
@@ -144,7 +144,7 @@ def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(benc
         time = min(max(0.0, clock - 4.0), 30.0)
         report(bench, clock, time)
         place = Playback(plan).at(time).positions[0]
-        bench.know(Odometry, 'uav1/odom', *place, START + clock)
+        bench.add_pose(Odometry, 'uav1/odom', *place, START + clock)
         bench.check(clock, **settings)
     assert not bench.published and not bench.refused
     flight = bench.tracking.flight(START + 59.75)
@@ -157,12 +157,12 @@ def test_a_replan_of_a_later_flight_takes_effect_by_the_time_of_its_plan(bench, 
         report(bench, clock, clock - 7.0)
     bench.now_ns = (START + 41) * 10**9
     bench.check(40.0, (160.0, 0.0), replan_distance=5.0)
-    (found, effect), = bench.published
+    (replan, effect), = bench.published
     assert effect == 39.0  # The point at or after 33 + 5 s.
-    assert (found.positions[:, :14] == plan.positions[:, :14]).all()
+    assert (replan.positions[:, :14] == plan.positions[:, :14]).all()
 
 
-def test_a_follower_that_falls_silent_is_not_believed_to_fly_on(bench):
+def test_the_flight_of_a_silent_follower_stands_still(bench):
     for clock in (39.5, 40.0):
         report(bench, clock, clock)
     assert bench.tracking.flight(START + 40.5).rate == 1.0
@@ -172,32 +172,32 @@ def test_a_follower_that_falls_silent_is_not_believed_to_fly_on(bench):
     assert not bench.published
 
 
-def test_however_many_plans_wait_the_one_that_is_flown_is_known(bench, plan):
+def test_however_many_plans_wait_the_plan_in_flight_is_tracked(bench, plan):
     for reported in (False, True):
         for number in range(20):
             if reported:
                 report(bench, 40.0 + number, 40.0 + number)
-            bench.tracking.follow(
+            bench.tracking.add_plan(
                 replace(plan, start_ns=plan.start_ns + (60 + number) * 10**9), START + 40 + number)
             assert bench.tracking.flight(START + 40 + number).playback.plan is plan
 
 
-def test_where_a_replan_is_not_taken_up_the_next_goes_on_from_what_is_flown(bench, plan):
+def test_where_a_replan_is_not_adopted_the_next_continues_the_plan_in_flight(bench, plan):
     refused = replace(plan, powers=plan.powers * 0.9)
-    bench.tracking.follow(refused, START + 5.0)
+    bench.tracking.add_plan(refused, START + 5.0)
     for clock in (7.0, 8.0, 9.95, 10.0):
         report(bench, clock, clock)
     bench.now_ns = (START + 10) * 10**9
     assert bench.tracking.flight(START + 10.0).playback.plan is plan
-    bench.know(PoseStamped, 'ground_node/pose', 0, 0, START + 10.0)
-    bench.know(PoseWithCovarianceStamped, 'eavesdropper/pose', 200.0, 0.0, START + 10.0)
+    bench.add_pose(PoseStamped, 'ground_node/pose', 0, 0, START + 10.0)
+    bench.add_pose(PoseWithCovarianceStamped, 'eavesdropper/pose', 200.0, 0.0, START + 10.0)
     bench.replan(refused, START + 10.0, replan_period=1.0)
-    (found, effect), = bench.published
-    assert effect == 15.0 and (found.powers[:, :5] == plan.powers[:, :5]).all()
+    (replan, effect), = bench.published
+    assert effect == 15.0 and (replan.powers[:, :5] == plan.powers[:, :5]).all()
 
 
 @pytest.mark.parametrize('left, refusals', [(0.1, 1), (0.3, 0)])
-def test_a_replan_that_comes_too_late_to_be_passed_on_is_refused(bench, left, refusals):
+def test_a_replan_that_comes_too_late_for_its_follower_is_refused(bench, left, refusals):
     bench.now_ns = round((START + 12.0 - left) * 1e9)  # It takes effect at 12 s.
     bench.check(5.0, replan_period=1.0)
     assert len(bench.refused) == refusals and len(bench.published) == 1 - refusals

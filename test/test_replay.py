@@ -77,7 +77,7 @@ def send(client, plan, start_ns, change=lambda kind, uav, message: None,
          topics=('path', 'power')):
     """Send the messages of a plan, each changed by a function, with no delay in between."""
     plan = replace(plan, start_ns=start_ns)
-    found, made = dict(messages.of_plan(plan, 'earth')), []
+    found, made = dict(messages.plan_messages(plan, 'earth')), []
     for index, uav in enumerate(plan.scenario.uavs):
         for topic in topics:
             message = found[f'{uav.name}/{topic}']

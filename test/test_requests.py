@@ -59,9 +59,9 @@ def planner_with(solve, **parameters):
                'import os\n'
                'import time\n'
                'from secure_uav_planner import fly_hover_fly, Iteration, Plan\n'
-               'import secure_uav_planner.ros.planner as planner\n'
+               'from secure_uav_planner.ros import planner, solver\n'
                f'{solve}\n'
-               'planner.solve = solve\n'
+               'solver.solve = solve\n'
                'planner.main()\n')
     with node_process('planner', program=program, **parameters) as process:
         wait_for_line(process, 'ready')
@@ -235,7 +235,7 @@ def solve(scenario, initial=None, **options):
 def test_a_request_that_fails_leaves_the_last_plan_its_bound(client):
     fails_later = """
 calls = []
-real = planner.solve
+real = solver.solve
 def solve(scenario, **options):
     calls.append(1)
     if len(calls) == 2:

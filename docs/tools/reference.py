@@ -11,9 +11,8 @@ from typing import NamedTuple
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import (
-    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters,
+    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, Spec, uav_parameters,
     zone_parameters)
-from secure_uav_planner.ros.spec import Spec
 from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
 
 

@@ -34,13 +34,18 @@ class Flight(NamedTuple):
 
     :ivar time: present time of the plan, in s from point 0.
     :ivar rate: of that time; 1 is real time, 0 is a hold.
-    :ivar is_reported: True if a follower reported the time, False if it follows from the stamps.
+    :ivar source: of the time: the 'reports' of a follower, their 'silence', or the 'stamps'.
     """
 
     playback: Playback
     time: float
     rate: float
-    is_reported: bool
+    source: str
+
+    @property
+    def is_reported(self) -> bool:
+        """Whether a follower reports the time."""
+        return self.source == 'reports'
 
     @property
     def state(self) -> str:

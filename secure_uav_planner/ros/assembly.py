@@ -15,18 +15,16 @@ from ..plan.plan import Plan
 _SETTLING_NS = 100_000_000
 _PATIENCE_NS = 2_000_000_000
 _IRREGULAR = 0.01  # Largest error of a point's time, as a share of a slot.
-_SAME_ALTITUDE = 1e-3
-_SAME_PLACE = 1e-3
+_SAME_ALTITUDE = _SAME_PLACE = 1e-3  # m
 
 
 class Assembly:
     """
     Collects the messages of a plan, which arrive one by one and in any order.
 
-    Every message is used for one plan only, because messages with powers have no stamp, and new
-    powers must not be combined with an old path. A plan may have no trajectories. They are waited
-    for where somebody publishes them, as `expects` says of a topic, and one that comes late makes
-    the last plan anew.
+    Each message is used for one plan only, because powers have no stamp, and new powers must not
+    be combined with an old path. Trajectories are optional: a plan waits for those on topics that
+    `expects` is true of, and a late one makes the last plan anew.
     """
 
     def __init__(self, names: Sequence[str], expects: Callable[[str], bool]) -> None:
@@ -40,12 +38,12 @@ class Assembly:
     def take(self, topic: str, message: bytes, now_ns: int) -> None:
         """Keep a serialized message as the newest of its topic."""
         self._new[topic] = message
-        # A trajectory that comes before everything else of its plan waits in silence.
+        # A trajectory that comes before the rest of its plan does not begin the wait for that.
         if self._has_begun() or self._late():
             self._received = now_ns
 
     def is_due(self, now_ns: int) -> bool:
-        """Return whether a set is complete and settled, or its rest has been missing too long."""
+        """Return True if a set is complete and settled, or its rest has been missing too long."""
         if self._received is None:
             return False
         # After the clock has jumped back, do not wait.
@@ -53,24 +51,24 @@ class Assembly:
         return not 0 <= now_ns - self._received < patience
 
     def is_whole(self) -> bool:
-        """Return whether there is a message of every topic, of which at least one is new."""
+        """Return True if there is a message of each topic, and at least one is new."""
         return self._received is not None and not self._missing()
 
     def is_arriving(self) -> bool:
-        """Return whether some messages of a plan have come and others are still waited for."""
+        """Return True if messages of a plan have come, but not all."""
         return self._received is not None and bool(self._missing())
 
     @property
     def problem(self) -> str:
-        """Why the messages that have come do not make a newer plan yet, or an empty string."""
+        """Reason why the new messages do not make a plan yet, or an empty string."""
         missing = self._missing() if self._has_begun() else []
         return _nothing_on(missing) if missing else ''
 
     def plan(self, **fields: Any) -> tuple[Plan, str]:
         """
-        Return the plan that the messages contain, and its frame.
+        Return the plan in the messages, and its frame.
 
-        :param fields: those of its Scenario that no message contains.
+        :param fields: the fields of its Scenario that no message contains.
         :raises PlanningError: if the messages do not make a plan. They are kept, because a later
             message may complete them.
         """
@@ -85,12 +83,12 @@ class Assembly:
         return plan, paths[self._names[0]].frame
 
     def without_trajectory(self) -> list[str]:
-        """Return the topics that are published and of which nothing came for the last plan."""
+        """Return the expected trajectories that the last plan has not."""
         return [topic for topic in self._optional
                 if topic not in self._last and self._expects(topic)]
 
     def _has_begun(self) -> bool:
-        """Return whether anything but trajectories is new."""
+        """Return True if a path or a power is new."""
         return any(topic in self._new for topic in self._needed)
 
     def _chosen(self) -> dict[str, bytes]:
@@ -101,7 +99,7 @@ class Assembly:
             topic: self._new[topic] for topic in self._needed if topic in self._new}
 
     def _late(self) -> dict[str, bytes]:
-        """Return the new trajectories that the last plan was made without."""
+        """Return the new trajectories that the last plan has not."""
         return {topic: message for topic, message in self._trajectories(self._last).items()
                 if topic not in self._last}
 
@@ -113,7 +111,7 @@ class Assembly:
                     == stamp_of(plan[f'{name}/path']))}
 
     def _missing(self) -> list[str]:
-        """Return the topics on which something is waited for."""
+        """Return the topics of the messages that the plan waits for."""
         chosen = self._chosen()
         return [topic for topic in (*self._needed, *filter(self._expects, self._optional))
                 if topic not in chosen]
@@ -125,7 +123,7 @@ def _nothing_on(topics: Sequence[str]) -> str:
 
 def _plan_from(paths: Mapping[str, PathContent], messages: Mapping[str, bytes],
                fields: Mapping[str, Any]) -> Plan:
-    """Return the Plan that messages contain; its limits are the smallest that the plan keeps."""
+    """Return the Plan in the messages; its limits are the smallest that it keeps."""
     names, powers = list(paths), [read_power(messages[f'{name}/power']) for name in paths]
     slots = len(powers[0])
     _check_frames(paths)
@@ -170,7 +168,7 @@ def _motion(name: str, message: bytes, path: PathContent) -> list[Array] | None:
 
 
 def _check_motions(plan: Plan, motions: Mapping[str, list[Array]]) -> None:
-    """Compare the curve of a plan with the trajectories that it was made from."""
+    """Raise a PlanError if the trajectories are not the curve of the plan."""
     curves = plan.curve.at(plan.times).positions
     for uav, curve in zip(plan.scenario.uavs, curves, strict=True):
         apart = np.linalg.norm(motions.get(uav.name, [curve])[0] - curve, axis=-1)

@@ -1,8 +1,8 @@
 """
 Serialized messages of a plan (CDR, little-endian, as DDS carries them) as arrays.
 
-rclpy makes objects of a message while nothing else runs: 0.3 s for a trajectory of 2,000 points.
-The points are equally long here, so that NumPy reads them in place.
+rclpy blocks all threads while it makes objects: 0.3 s for a trajectory of 2,000 points. NumPy
+reads the points in place, because they are equally long.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,8 +22,8 @@ class PathContent(NamedTuple):
     """
     Content of a nav_msgs/Path.
 
-    :ivar pose_frames: that of the first pose, and the first one that is another.
-    :ivar times_ns: of the poses, (P,) in ns; P = 0 where these are in two frames.
+    :ivar pose_frames: the frame of the first pose, and the first different one.
+    :ivar times_ns: of the poses, (P,) in ns; P = 0 if these have different frames.
     :ivar places: of the poses, (P, 3) in m.
     """
 
@@ -40,7 +40,7 @@ class TrajectoryContent(NamedTuple):
 
     :ivar size: the number of points.
     :ivar motion: horizontal positions, velocities and accelerations, (size, 2) each, or None
-        where a point has not one of each.
+        unless each point has one of each.
     """
 
     frame: str
@@ -65,7 +65,7 @@ def read_path(data: bytes) -> PathContent:
         name = data[begin + 12:cursor.at]
         places_at = cursor.align(8)
         stride = -(-(12 + len(name)) // 8) * 8 + _POSE
-        # Poses in another frame may be shorter: the last of these may end behind the message.
+        # Poses in different frames may be shorter, and the last of them end behind the message.
         later = min(count - 1, -(-(len(data) - places_at - _POSE) // stride))
         filled = _Cursor(data + bytes(stride))
         heads = filled.array('<u4', (later, 3), (stride, 4), places_at + _POSE)
@@ -130,7 +130,7 @@ class _Cursor:
         self._data, self.at = data, 4
 
     def align(self, size: int) -> int:
-        """Go on to a multiple of a size from the beginning behind the encoding."""
+        """Advance to a multiple of a size from the end of the encoding."""
         self.at += (4 - self.at) % size
         return self.at
 

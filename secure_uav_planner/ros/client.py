@@ -26,6 +26,7 @@ import rclpy
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -41,7 +42,7 @@ _RECEPTION = ('ground_node', 'eavesdroppers', 'reference_snr_db', 'channel', 'co
 _REPEAT = 0.2  # s
 _PATIENCE = 120.0  # s
 
-# Linux assigns the ports of these domains to no other program. Tests and users have lower domains.
+# Linux assigns the ports of these domains to no program. Tests and users have lower domains.
 _DOMAINS = range(215, 233)
 
 
@@ -53,16 +54,16 @@ class SecurePlanner:
     """
     Asks the planner for plans and has the replay fly them.
 
-    It is a context, in which it is part of the ROS graph; its messages arrive in a thread of its
-    own.
+    It is a context manager, within which it is part of the ROS graph; its messages arrive in a
+    thread of its own.
 
-    :param scenario: the mission that the nodes have, by default the paper's: the names of its
-        members, and where the ground node and the eavesdroppers are for send_poses.
+    :param scenario: the mission of the nodes, by default the paper's: the names of its members,
+        and the positions of the receivers for send_poses.
     :param namespace: of the nodes.
-    :param on_status: called with the planner's status whenever it comes, in the client's thread.
-    :ivar status: the values of the last one, by key.
-    :ivar last_plan: the Plan that came last, or None; its receivers are those of the scenario, and
-        its UAVs have the smallest limits that the plan keeps.
+    :param on_status: called with each status of the planner, in the client's thread.
+    :ivar status: the values of the last status, by key.
+    :ivar last_plan: the last Plan, or None; its receivers are those of the scenario, and its UAVs
+        have the smallest limits that the plan keeps.
     """
 
     def __init__(self, scenario: Scenario | None = None, namespace: str = '',
@@ -75,7 +76,7 @@ class SecurePlanner:
         self._services: dict[str, Client] = {}
         self._arrived = threading.Condition()
         self._stop = threading.Event()
-        self._failure: Exception | None = None  # Of a callback.
+        self._callback_error: Exception | None = None
 
     def __enter__(self) -> 'SecurePlanner':
         self._context = Context()
@@ -106,13 +107,13 @@ class SecurePlanner:
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    # What the nodes do
+    # Services
 
     def plan(self, timeout: float = _PATIENCE) -> Plan:
         """
-        Have the planner plan now, and return the plan that it publishes.
+        Ask for a plan now, and return the Plan that the planner publishes.
 
-        :param timeout: s, after which the solve is cancelled.
+        :param timeout: s after which the solve is cancelled.
         :raises ClientError: with the planner's reason for a refusal.
         """
         before = self.last_plan
@@ -126,11 +127,11 @@ class SecurePlanner:
         return self.last_plan
 
     def cancel(self) -> None:
-        """Stop the solve that is under way; also from another thread than that of plan()."""
+        """Stop the solve under way, which plan() waits for in another thread."""
         self.call('planner/cancel')
 
     def start(self) -> str:
-        """Release the plan, or go on after a pause; return what follows, in words."""
+        """Release the plan, or go on after a pause; return the next state in words."""
         return self.call('replay/start')
 
     def pause(self) -> str:
@@ -142,7 +143,7 @@ class SecurePlanner:
         return self.call('replay/reset')
 
     def send_poses(self, stamp: Stamp | None = None) -> None:
-        """Publish where the scenario has the ground node and the eavesdroppers, as of now."""
+        """Publish the scenario's positions of the receivers, by default stamped now."""
         self.send_ground_node(self.scenario.ground_node, stamp)
         for name, eavesdropper in zip(
                 self._estimates, self.scenario.eavesdroppers, strict=True):
@@ -168,7 +169,7 @@ class SecurePlanner:
         self._estimates[name].publish(estimate)
 
     def knows_poses(self, *topics: str) -> bool:
-        """Return whether the planner knows all receivers, and the poses of topics."""
+        """Return True if the planner has the poses of all receivers, and of topics."""
         return all(self.status.get(f'pose_age.{topic}', 'none') != 'none' for topic in (
             'ground_node/pose', *(f'{name}/pose' for name in self._estimates), *topics))
 
@@ -178,15 +179,15 @@ class SecurePlanner:
                    repeat: Callable[[], object] = lambda: None, timeout: float = _PATIENCE
                    ) -> None:
         """
-        Wait until a condition is true; it is asked whenever a message has come.
+        Wait until a condition is true, which is asked after each message.
 
-        :param repeat: called at the beginning, and again and again until then.
+        :param repeat: called at the beginning and every 0.2 s.
         :raises TimeoutError: after the timeout in s.
         """
         until, repeated = time.monotonic() + timeout, 0.0
         while not condition():
-            if self._failure is not None:
-                raise ClientError('a message cannot be used') from self._failure
+            if self._callback_error is not None:
+                raise ClientError('a message cannot be used') from self._callback_error
             now = time.monotonic()
             if now > until:
                 raise TimeoutError(f'{what} did not come within {timeout:g} s')
@@ -201,9 +202,11 @@ class SecurePlanner:
         Call a service of the nodes, once it is there; return its message.
 
         :raises ClientError: if it fails, with its message.
-        :raises TimeoutError: without an answer in so many s.
+        :raises TimeoutError: without an answer within the timeout in s.
         """
-        future = self._service(service).call_async(Trigger.Request())
+        if service not in self._services:
+            self._services[service] = connect(self.node, Trigger, service, self._ask)
+        future = self._services[service].call_async(Trigger.Request())
         self.wait_until(future.done, f'the answer of {service}', timeout=timeout)
         if not future.result().success:
             raise ClientError(f'{service}: {future.result().message}')
@@ -212,26 +215,13 @@ class SecurePlanner:
 
     def receive(self, kind: Any, topic: str, call: Callable[..., object],
                 qos: QoSProfile = STREAM) -> None:
-        """Call a function with every message of a topic, in the thread of the client."""
+        """Call a function with each message of a topic, in the client's thread."""
         self.node.create_subscription(kind, topic, call, qos)
 
-    def _service(self, name: str) -> Client:
-        """
-        Return the client of a service, once its server knows it.
-
-        A server drops its answer to a client that it has not met. It meets clients in their order:
-        it has met this one when it has answered one that was made later.
-        """
-        if name not in self._services:
-            client = self.node.create_client(Trigger, name)
-            later = self.node.create_client(
-                GetParameters, f'{name.rpartition("/")[0]}/get_parameters')
-            answers: list[Future] = []
-            self.wait_until(
-                lambda: any(answer.done() for answer in answers), f'the service {name}',
-                lambda: answers.append(later.call_async(GetParameters.Request())))
-            self._services[name] = client
-        return self._services[name]
+    def _ask(self, request: Callable[[], Future], what: str) -> None:
+        answers: list[Future] = []
+        self.wait_until(lambda: any(answer.done() for answer in answers), what,
+                        lambda: answers.append(request()))
 
     def _stamp(self) -> Stamp:
         return self.node.get_clock().now().to_msg()
@@ -251,14 +241,30 @@ class SecurePlanner:
             try:
                 self._executor.spin_once(timeout_sec=0.05)
             except Exception as error:
-                self._failure = error
+                self._callback_error = error
             with self._arrived:
                 self._arrived.notify_all()
 
 
+def connect(node: Node, kind: Any, service: str,
+            ask: Callable[[Callable[[], Future], str], object]) -> Client:
+    """
+    Return the client of a service, once the server has discovered it.
+
+    A server drops its answer to an undiscovered client. It discovers clients in their order, so
+    that its answer to a later one tells that it has discovered this one.
+
+    :param ask: called with a request and its name; repeats the request until there is an answer.
+    """
+    client = node.create_client(kind, service)
+    later = node.create_client(GetParameters, f'{service.rpartition("/")[0]}/get_parameters')
+    ask(lambda: later.call_async(GetParameters.Request()), f'the service {service}')
+    return client
+
+
 @contextmanager
 def isolated(out: Path) -> Iterator[None]:
-    """Keep the ROS graph on this host and logs in the folder, unless variables say otherwise."""
+    """Keep the ROS graph on this host and logs in the folder, unless variables are set."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
     if 'ROS_DOMAIN_ID' in os.environ:

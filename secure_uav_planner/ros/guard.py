@@ -1,4 +1,4 @@
-"""Which setpoints may be passed on to an autopilot, so that none of them jumps."""
+"""Guard of the setpoints for an autopilot, so that none of them jumps."""
 
 from dataclasses import dataclass
 import math
@@ -18,12 +18,12 @@ them at more than 2 Hz.
 @dataclass(frozen=True)
 class Limits:
     """
-    What a stream of setpoints must keep.
+    The limits of a stream of setpoints.
 
     :param max_speed: of the UAV in m/s.
-    :param max_jump: by how many m a setpoint may be farther from the one before than that, or
-        lead farther until the last place is held.
-    :param start_tolerance: in m, from the vehicle to the first setpoint of a stream.
+    :param max_jump: m by which a setpoint may be farther from the last than that, or lead farther
+        until the last place is held.
+    :param start_tolerance: m from the vehicle to the first setpoint of a stream.
     :param timeout: age of a setpoint in s, and time without one, beyond which a stream has ended.
     """
 
@@ -37,50 +37,50 @@ class Guard:
     """Passes the setpoints of one UAV unless they jump, and holds the last place; times in ns."""
 
     def __init__(self) -> None:
-        self._last: Setpoint | None = None  # That has passed, and when.
-        self._passed = 0
-        self._heard = 0  # When a setpoint of now came, whether it passed or not.
-        self._seen: tuple[Vector, int] | None = None  # Where the vehicle was, and when.
+        self._last: Setpoint | None = None  # That has passed, with the time of its arrival.
+        self._last_passed = 0
+        self._last_arrived = 0  # The last setpoint with a present stamp, passed or not.
+        self._vehicle: tuple[Vector, int] | None = None  # Its position, and the time of that.
 
-    def see(self, place: Vector, now: int) -> None:
-        """Note where the vehicle is, in the frame of the setpoints."""
-        self._seen = place, now
+    def note_position(self, place: Vector, now: int) -> None:
+        """Note the position of the vehicle, in the frame of the setpoints."""
+        self._vehicle = place, now
 
     def take(self, setpoint: Setpoint, now: int, limits: Limits) -> None:
-        """Note a setpoint, or raise an OptionError that says why it must not be passed on."""
+        """Note a setpoint, or raise an OptionError with the reason to refuse it."""
         age = (now - setpoint.time_ns) * 1e-9
         if abs(age) > limits.timeout:
             raise OptionError(f'its stamp is {abs(age):.1f} s {"old" if age > 0 else "ahead"} '
                               f'and setpoint_timeout is {limits.timeout:g} s')
-        last = self._last if _within(self._heard, now, limits.timeout) else None
-        self._heard = now
-        # Where a velocity leads before the place is held must not be farther than a jump.
+        last = self._last if _within(self._last_arrived, now, limits.timeout) else None
+        self._last_arrived = now
+        # Until the place is held, a velocity must not lead farther than a jump.
         speed = math.hypot(*setpoint.velocity or ())
         most = limits.max_speed + limits.max_jump / _PATIENCE
         if speed > most:
             raise OptionError(f'it has {speed:.1f} m/s, and max_jump and max_speed allow '
                               f'{most:.1f} m/s')
-        problem = _jump(last, setpoint, limits) if last is not None else ''
-        if self._seen and _within(self._seen[1], now, limits.timeout) and (
+        problem = _explain_jump(last, setpoint, limits) if last is not None else ''
+        if self._vehicle and _within(self._vehicle[1], now, limits.timeout) and (
                 problem or last is None):
-            # Where the vehicle is, a stream may begin, also after a jump.
-            distance = math.dist(setpoint.position, self._seen[0])
+            # A stream may begin at the vehicle, also after a jump.
+            distance = math.dist(setpoint.position, self._vehicle[0])
             problem = '' if distance <= limits.start_tolerance else problem or (
                 f'it is {distance:.1f} m from the vehicle and start_tolerance is '
                 f'{limits.start_tolerance:g} m')
         if problem:
             raise OptionError(problem)
-        self._last, self._passed = setpoint, now
+        self._last, self._last_passed = setpoint, now
 
     def hold(self, now: int) -> Setpoint | None:
-        """Return the last place without motion, if no setpoint has passed for a moment."""
-        if self._last is None or _within(self._passed, now, _PATIENCE):
+        """Return the last setpoint without motion, if none has passed for a moment."""
+        if self._last is None or _within(self._last_passed, now, _PATIENCE):
             return None
         return self._last.held(now)
 
     def has_ended(self, now: int, limits: Limits) -> bool:
-        """Return whether a stream has just ended, and forget it."""
-        if self._last is None or _within(self._heard, now, limits.timeout):
+        """Forget a stream that has ended; return True if it has just ended."""
+        if self._last is None or _within(self._last_arrived, now, limits.timeout):
             return False
         self._last = None
         return True
@@ -90,8 +90,8 @@ def _within(then: int, now: int, seconds: float) -> bool:
     return abs(now - then) * 1e-9 <= seconds
 
 
-def _jump(last: Setpoint, setpoint: Setpoint, limits: Limits) -> str:
-    """Return why a setpoint does not continue another one, or an empty string."""
+def _explain_jump(last: Setpoint, setpoint: Setpoint, limits: Limits) -> str:
+    """Return the reason why a setpoint does not continue the last one, or an empty string."""
     step = (setpoint.time_ns - last.time_ns) * 1e-9
     if step < 0:
         return f'it is {-step:.3g} s older than the last one'

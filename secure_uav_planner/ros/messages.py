@@ -1,8 +1,8 @@
 """
 Conversion of plans to messages.
 
-rclpy does not check the types of message fields, and a wrong type silently becomes a wrong value
-in the sent message. Every number is therefore converted with float() or int() here.
+rclpy does not check the types of message fields, and sends a wrong type as a wrong value. Numbers
+are therefore converted with float() or int() here.
 """
 
 import array
@@ -18,6 +18,7 @@ from geometry_msgs.msg import (
     Point, Pose, PoseStamped, Quaternion, Transform, Twist, Vector3)
 from nav_msgs.msg import Odometry, Path
 import numpy as np
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -33,11 +34,11 @@ from ..output.drawing import (
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 
-_MOST_POINTS = 1000  # Largest number of points of a path marker.
+_MOST_POINTS = 1000  # Of a path marker, which is for display only.
 
 
 def stamp_at(plan: Plan, seconds: float = 0.0) -> Stamp:
-    """Return the builtin_interfaces/Time some seconds after point 0 of a plan."""
+    """Return the time of a plan in s from point 0 as a builtin_interfaces/Time."""
     # A plan of a file may have no time.
     whole, rest = divmod(max(0, (plan.start_ns or 0) + round(seconds * 1e9)), 10**9)
     return Stamp(sec=whole, nanosec=rest)
@@ -48,31 +49,32 @@ def nanoseconds(stamp: Stamp) -> int:
     return stamp.sec * 10**9 + stamp.nanosec
 
 
-def plan_time(plan: Plan, seconds: float, stamp: Stamp) -> TimeReference:
-    """Return to what time of a plan, in s from point 0, its flight has come at a time."""
-    return _stamped(TimeReference(source=plan.identity, time_ref=stamp_at(plan, seconds)), '',
-                    stamp)
+def plan_time(plan: Plan, seconds: float, stamp: Stamp, follower: str = '') -> TimeReference:
+    """Return the report of a follower: the time of its plan in s from point 0, at a time."""
+    return _stamped(TimeReference(source=plan.identity, time_ref=stamp_at(plan, seconds)),
+                    follower, stamp)
 
 
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:
     """Return a Pose from metres and radians, counter-clockwise from x (REP-103)."""
-    found = Pose()
-    _place(found.position, found.orientation, x, y, z, yaw)
-    return found
+    message = Pose()
+    _set_pose(message.position, message.orientation, x, y, z, yaw)
+    return message
 
 
 def pose_stamped(frame_id: str, stamp: Stamp, x: float, y: float, z: float, yaw: float
                  ) -> PoseStamped:
     """Return a PoseStamped; see pose."""
     message = PoseStamped()
-    _place(message.pose.position, message.pose.orientation, x, y, z, yaw)
+    _set_pose(message.pose.position, message.pose.orientation, x, y, z, yaw)
     return _stamped(message, frame_id, stamp)
 
 
-def _place(position: Any, turn: Quaternion, x: float, y: float, z: float, yaw: float) -> None:
+def _set_pose(position: Any, orientation: Quaternion, x: float, y: float, z: float, yaw: float
+              ) -> None:
     """Set parts of a message in place; to make new ones takes twice as long."""
     position.x, position.y, position.z = float(x), float(y), float(z)
-    turn.z, turn.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    orientation.z, orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
 
 
 def _stamped(message: Any, frame_id: str, stamp: Stamp) -> Any:
@@ -125,7 +127,7 @@ def _trajectory_point(place: Sequence[float], yaw: float, velocity: Sequence[flo
                       acceleration: Sequence[float], seconds: float = 0.0
                       ) -> MultiDOFJointTrajectoryPoint:
     point, transform = MultiDOFJointTrajectoryPoint(), Transform()
-    _place(transform.translation, transform.rotation, *place, yaw)
+    _set_pose(transform.translation, transform.rotation, *place, yaw)
     point.transforms = [transform]
     point.velocities, point.accelerations = [_level(velocity)], [_level(acceleration)]
     point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(seconds * 1e9), 10**9)
@@ -150,11 +152,9 @@ def odometry(frame_id: str, child_frame_id: str, stamp: Stamp, place: Sequence[f
     return _stamped(message, frame_id, stamp)
 
 
-def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
+def read_setpoint(message: MultiDOFJointTrajectory) -> Setpoint:
     """
-    Return the Setpoint that trajectory_setpoint, or another program, put into a message.
-
-    A rate of yaw of zero counts as not given.
+    Return the Setpoint in a message; a rate of yaw of zero counts as not given.
 
     :raises OptionError: if the message has not one point with a transform, or for a wrong value.
     :raises PoseError: if the rotation is not a quaternion of length 1.
@@ -162,41 +162,36 @@ def setpoint_of(message: MultiDOFJointTrajectory) -> Setpoint:
     if len(message.points) != 1 or not message.points[0].transforms:
         raise OptionError(f'it has {len(message.points)} points; it must have one, with a '
                           'transform')
-    at = message.points[0]
-    place, turn = at.transforms[0].translation, at.transforms[0].rotation
+    point = message.points[0]
+    place, turn = point.transforms[0].translation, point.transforms[0].rotation
     velocity, acceleration = (
-        (of[0].linear.x, of[0].linear.y, of[0].linear.z) if of else None
-        for of in (at.velocities, at.accelerations))
+        (twists[0].linear.x, twists[0].linear.y, twists[0].linear.z) if twists else None
+        for twists in (point.velocities, point.accelerations))
     east, north, _ = rotation((turn.x, turn.y, turn.z, turn.w), 'rotation').apply((1.0, 0.0, 0.0))
     return Setpoint(
         message.header.frame_id, nanoseconds(message.header.stamp), (place.x, place.y, place.z),
         math.atan2(north, east), velocity, acceleration,
-        (at.velocities[0].angular.z or None) if at.velocities else None)
+        (point.velocities[0].angular.z or None) if point.velocities else None)
 
 
-def class_of(kind: str) -> Any:
-    """Return the class of a message, such as that of 'nav_msgs/Path'."""
+def message_class(kind: str) -> Any:
+    """Return the class of a message by its name, such as 'nav_msgs/Path'."""
     package, name = kind.split('/')
     return getattr(import_module(f'{package}.msg'), name)
 
 
-def filled(message: Any, values: Mapping[str, Any]) -> Any:
-    """Return a message with values in its fields, by name: mappings for nested messages."""
+def fill_message(message: Any, values: Mapping[str, Any]) -> Any:
+    """Set fields of a message by name, with mappings for nested messages; return the message."""
     for field, value in values.items():
         if isinstance(value, Mapping):
-            filled(getattr(message, field), value)
+            fill_message(getattr(message, field), value)
         elif isinstance(value, list):
             kind = message.get_fields_and_field_types()[field]
-            kind = class_of(kind.removeprefix('sequence<').removesuffix('>'))
-            setattr(message, field, [filled(kind(), one) for one in value])
+            kind = message_class(kind.removeprefix('sequence<').removesuffix('>'))
+            setattr(message, field, [fill_message(kind(), fields) for fields in value])
         else:
             setattr(message, field, value)
     return message
-
-
-def float64(value: float) -> Float64:
-    """Return a std_msgs/Float64."""
-    return Float64(data=float(value))
 
 
 def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str, Any]
@@ -211,31 +206,30 @@ def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str
 def markers(plan: Plan, frame_id: str) -> MarkerArray:
     """Return paths, ground node, eavesdroppers' discs, zones, fence and margin."""
     scenario = plan.scenario
-    # Of very many points only some are shown, because markers are for display only.
     points = np.unique(np.linspace(
         0, scenario.slots + 1, min(scenario.slots + 2, _MOST_POINTS)).astype(int))
-    found = [Marker(action=Marker.DELETEALL)]
+    marks = [Marker(action=Marker.DELETEALL)]
     for index, uav in enumerate(scenario.uavs):
         line = [(x, y, uav.altitude) for x, y in plan.positions[index, points].tolist()]
-        found += [_marker('path', index, Marker.LINE_STRIP, uav_color(index), (2.0, 0.0, 0.0),
+        marks += [_marker('path', index, Marker.LINE_STRIP, uav_color(index), (2.0, 0.0, 0.0),
                           points=line),
                   _label(index, uav.name, (*uav.start, uav.altitude), uav_color(index))]
     size = 0.1 * min(uav.altitude for uav in scenario.uavs)
-    found += [_marker('ground_node', 0, Marker.CYLINDER, GROUND_NODE, (size, size, size),
+    marks += [_marker('ground_node', 0, Marker.CYLINDER, GROUND_NODE, (size, size, size),
                       (*scenario.ground_node, size / 2)),
               _label(100, 'ground node', (*scenario.ground_node, 2 * size), GROUND_NODE)]
     for index, (eve, name) in enumerate(
             zip(scenario.eavesdroppers, scenario.eavesdropper_names, strict=True)):
         across = 2 * max(eve.error_radius, size / 4)
-        found += [_marker('eavesdropper', index, Marker.CYLINDER, EAVESDROPPER,
+        marks += [_marker('eavesdropper', index, Marker.CYLINDER, EAVESDROPPER,
                           (across, across, 1.0), (*eve.position, 0.5), opacity=0.5),
                   _label(200 + index, name, (*eve.position, 2 * size), EAVESDROPPER)]
     return MarkerArray(markers=[_stamped(marker, frame_id, stamp_at(plan))
-                                for marker in (*found, *_airspace(scenario))])
+                                for marker in (*marks, *_airspace(scenario))])
 
 
-def of_plan(plan: Plan, frame_id: str) -> Iterator[tuple[str, Any]]:
-    """Yield the messages of a plan, each behind its topic."""
+def plan_messages(plan: Plan, frame_id: str) -> Iterator[tuple[str, Any]]:
+    """Yield the topic and the message of each part of a plan."""
     for index, uav in enumerate(plan.scenario.uavs):
         yield f'{uav.name}/path', path(plan, index, frame_id)
         yield f'{uav.name}/power', power(plan, index)
@@ -243,16 +237,22 @@ def of_plan(plan: Plan, frame_id: str) -> Iterator[tuple[str, Any]]:
     yield '~/markers', markers(plan, frame_id)
 
 
-def of_moment(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
-              ) -> Iterator[tuple[str, Any]]:
-    """Yield the messages of a moment of a flight, each behind its topic."""
+def serialize_plan(plan: Plan, frame_id: str) -> dict[str, bytes]:
+    """Evaluate a plan and return its messages by topic; it takes seconds for 20,000 slots."""
+    plan.evaluate()
+    return {topic: serialize_message(message) for topic, message in plan_messages(plan, frame_id)}
+
+
+def setpoint_messages(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
+                      ) -> Iterator[tuple[str, Any]]:
+    """Yield the topic and the message of each part of the setpoints of a moment."""
     spheres = []
     for index, (uav, (x, y), yaw, velocity, acceleration, watts) in enumerate(zip(
             scenario.uavs, moment.positions, moment.headings, moment.velocities,
             moment.accelerations, moment.powers, strict=True)):
         place = (x, y, uav.altitude)
         yield f'{uav.name}/setpoint/pose', pose_stamped(frame_id, stamp, *place, yaw)
-        yield f'{uav.name}/setpoint/power', float64(watts)
+        yield f'{uav.name}/setpoint/power', Float64(data=float(watts))
         yield f'{uav.name}/odom', odometry(
             frame_id, f'{uav.name}/base_link', stamp, place, yaw, velocity)
         yield f'{uav.name}/setpoint/trajectory', trajectory_setpoint(
@@ -265,26 +265,26 @@ def of_moment(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp
 
 
 def _airspace(scenario: Scenario) -> list[Marker]:
-    """Return prism, edges and name of every zone, and edges of the geofence and the margin."""
+    """Return prism, edges and name of each zone, and edges of the geofence and the margin."""
     high, margin = 1.2 * max(uav.altitude for uav in scenario.uavs), scenario.tracking_margin
-    found, rim = [], []
+    marks, margins = [], []
     for index, (zone, name) in enumerate(
             zip(scenario.no_fly_zones, scenario.zone_names, strict=True)):
         floor = zone.floor
         top = min(zone.ceiling, max(high, 1.2 * floor))  # A zone without a ceiling ends there.
-        found += [_marker('no_fly_zone', index, Marker.TRIANGLE_LIST, NO_FLY_ZONE,
+        marks += [_marker('no_fly_zone', index, Marker.TRIANGLE_LIST, NO_FLY_ZONE,
                           (1.0, 1.0, 1.0), opacity=0.35, points=_faces(zone, floor, top)),
                   _marker('no_fly_zone_edges', index, Marker.LINE_LIST, NO_FLY_ZONE,
                           (1.5, 0.0, 0.0), points=_edges(zone.vertices, floor, top)),
                   _label(300 + index, name, (*middle_of(zone), top), NO_FLY_ZONE)]
-        rim += _edges(
+        margins += _edges(
             offset_polygon(zone.vertices, margin)[0], max(0.0, floor - margin), top + margin)
     if scenario.geofence is not None:
-        found.append(_marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0),
+        marks.append(_marker('geofence', 0, Marker.LINE_LIST, GEOFENCE, (1.5, 0.0, 0.0),
                              points=_edges(scenario.geofence, 0.0, high)))
-        rim += _edges(scenario.keep_in, 0.0, high)
-    return found + ([_marker('tracking_margin', 0, Marker.LINE_LIST, MARGIN, (1.0, 0.0, 0.0),
-                             points=rim)] if margin else [])
+        margins += _edges(scenario.keep_in, 0.0, high)
+    return marks + ([_marker('tracking_margin', 0, Marker.LINE_LIST, MARGIN, (1.0, 0.0, 0.0),
+                             points=margins)] if margin else [])
 
 
 def _edges(vertices: Vertices, floor: float, top: float) -> list[Vector]:

@@ -1,8 +1,14 @@
-"""Names, meanings and ranges of the nodes' parameters."""
+"""The nodes' parameters: their names, types, meanings and ranges."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from .spec import Spec
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import NameValidationException
+from rclpy.validate_topic_name import validate_topic_name
+
+from ..errors import brief, ParameterError, quote
 from ..mission.participants import Propulsion
 from ..mission.polygons import MAX_VERTICES
 from ..mission.propagation import ENVIRONMENTS
@@ -12,6 +18,107 @@ from ..output.autopilots import STACKS
 from ..plan.plan import OBJECTIVES
 
 _PAPER = Scenario.paper()
+_MOST_IN_NAME = 100  # ROS allows about 240 in a topic, of which a name is one part.
+
+
+@dataclass(frozen=True)
+class Spec:
+    """
+    One parameter.
+
+    :param default: the default value; its type is the parameter's type.
+    :param limits: the smallest and the largest allowed number, for numbers and lists of numbers.
+    :param length: the smallest and the largest allowed length, for lists and strings.
+    :param choices: the allowed strings. YAML's `off`, which is false, counts as the string.
+    """
+
+    default: Any
+    description: str
+    limits: tuple[float, float] | None = None
+    length: tuple[int, int] | None = None
+    choices: tuple[str, ...] | None = None
+    read_only: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """Return the allowed values in words."""
+        noun = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string',
+                list: 'a list'}[type(self.default)]
+        if self.choices:
+            return 'one of ' + ', '.join(self.choices)
+        if self.length and isinstance(self.default, str):
+            noun += f' of at most {self.length[1]} characters'
+        elif self.length:
+            low, high = self.length
+            noun += f' of {low}' if low == high else f' of {low} to {high}'
+            noun += (f' names of letters, digits and _, at most {_MOST_IN_NAME} each'
+                     if self._is_name_list else ' numbers')
+        if self.limits:
+            noun += f' from {self.limits[0]:g} to {self.limits[1]:g}'
+        return noun
+
+    @property
+    def _is_name_list(self) -> bool:
+        return isinstance(self.default, list) and self.limits is None
+
+    def convert(self, name: str, value: Any, prefix: str = '') -> Any:
+        """Return the value in the parameter's type, or raise a ParameterError with a prefix."""
+        try:
+            return self._convert(value)
+        except (TypeError, ValueError, OverflowError, NameValidationException):
+            raise ParameterError(f'{prefix}{brief(name, 100)} is {quote(value)}; it must be '
+                                 f'{self.allowed}', (name,)) from None
+
+    def _convert(self, value: Any) -> Any:
+        kind = type(self.default)
+        if kind is list:
+            values = list(value)
+            if isinstance(value, (str, bytes)) or not (
+                    self.length[0] <= len(values) <= self.length[1]):
+                raise ValueError
+            return [_check_name(item) for item in values] if self._is_name_list else [
+                self._convert_number(item, float) for item in values]
+        if kind in (int, float):
+            return self._convert_number(value, kind)
+        if value is False and 'off' in (self.choices or ()):
+            return 'off'
+        if not isinstance(value, kind) or self.choices and value not in self.choices or (
+                kind is str and self.length and len(value) > self.length[1]):
+            raise ValueError
+        return value
+
+    def _convert_number(self, value: Any, kind: type) -> float:
+        # An integer is accepted as a float, as in `duration: 150` in YAML, and 1e2 as an integer.
+        low, high = self.limits
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not (
+                low <= value <= high and value == kind(value)):
+            raise ValueError
+        return kind(value)
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return the description that `ros2 param describe` shows."""
+        descriptor = ParameterDescriptor(
+            description=self.description, additional_constraints=f'Must be {self.allowed}.',
+            read_only=self.read_only,
+            # Types are checked by this class, which accepts an integer as a float.
+            dynamic_typing=True)
+        if self.limits and isinstance(self.default, float):
+            descriptor.floating_point_range = [FloatingPointRange(
+                from_value=float(self.limits[0]), to_value=float(self.limits[1]))]
+        elif self.limits and isinstance(self.default, int):
+            descriptor.integer_range = [IntegerRange(
+                from_value=int(self.limits[0]), to_value=int(self.limits[1]), step=1)]
+        return descriptor
+
+
+def _check_name(value: Any) -> str:
+    """Return a name that can be part of a topic and of a parameter, or raise a ValueError."""
+    if not isinstance(value, str) or '/' in value or '~' in value or (
+            len(value) > _MOST_IN_NAME):
+        raise ValueError
+    validate_topic_name(value)
+    return value
+
 
 LONGEST_FRAME = 255
 """The most characters of a frame_id; a path carries it once for every point."""
@@ -200,6 +307,19 @@ def zone_parameters(name: str) -> dict[str, Spec]:
             (NO_LIMIT, RANGES['altitude'][1]))}
 
 
+def planner_member_parameters(values: Mapping[str, Any]) -> dict[str, Spec]:
+    """Return the planner's parameters of the UAVs, eavesdroppers and zones that values name."""
+    uavs, eavesdroppers, zones = (
+        values[kind] for kind in ('uavs', 'eavesdroppers', 'no_fly_zones'))
+    names = [*uavs, *eavesdroppers, *zones, 'ground_node']
+    if len(set(names)) < len(names):
+        raise ParameterError('parameters uavs, eavesdroppers and no_fly_zones give the names '
+                             f"{names[:-1]}; they must be unique and not 'ground_node'")
+    members = [*(uav_parameters(name, index) for index, name in enumerate(uavs)),
+               *map(eavesdropper_parameters, eavesdroppers), *map(zone_parameters, zones)]
+    return {name: spec for specs in members for name, spec in specs.items()}
+
+
 REPLAY = {
     'mission_file': _MISSION_FILE,
     'uavs': _UAVS,
@@ -256,3 +376,9 @@ def relay_parameters(name: str, index: int) -> dict[str, Spec]:
             [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
             'plan in m; often where it was switched on.', RANGES['coordinate'], length=(3, 3)),
         f'{name}.max_speed': uav_parameters(name, index)[f'{name}.max_speed']}
+
+
+def relay_member_parameters(values: Mapping[str, Any]) -> dict[str, Spec]:
+    """Return the relay's parameters of the UAVs that values name."""
+    return {name: spec for index, uav in enumerate(values['uavs'])
+            for name, spec in relay_parameters(uav, index).items()}

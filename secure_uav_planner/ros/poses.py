@@ -1,25 +1,33 @@
-"""The last valid pose of every topic, on which the planner bases its scenarios."""
+"""The last valid pose of each topic, in the frame of the planner; tf2 transforms the others."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from importlib import import_module
 import math
 from typing import Any, TypeAlias
 
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Transform
 from nav_msgs.msg import Odometry
 import numpy as np
+from rclpy.node import Node
+from rclpy.time import Time
 
+from .messages import nanoseconds
 from .topics import GROUND_NODE_TOPIC, uav_topics
-from ..errors import PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError
+from ..errors import (
+    brief, describe_error, PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError)
 from ..mission.scenario import Array, Point, RANGES
 from ..output.autopilots import rotation
 
-# Positions over so many seconds give the velocity of a UAV that sends no odometry.
+# s between the positions that give the velocity of a UAV without odometry.
 _SHORTEST_BASE, _LONGEST_BASE = 0.2, 1.0
-_LEAST_SPACING = 0.02  # Of those that are kept, in s, so that they are few at any rate.
+_LEAST_SPACING = 0.02  # s between the positions that are kept, so that they are few at any rate.
+_LONGEST_LAG = 1.0  # s by which the last transform may be older than a pose.
 
-# For so long in s after a pose has come, an older one does not replace it. One that comes later
-# may be of a publisher whose clock has been set back.
+# s after a pose in which no older one replaces it; later, a publisher's clock may have been set
+# back.
 _KEPT_BEFORE_OLDER = 10.0
 
 Message: TypeAlias = PoseStamped | PoseWithCovarianceStamped | Odometry
@@ -39,36 +47,39 @@ class KnownPose:
 
     @property
     def time(self) -> float:
-        """Return when it was measured in s; a stamp of the future counts as that of reception."""
+        """Time of the measurement in s, but not after the reception."""
         return min(self.stamp, self.received)
 
     def age(self, now: float) -> float:
         """Return the age in s at a time in s, or 0 if the clock has jumped back."""
         return max(0.0, now - self.time)
 
-    def is_late_after(self, other: 'KnownPose') -> bool:
-        """Return whether a pose that came before is newer, and both are of the same clock."""
-        return self.time < other.time and (
-            0.0 <= self.received - other.received < _KEPT_BEFORE_OLDER)
+    def is_overtaken_by(self, last: 'KnownPose') -> bool:
+        """Return True if a pose that came before, by the same clock, was measured later."""
+        return self.time < last.time and (
+            0.0 <= self.received - last.received < _KEPT_BEFORE_OLDER)
 
 
-def frame_refusal(message: Message, frame_id: str) -> str:
-    """Return why a pose of another frame is refused."""
+def _frame_refusal(message: Message, frame_id: str) -> str:
     return (f'the pose is in frame {quote(message.header.frame_id)}; it must be in frame '
             f'{quote(frame_id)}, as the parameter frame_id says')
 
 
-def _refuse(message: Message, frame_id: str) -> Message:
-    raise WrongFrameError(frame_refusal(message, frame_id))
+def _refuse_frame(message: Message, frame_id: str) -> Message:
+    raise WrongFrameError(_frame_refusal(message, frame_id))
 
 
 class PoseBook:
-    """The last valid pose of every topic, after it was moved into the frame of the planner."""
+    """
+    The last valid pose of each topic.
 
-    def __init__(self, moved: Callable[[Message, str], Message] = _refuse) -> None:
-        self._moved = moved
+    :param transform: returns a message in another frame, or raises a PoseError.
+    """
+
+    def __init__(self, transform: Callable[[Message, str], Message] = _refuse_frame) -> None:
+        self._transform = transform
         self._poses: dict[str, KnownPose] = {}
-        self._foreign: dict[str, str] = {}
+        self._foreign_frames: dict[str, str] = {}
         self._recent: dict[str, list[tuple[float, Point]]] = {}
 
     def take(self, topic: str, message: Message, frame_id: str, now: float,
@@ -76,17 +87,17 @@ class PoseBook:
         """
         Check a pose and keep it, unless a newer one has just come.
 
-        :param frame_id: the frame in which it must be, or into which it can be moved.
-        :param origin: what is added to its position, (x, y, z) in m.
-        :param arrived: when it came in s, the time of a pose that has no stamp; by default now.
+        :param frame_id: the frame that it has or is transformed to.
+        :param origin: offset that is added to its position, (x, y, z) in m.
+        :param arrived: time of arrival in s, for a pose without a stamp; by default now.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
         header = message.header
         if header.frame_id != frame_id:
             try:
-                message = self._moved(message, frame_id)
+                message = self._transform(message, frame_id)
             except WrongFrameError:
-                self._foreign[topic] = quote(header.frame_id)
+                self._foreign_frames[topic] = quote(header.frame_id)
                 raise
         pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
         _check_range(pose.position, 'position', RANGES['coordinate'][1], 'm')
@@ -105,18 +116,18 @@ class PoseBook:
         x, y, height = (getattr(pose.position, axis) + shift
                         for axis, shift in zip('xyz', origin, strict=True))
         new = KnownPose(frame_id, (x, y), height, covariance, stamp, now, velocity)
-        self._foreign.pop(topic, None)
+        self._foreign_frames.pop(topic, None)
         last = self._poses.get(topic)
         if last is not None and last.frame_id != frame_id:
             self._recent.pop(topic, None)  # Places in another frame.
-        elif last is not None and new.is_late_after(last):
+        elif last is not None and new.is_overtaken_by(last):
             return
         if isinstance(message, PoseStamped):
-            new = replace(new, velocity=self._difference(topic, stamp, new.position))
+            new = replace(new, velocity=self._estimate_velocity(topic, stamp, new.position))
         self._poses[topic] = new
 
-    def _difference(self, topic: str, stamp: float, place: Point) -> Point | None:
-        """Note a position; return the mean velocity of the last second in m/s, if it is known."""
+    def _estimate_velocity(self, topic: str, stamp: float, place: Point) -> Point | None:
+        """Note a position; return the mean velocity of the last second in m/s, or None."""
         recent = [(time, before) for time, before in self._recent.get(topic, ())
                   if 0 < stamp - time <= _LONGEST_BASE]
         if not recent or stamp - recent[-1][0] >= _LEAST_SPACING:
@@ -130,63 +141,160 @@ class PoseBook:
         """Return the last valid pose of the topic, or None."""
         return self._poses.get(topic)
 
-    def of_uav(self, name: str, settings: Mapping[str, Any], now: float) -> KnownPose | None:
+    def uav_pose(self, name: str, settings: Mapping[str, Any], now: float) -> KnownPose | None:
         """Return the last usable odometry of a UAV, or else its last usable pose, or None."""
         for topic in uav_topics(name):
-            known = self.get(topic)
-            if known is not None and self.problem(topic, settings, now, False) is None:
-                return known
+            pose = self.get(topic)
+            if pose is not None and self.problem(topic, settings, now, False) is None:
+                return pose
         return None
 
-    def check(self, settings: Mapping[str, Any], now: float, of_uavs: bool = True) -> None:
+    def check(self, settings: Mapping[str, Any], now: float, with_uavs: bool = True) -> None:
         """Raise an error of the class of the first problem, with the text of all, if any."""
-        problems = self.problems(settings, now, of_uavs)
+        problems = self.problems(settings, now, with_uavs)
         if problems:
             raise type(problems[0])('; '.join(map(str, problems)))
 
-    def problems(self, settings: Mapping[str, Any], now: float, of_uavs: bool = True
+    def problems(self, settings: Mapping[str, Any], now: float, with_uavs: bool = True
                  ) -> list[PoseError]:
-        """Return an error for every topic whose pose cannot be used for planning."""
-        found = [self.problem(topic, settings, now, True) for topic in (
+        """Return an error for each topic whose pose cannot be used for planning."""
+        problems = [self.problem(topic, settings, now, True) for topic in (
             GROUND_NODE_TOPIC, *(f'{name}/pose' for name in settings['eavesdroppers']))]
-        for name in settings['uavs'] if of_uavs else ():
-            if settings[f'{name}.use_pose'] and self.of_uav(name, settings, now) is None:
-                of_uav = [self.problem(topic, settings, now, False) for topic in uav_topics(name)]
-                found += [type(problem)(
+        for name in settings['uavs'] if with_uavs else ():
+            if settings[f'{name}.use_pose'] and self.uav_pose(name, settings, now) is None:
+                refusals = [self.problem(topic, settings, now, False)
+                            for topic in uav_topics(name)]
+                problems += [type(problem)(
                     f'{problem}; send a new one, or set {name}.use_pose to false to plan from '
-                    f'{name}.start') for problem in of_uav if problem is not None][:1]
-        return [problem for problem in found if problem is not None]
+                    f'{name}.start') for problem in refusals if problem is not None][:1]
+        return [problem for problem in problems if problem is not None]
 
-    def problem(self, topic: str, settings: Mapping[str, Any], now: float, of_ground: bool
+    def problem(self, topic: str, settings: Mapping[str, Any], now: float, is_receiver: bool
                 ) -> PoseError | None:
-        """Return why the pose of a topic cannot be used for planning, or None if it can."""
-        # Poses of UAVs may be missing, and at any height.
+        """
+        Return the reason why the pose of a topic cannot be used for planning, or None.
+
+        :param is_receiver: a receiver needs a pose, on the ground; a UAV does not.
+        """
         frame_id, timeout = settings['frame_id'], settings['pose_timeout']
-        known, foreign = self._poses.get(topic), self._foreign.get(topic)
-        if known is not None and known.frame_id != frame_id:
-            known, foreign = None, quote(known.frame_id)
-        if known is None and foreign is not None:
+        pose, foreign = self._poses.get(topic), self._foreign_frames.get(topic)
+        if pose is not None and pose.frame_id != frame_id:
+            pose, foreign = None, quote(pose.frame_id)
+        if pose is None and foreign is not None:
             return WrongFrameError(
                 f'{topic} is in frame {foreign} and the parameter frame_id is {quote(frame_id)}')
-        if known is None:
-            return PoseMissingError(f'no pose has come on {topic}') if of_ground else None
-        if timeout and known.age(now) > timeout:
-            return PoseStaleError(f'the pose on {topic} is {known.age(now):.1f} s old and '
+        if pose is None:
+            return PoseMissingError(f'no pose has come on {topic}') if is_receiver else None
+        if timeout and pose.age(now) > timeout:
+            return PoseStaleError(f'the pose on {topic} is {pose.age(now):.1f} s old and '
                                   f'pose_timeout is {timeout:g} s')
-        if of_ground and abs(known.height) > settings['height_tolerance']:
+        if is_receiver and abs(pose.height) > settings['height_tolerance']:
             return PoseError(
-                f'the pose on {topic} has z = {known.height:g} m and height_tolerance is '
+                f'the pose on {topic} has z = {pose.height:g} m and height_tolerance is '
                 f'{settings["height_tolerance"]:g} m; the ground node and the eavesdroppers must '
                 'be at z = 0 of the frame, above which altitudes count')
         return None
+
+
+class Frames:
+    """
+    Transforms poses with the tf2 of a node.
+
+    It subscribes to /tf at the first pose of another frame, which saves the time otherwise.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._tf2: Any = None
+        self._buffer: Any = None
+        self._listener: Any = None
+
+    def transform(self, message: Message, frame_id: str) -> Message:
+        """
+        Return a pose in another frame, with its covariance and velocity.
+
+        :raises WrongFrameError: where tf2_ros is missing, cannot listen, or knows no transform.
+        :raises PoseError: if the transform cannot be used.
+        """
+        reason = _frame_refusal(message, frame_id)
+        try:
+            self._listen()
+        except ImportError:
+            raise WrongFrameError(
+                f'{reason}, or tf2_ros must be installed to transform it') from None
+        except Exception as error:  # Such as one of an enclave that does not allow it.
+            raise WrongFrameError(f'{reason}, or tf2 must listen to transforms, which it cannot: '
+                                  f'{describe_error(error)}') from None
+        try:
+            transform = self._lookup(message, frame_id)
+        except (self._tf2.TransformException, ValueError) as error:
+            raise WrongFrameError(f'{reason}, or tf2 must know how to transform it: '
+                                  f'{brief(error, 200)}') from None
+        return transform_message(message, transform, frame_id)
+
+    def _listen(self) -> None:
+        if self._listener is not None:
+            return
+        self._tf2 = import_module('tf2_ros')
+        if self._buffer is None:  # Or an earlier listener failed after it was made.
+            # With the clock of the node, which may jump back.
+            self._buffer = self._tf2.Buffer(node=self._node)
+        self._listener = self._tf2.TransformListener(self._buffer, self._node)
+
+    def _lookup(self, message: Message, frame_id: str) -> Transform:
+        header, latest = message.header, Time()
+        try:
+            return self._buffer.lookup_transform(
+                frame_id, header.frame_id, Time.from_msg(header.stamp)).transform
+        except (self._tf2.ExtrapolationException, ValueError):
+            # Poses come as soon as they are measured and transforms a little later; ValueErrors
+            # are about stamps before 1970.
+            transform = self._buffer.lookup_transform(frame_id, header.frame_id, latest)
+            lag = nanoseconds(header.stamp) - nanoseconds(transform.header.stamp)
+            if abs(lag) > _LONGEST_LAG * 1e9:
+                raise
+            return transform.transform
+
+
+def transform_message(message: Message, transform: Transform, frame_id: str) -> Message:
+    """Return a pose after a transform: R p + t, with the covariance R C R^T of both its parts."""
+    turn = rotation(_vector(transform.rotation, 'xyzw'), 'the rotation of the transform')
+    new = deepcopy(message)
+    new.header.frame_id = frame_id
+    pose = new.pose if isinstance(new, PoseStamped) else new.pose.pose
+    # PoseBook refuses numbers that overflow or are not finite.
+    with np.errstate(all='ignore'):
+        _set(pose.position, turn.apply(_vector(pose.position)) + _vector(transform.translation))
+        if not isinstance(new, PoseStamped):
+            both = np.kron(np.eye(2), turn.as_matrix())
+            new.pose.covariance = (
+                both @ np.reshape(new.pose.covariance, (6, 6)) @ both.T).ravel()
+        # A velocity is in the frame of the child, which is transformed if it is the pose's own.
+        if isinstance(new, Odometry) and message.child_frame_id == message.header.frame_id:
+            new.child_frame_id = frame_id
+            for vector in (new.twist.twist.linear, new.twist.twist.angular):
+                _set(vector, turn.apply(_vector(vector)))
+    with suppress(PoseError):  # An invalid orientation is refused where it is used.
+        facing = turn * rotation(_vector(pose.orientation, 'xyzw'))
+        _set(pose.orientation, facing.as_quat(), 'xyzw')
+    return new
+
+
+def _vector(source: Any, axes: str = 'xyz') -> Array:
+    return np.array([getattr(source, axis) for axis in axes])
+
+
+def _set(target: Any, values: Array, axes: str = 'xyz') -> None:
+    for axis, value in zip(axes, values.tolist(), strict=True):
+        setattr(target, axis, value)
 
 
 def error_radius(covariance: Array, confidence: float) -> float:
     """
     Return the radius in m that contains a normally distributed error with a given probability.
 
-    The largest axis of the covariance, (2, 2) in m^2, is used: the radius is exact if that is the
-    same in all directions, and on the safe side otherwise.
+    It is that of the largest axis of the covariance, (2, 2) in m^2: exact if the error is the
+    same in all directions, and too large otherwise.
     """
     scale = float(np.abs(covariance).max())
     if scale == 0.0:
@@ -198,10 +306,9 @@ def error_radius(covariance: Array, confidence: float) -> float:
     return math.sqrt(-2.0 * math.log1p(-confidence) * largest) * math.sqrt(scale)
 
 
-def _check_range(of: Any, name: str, most: float, unit: str) -> None:
-    """Check that the x, y and z of something are at most as large."""
+def _check_range(vector: Any, name: str, most: float, unit: str) -> None:
     for axis in 'xyz':
-        value = getattr(of, axis)
+        value = getattr(vector, axis)
         if not abs(value) <= most:
             raise PoseError(f'{name}.{axis} is {quote(value)}; it must be from {-most:g} to '
                             f'{most:g} {unit}')

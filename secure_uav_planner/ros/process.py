@@ -1,4 +1,4 @@
-"""A node as a process: it starts, spins, stops on a signal and sets the exit status."""
+"""A node as a process: start, spin, stop on a signal, exit status."""
 
 from collections.abc import Callable
 import gc
@@ -19,31 +19,31 @@ from rclpy.signals import SignalHandlerOptions
 from ..errors import brief, describe_error, PlanningError
 
 _THREADS = 4
-_LAST_ANSWERS = 0.3
+_LAST_ANSWERS = 0.3  # s
 _LONGEST_END = 5  # s after a signal; DDS may wait for processes that have died.
-_AFTER_FAILURE = 0.01
+_AFTER_FAILURE = 0.01  # s
 
 
 def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     """
     Run a node until SIGINT or SIGTERM, then exit the process with status 0, or 1 after an error.
 
-    :param make_node: returns the node. Its method close() stops all work and returns whether none
-        is left. The text of a PlanningError is shown to the user.
+    :param make_node: returns the node. Its method close() stops all work and returns True if none
+        is left. The text of a PlanningError is quote to the user.
     """
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
     except (PlanningError, RuntimeError, OSError, ParameterException, NameValidationException,
             InvalidQosOverridesError, ValueError) as error:
-        # rclpy raises a ValueError for some arguments. Otherwise it is a programming error, so
-        # its class is shown as well.
-        is_strange = isinstance(error, ValueError) and not isinstance(error, PlanningError)
-        print(f'cannot start: {describe_error(error) if is_strange else brief(error)}',
+        # rclpy raises a ValueError for some arguments. Others are programming errors, which are
+        # quote with their class.
+        is_unexpected = isinstance(error, ValueError) and not isinstance(error, PlanningError)
+        print(f'cannot start: {describe_error(error) if is_unexpected else brief(error)}',
               file=sys.stderr, flush=True)
         rclpy.try_shutdown()
         sys.exit(1)
-    gc.freeze()  # What has been imported stays: a collection takes 0.1 s less in a stream.
+    gc.freeze()  # A collection takes 0.1 s less without the imported modules.
     stop = threading.Event()
     # rclpy's own signal handlers race with the executor's wait set; an event does not.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -64,7 +64,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
 
 
 def _end_in_time(stop: threading.Event) -> None:
-    """Exit some seconds after a signal, whatever the end of the node still waits for."""
+    """Exit some seconds after a signal, even if the node hangs."""
     stop.wait()
     time.sleep(_LONGEST_END)
     os._exit(0)
@@ -74,11 +74,11 @@ def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None
     executor = MultiThreadedExecutor(num_threads=_THREADS)
     executor.add_node(node)
 
-    def turn(timeout: float) -> Exception | None:
+    def spin_once(timeout: float) -> Exception | None:
         try:
             executor.spin_once(timeout_sec=timeout)
         except Exception as error:
-            # rclpy's own services also raise errors, after a malformed request.
+            # rclpy's own services raise errors, too, after a malformed request.
             node.get_logger().error(f'a callback failed: {describe_error(error)}',
                                     throttle_duration_sec=1.0)
             time.sleep(_AFTER_FAILURE)
@@ -87,13 +87,13 @@ def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None
 
     failure = None
     while failure is None and not stop.is_set():
-        error = turn(0.2)
+        error = spin_once(0.2)
         failure = None if rclpy.ok() else error
     finished = node.close()
     # Send the answers that clients are still waiting for.
     until = time.monotonic() + _LAST_ANSWERS
     while failure is None and time.monotonic() < until:
-        turn(0.05)
+        spin_once(0.05)
     _shut_down(executor)
     return finished, failure
 

@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from mcap.writer import Writer
 import numpy as np
 from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64
 
 from . import messages
 from .status import plan_values
@@ -20,7 +21,7 @@ from ..model import channel
 from ..plan.plan import Plan
 from ..plan.playback import Playback
 
-# The format of rosbag2. When the bag is played, late subscribers then receive the plan.
+# The format of rosbag2, from which a player offers the plan to late subscribers.
 _QOS = """- history: keep_last
   depth: {depth}
   reliability: reliable
@@ -36,7 +37,7 @@ _QOS = """- history: keep_last
 def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate: float = 5.0
            ) -> None:
     """
-    Write all messages of the planner and of the replay node for a plan, flown in real time.
+    Write the messages of the planner and the replay node for a plan, flown in real time.
 
     :param plan: a Plan; without a start time it starts at 0.
     :param rate: the rate of setpoints in Hz of the plan's time.
@@ -61,7 +62,7 @@ def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
         estimate.header.frame_id, estimate.header.stamp = frame_id, stamp
         estimate.pose.pose = messages.pose(*eve.position, 0.0, 0.0)
         bag.write(f'/{name}/pose', estimate)
-    for topic, message in messages.of_plan(plan, frame_id):
+    for topic, message in messages.plan_messages(plan, frame_id):
         bag.write(_resolved(topic, 'planner'), message, latched=True)
     bag.write('/planner/status', messages.diagnostic_status(
         'planner: plan', DiagnosticStatus.OK, f'{plan.method} plan of {scenario.slots} slots', {
@@ -75,11 +76,11 @@ def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float) -> None:
     times = np.arange(0.0, playback.duration, 1.0 / rate)
     for time in (*times.tolist(), playback.duration):
         moment, stamp = playback.at(time), messages.stamp_at(plan, time)
-        for topic, message in messages.of_moment(scenario, moment, frame_id, stamp):
+        for topic, message in messages.setpoint_messages(scenario, moment, frame_id, stamp):
             bag.write(_resolved(topic, 'replay'), message, time)
         slot = min(max(int(time / scenario.slot_duration + 1e-9), 1), scenario.slots) - 1
-        bag.write('/replay/secrecy_rate', messages.float64(
-            playback.secrecy_rate(moment, worst[slot])), time)
+        bag.write('/replay/secrecy_rate', Float64(
+            data=float(playback.secrecy_rate(moment, worst[slot]))), time)
 
 
 def _resolved(topic: str, node: str) -> str:
@@ -115,22 +116,22 @@ class _Bag:
         name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
         if name not in self._schemas:
             self._schemas[name] = self._writer.register_schema(
-                name, 'ros2msg', definition(name).encode())
+                name, 'ros2msg', _definition(name).encode())
         return self._schemas[name]
 
 
-def definition(name: str) -> str:
-    """Return the definition of a type, such as nav_msgs/msg/Path, and of those in it."""
+def _definition(name: str) -> str:
+    """Return the definition of a type, such as nav_msgs/msg/Path, and of the types in it."""
     texts: dict[str, str] = {}
-    left = [name.replace('/msg/', '/')]
-    while left:
-        kind = left.pop(0)
+    queue = [name.replace('/msg/', '/')]
+    while queue:
+        kind = queue.pop(0)
         if kind in texts:
             continue
         package, message = kind.split('/')
         texts[kind] = (Path(get_package_share_directory(package))
                        / 'msg' / f'{message}.msg').read_text()
-        fields = messages.class_of(kind).get_fields_and_field_types()
-        left += re.findall(r'\w+/\w+', ' '.join(fields.values()))
-    own, *others = texts.items()
-    return '\n'.join([own[1], *(f'{"=" * 80}\nMSG: {kind}\n{text}' for kind, text in others)])
+        fields = messages.message_class(kind).get_fields_and_field_types()
+        queue += re.findall(r'\w+/\w+', ' '.join(fields.values()))
+    (_, own), *nested = texts.items()
+    return '\n'.join([own, *(f'{"=" * 80}\nMSG: {kind}\n{text}' for kind, text in nested)])

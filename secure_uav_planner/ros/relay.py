@@ -15,11 +15,10 @@ from rclpy.publisher import Publisher
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from .guard import Guard, Limits
-from .messages import class_of, filled, setpoint_of
-from .node_parameters import Parameters
-from .parameters import RELAY, relay_parameters
+from .messages import fill_message, message_class, read_setpoint
+from .parameters import RELAY, relay_member_parameters
 from .process import run_node
-from .spec import Spec
+from .settings import Settings
 from .topics import OVERRIDABLE, publishers, SENSOR, STREAM, subscribe, timer_clock, TOPICS
 from ..errors import brief, ParameterError, PlanningError, PoseError, quote
 from ..output.autopilots import rotation, Stack, STACKS, Vector
@@ -33,14 +32,14 @@ class Relay(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('relay', **options)
-        self._settings = Parameters(self, RELAY, _check, _parameters_of_uavs)
+        self._settings = Settings(self, RELAY, _check, relay_member_parameters)
         uavs = self._settings['uavs']
         self._stack = STACKS[self._settings['stack']]
-        self._kinds = _kinds_of(self._settings['stack'], self._stack)
-        rotation((0.0, 0.0, 0.0, 1.0))  # SciPy is imported now and not when a setpoint comes.
-        self._guard_of = {name: Guard() for name in uavs}
-        # A logger for each UAV, as what one of them repeats must not hide what another one says.
-        self._logger_of = {name: self.get_logger().get_child(name) for name in uavs}
+        self._kinds = _message_classes(self._settings['stack'], self._stack)
+        rotation((0.0, 0.0, 0.0, 1.0))  # It imports SciPy before the first setpoint.
+        self._guard_by_uav = {name: Guard() for name in uavs}
+        # A logger for each UAV, so that throttling one does not hide the warnings about another.
+        self._loggers = {name: self.get_logger().get_child(name) for name in uavs}
         self._outputs: dict[str, dict[str, Publisher]] = {}
         self._reports: dict[str, dict[str, Any]] = {name: {} for name in uavs}
         self._odometry = publishers(self, TOPICS['relay', 'pub'], uavs) if (
@@ -55,7 +54,7 @@ class Relay(Node):
             f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings["stack"]}'))
 
     def close(self) -> bool:
-        """Return whether nothing is left running."""
+        """Return True: no thread is left running."""
         return True
 
     def _connect(self, name: str, vehicle: str) -> None:
@@ -71,19 +70,19 @@ class Relay(Node):
     def _now(self) -> int:
         return self.get_clock().now().nanoseconds
 
-    def _limits_of(self, name: str) -> Limits:
+    def _limits(self, name: str) -> Limits:
         return Limits(self._settings[f'{name}.max_speed'], self._settings['max_jump'],
                       self._settings['start_tolerance'], self._settings['setpoint_timeout'])
 
     def _on_setpoint(self, topic: str, message: MultiDOFJointTrajectory) -> None:
         name, now = topic.partition('/')[0], self._now
         try:
-            # Guarded as it is sent, so that a change of the origin counts as a jump, too.
-            setpoint = setpoint_of(message).seen_from(self._settings[f'{name}.origin'])
+            # Guarded in the vehicle's frame, so that a change of the origin counts as a jump, too.
+            setpoint = read_setpoint(message).seen_from(self._settings[f'{name}.origin'])
             fields = self._stack.fields(setpoint, now)
-            self._guard_of[name].take(setpoint, now, self._limits_of(name))
+            self._guard_by_uav[name].take(setpoint, now, self._limits(name))
         except PlanningError as error:
-            self._logger_of[name].warning(
+            self._loggers[name].warning(
                 f'a setpoint of {name} is not relayed: {brief(error)}',
                 throttle_duration_sec=_WARN_AGAIN)
         else:
@@ -91,37 +90,37 @@ class Relay(Node):
 
     def _on_timer(self) -> None:
         now = self._now
-        for name, guard in self._guard_of.items():
-            if guard.has_ended(now, self._limits_of(name)):
-                self._logger_of[name].warning(
+        for name, guard in self._guard_by_uav.items():
+            if guard.has_ended(now, self._limits(name)):
+                self._loggers[name].warning(
                     f'no setpoint of {name} has come for {self._settings["setpoint_timeout"]:g} '
                     's; nothing more is sent, so that its autopilot notices')
             elif (held := guard.hold(now)) is not None:
-                self._logger_of[name].warning(
+                self._loggers[name].warning(
                     f'no setpoint of {name} can be relayed now; its last place is held',
                     throttle_duration_sec=_WARN_AGAIN)
                 self._publish(name, self._stack.fields(held, now))
 
     def _publish(self, name: str, fields: Mapping[str, Mapping[str, Any]]) -> None:
         for kind, values in fields.items():
-            self._outputs[name][kind].publish(filled(self._kinds[kind](), values))
+            self._outputs[name][kind].publish(fill_message(self._kinds[kind](), values))
 
     def _on_report(self, name: str, kind: str, message: Any) -> None:
-        """Take where a vehicle is from each of the first kind of its reports."""
+        """Use the state of a vehicle whenever the first kind of its reports comes."""
         reports = self._reports[name]
         reports[kind] = message
         kinds = list(self._stack.reports)
         if kind != kinds[0] or len(reports) < len(kinds):
             return
         try:
-            odometry = filled(Odometry(), self._stack.odometry(*map(reports.get, kinds)))
+            odometry = fill_message(Odometry(), self._stack.odometry(*map(reports.get, kinds)))
             pose = odometry.pose.pose
-            place = _finite('position', pose.position, 'xyz')
-            self._guard_of[name].see(place, self._now)
-            _finite('orientation', pose.orientation, 'xyzw')
-            _finite('velocity', odometry.twist.twist.linear, 'xyz')
+            place = _read_finite('position', pose.position, 'xyz')
+            self._guard_by_uav[name].note_position(place, self._now)
+            _read_finite('orientation', pose.orientation, 'xyzw')
+            _read_finite('velocity', odometry.twist.twist.linear, 'xyz')
         except PlanningError as error:
-            self._logger_of[name].warning(
+            self._loggers[name].warning(
                 f'what {name} reports of itself is not used: {brief(error)}',
                 throttle_duration_sec=_WARN_AGAIN)
             return
@@ -138,13 +137,13 @@ class Relay(Node):
         publisher = self._odometry[f'{name}/odom']
         publisher.publish(odometry)
         if self.count_publishers(publisher.topic_name) > 1:
-            self._logger_of[name].warning(
+            self._loggers[name].warning(
                 f'another node publishes {publisher.topic_name}, too; set vehicle_odometry of '
                 'the replay, or unset publish_odometry of the relay',
                 throttle_duration_sec=_WARN_AGAIN)
 
 
-def _finite(name: str, message: Any, fields: str) -> Any:
+def _read_finite(name: str, message: Any, fields: str) -> Any:
     """Return the numbers in fields of a message, or raise a PoseError with the name."""
     values = tuple(getattr(message, field) for field in fields)
     if not all(map(math.isfinite, values)):
@@ -152,29 +151,23 @@ def _finite(name: str, message: Any, fields: str) -> Any:
     return values
 
 
-def _kinds_of(name: str, stack: Stack) -> dict[str, type]:
-    """Return the message classes of a stack by what it calls them."""
+def _message_classes(name: str, stack: Stack) -> dict[str, type]:
+    """Return the message classes of a stack by their names there."""
     try:
-        return {**{kind: class_of(f'{stack.package}/{kind}') for kind in stack.topics},
-                **{kind: class_of(kind) for kind in stack.reports}}
+        return {**{kind: message_class(f'{stack.package}/{kind}') for kind in stack.topics},
+                **{kind: message_class(kind) for kind in stack.reports}}
     except (ImportError, AttributeError) as error:
         raise ParameterError(
             f'parameter stack is {name}: its message package {stack.package} is missing '
-            f'({brief(error, 100)}); {_advice(stack)}') from None
+            f'({brief(error, 100)}); {_installation_advice(stack)}') from None
 
 
-def _advice(stack: Stack) -> str:
-    """Return how to get the message package of a stack beside the ROS that is installed."""
+def _installation_advice(stack: Stack) -> str:
     way = (f'apt install {stack.debian}' if stack.debian else
            f'build {stack.source} in your workspace with colcon, and source that')
     if Path(rclpy.__file__).is_relative_to(sys.prefix):
         return f'ROS from wheels cannot have it; run the relay with ROS from apt: {way}'
     return way
-
-
-def _parameters_of_uavs(values: Mapping[str, Any]) -> dict[str, Spec]:
-    return {name: spec for index, uav in enumerate(values['uavs'])
-            for name, spec in relay_parameters(uav, index).items()}
 
 
 def _check(values: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from functools import partial
 import math
+import os
 import time
 from typing import Any
 
@@ -10,13 +11,13 @@ from builtin_interfaces.msg import Time as Stamp
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
+from std_msgs.msg import Float64
 
 from . import messages
 from .assembly import Assembly
-from .mission_parameters import channel_from
-from .node_parameters import Parameters
 from .parameters import REPLAY
 from .process import run_node
+from .settings import channel_from, Settings
 from .topics import publishers, SENSOR, serve, subscribe, timer_clock, TOPICS
 from ..errors import brief, OptionError, ParameterError, PlanningError, quote
 from ..mission.scenario import Eavesdropper, Point
@@ -25,12 +26,12 @@ from ..plan.playback import Moment
 from ..plan.player import Place, Player
 
 _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
-_LONGEST_WAIT = 10.0  # For a subscriber of simulated UAVs, in s.
+_LONGEST_WAIT = 10.0  # s for a subscriber of simulated UAVs.
 _LONGEST_SIMULATED_TICK = 2.0  # s
 _TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower counts as silent.
-_CLOCK_ERROR = 0.25  # s; of the node's clock between two ticks.
-_LATE = 3.0  # s after point 0; beyond the patience with the last messages of a plan.
-_FRESH = 1.0  # Largest age in s of the odometry from which a vehicle may start.
+_CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
+_LATE = 3.0  # s after point 0; longer than an assembly waits for the last messages of a plan.
+_FRESH = 1.0  # s; the largest age of the odometry from which a vehicle may start.
 
 
 class Replay(Node):
@@ -38,20 +39,22 @@ class Replay(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('replay', **options)
-        self._settings = Parameters(self, REPLAY, _check)
+        self._settings = Settings(self, REPLAY, _check)
         self._uavs = self._settings['uavs']
         self._frame_id = self._settings['frame_id']
         self._player = Player(lambda reason: self.get_logger().warning(
             brief(f'the new plan is not played: {reason}')))
         self._released_ns, self._ticked = 0, time.monotonic()
         self._waits: list[str] = []
-        self._odometry: dict[str, tuple[int, Odometry]] = {}  # Received in ns.
-        self._warned: set[str] = set()
-        self._starts_next = False  # Whether ~/start was for the plan whose messages arrive.
+        self._odometry: dict[str, tuple[int, Odometry]] = {}  # With the time of arrival in ns.
+        self._warnings: set[str] = set()
+        self._starts_next = False  # Set by ~/start for the plan whose messages arrive.
         self._problem = ''  # Of the last messages that made no plan.
-        # All callbacks use the same player, so they run one at a time.
+        # The callbacks share the player, so they run one at a time.
         self._group = MutuallyExclusiveCallbackGroup()
-        plan = _saved_plan(self._settings['plan_file'])
+        # Unique, because two nodes may have the same name.
+        self._follower = f'{self.get_fully_qualified_name()} (process {os.getpid()})'
+        plan = _load_plan(self._settings['plan_file'])
         if plan is not None:
             self._uavs = [uav.name for uav in plan.scenario.uavs]
         names = {} if plan is not None else subscribe(
@@ -61,7 +64,7 @@ class Replay(Node):
             self._uavs, lambda topic: self.count_publishers(names[topic]) > 0)
         self._make_interface()
         if plan is not None:
-            self._take(plan, self._frame_id)
+            self._adopt(plan, self._frame_id)
         self._settings.warn_of_unknown()
         self.get_logger().info(brief('ready: ~/start replays ' + ', '.join(self._uavs)))
 
@@ -80,7 +83,7 @@ class Replay(Node):
                           callback_group=self._group, clock=timer_clock(self))
 
     def close(self) -> bool:
-        """Return whether nothing is left running."""
+        """Return True: no thread is left running."""
         return True
 
     # Plans
@@ -89,7 +92,7 @@ class Replay(Node):
         self._assembly.take(topic, message, self.get_clock().now().nanoseconds)
 
     def _assemble(self) -> None:
-        """Load the plan of the topics, or note why that fails."""
+        """Load the plan of the topics, or note the reason why that fails."""
         starts, self._starts_next = self._starts_next, False
         try:
             ground_node = tuple(self._settings['ground_node'])
@@ -99,31 +102,31 @@ class Replay(Node):
                 reference_snr_db=self._settings['reference_snr_db'])
         except PlanningError as error:
             reason = self._problem = brief(error)
-            if reason not in self._warned and len(self._warned) < _MOST_WARNINGS:
-                self._warned.add(reason)
+            if reason not in self._warnings and len(self._warnings) < _MOST_WARNINGS:
+                self._warnings.add(reason)
                 self.get_logger().warning(f'the plan of the topics is not used: {reason}')
             return
         self._problem = ''
-        self._warned.clear()
+        self._warnings.clear()
         if self._player.streaming and frame_id != self._frame_id:
             self._player.refuse(f'it is in frame {quote(frame_id)} and the setpoints are in '
                                 f'{quote(self._frame_id)}; ~/reset ends them')
             return
-        self._take(plan, frame_id, starts)
+        self._adopt(plan, frame_id, starts)
         missing = self._assembly.without_trajectory()
         if missing:
             self.get_logger().warning(brief(
                 f'nothing has come on {", ".join(missing)} that belongs to this plan; it is flown '
                 'straight from point to point'))
 
-    def _take(self, plan: Plan, frame_id: str, starts: bool = False) -> None:
-        """Give a plan to the player, and release it if ~/start was for it or by `autostart`."""
+    def _adopt(self, plan: Plan, frame_id: str, starts: bool = False) -> None:
+        """Give a plan to the player, and release it after ~/start or by `autostart`."""
         self.get_logger().info(f'got a plan of {plan.scenario.slots} slots for '
                                f'{", ".join(self._uavs)}: {plan.identity}')
         before = self._player.playback
         if self._player.load(plan):
             self._frame_id = frame_id
-            # A revision of the flight that is known goes on, or stays paused, as that does.
+            # A revision of the same flight goes on, or stays paused, as that does.
             autostarts = self._settings['autostart'] and (
                 before is None or before.plan.start_ns != plan.start_ns)
             is_late = not self._settings['plan_file'] and (
@@ -141,14 +144,14 @@ class Replay(Node):
     def _on_odometry(self, topic: str, message: Odometry) -> None:
         self._odometry[topic.partition('/')[0]] = self.get_clock().now().nanoseconds, message
 
-    def _place(self, name: str, now_ns: int) -> Place | str:
-        """Return where a UAV is by its odometry, or in words which odometry is missing."""
+    def _vehicle_position(self, name: str, now_ns: int) -> Place | str:
+        """Return the position of a UAV by its odometry in m, or the missing odometry in words."""
         received, message = self._odometry.get(name, (0, None))
         if message is None or not 0 <= now_ns - received <= _FRESH * 1e9:
             return f'odometry of {name}'
-        header, at = message.header, message.pose.pose.position
+        header, point = message.header, message.pose.pose.position
         age = (now_ns - (messages.nanoseconds(header.stamp) or received)) * 1e-9
-        place = (at.x, at.y, at.z)
+        place = (point.x, point.y, point.z)
         if header.frame_id != self._frame_id:
             return (f'odometry of {name} in frame {quote(self._frame_id)}, that which comes is in '
                     f'{quote(header.frame_id)}')
@@ -161,12 +164,11 @@ class Replay(Node):
     # Services
 
     def _start(self) -> str:
-        """Release the plan; return in words what follows."""
-        self._player.start()
-        now = self.get_clock().now().nanoseconds
+        """Release the plan; return its next state in words."""
+        player, now = self._player, self.get_clock().now().nanoseconds
+        player.start()
         self._released_ns = now
-        self._waits = [] if self._player.streaming else self._waits_for(now)
-        player = self._player
+        self._waits = [] if player.streaming else self._find_waits(now)
         ahead = ((player.playback.begin_ns or 0) - now) * 1e-9 if (
             player.time <= player.playback.begin) else 0.0
         follows = [f'waits for {wait}' for wait in self._waits] + (
@@ -183,15 +185,15 @@ class Replay(Node):
                     else self._start())
         except OptionError as error:
             return False, f'{error}{reason and ": "}{reason}'
-        self._on_tick()  # Who tracks the time of the plan hears of it before the answer.
+        self._on_tick()  # It reports on plan_time before the answer.
         return True, text
 
     def _on_pause(self) -> tuple[bool, str]:
-        # A start that waits for the rest of a plan is withdrawn, too.
-        withdrawn, self._starts_next = self._starts_next, False
-        paused = self._player.pause() or withdrawn
+        # It withdraws a start that waits for the rest of a plan, too.
+        is_withdrawn, self._starts_next = self._starts_next, False
+        is_paused = self._player.pause() or is_withdrawn
         self._on_tick()
-        return paused, 'paused' if paused else 'nothing is playing'
+        return is_paused, 'paused' if is_paused else 'nothing is playing'
 
     def _on_reset(self) -> tuple[bool, str]:
         self._player.reset()
@@ -209,33 +211,34 @@ class Replay(Node):
         if self._assembly.is_due(now):
             self._assemble()
         player, playback = self._player, self._player.playback
-        if player.playing and not player.streaming:
-            self._report(self._waits_for(now))
         if not player.streaming:
             self._streamed = 0
-        running = player.playing
+            if player.playing:
+                self._log_waits(self._find_waits(now))
+        was_playing = player.playing
         moment = player.tick(now, self._settings['speed'], self._eavesdropper,
                              is_ready=not self._waits, longest=longest)
         if playback is not None:
-            self._outputs['plan_time'].publish(
-                messages.plan_time(player.playback.plan, player.time, clock.to_msg()))
+            self._outputs['plan_time'].publish(messages.plan_time(
+                player.playback.plan, player.time, clock.to_msg(), self._follower))
         if moment is not None:
             if self._streamed % self._ticks_each == 0:
                 self._publish(moment, clock.to_msg())
             self._streamed += 1
-        if running and player.ended:
+        if was_playing and player.ended:
             self._announce_end()
 
-    def _waits_for(self, now_ns: int) -> list[str]:
-        """Return in words what the first setpoint waits for."""
-        settings, simulated = self._settings, not self._settings['vehicle_odometry']
-        found = [None if simulated else self._place(name, now_ns) for name in self._uavs]
-        waits = [place for place in found if isinstance(place, str)]
+    def _find_waits(self, now_ns: int) -> list[str]:
+        """Return the conditions that the first setpoint waits for, in words."""
+        settings, is_simulated = self._settings, not self._settings['vehicle_odometry']
+        places = [None if is_simulated else self._vehicle_position(name, now_ns)
+                  for name in self._uavs]
+        waits = [place for place in places if isinstance(place, str)]
         waits += self._player.not_at_start(
-            [None if isinstance(place, str) else place for place in found],
+            [None if isinstance(place, str) else place for place in places],
             settings['start_tolerance'], settings['speed'])
-        # Who only watches simulated UAVs need not subscribe to each of them.
-        if simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
+        # Simulated UAVs may fly without a subscriber each, after a while.
+        if is_simulated and not 0 <= now_ns - self._released_ns < _LONGEST_WAIT * 1e9:
             return waits
         return waits + [f'a subscriber of the setpoints of {name}'
                         for name in self._uavs
@@ -243,22 +246,22 @@ class Replay(Node):
                             f'{name}/setpoint/pose', f'{name}/setpoint/trajectory',
                             f'{name}/odom') if topic in self._outputs)]
 
-    def _report(self, waits: list[str]) -> None:
-        """Note and log what is waited for, when that is something else than before."""
-        def kinds(of: list[str]) -> list[str]:
-            return [wait.partition(',')[0] for wait in of]  # Without the distance.
+    def _log_waits(self, waits: list[str]) -> None:
+        """Log the conditions if they are of another kind than before."""
+        def kinds(waits: list[str]) -> list[str]:
+            return [wait.partition(',')[0] for wait in waits]  # Without the distance.
         if waits and kinds(waits) != kinds(self._waits):
             self.get_logger().info(brief(f'waiting for {", ".join(waits)}'))
         self._waits = waits
 
     def _publish(self, moment: Moment, stamp: Stamp) -> None:
-        for topic, message in messages.of_moment(
+        for topic, message in messages.setpoint_messages(
                 self._player.playback.plan.scenario, moment, self._frame_id, stamp):
-            if topic in self._outputs:  # With vehicle_odometry, others publish that.
+            if topic in self._outputs:  # Without odometry where vehicles publish it.
                 self._outputs[topic].publish(message)
         if self._eavesdropper is not None:
-            self._outputs['~/secrecy_rate'].publish(messages.float64(
-                self._player.playback.secrecy_rate(moment, self._eavesdropper)))
+            self._outputs['~/secrecy_rate'].publish(Float64(data=float(
+                self._player.playback.secrecy_rate(moment, self._eavesdropper))))
 
     def _announce_end(self) -> None:
         delivered, jump = self._player.delivered, self._player.largest_jump
@@ -274,7 +277,7 @@ class Replay(Node):
             self._start()
 
 
-def _saved_plan(file: str) -> Plan | None:
+def _load_plan(file: str) -> Plan | None:
     try:
         return Plan.load(file) if file else None
     except (OSError, ValueError) as error:

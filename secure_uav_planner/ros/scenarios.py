@@ -1,30 +1,42 @@
-"""What to solve, from the values of parameters and poses: the scenario, and when it begins."""
+"""
+Problems for the solver, from parameters, poses and the flight.
+
+A request plans a new mission, which begins at a StartTime; Replanning finds when the remainder of
+the mission in flight is due to be planned again.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
-from .mission_parameters import airspace_from, channel_from, uav_from
 from .parameters import SCENARIO_FIELDS
+from .plan_tracking import PlanTracking
 from .poses import error_radius, PoseBook
+from .settings import airspace_from, channel_from, uav_from
 from .topics import GROUND_NODE_TOPIC
-from ..errors import LateError, ScenarioError
+from ..errors import (
+    brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
+from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
+from ..plan.plan import Plan
 from ..plan.tracking import Flight, MeasuredState, predict_state, start_from_state
 
-_RESERVE = 1.0  # For what follows a solve, in s; at most half of the time there is.
+# s between a solve and the effect of its plan; at most half of the available time.
+_PLAN_RESERVE, _REPLAN_RESERVE = 1.0, 0.5
+_DELIVERY = 0.2  # s from the publication of a replan until the follower has it.
+_REASONS = ('period', 'distance', 'deviation')
 
 
 @dataclass(frozen=True)
 class StartTime:
     """
-    When the plan of a request begins.
+    The start of the plan of a request.
 
-    :param asked_ns: the time of the request in ns.
-    :param delay: from then to point 0 in s, or 0 for a plan that begins once it has been solved.
-    :param lead_in: how long before point 0 setpoints pass over to the plan in s: half a slot if
-        any UAV has a limit of acceleration, for then it leaves its start.
+    :param asked_ns: time of the request in ns.
+    :param delay: s from the request to point 0; 0 for a plan that begins once it is solved.
+    :param lead_in: s from the first setpoint to point 0: half a slot if any UAV has a limit of
+        acceleration, because it leaves its start then.
     """
 
     asked_ns: int
@@ -32,34 +44,35 @@ class StartTime:
     lead_in: float
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any], now_ns: int, is_flying: bool) -> 'StartTime':
-        """Return that of a request; in flight, a plan takes effect replan_lead ahead or later."""
+    def from_settings(cls, settings: Mapping[str, Any], now_ns: int, flight: Flight | None
+                      ) -> 'StartTime':
+        """Return the start of a request; in flight, it is at least replan_lead ahead."""
         is_smooth = any(settings[f'{name}.max_acceleration'] for name in settings['uavs'])
         lead_in = settings['duration'] / settings['slots'] / 2 if is_smooth else 0.0
         delay = settings['start_delay']
-        if is_flying:
+        if flight is not None and flight.state == 'flying':
             delay = max(delay, settings['replan_lead'] + lead_in)
         return cls(now_ns, delay, lead_in)
 
     @property
     def ahead(self) -> float:
-        """How far ahead of the request the plan takes effect, in s."""
+        """Time in s from the request to the first setpoint of the plan."""
         return max(0.0, self.delay - self.lead_in)
 
     @property
     def effect_ns(self) -> int:
-        """When the plan takes effect, in ns."""
+        """Time of the first setpoint of the plan in ns."""
         return self.asked_ns + round(self.ahead * 1e9)
 
     def time_limit(self, limit: float | None) -> float | None:
-        """Return the time limit of the solve in s for that of the parameters; None for none."""
+        """Return the parameter's time limit in s, shortened to the time until the effect."""
         if not self.delay:
             return limit
-        left = self.ahead - min(_RESERVE, self.ahead / 2)
+        left = self.ahead - min(_PLAN_RESERVE, self.ahead / 2)
         return left if limit is None else min(limit, left)
 
-    def start_of(self, now_ns: int) -> int:
-        """Return the time in ns of point 0 of a plan that has been solved now."""
+    def point_0_ns(self, now_ns: int) -> int:
+        """Return the time in ns of point 0 of a plan that is solved now."""
         return (self.effect_ns if self.delay else now_ns) + round(self.lead_in * 1e9)
 
     def check_in_time(self, now_ns: int) -> None:
@@ -72,10 +85,11 @@ class StartTime:
 def scenario_from(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
                   states: Sequence[MeasuredState | None], flight: Flight | None) -> Scenario:
     """
-    Return the Scenario of a new mission, from where the UAVs are or will be, if that is known.
+    Return the Scenario of a new mission, which begins where the UAVs will be.
 
-    :param states: where each UAV is, in the time of the flight or else in s of the clock.
-    :param flight: the Flight from which it goes on, or None.
+    :param states: the measured state of each UAV, in the time of the flight or else of the
+        clock; None for a UAV that is on the flight's plan, or at its start without a flight.
+    :param flight: the Flight that the mission continues, or None.
     :raises PlanningError: if poses cannot be used, or for a mission that cannot be flown.
     """
     poses.check(settings, start.asked_ns * 1e-9)
@@ -85,14 +99,14 @@ def scenario_from(settings: Mapping[str, Any], poses: PoseBook, start: StartTime
     return _scenario(settings, uavs, _receivers(settings, poses))
 
 
-def parameter_scenario(settings: Mapping[str, Any]) -> Scenario:
-    """
-    Return the Scenario of the parameters, with receivers at places of no account.
-
-    :raises PlanningError: for a mission that cannot be flown.
-    """
-    return _scenario(settings, [uav_from(settings, name) for name in settings['uavs']],
-                     {'ground_node': (0.0, 0.0), 'eavesdroppers': (Eavesdropper((0.0, 0.0)),)})
+def explain_infeasible(settings: Mapping[str, Any]) -> str:
+    """Return the reason why the mission of the parameters cannot be flown, or an empty string."""
+    receivers = {'ground_node': (0.0, 0.0), 'eavesdroppers': (Eavesdropper((0.0, 0.0)),)}
+    try:
+        _scenario(settings, [uav_from(settings, name) for name in settings['uavs']], receivers)
+    except PlanningError as error:
+        return brief(error)
+    return ''
 
 
 def _scenario(settings: Mapping[str, Any], uavs: Sequence[Uav], receivers: Mapping[str, Any]
@@ -105,13 +119,13 @@ def _scenario(settings: Mapping[str, Any], uavs: Sequence[Uav], receivers: Mappi
 def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
                       settings: Mapping[str, Any], start: StartTime, flight: Flight | None
                       ) -> Uav:
-    """Return a UAV with the place, and where it flies the velocity, with which it starts."""
+    """Return a UAV that starts in its state at the effect of the plan."""
     if state is None and (flight is None or flight.state == 'waiting'):
         return uav
     time = start.effect_ns * 1e-9 if flight is None else flight.time + flight.rate * start.ahead
     is_reported = flight is not None and flight.is_reported
     if state is None or is_reported and flight.is_under_way:
-        start_state = _planned(uav, index, flight, time)
+        start_state = _planned_state(uav, index, flight, time)
     elif is_reported or start.delay:
         start_state = predict_state(
             state, time, uav.max_acceleration, flight and flight.playback, index,
@@ -121,8 +135,8 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
     return start_from_state(uav, *start_state, settings['duration'] / settings['slots'])
 
 
-def _planned(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
-    """Return where a UAV will be on the plan that is flown, and how fast, if it may go on so."""
+def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, Point]:
+    """Return position and velocity on the plan in flight, or raise an error beyond a limit."""
     flown = flight.playback.plan.scenario.uavs[index]
     if uav.altitude != flown.altitude:
         raise ScenarioError(
@@ -142,25 +156,128 @@ def _planned(uav: Uav, index: int, flight: Flight, time: float) -> tuple[Point, 
 def update_receivers(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, now: float
                      ) -> Scenario:
     """Return the scenario with the present poses of the ground node and the eavesdroppers."""
-    poses.check(settings, now, of_uavs=False)
+    poses.check(settings, now, with_uavs=False)
     return replace(scenario, **_receivers(settings, poses))
 
 
-def has_moved(scenario: Scenario, known: Scenario, distance: float) -> bool:
-    """Return whether a receiver has moved by more than a distance in m, or a radius by a tenth."""
-    return math.dist(scenario.ground_node, known.ground_node) > distance or any(
-        math.dist(before.position, now.position) > distance
-        or abs(before.error_radius - now.error_radius) > 0.1 * distance
-        for before, now in zip(scenario.eavesdroppers, known.eavesdroppers))
+def has_moved(before: Scenario, now: Scenario, distance: float) -> bool:
+    """Return True if a receiver has moved by more than a distance in m, or a radius by a tenth."""
+    return math.dist(before.ground_node, now.ground_node) > distance or any(
+        math.dist(old.position, new.position) > distance
+        or abs(old.error_radius - new.error_radius) > 0.1 * distance
+        for old, new in zip(before.eavesdroppers, now.eavesdroppers))
 
 
 def _receivers(settings: Mapping[str, Any], poses: PoseBook) -> dict[str, Any]:
-    """Return the ground node and the eavesdroppers of a Scenario."""
-    found = []
+    """Return the ground node and the eavesdroppers by the fields of Scenario."""
+    eavesdroppers = []
     for name in settings['eavesdroppers']:
-        known = poses.get(f'{name}/pose')
-        radius = (error_radius(known.covariance, settings['confidence'])
-                  if known.covariance.any() else settings[f'{name}.error_radius'])
-        found.append(Eavesdropper(known.position, radius, name,
-                                  settings[f'{name}.receiver_advantage_db']))
-    return {'ground_node': poses.get(GROUND_NODE_TOPIC).position, 'eavesdroppers': tuple(found)}
+        pose = poses.get(f'{name}/pose')
+        radius = (error_radius(pose.covariance, settings['confidence'])
+                  if pose.covariance.any() else settings[f'{name}.error_radius'])
+        eavesdroppers.append(Eavesdropper(
+            pose.position, radius, name, settings[f'{name}.receiver_advantage_db']))
+    return {'ground_node': poses.get(GROUND_NODE_TOPIC).position,
+            'eavesdroppers': tuple(eavesdroppers)}
+
+
+class Remainder(NamedTuple):
+    """
+    The remainder of a mission, which is to be planned again.
+
+    :param plan: the plan in flight.
+    :param first: the first point of its path that may change.
+    :param updated: its scenario with the present receivers.
+    :param must_meet: raise an error if the UAVs cannot be met where they will be; otherwise the
+        new plan then begins on the plan in flight.
+    """
+
+    plan: Plan
+    first: int
+    states: Sequence[MeasuredState | None]
+    updated: Scenario
+    must_meet: bool
+    tolerance: float
+    time_limit: float
+
+    def find_rejoin(self) -> Rejoin:
+        """Return the beginning of the replan, or raise an InfeasibleMissionError."""
+        receivers = self.tolerance, self.updated.ground_node, self.updated.eavesdroppers
+        try:
+            return find_rejoin(self.plan, self.first, self.states, *receivers)
+        except InfeasibleMissionError:
+            if self.must_meet:
+                raise
+            return find_rejoin(self.plan, self.first, [None] * len(self.states), *receivers)
+
+
+class Replanning:
+    """Finds when the remainder of the mission is due to be planned again; times in s."""
+
+    def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
+        self._poses, self._tracking = poses, tracking
+        self._last_planned = -math.inf
+        self._has_failed = False  # The last replan that was due.
+        self._was_due = False
+
+    def note_plan(self, now: float) -> None:
+        """Begin the next period at a new plan."""
+        self._last_planned, self._has_failed = now, False
+
+    def note_failure(self) -> None:
+        """Note that the last replan gave no plan."""
+        self._has_failed = self._was_due
+
+    def find_due(self, last: Plan, settings: Mapping[str, Any], now: float) -> Remainder | None:
+        """Return the remainder of the mission if it is due to be planned again, or None."""
+        if not any(settings[f'replan_{reason}'] for reason in _REASONS):
+            return None
+        flight = self._tracking.flight(now)
+        if flight is None or not flight.rate:
+            return None
+        plan = flight.playback.plan
+        if plan.start_ns != last.start_ns:
+            return None  # The last plan has not begun.
+        lead = settings['replan_lead']
+        first = find_first_point(plan.scenario, flight.time + lead * flight.rate)
+        if first >= plan.scenario.slots:
+            return None  # The mission ends before a new plan could take effect.
+        try:
+            updated = update_receivers(plan.scenario, settings, self._poses, now)
+        except PlanningError:
+            return None  # Poses are missing or too old; the diagnostics report it.
+        is_due = self._is_due(plan, updated, settings, now)
+        if not is_due and not (flight.state == 'flying' and self._deviates(settings, now)):
+            return None
+        self._last_planned, self._was_due = now, is_due
+        states = self._tracking.states(flight, settings, now)
+        return Remainder(plan, first, states, updated, not is_due, settings['track_tolerance'],
+                         lead - min(_REPLAN_RESERVE, lead / 2))
+
+    def _is_due(self, plan: Plan, updated: Scenario, settings: Mapping[str, Any], now: float
+                ) -> bool:
+        """Return True if the period is over, or a receiver has moved."""
+        period, distance = settings['replan_period'], settings['replan_distance']
+        since = now - self._last_planned  # Negative after the clock has jumped back.
+        if period and not 0 <= since < period:
+            return True
+        # After a failure, a move waits for the lead.
+        waits = self._has_failed and 0 <= since < settings['replan_lead']
+        return bool(distance and not waits and has_moved(plan.scenario, updated, distance))
+
+    def _deviates(self, settings: Mapping[str, Any], now: float) -> bool:
+        """Return True if a UAV is too far from its plan, and has had the lead to come back."""
+        most = settings['replan_deviation']
+        if not most or 0 <= now - self._last_planned < settings['replan_lead']:
+            return False
+        return any(distance > most and settings[f'{name}.use_pose']
+                   for name, distance in self._tracking.distances(settings, now).items())
+
+
+def check_in_time(rejoin: Rejoin, flight: Flight | None) -> None:
+    """Raise an error if a replan comes too late for the flight, or after another plan."""
+    if flight is None or flight.playback.plan is not rejoin.plan:
+        raise SupersededError('replan: another plan came in between')
+    if flight.time + _DELIVERY * flight.rate > rejoin.effect:
+        raise LateError('replan: the new plan came after the moment it was to take effect; '
+                        'a longer replan_lead gives it more time')

@@ -1,14 +1,22 @@
-"""The thread in which the planner solves, one job after another."""
+"""The thread in which the planner solves and proves bounds, one job after another."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import partial
 import threading
+import time
 from typing import Any, TypeAlias
 
+from .settings import objective_from
+from ..bound import upper_bound
 from ..errors import StoppedError
-from ..plan.plan import Iteration
+from ..mission.scenario import Scenario
+from ..optimize import solve
+from ..plan.plan import Iteration, Plan
+from ..plan.results import Bound
+
+_PROGRESS_PERIOD = 0.1  # s
 
 
 @dataclass(eq=False)
@@ -16,28 +24,51 @@ class Job:
     """
     A solve, or the proof of a bound.
 
+    :param on_progress: called from time to time while it solves.
     :param cancelled: the text of its error after a cancel.
     :param is_solve: otherwise it is the proof of a bound.
     :ivar stop: set when its result is no longer wanted.
     :ivar progress: the last iteration of a solve.
     """
 
+    on_progress: Callable[[], object]
     cancelled: str
     is_solve: bool
     stop: threading.Event = field(default_factory=threading.Event)
     progress: Iteration | None = None
+    _reported: float = 0.0  # s
 
     def check(self) -> None:
         """Raise a StoppedError if the result is no longer wanted."""
         if self.stop.is_set():
             raise StoppedError(self.cancelled)
 
+    def solve(self, scenario: Scenario, settings: Mapping[str, Any], time_limit: float | None,
+              initial: Plan | None) -> Plan:
+        """Solve a mission by the method and for the objective of the parameters."""
+        def on_iteration(iteration: Iteration) -> bool:
+            self.progress, now = iteration, time.monotonic()
+            if iteration.number == 0 or now - self._reported > _PROGRESS_PERIOD:
+                self._reported = now
+                self.on_progress()
+            return self.stop.is_set()
+
+        plan = solve(scenario, method=settings['method'], objective=objective_from(settings),
+                     time_limit=time_limit, initial=initial, on_iteration=on_iteration)
+        self.check()
+        return plan
+
+    def prove_bound(self, plan: Plan) -> Bound:
+        """Prove the bound of a plan."""
+        return upper_bound(plan.scenario, objective=plan.objective, plan=plan,
+                           on_progress=lambda _: self.stop.is_set())
+
 
 Work: TypeAlias = Callable[[Job], Any]
-"""Called in the solver's thread; what it returns is the result of its job."""
+"""Called in the solver's thread; returns the result of the job."""
 
 Result: TypeAlias = Callable[[], Any]
-"""Returns what the work of a job has returned, or raises what it has raised."""
+"""Returns the result of a job, or raises its error."""
 
 
 class SolverThread:
@@ -47,11 +78,13 @@ class SolverThread:
     All methods and `job` belong to the state thread.
 
     :param post: called with a function that is to run in the state thread.
+    :param on_progress: called in the state thread from time to time during a solve.
     :ivar job: the Job that is under way, or None.
     """
 
-    def __init__(self, post: Callable[[Callable[[], None]], None]) -> None:
-        self._post = post
+    def __init__(self, post: Callable[[Callable[[], None]], None],
+                 on_progress: Callable[[], None]) -> None:
+        self._post, self._on_progress = post, partial(post, on_progress)
         self._pool = ThreadPoolExecutor(1, 'solver')
         self._last: 'Future[Any]' = Future()
         self._last.set_result(None)
@@ -70,11 +103,11 @@ class SolverThread:
         :param then: called with the Result in the state thread, unless a later job was started.
         """
         self.stop()
-        job = self.job = Job(cancelled, is_solve)
+        job = self.job = Job(self._on_progress, cancelled, is_solve)
 
         def finish(future: 'Future[Any]') -> None:
             def result() -> Any:
-                job.check()  # A cancel that came after the work, too.
+                job.check()  # It may have been cancelled after its work.
                 return future.result()
 
             if job is self.job:
@@ -85,7 +118,7 @@ class SolverThread:
             lambda future: self._post(partial(finish, future)))
 
     def run(self, work: Callable[[], Any]) -> 'Future[Any]':
-        """Run a function in the solver's thread, after what was started before."""
+        """Run a function in the solver's thread, after the jobs before."""
         self._last = self._pool.submit(work)
         return self._last
 
@@ -96,7 +129,7 @@ class SolverThread:
             self.job = None
 
     def close(self, timeout: float) -> bool:
-        """Stop for good; return whether the thread has ended within the timeout in s."""
+        """Stop for good; return True if the thread has ended within the timeout in s."""
         self.stop()
         self._pool.shutdown(wait=False)
         return not wait([self._last], timeout).not_done

@@ -9,23 +9,25 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from .poses import PoseBook
 from .topics import GROUND_NODE_TOPIC
-from ..errors import brief, PlanningError
+from ..errors import brief, describe_error, PlanningError, StoppedError
 from ..plan.plan import Iteration, Plan
 from ..plan.results import Bound
 
+_LONGEST_REASON = 4000
+
 
 class RequestOutcome(NamedTuple):
-    """How the last request or replan ended, with a summary of its plan, or why there is none."""
+    """The outcome of the last request or replan, with a summary of its plan, or the refusal."""
 
     level: bytes  # Of DiagnosticStatus.
     code: str  # 'ok', or that of the error.
     text: str
-    is_replan: bool = False  # That was refused.
+    is_replan: bool = False  # Set for a refusal.
 
 
 @dataclass
 class State:
-    """The last plan that was published, why the last request or replan was refused, and counts."""
+    """The last published plan, the refusal of the last request or replan, and counts."""
 
     plan: Plan | None = None
     prefix: str = ''  # Of its summary.
@@ -36,7 +38,7 @@ class State:
 
     @property
     def outcome(self) -> RequestOutcome:
-        """Return how the last request or replan ended, with what is known of its plan now."""
+        """Outcome of the last request or replan."""
         plan = self.plan
         if self.refusal is not None:
             return self.refusal
@@ -47,26 +49,32 @@ class State:
                               self.prefix + plan_summary(plan, self.bound))
 
     def count(self, kind: str, prefix: str) -> None:
-        """Increase one of the counts for a plan, whose summary has a prefix."""
+        """Increase a count for a plan, whose summary has a prefix."""
         self.counts[kind] += 1
         self.prefix = prefix
 
     def keep(self, plan: Plan) -> None:
-        """Take a plan for the last one."""
+        """Make a plan the last one."""
         self.plan, self.bound, self.refusal = plan, plan.bound, None
 
     def end_flight(self) -> None:
-        """Note that the last plan has been flown; a replan of it is no longer missed."""
+        """Forget the refusal of a replan at the end of the flight."""
         if self.refusal is not None and self.refusal.is_replan:
             self.refusal = None
 
-    def refuse(self, error: Exception, reason: str, level: bytes, is_replan: bool) -> str:
-        """Note why there is no new plan; return the reason, and whether the last plan remains."""
-        text = reason + ('' if self.plan is None else '; the last plan stands')
+    def refuse(self, error: Exception, is_replan: bool) -> RequestOutcome:
+        """Note and return the refusal of a new plan; its text tells if the last plan stands."""
+        level, reason = DiagnosticStatus.WARN, brief(error, _LONGEST_REASON)
+        if not isinstance(error, PlanningError):
+            kind = 'replan' if is_replan else 'solve'
+            level, reason = DiagnosticStatus.ERROR, f'the {kind} failed: {describe_error(error)}'
+        elif is_replan and isinstance(error, StoppedError):
+            level = DiagnosticStatus.OK
         self.counts['refusals'] += 1
         self.refusal = RequestOutcome(
-            level, getattr(error, 'code', PlanningError.code), text, is_replan)
-        return text
+            level, getattr(error, 'code', PlanningError.code),
+            reason + ('' if self.plan is None else '; the last plan stands'), is_replan)
+        return self.refusal
 
 
 def plan_summary(plan: Plan, bound: Bound | None) -> str:
@@ -88,8 +96,8 @@ def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
 
     ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or the
     last request was refused, or its plan has not converged or lets UAVs come close without a
-    separation. OK: none of these. While a solve is under way, its progress stands for the last
-    outcome. STALE is not used, because tools take it for a node that has stopped reporting.
+    separation. OK: none of these. During a solve, its progress replaces the last outcome. STALE
+    is not used, because tools take it for a node that has stopped reporting.
     """
     texts = [str(problem) for problem in problems]
     if progress is not None:
@@ -109,32 +117,32 @@ def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
         log.info(text)
 
 
-def values(state: State, progress: Iteration | None, busy: bool, poses: PoseBook,
-           settings: Mapping[str, Any], now: float) -> dict[str, Any]:
+def status_values(state: State, progress: Iteration | None, is_solving: bool, poses: PoseBook,
+                  settings: Mapping[str, Any], now: float) -> dict[str, Any]:
     """Return the values of the status by key; `progress` is that of a solve under way, or None."""
-    found: dict[str, Any] = {'state': 'solving' if busy else 'idle',
-                             'outcome.code': state.outcome.code, **state.counts}
+    values: dict[str, Any] = {'state': 'solving' if is_solving else 'idle',
+                              'outcome.code': state.outcome.code, **state.counts}
     if progress is not None:
-        found.update({
+        values |= {
             'progress.iteration': progress.number, 'progress.step': progress.step,
-            'progress.rate': progress.rate, 'progress.elapsed': progress.elapsed})
+            'progress.rate': progress.rate, 'progress.elapsed': progress.elapsed}
     plan = state.plan
     if plan is not None:
-        found.update({
+        values |= {
             'plan.identity': plan.identity, 'plan.stamp': f'{plan.start_ns * 1e-9:.9f}',
-            'plan.age': now - plan.start_ns * 1e-9, **plan_values(plan)})
+            'plan.age': now - plan.start_ns * 1e-9, **plan_values(plan)}
         if state.bound is not None:
-            found.update({'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)})
+            values |= {'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)}
     names = [*settings['eavesdroppers'], *settings['uavs']]
     for topic in [GROUND_NODE_TOPIC, *(f'{name}/pose' for name in names),
                   *(f'{name}/odom' for name in settings['uavs'])]:
-        known = poses.get(topic)
-        found[f'pose_age.{topic}'] = 'none' if known is None else known.age(now)
-    return found
+        pose = poses.get(topic)
+        values[f'pose_age.{topic}'] = 'none' if pose is None else pose.age(now)
+    return values
 
 
 def plan_values(plan: Plan) -> dict[str, Any]:
-    """Return what a plan achieves and how it was found, as values of the status by key."""
+    """Return rates, clearances, energies and the solve of a plan by key of the status."""
     return {'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
             **closest_approach_values(plan), **_energy_values(plan),
             'plan.worst_case_rate': plan.worst_case_rate,
@@ -147,26 +155,26 @@ def closest_approach_text(plan: Plan) -> str:
     """Return the smallest distances of a plan in words, with a warning where UAVs are close."""
     clearance = plan.clearance
     zones, margin = clearance.to_zones, plan.scenario.margin_text
-    found = [clearance.between_uavs_text]
+    texts = [clearance.between_uavs_text]
     if zones is not None:
         left = margin and f' ({clearance.zones_beyond_margin:.1f} m{margin})'
-        found.append(f'{zones.names[0]} comes within {zones.distance:.1f} m of {zones.names[1]}'
+        texts.append(f'{zones.names[0]} comes within {zones.distance:.1f} m of {zones.names[1]}'
                      f'{left}')
-    return '; '.join(filter(None, found))
+    return '; '.join(filter(None, texts))
 
 
 def closest_approach_values(plan: Plan) -> dict[str, Any]:
     """Return the smallest distances of a plan as values of the status by key."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     clearance = plan.clearance
     for key, approach, left in (
             ('uav_distance', clearance.between_uavs, clearance.uavs_beyond_margin),
             ('zone_distance', clearance.to_zones, clearance.zones_beyond_margin)):
         if approach is not None:
-            found.update({f'plan.{key}': approach.distance, f'plan.{key}.beyond_margin': left,
-                          f'plan.{key}.between': ', '.join(approach.names),
-                          f'plan.{key}.time': approach.time})
-    return found
+            values |= {f'plan.{key}': approach.distance, f'plan.{key}.beyond_margin': left,
+                       f'plan.{key}.between': ', '.join(approach.names),
+                       f'plan.{key}.time': approach.time}
+    return values
 
 
 def _energy_values(plan: Plan) -> dict[str, float]:

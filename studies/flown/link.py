@@ -59,7 +59,7 @@ class Link(SecurePlanner):
         for name in self.names:
             self.receive(MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
                          lambda message, name=name: self.setpoints.update(
-                             {name: messages.setpoint_of(message)}))
+                             {name: messages.read_setpoint(message)}))
         self.receive(TimeReference, 'plan_time',
                      lambda message: setattr(self, 'plan_time', message))
         self.wait_until(self._is_connected, 'a node')

@@ -10,11 +10,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from ros_client import Client, node_process, refusal, wait_for_line
 from secure_uav_planner.errors import ParameterError
-from secure_uav_planner.ros.mission_parameters import (
-    airspace_from, of_mission, uav_from, values_of)
-from secure_uav_planner.ros.node_parameters import Parameters
-from secure_uav_planner.ros.parameters import PLANNER, SCENARIO_FIELDS
-from secure_uav_planner.ros.spec import Spec
+from secure_uav_planner.ros.parameters import PLANNER, SCENARIO_FIELDS, Spec
+from secure_uav_planner.ros.settings import (
+    airspace_from, load_mission, mission_values, Settings, uav_from)
 from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
 from std_msgs.msg import Float64
 from strategies import scenarios
@@ -38,7 +36,7 @@ def node():
 
 def test_what_rclpy_declares_for_a_topic_is_no_reason_to_check_all_values(node):
     calls = count()
-    settings = Parameters(node, SPECS, lambda values: next(calls))
+    settings = Settings(node, SPECS, lambda values: next(calls))
     for number in range(5):
         node.create_publisher(Float64, f'topic{number}', LATCHED,
                               qos_overriding_options=OVERRIDABLE)
@@ -54,7 +52,7 @@ def test_what_rclpy_declares_for_a_topic_is_no_reason_to_check_all_values(node):
     ('names', ['a.b'], 'names'), ('names', ['a/b'], 'names'), ('rate', '1', 'a number from 0')])
 def test_a_wrong_value_is_refused_with_what_is_allowed(name, value, allowed):
     with pytest.raises(ParameterError, match=f'^{name} is .*; it must be .*{allowed}'):
-        SPECS[name].checked(name, value)
+        SPECS[name].convert(name, value)
 
 
 def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):
@@ -69,7 +67,7 @@ def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):
 
 @given(scenarios())
 def test_the_values_that_stand_for_a_mission_give_the_same_mission(scenario):
-    values = {name: spec.default for name, spec in PLANNER.items()} | values_of(scenario)
+    values = {name: spec.default for name, spec in PLANNER.items()} | mission_values(scenario)
     assert tuple(uav_from(values, name) for name in values['uavs']) == scenario.uavs
     for field, value in {**airspace_from(values), **{
             field: values[field] for field in SCENARIO_FIELDS}}.items():
@@ -101,7 +99,7 @@ def test_a_mission_file_that_is_none_is_named(tmp_path, text, reason):
     if text is not None:
         file.write_text(text)
     with pytest.raises(ParameterError, match=f'^parameter mission_file: {file}.*{reason}'):
-        of_mission(file)
+        load_mission(file)
 
 
 def test_the_parameters_of_a_running_node_start_another_one_with_the_same(tmp_path):

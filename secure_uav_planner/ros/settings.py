@@ -1,0 +1,214 @@
+"""A node's settings: its parameters as declared, read from a mission, and turned into one."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+import difflib
+import math
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from .parameters import (
+    NO_LIMIT, NO_LOS, NO_OUTAGE, OWN_OBJECTIVE, PROPULSION_FIELDS, PROPULSIONS, Spec, UAV_FIELDS)
+from ..errors import brief, ParameterError, PlanningError, quote, ScenarioError
+from ..mission import Objective
+from ..mission.participants import NoFlyZone, Propulsion
+from ..mission.polygons import checked_polygon
+from ..mission.propagation import Channel
+from ..mission.scenario import Point, Scenario, Uav
+from ..optimize.methods import check_objective
+
+# Prefixes of the parameters that every node of ROS has.
+_ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
+
+_EMPTY_VALUES = {
+    'geofence': [], 'los': NO_LOS, 'rician_k_db': 0.0, 'outage': NO_OUTAGE,
+    'max_acceleration': NO_LIMIT, 'start_velocity': [], 'goal_velocity': [], 'ceiling': NO_LIMIT}
+"""Values of the parameters of mission fields that are None or infinite."""
+
+
+class Settings:
+    """
+    The declared parameters of a node; a change is validated as a whole, then applied as a whole.
+
+    A parameter that is not given has its value in the mission of the parameter `mission_file`, or
+    its default.
+
+    :param specs: a Spec for each parameter name.
+    :param check: called with all values by name; it raises a PlanningError for a wrong
+        combination.
+    :param member_parameters: returns the specs of the members that the values of `specs` name.
+    :raises ParameterError: for a wrong value at the start; the text names the parameter.
+    """
+
+    def __init__(self, node: Node, specs: Mapping[str, Spec],
+                 check: Callable[[dict[str, Any]], None],
+                 member_parameters: Callable[[dict[str, Any]], dict[str, Spec]] = (
+                     lambda values: {})) -> None:
+        self._specs: dict[str, Spec] = {}
+        self._check = check
+        self._values: dict[str, Any] = {}
+        self._node = node
+        self._mission_values: dict[str, Any] = {}
+        self._declare(specs)
+        self._declare(member_parameters(self._values))
+        check(self._values)
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def _declare(self, specs: Mapping[str, Spec]) -> None:
+        given = _overrides(self._node)
+        for name, spec in specs.items():
+            value = self._mission_values.get(name, spec.default)
+            if name in given:
+                value = given[name].value
+                if value is None and isinstance(spec.default, list):
+                    value = []  # rcl does not tell an empty list from no value.
+            self._specs[name] = spec
+            self._values[name] = spec.convert(name, value, 'parameter ')
+            self._node.declare_parameter(
+                name, self._values[name], spec.descriptor(), ignore_override=True)
+            if name == 'mission_file' and value:  # It is declared first.
+                self._mission_values = load_mission(value)
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values[name]
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return all present values by name; later changes do not affect them."""
+        return self._values
+
+    def warn_of_unknown(self) -> None:
+        """Log each given parameter that does not exist, with the nearest name that does."""
+        for name in sorted(_overrides(self._node)):
+            if self._node.has_parameter(name) or name.startswith(_ROS_PREFIXES):
+                continue
+            near = difflib.get_close_matches(name[:200], self._specs, 1)
+            hint = f'; did you mean {near[0]}?' if near else ''
+            self._node.get_logger().warning(
+                f'there is no parameter {brief(name, 100)}, it is ignored{hint}')
+
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        ours = [parameter for parameter in parameters if parameter.name in self._specs]
+        if not ours:  # rclpy declares many for each topic, and calls this each time.
+            return SetParametersResult(successful=True)
+        try:
+            values = self._values | {
+                parameter.name: self._specs[parameter.name].convert(
+                    parameter.name, parameter.value) for parameter in ours}
+            self._check(values)
+        except PlanningError as error:
+            return SetParametersResult(successful=False, reason=brief(error))
+        self._values = values
+        return SetParametersResult(successful=True)
+
+
+def _overrides(node: Node) -> dict[str, Parameter]:
+    """Return the parameters from the command line and parameter files of a node by name."""
+    return node._parameter_overrides  # rclpy has no public access to them.
+
+
+# From parameters to a mission
+
+
+def check_mission_parameters(values: Mapping[str, Any]) -> None:
+    """Raise a PlanningError that names the parameter, for a wrong combination of values."""
+    objective_from(values)
+    for name in values['uavs']:
+        uav_from(values, name)
+    airspace_from(values)
+    channel_from(values)
+
+
+def objective_from(values: Mapping[str, Any]) -> Objective:
+    """Return the objective of the parameter values, or raise an error if the method lacks it."""
+    objective = values['objective']
+    return check_objective(values['method'], None if objective == OWN_OBJECTIVE else objective)
+
+
+def uav_from(values: Mapping[str, Any], name: str) -> Uav:
+    """Return the Uav of the parameter values."""
+    fields = {field: values[f'{name}.{field}'] for field in UAV_FIELDS}
+    for field in ('max_acceleration', 'start_velocity', 'goal_velocity'):
+        fields[field] = fields[field] or None
+    if values[f'{name}.propulsion.model'] != PROPULSIONS[0]:
+        fields['propulsion'] = Propulsion(**{
+            field: values[f'{name}.propulsion.{field}'] for field in PROPULSION_FIELDS})
+    return Uav(name, **fields)
+
+
+def channel_from(values: Mapping[str, Any]) -> Channel:
+    """Return the Channel of the parameter values."""
+    los, numbers = values['channel.los'], values['channel.los_numbers']
+    if numbers and los != NO_LOS:
+        raise ParameterError(
+            f'channel.los_numbers is {quote(numbers)}; it must be empty where channel.los is '
+            f'{los}')
+    outage = values['channel.outage'] or None
+    return Channel(values['channel.exponent'], numbers or (None if los == NO_LOS else los),
+                   values['channel.cautious'],
+                   None if outage is None else values['channel.rician_k_db'], outage)
+
+
+def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the zones and the geofence of the parameter values by the fields of Scenario."""
+    zones = (NoFlyZone(_points(f'{name}.vertices', values[f'{name}.vertices']),
+                       values[f'{name}.floor'], values[f'{name}.ceiling'] or math.inf, name)
+             for name in values['no_fly_zones'])
+    fence = _points('geofence', values['geofence'])
+    return {'no_fly_zones': tuple(zones),
+            'geofence': checked_polygon('', 'geofence', fence) if fence else None}
+
+
+def _points(field: str, numbers: Sequence[float]) -> tuple[Point, ...]:
+    """Return x1, y1, x2, y2, ... as points."""
+    if len(numbers) % 2:
+        raise ParameterError(f'{field} is {quote(list(numbers))}; it must have an even number of '
+                             'coordinates x1, y1, x2, y2, ...')
+    return tuple(zip(numbers[::2], numbers[1::2], strict=True))
+
+
+# From a mission to parameters
+
+
+def load_mission(file: str) -> dict[str, Any]:
+    """Return the parameter values of a mission file by name, or raise a ParameterError."""
+    try:
+        return mission_values(Scenario.load(file))
+    except OSError as error:
+        reason = f'{file} cannot be read: {error.strerror or error}'
+    except ScenarioError as error:
+        reason = str(error)
+    raise ParameterError(f'parameter mission_file: {reason}', ('mission_file',))
+
+
+def mission_values(mission: Scenario) -> dict[str, Any]:
+    """Return the values of a mission by the names of parameters, and fields that are none."""
+    data = asdict(mission)
+    names = {'uavs': [uav.name for uav in mission.uavs],
+             'eavesdroppers': list(mission.eavesdropper_names),
+             'no_fly_zones': [name.replace(' ', '_') for name in mission.zone_names]}
+    members = {kind: data.pop(kind) for kind in names}
+    values = names | dict(_flatten(data)) | {'channel.los_numbers': []}
+    for kind, fields in members.items():
+        for name, member in zip(names[kind], fields, strict=True):
+            values |= _flatten(member, f'{name}.')
+    if not isinstance(values['channel.los'], str):
+        values |= {'channel.los': NO_LOS, 'channel.los_numbers': values['channel.los']}
+    for uav in mission.uavs:
+        values[f'{uav.name}.propulsion.model'] = PROPULSIONS[uav.propulsion is not None]
+    return values
+
+
+def _flatten(data: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings by parameter name, with nested tuples as flat lists."""
+    for field, value in data.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, f'{prefix}{field}.')
+        elif value in (None, math.inf):
+            yield f'{prefix}{field}', _EMPTY_VALUES.get(field)
+        else:
+            yield f'{prefix}{field}', (
+                np.ravel(value).tolist() if isinstance(value, tuple) else value)
