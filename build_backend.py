@@ -1,7 +1,7 @@
 """
-Setuptools as a build backend, which brings a C++ compiler where the machine has none.
+Setuptools as a build backend, with a C++ compiler where the machine has none.
 
-Zig, a wheel on PyPI, compiles C++ as well. `pip install .` gets here; colcon runs setup.py alone.
+The compiler is Zig, a wheel on PyPI. `pip install .` gets here; colcon runs setup.py alone.
 """
 
 from glob import glob
@@ -32,8 +32,8 @@ def get_requires_for_build_editable(config_settings=None):
 
 def build_wheel(*arguments, **options):
     _choose_compiler()
-    for copies in glob('build/lib*/secure_uav_planner'):
-        shutil.rmtree(copies)  # Of modules that may be gone since, which a wheel would have.
+    for folder in glob('build/lib*/secure_uav_planner'):
+        shutil.rmtree(folder)  # It may hold deleted modules, which the wheel would contain.
     return build_meta.build_wheel(*arguments, **options)
 
 
@@ -43,16 +43,16 @@ def build_editable(*arguments, **options):
 
 
 def _compiler():
-    """Return what must be installed to compile."""
+    """Return the requirement of a compiler, if there is none."""
     commands = (os.environ.get(name) or sysconfig.get_config_var(name) or 'c++'
                 for name in ('CC', 'CXX'))
-    there = all(shutil.which(shlex.split(command)[0]) for command in commands)
-    return [] if there else ['ziglang>=0.13']
+    is_available = all(shutil.which(shlex.split(command)[0]) for command in commands)
+    return [] if is_available else ['ziglang>=0.13']
 
 
 def _choose_compiler():
-    """Have setuptools call Zig where that is the only compiler."""
+    """Let setuptools call Zig where that is the only compiler."""
     if _compiler() and find_spec('ziglang'):
-        # For any machine of this kind, as other compilers do by default.
+        # For any processor of the architecture, as other compilers do by default.
         command = shlex.join([sys.executable, '-m', 'ziglang', 'c++', '-mcpu=baseline'])
         os.environ.update(CC=command, CXX=command)

@@ -23,20 +23,21 @@ kernel = Extension(
 
 
 class BuildKernel(build_ext):
-    """Build the kernel, or say what is missing."""
+    """Build the kernel, or report the missing packages."""
 
     def build_extensions(self):
         try:
             import pybind11
             from pybind11.setup_helpers import ParallelCompile
             include = pybind11.get_include()
-            ParallelCompile().install()  # Its files side by side, on all cores.
+            ParallelCompile().install()  # Compiles on all cores.
         except ImportError:
             include = '/usr/include'  # of the package pybind11-dev
-        there = {'build-essential': shutil.which(self.compiler.compiler_cxx[0]),
-                 'pybind11-dev': os.path.exists(f'{include}/pybind11/pybind11.h'),
-                 'python3-dev': os.path.exists(sysconfig.get_path('include') + '/Python.h')}
-        missing = [name for name, found in there.items() if not found]
+        available = {'build-essential': shutil.which(self.compiler.compiler_cxx[0]),
+                     'pybind11-dev': os.path.exists(f'{include}/pybind11/pybind11.h'),
+                     'python3-dev': os.path.exists(
+                         sysconfig.get_path('include') + '/Python.h')}
+        missing = [name for name, is_there in available.items() if not is_there]
         if missing:
             sys.exit(f'{package_name} has a compiled kernel; to build it, install '
                      f'{", ".join(missing)} (Debian\'s names), as rosdep does. '

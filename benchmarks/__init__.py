@@ -1,1 +1,1 @@
-"""Rates and times of the methods, compared with CasADi's IPOPT and FATROP."""
+"""Rates and times of the methods, compared with IPOPT and FATROP of CasADi."""

@@ -1,4 +1,4 @@
-"""Run the benchmark: print the measurements, and write them as CSV and their summary."""
+"""Run the benchmark: print the measurements, and write them and their summary."""
 
 import argparse
 import datetime
@@ -11,7 +11,7 @@ import casadi
 import pandas
 from secure_uav_planner import __version__
 from secure_uav_planner.mission.scenario import Scenario
-from secure_uav_planner.output.table import markdown_table
+from secure_uav_planner.output.tables import markdown_table
 
 from . import measuring
 from .missions import random_mission
@@ -20,7 +20,7 @@ PAPER = ((102.0, 10.0, 1.3694), (104.0, 10.0, 1.5601), (120.0, 10.0, 1.9875),
          (150.0, 10.0, 2.5035), (200.0, 10.0, 3.0187), (200.0, 0.0, 3.1917))
 TWO_SLOTS = 100  # Of the missions of two UAVs.
 RANDOM = {'two UAVs': 'of two UAVs', 'random': 'with 1 to 3 jammers and eavesdroppers'}
-"""The tables of random missions, and what these are."""
+"""Descriptions of the tables of random missions."""
 
 
 def main(arguments=None):
@@ -35,18 +35,19 @@ def main(arguments=None):
     options.out.mkdir(parents=True, exist_ok=True)
     count = options.missions or (4 if options.quick else 24)
     tables = {}
-    for name, rows in _tables(range(options.seed, options.seed + count), options.quick):
+    for name, measurements in _measure_tables(
+            range(options.seed, options.seed + count), options.quick):
         print(f'\n{name}')
-        measured = []
-        for row in rows:
-            measured.append(row)
+        rows = []
+        for row in measurements:
+            rows.append(row)
             print('  ' + ', '.join(
                 f'{column} {value:.4g}' if isinstance(value, float) else f'{column} {value}'
                 for column, value in row.items()), flush=True)
-        tables[name] = pandas.DataFrame(measured)
+        tables[name] = pandas.DataFrame(rows)
     summary = (f'Measured on {datetime.date.today().isoformat()} with version {__version__}, '
                f'CasADi {casadi.__version__} and Python {platform.python_version()}, on '
-               f'{os.cpu_count()} processors ({platform.machine()}):\n\n{summary_of(tables)}')
+               f'{os.cpu_count()} processors ({platform.machine()}):\n\n{summarise(tables)}')
     print('\n' + summary)
     (options.out / 'speed.md').write_text(summary, encoding='utf-8')
     pandas.concat(tables, names=['table']).to_csv(options.out / 'bench.csv')
@@ -54,8 +55,8 @@ def main(arguments=None):
     return 0
 
 
-def _tables(seeds, quick):
-    """Yield the name of every table, and its rows as they are measured."""
+def _measure_tables(seeds, quick):
+    """Yield the name of each table, and an iterator that measures its rows."""
     repeats = 3 if quick else 7
     few = min(repeats, 3)
     yield 'paper', (
@@ -64,8 +65,8 @@ def _tables(seeds, quick):
                           reference=reference) for duration, radius, reference in PAPER)
     yield 'slots', (
         {**measuring.measure(f'N = {slots}', Scenario.paper(200.0, 10.0, slots), repeats,
-                             others=slots <= 2000),
-         'peak_memory': measuring.peak_memory(slots)}
+                             with_opponents=slots <= 2000),
+         'peak_memory': measuring.measure_memory(slots)}
         for slots in ((200, 400) if quick else (200, 400, 1000, 2000, 5000)))
     named = [(f'seed {seed}', random_mission(seed)) for seed in seeds]
     yield 'random', (measuring.measure(*mission, few) for mission in named)
@@ -78,43 +79,43 @@ def _tables(seeds, quick):
     yield 'objectives', (measuring.measure_objectives(*mission) for mission in (*paper, *named))
 
 
-def summary_of(tables):
+def summarise(tables):
     """Return the main results of the tables, DataFrames by name, as a table and a list."""
-    lines = [_compared(f"the paper's, {name}", row, 'median') for table in ('paper', 'slots')
+    lines = [_compare(f"the paper's, {name}", row, 'median') for table in ('paper', 'slots')
              for name, row in tables[table].groupby('name', sort=False)]
-    for table, of in RANDOM.items():
+    for table, kind in RANDOM.items():
         rows = tables[table]
-        lines += [_compared(f'{len(rows)} random ones {of}, median', rows, 'median'),
-                  _compared('the worst of them', rows, 'min')]
-    others = [other.upper() for other in measuring.OPPONENTS]
+        lines += [_compare(f'{len(rows)} random ones {kind}, median', rows, 'median'),
+                  _compare('the worst of them', rows, 'min')]
+    names = [name.upper() for name in measuring.OPPONENTS]
     return markdown_table(
-        ('missions', 'planner', *(f'against {other}' for other in others),
-         *(f'rate above that of {other}' for other in others)),
-        lines) + '\n\n' + '\n'.join(f'- {line}' for line in _facts(tables)) + '\n'
+        ('missions', 'planner', *(f'against {name}' for name in names),
+         *(f'rate above that of {name}' for name in names)),
+        lines) + '\n\n' + '\n'.join(f'- {line}' for line in _list_results(tables)) + '\n'
 
 
-def _compared(name, rows, choose):
-    """Return a line of the summary: the median or worst time, ratios and gains of some rows."""
+def _compare(name, rows, choose):
+    """Return a line of the summary: the median or worst time, ratios and gains of rows."""
     time = rows.joint_time.max() if choose == 'min' else rows.joint_time.median()
     ratios, gains = [], []
-    for other in measuring.OPPONENTS:
-        if rows[f'{other}_ratio'].isna().all():
+    for opponent in measuring.OPPONENTS:
+        if rows[f'{opponent}_ratio'].isna().all():
             ratios.append('')
             gains.append('')
             continue
-        whole, call = (_ratio(rows[f'{other}_{what}'].agg(choose))
-                       for what in ('ratio', 'ratio_solve'))
+        whole, call = (_format_ratio(rows[f'{opponent}_{column}'].agg(choose))
+                       for column in ('ratio', 'ratio_solve'))
         ratios.append(f'{whole} ({call})')
-        gains.append(f"{(rows.joint_rate - rows[f'{other}_rate']).agg(choose):.4f}")
+        gains.append(f"{(rows.joint_rate - rows[f'{opponent}_rate']).agg(choose):.4f}")
     return [name, f'{1000 * time:.0f} ms', *ratios, *gains]
 
 
-def _ratio(value):
+def _format_ratio(value):
     return f'{value:.0f}' if value >= 9.95 else f'{value:.1f}'
 
 
-def _facts(tables):
-    """Yield what the tables say beside the comparison with other solvers, in sentences."""
+def _list_results(tables):
+    """Yield the results beside the comparison with other solvers, as sentences."""
     paper, slots, warm, both = (tables[name] for name in ('paper', 'slots', 'warm', 'objectives'))
     ratios = paper.alternating_time / paper.joint_time
     yield ("On the paper's missions, its alternating method takes "

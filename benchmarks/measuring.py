@@ -1,4 +1,4 @@
-"""Measurements of a scenario: rates and times beside those of others, memory, warm starts."""
+"""Measurements of a scenario: rates and times of all solvers, memory, warm starts."""
 
 from dataclasses import replace
 import statistics
@@ -12,7 +12,7 @@ from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_p
 
 from .opponents import solve_by_fatrop, solve_by_ipopt
 
-# Linux hands getrusage's ru_maxrss down from the process that starts another; VmHWM is its own.
+# A child inherits getrusage's ru_maxrss on Linux; VmHWM is its own.
 _MEMORY = """
 import sys
 from secure_uav_planner import Scenario, solve
@@ -24,53 +24,52 @@ with open('/proc/self/status') as status:
 OPPONENTS = {'ipopt': solve_by_ipopt, 'fatrop': solve_by_fatrop}
 
 
-def measure(name, scenario, repeats, *, others=True, alternating=False, reference=None):
+def measure(name, scenario, repeats, *, with_opponents=True, alternating=False, reference=None):
     """
     Return the measurements of a Scenario as a row, a dictionary.
 
     The solvers take turns, so that a change of the machine's load affects all. Times are medians
-    in s. The time of `joint` includes everything, also its several starts. A ratio is the other
-    solver's time, including the time to build the problem, divided by that of `joint`;
-    `..._ratio_solve` counts the other solver's call alone.
+    in s. The time of `joint` includes everything, also its several starts. A ratio is the
+    opponent's time, including the time to build the problem, divided by that of `joint`;
+    `..._ratio_solve` counts the opponent's call alone.
 
-    :param repeats: how often each solver runs.
-    :param others: whether to run the OPPONENTS.
-    :param alternating: whether to run the paper's algorithm as well, once.
-    :param reference: the rate to reach in bit/s/Hz, if it is known.
+    :param repeats: the number of runs of each solver.
+    :param with_opponents: True to run the OPPONENTS.
+    :param alternating: True to run the paper's algorithm as well, once.
+    :param reference: the rate to reach in bit/s/Hz, or None.
     """
     start = fly_hover_fly_positions(scenario), constant_powers(scenario)
-    found = {other: [] for other in OPPONENTS if others}
+    answers = {name: [] for name in OPPONENTS if with_opponents}
     plans = []
     for _ in range(repeats):
         plans.append(solve(scenario, objective='guaranteed'))
-        for other, answers in found.items():
-            # One run is enough to know the time of a slow answer.
-            if not answers or answers[0].solve_time < 2.0:
-                answers.append(OPPONENTS[other](scenario, *start))
-    time_taken = statistics.median(plan.solve_time for plan in plans)
+        for opponent, runs in answers.items():
+            if not runs or runs[0].solve_time < 2.0:  # A slow answer is measured once.
+                runs.append(OPPONENTS[opponent](scenario, *start))
+    joint_time = statistics.median(plan.solve_time for plan in plans)
     row = {
         'name': name, 'uavs': len(scenario.uavs), 'eavesdroppers': len(scenario.eavesdroppers),
         'slots': scenario.slots, 'reference': reference, 'joint_rate': plans[0].guaranteed_rate,
-        'joint_time': time_taken}
-    for other, answers in found.items():
-        build = statistics.median(answer.build_time for answer in answers)
-        call = statistics.median(answer.solve_time for answer in answers)
+        'joint_time': joint_time}
+    for opponent, runs in answers.items():
+        build = statistics.median(answer.build_time for answer in runs)
+        call = statistics.median(answer.solve_time for answer in runs)
         row.update({
-            f'{other}_rate': answers[0].rate, f'{other}_build': build, f'{other}_solve': call,
-            f'{other}_converged': answers[0].is_converged,
-            f'{other}_ratio': (build + call) / time_taken,
-            f'{other}_ratio_solve': call / time_taken})
+            f'{opponent}_rate': runs[0].rate, f'{opponent}_build': build,
+            f'{opponent}_solve': call, f'{opponent}_converged': runs[0].is_converged,
+            f'{opponent}_ratio': (build + call) / joint_time,
+            f'{opponent}_ratio_solve': call / joint_time})
     if alternating:
         paper = solve(scenario, method='alternating')
         row.update(alternating_rate=paper.guaranteed_rate, alternating_time=paper.solve_time)
     return row
 
 
-def peak_memory(slots):
+def measure_memory(slots):
     """Return the peak memory in MB of a process that solves the paper's scenario by `joint`."""
-    done = subprocess.run([sys.executable, '-c', _MEMORY, str(slots)], check=True,
-                          capture_output=True, text=True)
-    return float(done.stdout)
+    process = subprocess.run([sys.executable, '-c', _MEMORY, str(slots)], check=True,
+                             capture_output=True, text=True)
+    return float(process.stdout)
 
 
 def measure_warm(name, scenario, repeats):

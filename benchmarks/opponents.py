@@ -1,4 +1,4 @@
-"""The usual alternatives, for comparison: problem (P2) in CasADi, solved by IPOPT or FATROP."""
+"""Problem (P2) in CasADi, solved by IPOPT or FATROP, for comparison."""
 
 from dataclasses import dataclass
 import time
@@ -16,29 +16,29 @@ TIME_LIMIT = 120.0  # Of IPOPT in s.
 @dataclass(frozen=True)
 class Answer:
     """
-    The result of another solver.
+    The result of an opponent.
 
-    The rate is the guaranteed one in bit/s/Hz, after the answer was made feasible and the
+    The rate is the guaranteed rate in bit/s/Hz, after the iterate was made feasible and the
     transmitter was switched off in slots with a negative rate.
     """
 
     rate: float
     build_time: float  # Of expressions, derivatives and the solver object, in s.
     solve_time: float  # Of the solver's call alone, in s.
-    is_converged: bool  # As the solver says.
+    is_converged: bool  # The solver's own verdict.
 
 
 def solve_by_ipopt(scenario, positions, powers):
     """
     Return the Answer of IPOPT with its default options and exact derivatives.
 
-    With several eavesdroppers the largest leakage rate of a slot is an epigraph variable; with one
-    it is an expression.
+    With several eavesdroppers the largest leakage rate of a slot is an epigraph variable; with a
+    single eavesdropper it is an expression.
 
     :param positions: of the start, (U, N+2, 2) in m.
     :param powers: of the start, (U, N) in W.
     """
-    most_leaked = _largest_leaks(scenario, positions, powers)  # Of the start: it is not timed.
+    initial_leaks = _largest_leaks(scenario, positions, powers)  # Not timed.
     started = time.perf_counter()
     slots, uavs = scenario.slots, len(scenario.uavs)
     x, y, power = variables = [ca.SX.sym(name, slots, uavs) for name in 'xyp']
@@ -48,42 +48,42 @@ def solve_by_ipopt(scenario, positions, powers):
                                                 _ends(scenario, 'goal')))
     left = [ca.vec(squares), ca.sum1(power).T / slots]
     right = [np.repeat((scenario.max_step / UNIT)**2, slots + 1), scenario.average_powers]
-    guess = [positions[:, 1:-1, 0] / UNIT, positions[:, 1:-1, 1] / UNIT, powers]
+    initial = [positions[:, 1:-1, 0] / UNIT, positions[:, 1:-1, 1] / UNIT, powers]
     largest = leaks[0]
     if len(leaks) > 1:
         largest = ca.SX.sym('t', slots)
         variables.append(largest)
         left += [leak - largest for leak in leaks]
         right.append(np.zeros(slots * len(leaks)))
-        guess.append(most_leaked)
+        initial.append(initial_leaks)
     solver = ca.nlpsol('solver', 'ipopt', {
         'x': ca.vertcat(*map(ca.vec, variables)), 'f': ca.sum1(largest - ground) / slots,
         'g': ca.vertcat(*left)}, {
             'print_time': False, 'ipopt.print_level': 0, 'ipopt.sb': 'yes',
             'ipopt.max_wall_time': TIME_LIMIT})
-    guess = np.concatenate([values.ravel() for values in guess])
-    low, high = np.full(guess.shape, -np.inf), np.full(guess.shape, np.inf)
-    of_powers = slice(2 * powers.size, 3 * powers.size)
-    low[of_powers], high[of_powers] = 0.0, np.repeat(scenario.peak_powers, slots)
+    initial = np.concatenate([values.ravel() for values in initial])
+    low, high = np.full(initial.shape, -np.inf), np.full(initial.shape, np.inf)
+    power_slice = slice(2 * powers.size, 3 * powers.size)
+    low[power_slice], high[power_slice] = 0.0, np.repeat(scenario.peak_powers, slots)
     built = time.perf_counter()
-    found = solver(x0=guess, lbx=low, ubx=high, lbg=-np.inf, ubg=np.concatenate(right))
+    solution = solver(x0=initial, lbx=low, ubx=high, lbg=-np.inf, ubg=np.concatenate(right))
     solved = time.perf_counter()
-    values = np.array(found['x']).ravel()[:3 * powers.size].reshape(3, uavs, slots)
-    return _judged(scenario, values, (started, built, solved), solver)
+    values = np.array(solution['x']).ravel()[:3 * powers.size].reshape(3, uavs, slots)
+    return _make_answer(scenario, values, (started, built, solved), solver)
 
 
 def solve_by_fatrop(scenario, positions, powers):
     """
-    Return the Answer of FATROP with exact derivatives, which finds the stages by itself.
+    Return the Answer of FATROP with exact derivatives, which detects the stages by itself.
 
-    The slots are the stages. Their states are positions and the powers used before; their controls
+    The slots are the stages. Their states are positions and accumulated powers; their controls
     are the powers, the moves to the next slot and, with several eavesdroppers, the largest leakage
     rate. The arguments are those of solve_by_ipopt.
     """
-    most_leaked = _largest_leaks(scenario, positions, powers)  # Of the start: it is not timed.
+    initial_leaks = _largest_leaks(scenario, positions, powers)  # Not timed.
     started = time.perf_counter()
     slots, uavs, eves = scenario.slots, len(scenario.uavs), len(scenario.eavesdroppers)
-    size = 4 * uavs + (eves > 1)  # of a stage, but for the moves to the next one.
+    size = 4 * uavs + (eves > 1)  # Of a stage without its moves.
     early = ca.SX.sym('early', size + 2 * uavs, slots - 1)
     last = ca.SX.sym('last', size)
     stages = ca.horzcat(early[:size, :], last)
@@ -92,21 +92,22 @@ def solve_by_fatrop(scenario, positions, powers):
     ground, leaks = rate_expressions(scenario, x.T, y.T, power.T)
     largest = stages[4 * uavs, :].T if eves > 1 else leaks[0]
     excess = [leak.T - largest.T for leak in leaks] if eves > 1 else []
-    # The next state less what this one and the controls make of it, which FATROP asks for first.
+    # FATROP expects the dynamics first: the next state less that of state and controls.
     each = ca.vertcat(x[:, 1:] - x[:, :-1] - moves[:uavs, :],
                       y[:, 1:] - y[:, :-1] - moves[uavs:, :],
                       used[:, 1:] - used[:, :-1] - power[:, :-1] / slots,
-                      moves[:uavs, :]**2 + moves[uavs:, :]**2, *(one[:, :-1] for one in excess))
-    away, left = ((x[:, slot] - at_x)**2 + (y[:, slot] - at_y)**2 for slot, (at_x, at_y) in (
-        (0, _ends(scenario, 'start')), (slots - 1, _ends(scenario, 'goal'))))
-    # The first slot has its own beside these, and the last one has no next state.
+                      moves[:uavs, :]**2 + moves[uavs:, :]**2, *(row[:, :-1] for row in excess))
+    from_start, to_goal = (
+        (x[:, slot] - end_x)**2 + (y[:, slot] - end_y)**2 for slot, (end_x, end_y) in (
+            (0, _ends(scenario, 'start')), (slots - 1, _ends(scenario, 'goal'))))
+    # The first slot has the start beside these, and the last slot has no next state.
     constraints = ca.vertcat(
-        each[:4 * uavs, 0], used[:, 0], away, each[4 * uavs:, 0], ca.vec(each[:, 1:]),
-        left, used[:, -1] + power[:, -1] / slots, *(one[:, -1] for one in excess))
-    longest, none = (scenario.max_step / UNIT)**2, np.zeros(uavs)
+        each[:4 * uavs, 0], used[:, 0], from_start, each[4 * uavs:, 0], ca.vec(each[:, 1:]),
+        to_goal, used[:, -1] + power[:, -1] / slots, *(row[:, -1] for row in excess))
+    longest, zero = (scenario.max_step / UNIT)**2, np.zeros(uavs)
     most = np.concatenate([np.zeros(3 * uavs), longest, np.zeros(len(excess))])
     upper = np.concatenate([
-        most[:4 * uavs], none, longest, np.tile(most, slots - 1)[4 * uavs:],
+        most[:4 * uavs], zero, longest, np.tile(most, slots - 1)[4 * uavs:],
         longest, scenario.average_powers, np.zeros(len(excess))])
     is_equal = np.arange(len(most)) < 3 * uavs
     equality = np.concatenate([
@@ -119,21 +120,21 @@ def solve_by_fatrop(scenario, positions, powers):
             'fatrop': {'print_level': 0, 'tolerance': TOLERANCE, 'max_iter': 1000}})
 
     before = np.cumsum(powers, axis=1) - powers
-    guess = np.concatenate([
+    initial = np.concatenate([
         positions[:, 1:-1, 0] / UNIT, positions[:, 1:-1, 1] / UNIT, before / slots, powers,
-        *([most_leaked[None]] if eves > 1 else []),
+        *([initial_leaks[None]] if eves > 1 else []),
         np.diff(positions[:, 1:, 0]) / UNIT, np.diff(positions[:, 1:, 1]) / UNIT]).T
-    low, high = np.full(guess.shape, -np.inf), np.full(guess.shape, np.inf)
-    of_powers = slice(3 * uavs, 4 * uavs)
-    low[:, of_powers], high[:, of_powers] = 0.0, scenario.peak_powers
-    present = guess.size - 2 * uavs  # The last slot has no moves.
+    low, high = np.full(initial.shape, -np.inf), np.full(initial.shape, np.inf)
+    power_slice = slice(3 * uavs, 4 * uavs)
+    low[:, power_slice], high[:, power_slice] = 0.0, scenario.peak_powers
+    count = initial.size - 2 * uavs  # The last slot has no moves.
     built = time.perf_counter()
-    found = solver(x0=guess.ravel()[:present], lbx=low.ravel()[:present],
-                   ubx=high.ravel()[:present], lbg=np.where(equality, 0.0, -np.inf), ubg=upper)
+    solution = solver(x0=initial.ravel()[:count], lbx=low.ravel()[:count],
+                      ubx=high.ravel()[:count], lbg=np.where(equality, 0.0, -np.inf), ubg=upper)
     solved = time.perf_counter()
-    values = np.append(np.array(found['x']).ravel(), np.zeros(2 * uavs)).reshape(slots, -1).T
+    values = np.append(np.array(solution['x']).ravel(), np.zeros(2 * uavs)).reshape(slots, -1).T
     values = values[:4 * uavs].reshape(4, uavs, slots)[[0, 1, 3]]
-    return _judged(scenario, values, (started, built, solved), solver)
+    return _make_answer(scenario, values, (started, built, solved), solver)
 
 
 def rate_expressions(scenario, x, y, power):
@@ -166,23 +167,23 @@ def rate_expressions(scenario, x, y, power):
 
 def _ends(scenario, end):
     """Return x and y of the 'start' or 'goal' of the UAVs in UNITs, each (U, 1)."""
-    places = ca.DM(np.array([getattr(uav, end) for uav in scenario.uavs]) / UNIT)
-    return places[:, 0], places[:, 1]
+    points = ca.DM(np.array([getattr(uav, end) for uav in scenario.uavs]) / UNIT)
+    return points[:, 0], points[:, 1]
 
 
 def _largest_leaks(scenario, positions, powers):
-    """Return the largest leak of every slot at a start, where an epigraph begins, in nats."""
+    """Return the largest leak of each slot at the start, the initial epigraph, in nats."""
     inner = ca.DM(positions[:, 1:-1, 0].T / UNIT), ca.DM(positions[:, 1:-1, 1].T / UNIT)
     symbols = [ca.SX.sym(name, *powers.T.shape) for name in 'xyp']
     leaks = ca.Function('leaks', symbols, [ca.horzcat(*rate_expressions(scenario, *symbols)[1])])
     return np.array(leaks(*inner, ca.DM(powers.T))).max(axis=1)
 
 
-def _judged(scenario, values, times, solver):
-    """Return the Answer that an iterate is: x and y in UNITs and powers in W, (3, U, N)."""
+def _make_answer(scenario, values, times, solver):
+    """Return the Answer of an iterate: x and y in UNITs and powers in W, (3, U, N)."""
     inner = UNIT * np.stack(values[:2], axis=-1)
     path, powers = repair(scenario, np.concatenate(
         [scenario.starts[:, None], inner, scenario.goals[:, None]], axis=1), values[2])
-    _, found = silence_losing_slots(scenario, path, powers)
-    return Answer(float(found.mean()), times[1] - times[0], times[2] - times[1],
+    _, rates = silence_losing_slots(scenario, path, powers)
+    return Answer(float(rates.mean()), times[1] - times[0], times[2] - times[1],
                   solver.stats()['success'])

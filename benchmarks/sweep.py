@@ -31,40 +31,40 @@ def main(arguments=None):
     scenarios = [Scenario.paper(duration) for duration in (102.0, 120.0, 200.0)]
     scenarios += [random_mission(options.seed + index, options.slots)
                   for index in range(options.missions)]
-    reference = _measured(scenarios)
+    reference_rates, reference_times = _measure_rates(scenarios)
     print('number, change: rate in the mean and in the worst mission, time in all')
-    for name, value, changed in variants(options.numbers):
+    for name, value, changed in list_variants(options.numbers):
         with ExitStack() as stack:
             for module in _MODULES:
                 if vars(module).get(name) is value:
                     stack.enter_context(patch.object(module, name, changed))
-            rates, times = _measured(scenarios)
-        gains = (rates - reference[0]) / np.maximum(reference[0], _LOW)
+            rates, times = _measure_rates(scenarios)
+        gains = (rates - reference_rates) / np.maximum(reference_rates, _LOW)
         print(f'{name}, {value} to {changed}: {gains.mean():+.2%} {gains.min():+.2%}, '
-              f'{times.sum() / reference[1].sum():.2f} times', flush=True)
+              f'{times.sum() / reference_times.sum():.2f} times', flush=True)
     return 0
 
 
-def variants(names=None):
-    """Yield (name, value, changed value) for every number, halved and doubled."""
+def list_variants(names=None):
+    """Yield (name, value, changed value) for each number, halved and doubled."""
     numbers = {name: value for module in _MODULES for name, value in vars(module).items()
                if name.isupper() and not name.startswith('_')}
     for name, value in numbers.items():
         if not names or name in names:
             for factor in (0.5, 2.0):
-                yield name, value, _scaled(value, factor)
+                yield name, value, _scale(value, factor)
 
 
-def _scaled(value, factor):
-    """Return a number times a factor, or a share near 1 whose distance from 1 is changed by it."""
+def _scale(value, factor):
+    """Scale a number, of a share near 1 its distance from 1."""
     if isinstance(value, tuple):
-        return tuple(_scaled(one, factor) for one in value)
+        return tuple(_scale(number, factor) for number in value)
     if isinstance(value, int):
         return max(1, round(value * factor))
     return 1 - (1 - value) / factor if 0.5 < value < 1 else value * factor
 
 
-def _measured(scenarios):
+def _measure_rates(scenarios):
     """Return the rates in bit/s/Hz and the processor times in s."""
     rates, times = [], []
     for scenario in scenarios:

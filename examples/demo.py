@@ -20,7 +20,7 @@ from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission import Objective
 from secure_uav_planner.output.page import save_page
 from secure_uav_planner.output.picture import save_picture
-from secure_uav_planner.output.table import table
+from secure_uav_planner.output.tables import rate_table
 from secure_uav_planner.ros.client import isolated, node_process, SecurePlanner
 from secure_uav_planner.ros.recording import record
 
@@ -53,35 +53,35 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f'proving how good they are, for at most {_PROOF:g} s ...', flush=True)
             bound = upper_bound(plan.scenario, objective=plan.objective, plan=plan,
                                 time_limit=_PROOF)
-            plans = [one.with_bound(bound) for one in plans]
+            plans = [candidate.with_bound(bound) for candidate in plans]
         if not plan.scenario.channel.is_free_space:
             print('planning for free space, to see what that would cost ...', flush=True)
-            plans.insert(2, planned_for_free_space(plan.scenario, plan.objective))
+            plans.insert(2, plan_for_free_space(plan.scenario, plan.objective))
     except (PlanningError, OSError) as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130
     print()
-    *others, plan = plans
-    print(table(plans))
+    *baselines, plan = plans
+    print(rate_table(plans))
     files = [out / f'plan.{ending}' for ending in ('json', 'png', 'html', 'mcap')]
     plan.save(files[0])
-    save_picture(plan, files[1], others)
+    save_picture(plan, files[1], baselines)
     save_page(plan, files[2])
     record(plan, files[3])
     print(f'\nsaved: {", ".join(map(str, files))}')
     return 0
 
 
-def planned_for_free_space(scenario: Scenario, objective: Objective) -> Plan:
-    """Return the plan for free space, with the rates that it has in the scenario's channel."""
+def plan_for_free_space(scenario: Scenario, objective: Objective) -> Plan:
+    """Return a plan for free space with its rates in the scenario's channel."""
     plan = solve(replace(scenario, channel=Channel()), objective=objective)
     return replace(plan, scenario=scenario, method='planned for free space')
 
 
 def _mission_file(mission: str) -> pathlib.Path | None:
-    """Return the file of a mission: one of `config` by name, one by path, or the paper's."""
+    """Return the file of a mission by path or, in `config`, by name; None for the paper's."""
     file = pathlib.Path(mission)
     if file.suffix:
         return file
@@ -89,13 +89,13 @@ def _mission_file(mission: str) -> pathlib.Path | None:
 
 
 def _plan_and_replay(scenario: Scenario, file: pathlib.Path | None, method: str | None) -> Plan:
-    """Let the nodes plan and replay the scenario of a file; return the plan that was received."""
+    """Plan and replay the scenario of a file with the nodes; return the received plan."""
     parameters = ['-p', f'mission_file:={file}'] if file else []  # The paper's is the default.
     planner = [*parameters, '-p', f'method:={method}'] if method else parameters
     eve = scenario.eavesdroppers[0]
-    place = np.subtract(eve.position, (eve.error_radius, 0.0))
+    position = np.subtract(eve.position, (eve.error_radius, 0.0))
     replay = [*parameters, '-p', f'speed:={_REPLAY_SPEED}', '-p', 'autostart:=true',
-              '-p', f'true_eavesdropper:={place.tolist()}']
+              '-p', f'true_eavesdropper:={position.tolist()}']
     with node_process('planner', planner), node_process('replay', replay), \
             SecurePlanner(scenario, on_status=_print_progress) as client:
         client.wait_until(client.knows_poses, 'a status of the planner with all poses',

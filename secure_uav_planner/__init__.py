@@ -33,7 +33,7 @@ _HOMES = {'assessment': ('Assessment', 'World', 'assess'),
 register_views(__name__, plot_plan='.output.picture:draw_plan',
                plot_assessment='.output.assessment_picture:draw_assessment',
                plot_scenario='.output.picture:draw_scenario',
-               plan_to_dataframe='.output.spreadsheet:to_dataframe',
+               plan_to_dataframe='.output.tables:to_dataframe',
                save_mcap='.ros.recording:record')
 import_module('.model.kernel', __name__)  # If it is not built, its error says what to do.
 

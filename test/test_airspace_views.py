@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import NoFlyZone, Scenario
 from secure_uav_planner.mission.polygons import offset_polygon
-from secure_uav_planner.output.drawing import altitudes_of, corners_of_map, rims
+from secure_uav_planner.output.drawing import altitude_label, extend_corners, margin_rings
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.ros import messages
 import shapely
@@ -76,7 +76,7 @@ def test_the_margin_is_a_rim_around_zones_and_inside_the_fence(plan):
     traces = [trace for trace in draw_page(plan).data if trace.name == 'margin of 3 m']
     check_rims([np.stack([trace.x, trace.y], axis=1) for trace in traces], plan.scenario)
     assert sum(bool(trace.showlegend) for trace in traces) == 1
-    assert not rims(replace(plan.scenario, tracking_margin=0.0))
+    assert not margin_rings(replace(plan.scenario, tracking_margin=0.0))
 
 
 def test_the_page_has_every_zone_with_its_altitudes_and_the_fence(plan):
@@ -118,10 +118,11 @@ def test_markers_are_prisms_between_floor_and_ceiling(plan):
 
 @pytest.mark.parametrize('floor, ceiling, text', [
     (0, np.inf, ''), (0, 50, 'up to 50 m'), (20, 50, '20 to 50 m'), (20, None, 'above 20 m')])
-def test_the_altitudes_of_a_zone_have_a_text(floor, ceiling, text):
-    assert altitudes_of(NoFlyZone(SQUARE, floor, ceiling)) == text
+def test_the_altitude_label_a_zone_have_a_text(floor, ceiling, text):
+    assert altitude_label(NoFlyZone(SQUARE, floor, ceiling)) == text
 
 
 def test_a_very_large_fence_does_not_make_the_plan_small(plan):
     corners = [[-100.0, -100.0], [100.0, 100.0]]
-    assert corners_of_map(plan.scenario, corners) == [[-300.0, -300.0], [300.0, 300.0]]
+    assert extend_corners(plan.scenario, corners).tolist() == [
+        [-300.0, -300.0], [300.0, 300.0]]

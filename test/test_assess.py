@@ -19,7 +19,7 @@ from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.assessment_picture import draw_assessment
-from secure_uav_planner.output.table import assessment_table
+from secure_uav_planner.output.tables import assessment_table
 from strategies import random_powers, scenarios
 
 URBAN = (9.61, 0.16, 20.0)  # Al-Hourani, Kandeepan and Lardner (2014).

@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import OptionError, PoseError
 from secure_uav_planner.output.autopilots import (
-    aerostack2, mavros, ned, px4, px4_odometry, Setpoint, STACKS, yaw_ned)
+    aerostack2_setpoint, mavros_setpoint, ned, px4_odometry, px4_setpoint, Setpoint, STACKS,
+    yaw_ned)
 
 # The columns are east, north and up in north-east-down.
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -72,7 +73,7 @@ def test_a_report_of_px4_that_says_nothing_is_refused(field, value, reason):
 
 @given(SETPOINTS, st.integers(0, 2**62))
 def test_px4_gets_every_value_in_ned_and_nan_for_what_is_not_known(setpoint, now_ns):
-    fields = px4(setpoint, now_ns)
+    fields = px4_setpoint(setpoint, now_ns)
     target, mode = fields['TrajectorySetpoint'], fields['OffboardControlMode']
     assert target['timestamp'] == mode['timestamp'] == now_ns // 1000
     assert mode['position'] is True and target['yaw'] == yaw_ned(setpoint.yaw)
@@ -88,15 +89,16 @@ def test_px4_gets_every_value_in_ned_and_nan_for_what_is_not_known(setpoint, now
 
 def test_a_setpoint_that_turns_left_turns_left_in_px4_too():
     step = 1e-3
-    now, soon = (px4(Setpoint('map', 0, (0.0, 0.0, 5.0), 1.0 + 0.3 * time, yaw_rate=0.3), 0)[
-        'TrajectorySetpoint'] for time in (0.0, step))
+    now, soon = (px4_setpoint(
+        Setpoint('map', 0, (0.0, 0.0, 5.0), 1.0 + 0.3 * time, yaw_rate=0.3), 0)[
+            'TrajectorySetpoint'] for time in (0.0, step))
     assert (soon['yaw'] - now['yaw']) / step == pytest.approx(now['yawspeed'])
     assert now['yawspeed'] < 0  # clockwise is positive, seen from above
 
 
 @given(SETPOINTS)
 def test_mavros_is_told_what_not_to_use(setpoint):
-    target = mavros(setpoint, 0)['PositionTarget']
+    target = mavros_setpoint(setpoint, 0)['PositionTarget']
     mask = target['type_mask']
     assert target['coordinate_frame'] == 1
     assert not mask & (1 + 2 + 4 + 1024 + 512)  # the position, the yaw, and no force
@@ -114,9 +116,9 @@ def test_mavros_is_told_what_not_to_use(setpoint):
 def test_aerostack2_gets_whole_setpoints_only(setpoint):
     if setpoint.velocity is None or setpoint.acceleration is None:
         with pytest.raises(OptionError, match='velocity and acceleration only'):
-            aerostack2(setpoint, 0)
+            aerostack2_setpoint(setpoint, 0)
         return
-    fields = aerostack2(setpoint, 0)['TrajectorySetpoints']
+    fields = aerostack2_setpoint(setpoint, 0)['TrajectorySetpoints']
     assert fields['header']['frame_id'] == 'map'
     point, = fields['setpoints']
     assert tuple(point['twist'].values()) == setpoint.velocity
@@ -136,7 +138,7 @@ def test_a_value_that_is_no_place_is_refused_by_name(values):
 
 def test_an_origin_moves_the_position_and_nothing_else():
     setpoint = Setpoint('map', 7, (10.0, 20.0, 30.0), 0.5, (1.0, 2.0, 3.0))
-    moved = setpoint.seen_from((1.0, -2.0, 3.0))
+    moved = setpoint.shift_origin((1.0, -2.0, 3.0))
     assert moved == replace(setpoint, position=(9.0, 22.0, 27.0))
 
 

@@ -22,11 +22,11 @@ from rclpy.context import Context
 from ros_client import flat
 import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, Scenario
-from secure_uav_planner.apps.specification import BASELINES, Campaign
+from secure_uav_planner.apps.campaign_file import BASELINES, Campaign
 from secure_uav_planner.apps.tasks import COLUMNS
 from secure_uav_planner.mission import propagation
 from secure_uav_planner.model import clearance
-from secure_uav_planner.output import spreadsheet
+from secure_uav_planner.output import tables
 from secure_uav_planner.plan import playback
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, uav_parameters,
@@ -411,7 +411,7 @@ def test_every_relative_link_leads_somewhere(page):
 
 def test_the_generated_reference_is_current():
     for node, text in reference.markdown().items():
-        _, inside, _ = reference.generated((ROOT / 'docs' / f'{node}.md').read_text())
+        _, inside, _ = reference.split_page((ROOT / 'docs' / f'{node}.md').read_text())
         assert inside.strip() == text.strip(), (
             'run `python -m docs.tools.reference docs`')
 
@@ -430,7 +430,8 @@ def offered(node):
         package = kind.__module__.split('.')[0]
         if package not in OF_ROS and name not in ('/clock', '/rosout'):
             yield (node.get_name(), direction, f'{of_any.get(first, first)}/{rest}'.rstrip('/'),
-                   f'{package}/{folder}/{kind.__name__}', reference.in_words(qos) if qos else '')
+                   f'{package}/{folder}/{kind.__name__}',
+                   reference.describe_qos(qos) if qos else '')
 
 
 @pytest.mark.parametrize('kind', [Planner, Replay])
@@ -469,7 +470,7 @@ def known_names():
     for function in (secure_uav_planner.solve, secure_uav_planner.fly_hover_fly,
                      secure_uav_planner.upper_bound):
         names |= set(inspect.signature(function).parameters)
-    names |= set(secure_uav_planner.METHODS) | set(spreadsheet.COLUMNS) | set(COLUMNS)
+    names |= set(secure_uav_planner.METHODS) | set(tables.COLUMNS) | set(COLUMNS)
     names |= set(BASELINES) | {field.name for field in fields(Campaign)} | {
         'bound_time_limit', 'worker_lost'}
     names |= set(propagation.ENVIRONMENTS)

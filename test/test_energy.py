@@ -17,7 +17,7 @@ from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.validation import RANGES
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
-from secure_uav_planner.output.table import table
+from secure_uav_planner.output.tables import rate_table
 from secure_uav_planner.ros.parameters import PROPULSION_FIELDS, uav_parameters
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.settings import mission_values, uav_from
@@ -135,11 +135,11 @@ def test_the_nodes_accept_a_propulsion_from_a_mission_and_by_parameters(plan):
 
 def test_table_picture_and_status_show_the_energy_of_each_uav_with_a_propulsion(plan):
     total, hovering, flying = plan.energies[0]
-    lines = table([plan]).splitlines()
+    lines = rate_table([plan]).splitlines()
     assert lines[-1].split() == [plan.method, 'uav1', *(
         f'{joules:.0f}' for joules in (total, hovering, flying))]
     without = fly_hover_fly(Scenario.paper(120.0, slots=24))
-    assert table([without]).splitlines() == lines[:3]
+    assert rate_table([without]).splitlines() == lines[:3]
     labels = [text.get_text() for text in draw_plan(plan).axes[1].get_legend().get_texts()]
     assert labels == [f'uav1 (transmits)\n{total / 1e3:.3g} kJ (hovering {hovering / 1e3:.3g})',
                       'uav2 (jams)']

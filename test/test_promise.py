@@ -11,7 +11,7 @@ from secure_uav_planner.apps.results import draw_figure
 from secure_uav_planner.output.assessment_picture import draw_assessment
 from secure_uav_planner.output.page import draw_page
 from secure_uav_planner.output.picture import draw_plan
-from secure_uav_planner.output.table import assessment_table, table
+from secure_uav_planner.output.tables import assessment_table, rate_table
 
 CHANNELS = {
     'guaranteed': Channel(), 'at mean gains': Channel(los='urban'),
@@ -45,7 +45,7 @@ def test_a_channel_promises_with_fading_and_an_outage_as_without():
 
 def test_the_table_has_the_word(case):
     promise, plan = case
-    check_text(promise, table([plan]))
+    check_text(promise, rate_table([plan]))
 
 
 def test_a_plan_has_the_word_in_its_representation(case):

@@ -15,11 +15,11 @@ from processes import environment
 import pytest
 from secure_uav_planner import Plan
 from secure_uav_planner.apps.campaigns import JOURNAL
-from secure_uav_planner.apps.tasks import plan_file
+from secure_uav_planner.apps.tasks import plan_path
 from studies import paper as study
 from studies.paper.claims import check_claims, write_claims
 from studies.paper.experiments import sources
-from studies.paper.figures import found_in_environments, write_figures
+from studies.paper.figures import assess_environments, write_figures
 
 pytestmark = pytest.mark.slow
 
@@ -34,15 +34,14 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def plans(folder):
-    wanted = study.points(quick=True)
-    study.run(wanted, folder, jobs=1)
-    return study.plans_of(wanted, folder)
+    points = study.make_points(quick=True)
+    study.plan_points(points, folder, jobs=1)
+    return study.load_plans(points, folder)
 
 
 def claim(plans, text):
-    found = [one for one in check_claims(plans) if text in one.text]
-    assert len(found) == 1
-    return found[0]
+    [match] = [match for match in check_claims(plans) if text in match.text]
+    return match
 
 
 @pytest.mark.parametrize('text', [
@@ -77,10 +76,12 @@ def test_a_claim_that_does_not_hold_is_reported_as_such(plans):
 
 
 def test_claims_are_written_with_their_numbers_and_verdicts(plans, tmp_path):
-    text = write_claims(plans, tmp_path / 'claims.md').read_text()
+    path, claims = write_claims(plans, tmp_path / 'claims.md')
+    text = path.read_text()
+    assert claims in text
     table = [line for line in text.splitlines() if line.startswith('| ')][2:]
     assert len(table) == len(check_claims(plans)) >= 9
-    assert all(line.count('|') == 4 and ('| yes |' in line or '| **no** |' in line)
+    assert all(line.count('|') == 5 and ('| yes |' in line or '| **no** |' in line)
                for line in table)
 
 
@@ -94,25 +95,25 @@ def test_a_larger_disc_never_helps_and_more_power_over_the_noise_does(plans):
 
 
 def test_the_full_study_has_at_least_twelve_durations_for_each_of_five_curves():
-    found = [point for point in study.points() if point.experiment.startswith('duration')]
     curves = {}
-    for point in found:
-        curves.setdefault((point.experiment, point.scheme), set()).add(point.x)
+    for point in study.make_points():
+        if point.experiment.startswith('duration'):
+            curves.setdefault((point.experiment, point.scheme), set()).add(point.x)
     assert len(curves) == 5
     assert all(len(durations) >= 12 and min(durations) == 102 and max(durations) == 200
                for durations in curves.values())
 
 
 def test_figures_and_tables_are_written(plans, tmp_path):
-    written = write_figures(plans, tmp_path)
+    written = write_figures(plans, tmp_path, '| claim |')
     names = {path.name for path in written}
     assert {f'{name}.{suffix}' for suffix in ('png', 'csv') for name in (
-        'trajectories', 'rate_against_duration', 'rate_against_radius', 'rate_against_snr',
+        'figure_2', 'figure_3', 'rate_against_radius', 'rate_against_snr',
         'rate_against_jammers', 'environments')} == names
     for path in written:
         if path.suffix == '.png':
-            assert imread(path).std() > 0.05
-    with (tmp_path / 'rate_against_duration.csv').open() as file:
+            assert imread(path).std() > 0.05 and b'| claim |' in path.read_bytes()
+    with (tmp_path / 'figure_3.csv').open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 15
     kept = {(float(row['duration']), row['scheme'], float(row['error_radius_m'])):
@@ -120,21 +121,21 @@ def test_figures_and_tables_are_written(plans, tmp_path):
     proven, = (row for row in rows if row['upper_bound'])
     assert float(proven['worst_case_rate']) <= float(proven['upper_bound']) < 3.3
     assert kept[200.0, 'fly-hover-fly, constant power', 10.0] == pytest.approx(1.442, abs=1e-3)
-    with (tmp_path / 'trajectories.csv').open() as file:
+    with (tmp_path / 'figure_2.csv').open() as file:
         assert len(list(csv.DictReader(file))) == 2 * (104 + 106 + 202)
 
 
 def test_a_plan_for_the_model_is_guaranteed_more_there_than_one_for_free_space(plans):
-    found = {(one.environment, one.scheme[8:]): one
-             for one in found_in_environments(plans).itertuples()}
-    free, moved, city = (found[key] for key in (
+    rows = {(row.environment, row.scheme[8:]): row
+            for row in assess_environments(plans).itertuples()}
+    free, moved, city = (rows[key] for key in (
         ('free space', 'for the model'), ('urban', 'for free space'), ('urban', 'for the model')))
     assert free.planned_rate == free.guaranteed_rate == moved.planned_rate
     assert city.planned_rate == pytest.approx(city.guaranteed_rate)
     assert city.guaranteed_rate > 1.02 * moved.guaranteed_rate
-    for one in found.values():
-        assert one.found_5 < one.found_mean < one.found_95
-        assert one.delivered <= one.promised_delivery
+    for row in rows.values():
+        assert row.found_5 < row.found_mean < row.found_95
+        assert row.delivered <= row.promised_delivery
     assert free.outage == 0.0 < city.outage
 
 
@@ -151,19 +152,19 @@ def test_what_is_finished_is_not_planned_again_and_what_is_damaged_is(plans, fol
     assert {row['outcome'] for row in rows} == {'ok'}
     assert len({row['key'] for row in rows}) == len(rows) == len(
         {point.task['key'] for point in plans})
-    study.run(list(plans), folder, jobs=1)
+    study.plan_points(list(plans), folder, jobs=1)
     assert (folder / JOURNAL).read_text().splitlines() == lines
     victim = next(point for point in plans if point.experiment == 'radius' and point.x == 60)
-    file = plan_file(folder, victim.task['key'])
+    file = plan_path(folder, victim.task['key'])
     file.write_text('{"half": ')
-    again = study.run(list(plans), folder, jobs=1)
+    again = study.plan_points(list(plans), folder, jobs=1)
     new, = (folder / JOURNAL).read_text().splitlines()[len(lines):]
     assert json.loads(new)['key'] == victim.task['key'] and len(again) == len(rows)
     assert Plan.load(file).scenario == victim.scenario
 
 
 def test_rows_say_what_the_plans_do(plans, folder):
-    rows = {row['key']: row for row in study.run(list(plans), folder, jobs=1)}
+    rows = {row['key']: row for row in study.plan_points(list(plans), folder, jobs=1)}
     for point, plan in plans.items():
         row = rows[point.task['key']]
         assert row['objective'] == plan.objective and row['rate'] == pytest.approx(plan.rate)
@@ -175,8 +176,8 @@ def test_rows_say_what_the_plans_do(plans, folder):
 
 
 def test_a_point_that_fails_is_a_row_and_told_of(tmp_path, monkeypatch, capsys):
-    short = study.points(quick=True)[0]
-    monkeypatch.setattr('studies.paper.__main__.points', lambda quick: [
+    short = study.make_points(quick=True)[0]
+    monkeypatch.setattr('studies.paper.__main__.make_points', lambda quick: [
         replace(short, scenario=replace(short.scenario, reference_snr_db=70.0)),
         replace(short, scheme='unheard of')])
     assert study.main(['--out', str(tmp_path), '--jobs', '1']) == 1
@@ -187,13 +188,12 @@ def test_a_point_that_fails_is_a_row_and_told_of(tmp_path, monkeypatch, capsys):
 
 
 def test_another_scenario_scheme_or_code_is_another_row(monkeypatch):
-    point = study.points(quick=True)[0]
-    others = [replace(point, scheme='fly_hover_fly_optimised'),
-              replace(point, scenario=replace(point.scenario, reference_snr_db=81.0))]
-    keys = {point.task['key'], *(other.task['key'] for other in others)}
+    point = study.make_points(quick=True)[0]
+    keys = {changed.task['key'] for changed in (
+        point, replace(point, scheme='fly_hover_fly_optimised'),
+        replace(point, scenario=replace(point.scenario, reference_snr_db=81.0)))}
     assert replace(point, experiment='elsewhere', x=3.0).task['key'] in keys and len(keys) == 3
-    monkeypatch.setattr('studies.paper.experiments.code_version',
-                        lambda: 'other')
+    monkeypatch.setattr('studies.paper.experiments.code_version', lambda: 'changed')
     assert replace(point).task['key'] not in keys
 
 
@@ -202,17 +202,17 @@ def test_a_wrong_option_is_refused_in_a_line(tmp_path, capsys):
     assert capsys.readouterr().err.startswith('study: jobs is 0; ')
 
 
-def group(process):
-    """Return the processes of a group that still run."""
-    found = []
+def list_group(process):
+    """Return the running processes of a group."""
+    names = []
     for path in pathlib.Path('/proc').glob('[0-9]*/stat'):
         try:
             fields = path.read_text().rpartition(')')[2].split()
         except OSError:
             continue
         if int(fields[2]) == process.pid and fields[0] != 'Z':
-            found.append(path.parent.name)
-    return found
+            names.append(path.parent.name)
+    return names
 
 
 @pytest.mark.skipif(not pathlib.Path('/proc').is_dir(), reason='needs /proc')
@@ -232,11 +232,11 @@ def test_interrupted_it_keeps_what_is_finished_and_leaves_neither_process_nor_tr
         os.killpg(process.pid, signal.SIGINT)
         output, _ = process.communicate(timeout=120)
         until = time.monotonic() + 120
-        while group(process) and time.monotonic() < until:
+        while list_group(process) and time.monotonic() < until:
             time.sleep(0.05)
-        assert group(process) == []
+        assert list_group(process) == []
     finally:
-        if group(process):
+        if list_group(process):
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 130, output
     assert 'Traceback' not in output and 'the same command goes on' in output

@@ -14,9 +14,9 @@ import time
 from processes import environment
 import pytest
 from secure_uav_planner import METHODS, Plan, Scenario, solve
+from secure_uav_planner.apps.campaign_file import load_campaign
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.apps.results import draw_figure, save_tables
-from secure_uav_planner.apps.specification import load_campaign
 from secure_uav_planner.errors import MissionFileError
 from test_cli import limited, MODULE, PATIENCE
 
@@ -408,6 +408,6 @@ def test_a_mission_that_lost_its_worker_is_told_of_and_planned_again(folder, clu
 
 def test_a_scheduler_that_cannot_be_reached_is_status_2(folder, capsys, monkeypatch):
     pytest.importorskip('distributed')
-    monkeypatch.setattr('secure_uav_planner.apps.workers._PATIENCE', 1.0)
+    monkeypatch.setattr('secure_uav_planner.apps.tasks._CONNECT_TIMEOUT', 1.0)
     assert main(['sweep', 'campaign.yaml', '-o', 'out', '--scheduler', 'tcp://127.0.0.1:1']) == 2
     assert 'cannot be reached' in capsys.readouterr().err

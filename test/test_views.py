@@ -11,7 +11,7 @@ import pytest
 import secure_uav_planner
 from secure_uav_planner import Bound, fly_hover_fly, Plan, Scenario, solve, upper_bound
 from secure_uav_planner.errors import MissingPackageError, OptionError, PlanError
-from secure_uav_planner.output.spreadsheet import COLUMNS
+from secure_uav_planner.output.tables import COLUMNS
 from secure_uav_planner.plan.playback import Playback
 from strategies import scenarios, with_uavs
 

@@ -1,9 +1,10 @@
 """
-The numbers of the pages: each table between two comments is written by a run.
+The numbers and pictures of the pages, each written by a run.
 
-`python -m docs.tools.measured` computes those of the planner, takes those of study,
-flights and benchmark from the folders in which these have left them, and writes all into the
-pages. `make numbers` runs the three before.
+`python -m docs.tools.measured` computes the tables of the planner, takes those of study, flights
+and benchmark from the folders to which these write, and puts each table between its two comments
+in a page. `make numbers` runs the three before. A picture carries, as its description, the table
+of the same run.
 """
 
 import argparse
@@ -11,6 +12,7 @@ from collections.abc import Callable, Sequence
 import math
 from pathlib import Path
 import re
+import shutil
 import sys
 
 from secure_uav_planner.bound import upper_bound
@@ -18,12 +20,17 @@ from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.mission import METHODS, OBJECTIVES
 from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.optimize import fly_hover_fly, solve
-from secure_uav_planner.output.table import markdown_table
+from secure_uav_planner.output.picture import draw_plan
+from secure_uav_planner.output.tables import markdown_table
 
-PAGES = ('README.md', 'docs/guarantees.md', 'docs/methods.md', 'docs/paper.md',
-         'studies/flown.md', 'studies/numerics.md')
+DOCS = Path(__file__).resolve().parents[1]
+PAGES = (DOCS.parent / 'README.md', *sorted(DOCS.glob('*.md')),
+         *sorted((DOCS.parent / 'studies').glob('*.md')))
 BLOCK = re.compile(r'(<!-- numbers: (\w+) -->\n).*?(<!-- end of numbers -->\n)', re.DOTALL)
 """A table in a page, with its name."""
+
+PICTURES = {'plan.png': 'rates', 'figure-2.png': 'claims', 'figure-3.png': 'claims'}
+"""The pictures in DOCS, each with the table of its run."""
 
 _PROOF = 10.0  # The longest search for a bound in s.
 _MISSIONS = ((102, 10), (102, 60), (120, 30), (120, 60), (200, 10), (200, 60))  # s, m
@@ -37,10 +44,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help=f'tables to write, by default all: {", ".join(TABLES)}')
     options = parser.parse_args(argv)
     try:
-        found = {name: TABLES[name]() for name in options.tables or TABLES}
-        for page in map(Path, PAGES):
+        tables = {name: TABLES[name](DOCS) for name in options.tables or TABLES}
+        for page in PAGES:
             text = page.read_text(encoding='utf-8')
-            page.write_text(renewed(text, found), encoding='utf-8')
+            page.write_text(replace_tables(text, tables), encoding='utf-8')
     except KeyError as error:
         print(f'numbers: there is no table {error}', file=sys.stderr)
         return 2
@@ -50,38 +57,43 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def renewed(text: str, tables: dict[str, str]) -> str:
-    """Return the text of a page with tables in place of those of their names."""
+def replace_tables(text: str, tables: dict[str, str]) -> str:
+    """Return the text of a page with its tables replaced by those of the same names."""
     return BLOCK.sub(lambda block: f'{block[1]}\n{tables[block[2]]}\n\n{block[3]}'
                      if block[2] in tables else block[0], text)
 
 
-def rates(proof: float = _PROOF) -> str:
-    """Return the rates of the paper's mission; the bound is searched for so many s."""
+def measure_rates(folder: Path, proof: float = _PROOF) -> str:
+    """Return the rates of the paper's mission with a bound of so many s; draw plan.png."""
     scenario = Scenario.paper()
-    plans = {'fly-hover-fly, constant power': fly_hover_fly(scenario),
-             'fly-hover-fly, optimised power': fly_hover_fly(scenario, 'optimised'),
+    plan = solve(scenario)
+    baselines = [fly_hover_fly(scenario, power) for power in ('constant', 'optimised')]
+    plans = {'fly-hover-fly, constant power': baselines[0],
+             'fly-hover-fly, optimised power': baselines[1],
              'this planner, `objective: guaranteed`': solve(scenario, objective='guaranteed'),
-             'this planner': (plan := solve(scenario))}
+             'this planner': plan}
     bound = upper_bound(scenario, plan=plan, time_limit=proof)
-    return markdown_table(
+    table = markdown_table(
         ('scheme', 'guaranteed rate (bit/s/Hz)', 'worst-case rate (bit/s/Hz)',
          f'below the best possible, at most (proof of {bound.solve_time:.0f} s)'),
         ((name, f'{plan.guaranteed_rate:.4f}', f'{plan.worst_case_rate:.4f}',
-          f'{math.ceil(1000 * bound.share_missing(plan)) / 10:.1f}%')  # Rounded up: it is proven.
+          f'{math.ceil(1000 * bound.share_missing(plan)) / 10:.1f}%')  # A bound: rounded up.
          for name, plan in plans.items()))
+    draw_plan(plan.with_bound(bound), baselines).savefig(
+        folder / 'plan.png', dpi=120, metadata={'Description': table})
+    return table
 
 
-def objectives() -> str:
-    """Return the worst-case rates that both objectives lead to."""
+def measure_objectives(_: Path) -> str:
+    """Return the worst-case rates of the plans for both objectives."""
     return markdown_table(
         ('T (s), error radius (m)', 'worst-case rate of the (P2) plan', 'of the (P1) plan'),
         ((f'{duration}, {radius}', *(
-            f'{solve(Scenario.paper(duration, radius), objective=one).worst_case_rate:.4f}'
-            for one in OBJECTIVES)) for duration, radius in _MISSIONS))
+            f'{solve(Scenario.paper(duration, radius), objective=name).worst_case_rate:.4f}'
+            for name in OBJECTIVES)) for duration, radius in _MISSIONS))
 
 
-def methods() -> str:
+def measure_methods(_: Path) -> str:
     """Return rates and times of both methods with the paper's objective."""
     plans = ((duration, solve(Scenario.paper(duration), method, objective='guaranteed'))
              for duration in (102.0, 200.0) for method in METHODS)
@@ -91,20 +103,25 @@ def methods() -> str:
           len(plan.history) - 1, f'{plan.solve_time:.2g} s') for duration, plan in plans))
 
 
-def _left_in(path: str, table: int | None = None) -> Callable[[], str]:
-    """Return what reads a Markdown file that another program has left, or one of its tables."""
-    def read() -> str:
-        text = Path(path).read_text(encoding='utf-8').strip()
-        return text if table is None else re.findall(
-            r'(?:^\|.*\n?)+', text, re.MULTILINE)[table].strip()
-    return read
+def copy_claims(folder: Path, study: Path = Path('out/study')) -> str:
+    """Return the claims that the study has written; copy its Figures 2 and 3."""
+    for number in (2, 3):
+        shutil.copyfile(study / f'figure_{number}.png', folder / f'figure-{number}.png')
+    return _read_tables(study / 'claims.md')[0]
 
 
-TABLES: dict[str, Callable[[], str]] = {
-    'rates': rates, 'objectives': objectives, 'methods': methods,
-    'claims': _left_in('out/study/claims.md', 0), 'flown': _left_in('out/fly/fly.md', 0),
-    'events': _left_in('out/fly/fly.md', 1), 'speed': _left_in('out/bench/speed.md')}
-"""What computes each table, by its name."""
+def _read_tables(path: Path) -> list[str]:
+    return [table.strip() for table in re.findall(
+        r'(?:^\|.*\n?)+', path.read_text(encoding='utf-8'), re.MULTILINE)]
+
+
+TABLES: dict[str, Callable[[Path], str]] = {
+    'rates': measure_rates, 'objectives': measure_objectives, 'methods': measure_methods,
+    'claims': copy_claims,
+    'flown': lambda _: _read_tables(Path('out/fly/fly.md'))[0],
+    'events': lambda _: _read_tables(Path('out/fly/fly.md'))[1],
+    'speed': lambda _: Path('out/bench/speed.md').read_text(encoding='utf-8').strip()}
+"""The function of each table by its name; its argument is the folder of its pictures."""
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -17,7 +17,7 @@ from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
 
 
 class Interface(NamedTuple):
-    """One topic or service of a node."""
+    """A topic or service of a node."""
 
     node: str
     direction: str
@@ -28,56 +28,56 @@ class Interface(NamedTuple):
 
 
 def interfaces() -> list[Interface]:
-    """Return every Interface of the nodes; the relay's depend on its parameter `stack`."""
-    found = [Interface(
+    """Return each Interface of the nodes; the relay's depend on its parameter `stack`."""
+    rows = [Interface(
         node, direction, name, f'{topic.kind.__module__.split(".")[0]}/msg/{topic.kind.__name__}',
-        in_words(topic.qos), topic.meaning)
+        describe_qos(topic.qos), topic.meaning)
         for (node, direction), topics in TOPICS.items() for name, topic in topics.items()]
-    found += [Interface(node, 'srv', name, 'std_srvs/srv/Trigger', '', meaning)
-              for (node, name), meaning in SERVICES.items()]
+    rows += [Interface(node, 'srv', name, 'std_srvs/srv/Trigger', '', meaning)
+             for (node, name), meaning in SERVICES.items()]
     for name, stack in STACKS.items():
-        found += [Interface('relay', 'pub', f'<vehicle>/{topic}', f'{stack.package}/msg/{kind}',
-                            in_words(STREAM), f'with `stack` {name}')
-                  for kind, topic in stack.topics.items()]
-        found += [Interface('relay', 'sub', f'<vehicle>/{topic}', kind.replace('/', '/msg/'),
-                            in_words(SENSOR), f'with `stack` {name}: where the vehicle is')
-                  for kind, topic in stack.reports.items()]
-    return found
+        rows += [Interface('relay', 'pub', f'<vehicle>/{topic}', f'{stack.package}/msg/{kind}',
+                           describe_qos(STREAM), f'with `stack` {name}')
+                 for kind, topic in stack.topics.items()]
+        rows += [Interface('relay', 'sub', f'<vehicle>/{topic}', kind.replace('/', '/msg/'),
+                           describe_qos(SENSOR), f'with `stack` {name}: where the vehicle is')
+                 for kind, topic in stack.reports.items()]
+    return rows
 
 
 def specs() -> dict[str, dict[str, Spec]]:
-    """Return the Spec of every parameter of each node by name; `<uav>` stands for any UAV."""
-    of_one = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
-              **zone_parameters('<zone>')}
-    return {'planner': {**PLANNER, **of_one}, 'replay': REPLAY,
+    """Return the Spec of each parameter of each node by name; `<uav>` stands for any UAV."""
+    members = {**uav_parameters('<uav>', 0), **eavesdropper_parameters('<eavesdropper>'),
+               **zone_parameters('<zone>')}
+    return {'planner': {**PLANNER, **members}, 'replay': REPLAY,
             'relay': {**RELAY, **relay_parameters('<uav>', 0)}}
 
 
 def markdown() -> dict[str, str]:
     """Return the reference of each node by its name, as Markdown."""
     pages = {}
-    for node, of_node in specs().items():
+    for node, parameters in specs().items():
         lines = ['## Topics and services', '',
                  '| | name | type | QoS | meaning |', '| --- | --- | --- | --- | --- |']
-        lines += [f'| {one.direction} | `{one.name}` | {one.kind} | {one.qos} | {one.meaning} |'
-                  for one in interfaces() if one.node == node]
+        lines += [f'| {row.direction} | `{row.name}` | {row.kind} | {row.qos} | {row.meaning} |'
+                  for row in interfaces() if row.node == node]
         lines += ['', '## Parameters', '',
                   '| name | default | allowed | meaning |', '| --- | --- | --- | --- |']
         lines += [f'| `{name}` | {_default(name, spec)} | {spec.allowed} | {spec.description}'
                   f'{" Set at start only." if spec.read_only else ""} |'
-                  for name, spec in of_node.items()]
+                  for name, spec in parameters.items()]
         pages[node] = '\n'.join(lines)
     return pages
 
 
-def generated(text: str) -> tuple[str, str, str]:
-    """Return what is before, inside and behind the part of a page that is generated."""
+def split_page(text: str) -> tuple[str, str, str]:
+    """Return the text of a page before, inside and after its generated part."""
     before, begin, rest = text.partition('<!-- generated -->\n')
-    inside, end, behind = rest.partition('<!-- end of generated -->')
-    return before + begin, inside, end + behind
+    inside, end, after = rest.partition('<!-- end of generated -->')
+    return before + begin, inside, end + after
 
 
-def in_words(qos: QoSProfile) -> str:
+def describe_qos(qos: QoSProfile) -> str:
     """Return a quality of service in words."""
     reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
     latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
@@ -86,20 +86,20 @@ def in_words(qos: QoSProfile) -> str:
 
 
 def _default(name: str, spec: Spec) -> str:
-    other = uav_parameters('<uav>', 1).get(name, spec)
+    jammer = uav_parameters('<uav>', 1).get(name, spec)
     return f'`{spec.default!r}`' + (
-        '' if other.default == spec.default else f', of the others `{other.default!r}`')
+        '' if jammer.default == spec.default else f', of the others `{jammer.default!r}`')
 
 
 def main() -> None:
-    """Bring the pages of the nodes up to date."""
+    """Update the pages of the nodes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('folder', type=Path, help='with a page for each node, such as planner.md')
     folder = parser.parse_args().folder
     for node, text in markdown().items():
         page = folder / f'{node}.md'
-        before, _, behind = generated(page.read_text())
-        page.write_text(f'{before}{text}\n\n{behind}')
+        before, _, after = split_page(page.read_text())
+        page.write_text(f'{before}{text}\n\n{after}')
 
 
 if __name__ == '__main__':

@@ -1,8 +1,8 @@
 """
-Pause a flight on its path, and go on.
+Pause a flight on its path, and resume it.
 
-UAVs with a limit of acceleration slow down on the path and stand; then the same plan goes on,
-later by the length of the pause.
+UAVs with an acceleration limit slow down on the path to rest; then the same plan is resumed, later
+by the length of the pause.
 """
 
 import time

@@ -1,8 +1,8 @@
 """
 Plan from live poses, and fly the plan.
 
-The planner starts from where the UAVs are by their poses, which a localisation publishes; here the
-example does. The replay then streams setpoints, 20 times as fast as real time.
+The planner starts from the poses of the UAVs, which a localisation publishes; here the example
+does. The replay then streams setpoints, 20 times as fast as real time.
 """
 
 from geometry_msgs.msg import PoseStamped
@@ -10,25 +10,25 @@ from secure_uav_planner import Scenario
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import node_process, SecurePlanner
 
-PLACES = {'uav1': (80.0, 480.0), 'uav2': (130.0, 510.0)}  # m
+POSITIONS = {'uav1': (80.0, 480.0), 'uav2': (130.0, 510.0)}  # m
 
 
 def main():
-    """Plan from PLACES, fly, and print what came of it."""
+    """Plan from POSITIONS, fly, and print the course of it."""
     mission = ['-p', 'duration:=130.0', '-p', 'slots:=130']
     with node_process('planner', mission), \
             node_process('replay', ['-p', 'speed:=20.0']), \
             SecurePlanner(Scenario.paper(130.0)) as planner:
         poses = {name: planner.node.create_publisher(PoseStamped, f'{name}/pose', 10)
-                 for name in PLACES}
+                 for name in POSITIONS}
 
         def localise():
             planner.send_poses()
             for name, publisher in poses.items():
                 publisher.publish(messages.pose_stamped(
-                    'map', planner.node.get_clock().now().to_msg(), *PLACES[name], 100.0, 0.0))
+                    'map', planner.node.get_clock().now().to_msg(), *POSITIONS[name], 100.0, 0.0))
 
-        planner.wait_until(lambda: planner.knows_poses(*(f'{name}/pose' for name in PLACES)),
+        planner.wait_until(lambda: planner.knows_poses(*(f'{name}/pose' for name in POSITIONS)),
                            'a planner that knows all poses', localise)
         plan = planner.plan()
         print(f'{plan.identity}: guaranteed {plan.guaranteed_rate:.3f} bit/s/Hz, '

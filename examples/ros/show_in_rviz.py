@@ -15,7 +15,7 @@ CONFIG = Path(__file__).resolve().parents[2] / 'config'
 
 
 def main(speed=10.0):
-    """Fly the mission of config/city.yaml, so many times as fast as real time."""
+    """Fly the mission of config/city.yaml, at a speed in multiples of real time."""
     mission = ['-p', f'mission_file:={CONFIG / "city.yaml"}']
     viewer = None
     if shutil.which('rviz2'):

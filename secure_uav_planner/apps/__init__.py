@@ -1,1 +1,1 @@
-"""Programs: the command, campaigns, study, benchmark, flights in physics, demo."""
+"""The command and its campaigns."""

@@ -1,4 +1,4 @@
-"""Campaigns: `sweep` plans all missions of a campaign; one that was stopped goes on."""
+"""Campaigns: `sweep` plans all missions of a campaign and continues one that was stopped."""
 
 import argparse
 from collections import Counter
@@ -9,14 +9,13 @@ import json
 import logging
 from pathlib import Path
 import sys
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
+from .campaign_file import load_campaign
 from .cli import DONE, FAILED
-from .missions import loaded, writable
+from .missions import load_input, make_folder
 from .results import save_figure, save_tables
-from .specification import load_campaign
-from .tasks import ERROR, plan_file, Task, WORKER_LOST
-from .workers import on_cluster, on_cores
+from .tasks import ERROR, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST
 from ..errors import name_missing_package, OptionError, StoppedError
 from ..mission.files import naming
 
@@ -24,16 +23,16 @@ JOURNAL = 'results.jsonl'
 
 
 def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
-                 scheduler: str | None = None, title: str = 'sweep') -> list[dict[str, Any]]:
+                 scheduler: str | None = None, title: str = 'sweep') -> list[Row]:
     """
-    Return the rows of all missions of a campaign; only those are planned that have none.
+    Return the rows of all missions of a campaign, and plan those that have none.
 
-    Missions that failed for reasons outside of them, and those whose plan was to be kept and is
-    gone, are planned again. Every finished mission is written to the journal in the folder at
-    once; there, the last row of a mission counts.
+    Missions with an infrastructure failure, and those whose plan was to be kept and is gone, are
+    planned again. Each finished mission is appended to the journal in the folder at once; the
+    last row of a mission counts.
 
-    :param tasks: returns the tasks, the same ones every time.
-    :param folder: where the journal and the kept plans are, or will be.
+    :param tasks: returns the tasks, the same ones at each call.
+    :param folder: of the journal and the kept plans.
     :param jobs: processes on this computer; -1 for as many as there are cores.
     :param scheduler: address of a Dask scheduler, whose workers are used instead.
     :param title: of the progress bar.
@@ -45,20 +44,21 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = 
         from tqdm import tqdm
     if jobs < 1 and jobs != -1:
         raise OptionError(f'jobs is {jobs}; it must be at least 1, or -1 for all cores')
-    with _journal(folder / JOURNAL) as file:
+    with _open_journal(folder / JOURNAL) as file:
         kept = {row['key']: row for row in map(json.loads, file)}
-        # Two places of a grid may be the same mission, which is then planned once.
-        rows = {task['key']: _finished(kept.get(task['key']), task, folder) for task in tasks()}
+        # Two places of a grid may be the same mission, which is planned once.
+        rows = {task['key']: _finished_row(kept.get(task['key']), task, folder)
+                for task in tasks()}
         missing = sum(row is None for row in rows.values())
         with tqdm(total=len(rows), initial=len(rows) - missing, unit='mission',
                   desc=title, disable=None) as bar:
-            left = _missing(tasks(), rows)
-            for row in () if not missing else on_cores(left, jobs) if (
-                    scheduler is None) else on_cluster(left, scheduler):
+            queue = _missing_tasks(tasks(), rows)
+            for row in () if not missing else run_on_cores(queue, jobs) if (
+                    scheduler is None) else run_on_cluster(queue, scheduler):
                 plan = row.pop('plan', None)
                 if plan is not None:
-                    plan_file(folder, row['key']).parent.mkdir(exist_ok=True)
-                    plan.save(plan_file(folder, row['key']))
+                    plan_path(folder, row['key']).parent.mkdir(exist_ok=True)
+                    plan.save(plan_path(folder, row['key']))
                 with naming(folder / JOURNAL):
                     file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
                     file.flush()
@@ -68,11 +68,9 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = 
 
 
 @contextmanager
-def _journal(path: Path) -> Iterator[BinaryIO]:
+def _open_journal(path: Path) -> Iterator[BinaryIO]:
     """
-    Open a file with one row a line as JSON, that only one process at a time adds to.
-
-    A line that a stopped process left unfinished is removed.
+    Open a file of JSON lines to which one process at a time appends; drop an unfinished line.
 
     :raises OSError: when it cannot be written.
     :raises OptionError: when another process has it open.
@@ -88,21 +86,21 @@ def _journal(path: Path) -> Iterator[BinaryIO]:
         yield file
 
 
-def failed(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of missions that failed for reasons outside of them."""
+def _failed_rows(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows with an infrastructure failure."""
     return [row for row in rows if row['outcome'] in (ERROR, WORKER_LOST)]
 
 
-def _finished(row: dict[str, Any] | None, task: Task, folder: Path) -> dict[str, Any] | None:
-    """Return a row from the journal, or None if its mission is to be planned again."""
-    if row is None or failed([row]):
+def _finished_row(row: Row | None, task: Task, folder: Path) -> Row | None:
+    """Return a row of the journal, or None if its mission must be planned (again)."""
+    if row is None or _failed_rows([row]):
         return None
-    lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_file(
+    lacks_plan = task.get('plans') and row['outcome'] == 'ok' and not plan_path(
         folder, row['key']).exists()
     return None if lacks_plan else row
 
 
-def _missing(tasks: Iterable[Task], rows: dict[str, Any]) -> Iterator[Task]:
+def _missing_tasks(tasks: Iterable[Task], rows: dict[str, Row | None]) -> Iterator[Task]:
     """Yield the tasks without a row, each once."""
     seen = set()
     for task in tasks:
@@ -111,12 +109,11 @@ def _missing(tasks: Iterable[Task], rows: dict[str, Any]) -> Iterator[Task]:
             yield task
 
 
-def sweep(options: argparse.Namespace) -> int:
-    """Run a campaign; return the exit status."""
-    campaign = loaded(options.mission, load_campaign, OptionError)
-    out = writable(Path(options.out))
-    # What it says of lost connections is said here in a line.
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)
+def run_sweep(options: argparse.Namespace) -> int:
+    """Run the campaign of a file and summarise it; return the exit status."""
+    campaign = load_input(options.mission, load_campaign, OptionError)
+    out = make_folder(Path(options.out))
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # Errors are reported below.
     try:
         rows = run_campaign(campaign.tasks, out, options.jobs, options.scheduler)
     except KeyboardInterrupt:
@@ -134,8 +131,8 @@ def sweep(options: argparse.Namespace) -> int:
     print(', '.join(f'{outcomes[outcome]} {outcome}'
                     for outcome in sorted(outcomes, key=lambda name: (name != 'ok', name))))
     print(f'written: {", ".join(map(str, written))}')
-    if again := failed(rows):
-        print(f'secure_uav_planner: {len(again)} missions failed for reasons outside of them, and '
-              f'the same command plans them again: {again[0]["reason"]}', file=sys.stderr)
+    if failed := _failed_rows(rows):
+        print(f'secure_uav_planner: {len(failed)} missions failed for reasons outside of them, '
+              f'and the same command plans them again: {failed[0]["reason"]}', file=sys.stderr)
         return FAILED
     return DONE

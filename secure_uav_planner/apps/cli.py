@@ -1,7 +1,8 @@
-"""What the command accepts, and from there to an exit status."""
+"""The command: its arguments, and the exit status of what they run."""
 
 import argparse
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 import difflib
 from importlib import import_module
 import os
@@ -21,7 +22,7 @@ from ..output.autopilot_limits import AUTOPILOTS
 NAME = 'secure_uav_planner'
 
 NODES = ('planner', 'relay', 'replay')
-"""The nodes that the command can run."""
+"""Nodes that the command can run."""
 
 DONE, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
 
@@ -75,31 +76,32 @@ def main(argv: Sequence[str] | None = None) -> int:
         if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             signal.signal(signal.SIGINT, signal.default_int_handler)
         status = run(options)
-        sys.stdout.flush()  # Here a reader that has gone is told of.
+        sys.stdout.flush()  # A closed pipe is an error here, not at exit.
         return status
     except MissionFileError as error:
         for line, text in error.problems:
-            _tell(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
+            _print_error(f'{options.mission}{"" if line is None else f":{line}"}: {text}')
         return BAD_INPUT
     except BrokenPipeError:
-        _drop_output()  # Whoever read has gone.
+        _drop_output()
         return FAILED
     except OSError as error:
-        what = error.filename or ('standard output' if _is_output_lost() else None)
-        _tell(str(error) if what is None or error.strerror is None else
-              f'{what} cannot be written: {error.strerror}; what was written before is kept')
+        target = error.filename or ('standard output' if _is_output_lost() else None)
+        _print_error(
+            str(error) if target is None or error.strerror is None else
+            f'{target} cannot be written: {error.strerror}; what was written before is kept')
         return FAILED
     except (PlanningError, MemoryError) as error:
-        _tell(str(error) or type(error).__name__)
+        _print_error(str(error) or type(error).__name__)
         return STOPPED if isinstance(error, StoppedError) else BAD_INPUT if isinstance(
             error, _BAD_INPUTS) else FAILED
     except KeyboardInterrupt:
-        _tell('stopped')
+        _print_error('stopped')
         return STOPPED
 
 
 def _is_output_lost() -> bool:
-    """Return whether nothing can be printed, by an empty line."""
+    """Print an empty line; return True if that fails."""
     try:
         print(flush=True)
     except OSError:
@@ -109,24 +111,24 @@ def _is_output_lost() -> bool:
 
 
 def _drop_output() -> None:
-    """Let Python not try again to write what was printed when it ends."""
+    """Prevent Python from writing buffered output again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _tell(text: str) -> None:
+def _print_error(text: str) -> None:
     print(f'secure_uav_planner: {text}', file=sys.stderr)
 
 
 def _run_node(name: str, arguments: list[str]) -> int:
-    """Run a node in this process, with all that follows its name for ROS."""
+    """Run a node in this process; the arguments are for ROS."""
     _check_name('node', name, NODES)
     try:
         import_module(f'..ros.{name}', __package__).main([sys.argv[0], *arguments])
     except ModuleNotFoundError as error:
         if (error.name or '').startswith(__package__.partition('.')[0]):
             raise
-        _tell(f'the nodes need ROS, and {error.name} is not installed; '
-              'pip install "secure_uav_planner[ros]", or source an installed ROS')
+        _print_error(f'the nodes need ROS, and {error.name} is not installed; '
+                     'pip install "secure_uav_planner[ros]", or source an installed ROS')
         return BAD_INPUT
     return DONE
 
@@ -138,33 +140,29 @@ def _check_name(kind: str, name: str, names: Iterable[str]) -> None:
             f'did you mean {near[0]}?' if near else f'there are {", ".join(names)}'))
 
 
-def _seconds(text: str, least: str = '') -> float:
-    if not (_is_number(text) and float(text) > 0):
-        raise argparse.ArgumentTypeError(
-            f'{quote(text)} must be {least}a number above 0, in s and without a unit')
-    return float(text)
+def _parse_seconds(text: str, allowed: str = 'a number above 0') -> float:
+    with suppress(ValueError):
+        if float(text) > 0:
+            return float(text)
+    raise argparse.ArgumentTypeError(
+        f'{quote(text)} must be {allowed}, in s and without a unit')
 
 
-def _seconds_or_none(text: str) -> float | None:
-    return None if _is_number(text) and float(text) == 0 else _seconds(text, '0 or ')
+def _parse_limit(text: str) -> float | None:
+    with suppress(ValueError):
+        if float(text) == 0:
+            return None
+    return _parse_seconds(text, '0 or a number above 0')
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _parse_number(text: str) -> float:
+    with suppress(ValueError):
+        return float(text)
+    raise argparse.ArgumentTypeError(f'{quote(text)} must be a number, without its unit')
 
 
-def _number(text: str) -> float:
-    if not _is_number(text):
-        raise argparse.ArgumentTypeError(f'{quote(text)} must be a number, without its unit')
-    return float(text)
-
-
-def _number_of(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
-    return {'type': _number, 'metavar': metavar, 'help': text, **more}
+def _number_option(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
+    return {'type': _parse_number, 'metavar': metavar, 'help': text, **more}
 
 
 _OUT, _PLAN = '-o --out', {'help': 'a plan file, such as out/plan.json'}
@@ -183,24 +181,25 @@ the best plan so far.""", {
         '--objective': {'choices': OBJECTIVES, 'help': 'rate to maximise: the lower bound by '
                         'formula, or the true worst case over the discs, only with the method '
                         'joint, of which it is the default'},
-        '--time-limit': {'type': _seconds, 'metavar': 'S', 'help': 'end the search for a plan '
-                         'after so many seconds and keep the best plan so far (default: none)'},
+        '--time-limit': {
+            'type': _parse_seconds, 'metavar': 'S', 'help': 'end the search for a plan after so '
+            'many seconds and keep the best plan so far (default: none)'},
         '--bound-time-limit': {
-            'type': _seconds_or_none, 'default': 10.0, 'metavar': 'S',
+            'type': _parse_limit, 'default': 10.0, 'metavar': 'S',
             'help': 'the same for the bound; 0 for no bound (default: %(default)g)'},
         '--no-baselines': {'action': 'store_true', 'help': 'leave out fly-hover-fly, with which '
                            'the plan is compared'},
         '--mcap': {'action': 'store_true', 'help': 'write plan.mcap as well, the recording of a '
                    'flight for Foxglove and `ros2 bag`; needs ROS'}}),
-    'check': ('missions:check', 'say all that is wrong with a mission, line by line', '', {
+    'check': ('missions:check_mission', 'say all that is wrong with a mission, line by line', '', {
         'mission': {'help': _MISSION},
         '--autopilot': {'choices': tuple(AUTOPILOTS), 'help': 'compare the speed and acceleration '
                         'of its UAVs with what this autopilot carries by default, and name the '
                         'parameters to change'}}),
-    'new': ('missions:new', 'write an example of a mission with every field explained', '', {
+    'new': ('missions:create_mission', 'write an example mission with every field explained', '', {
         'mission': {'help': 'file to write'},
         '--force': {'action': 'store_true', 'help': 'replace a file that is there'}}),
-    'show': ('planning:show', 'draw a saved plan and print its rates', '', {
+    'show': ('planning:show_plan', 'draw a saved plan and print its rates', '', {
         'plan': _PLAN,
         _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) or web page (.html) to '
                'write (default: a .png beside the plan, in place of the one that plan drew '
@@ -221,24 +220,25 @@ plan allows for.""", {
         '--place': {'choices': PLACES, 'help': 'where each eavesdropper is: anywhere in its disc '
                     '(the default), normal around its centre, in the ring of the width --beyond '
                     'around the disc, or at --positions'},
-        '--beyond': _number_of('M', 'width of that ring'),
-        '--covariance': _number_of(('XX', 'XY', 'YY'), 'of the normal place in m^2 (default: the '
-                                   'disc has a probability of 95%%)', nargs=3),
-        '--positions': _number_of('X Y', 'fixed places (default: the centres)', nargs='+'),
-        '--receiver-db': _number_of(
+        '--beyond': _number_option('M', 'width of that ring'),
+        '--covariance': _number_option(
+            ('XX', 'XY', 'YY'), 'of the normal place in m^2 (default: the disc has a probability '
+            'of 95%%)', nargs=3),
+        '--positions': _number_option('X Y', 'fixed places (default: the centres)', nargs='+'),
+        '--receiver-db': _number_option(
             'DB', "by how much the eavesdroppers' receivers are better than stated"),
-        '--tracking-std': _number_of(
+        '--tracking-std': _number_option(
             'M', 'standard deviation of the UAVs in x and in y around their plan'),
-        '--tracking-time': _number_of('S', 'correlation time of these errors (default: 2)'),
-        '--exponent': _number_of('A', "another path loss exponent than the plan's"),
+        '--tracking-time': _number_option('S', 'correlation time of these errors (default: 2)'),
+        '--exponent': _number_option('A', "another path loss exponent than the plan's"),
         '--los': {'choices': ('none', *ENVIRONMENTS),
                   'help': 'another environment, for the probability of lines of sight'},
-        '--rician-k-db': _number_of('DB', 'another Rician factor'),
-        '--los-distance': _number_of('M', 'way of a UAV after which its lines of sight are drawn '
-                                     'anew (default: 50)'),
+        '--rician-k-db': _number_option('DB', 'another Rician factor'),
+        '--los-distance': _number_option(
+            'M', 'way of a UAV after which its lines of sight are drawn anew (default: 50)'),
         '--mean-gain': {'action': 'store_true',
                         'help': 'draw no lines of sight, but take the mean gain'}}),
-    'sweep': ('campaigns:sweep', 'plan all missions of a campaign', """
+    'sweep': ('campaigns:run_sweep', 'plan all missions of a campaign', """
 
 A campaign is a mission, fields to vary over lists, ranges or random laws, and methods and
 objectives to compare. Every finished mission is written at once; a campaign that was stopped
@@ -251,25 +251,25 @@ of it, such as too little memory, the same command plans it again.""", {
                    'help': 'processes on this computer (default: as many as there are cores)'},
         '--scheduler': {'metavar': 'ADDRESS', 'help': 'a Dask scheduler, such as tcp://host:8786, '
                         'whose workers are used instead; they need this package'}}),
-    'link-budget': ('missions:link_budget', 'compute reference_snr_db from data sheets', """
+    'link-budget': ('missions:print_link_budget', 'compute reference_snr_db from data sheets', """
 
 The SNR at 1 m and 1 W in free space: G_t + G_r + 20 log10(c / (4 pi f)) - 10 log10(k T_0 B) - F,
 all in dB, with T_0 = 290 K. The receiver_advantage_db of an eavesdropper is by how much G_r - F
 of its receiver is larger than that of the ground node's.""", {
-        '--carrier-hz': _number_of('HZ', 'f, frequency of the carrier', required=True),
-        '--bandwidth-hz': _number_of('HZ', 'B, bandwidth of the receiver', required=True),
-        '--noise-figure-db': _number_of(
+        '--carrier-hz': _number_option('HZ', 'f, frequency of the carrier', required=True),
+        '--bandwidth-hz': _number_option('HZ', 'B, bandwidth of the receiver', required=True),
+        '--noise-figure-db': _number_option(
             'DB', 'F, noise figure of the receiver with its cable (default: 0)', default=0.0),
-        '--transmit-gain-dbi': _number_of(
+        '--transmit-gain-dbi': _number_option(
             'DBI', "G_t, gain of the UAV's antenna downwards (default: 0)", default=0.0),
-        '--receive-gain-dbi': _number_of(
+        '--receive-gain-dbi': _number_option(
             'DBI', "G_r, gain of the ground node's antenna upwards (default: 0)", default=0.0)}),
 }
-"""Of each command: the function `module:name` that runs it, what it does, more, its arguments."""
+"""Of each command: its function `module:name`, summary, further description and arguments."""
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command."""
+    """Return the parser of the command."""
     parser = argparse.ArgumentParser(
         prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
         formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -1,4 +1,4 @@
-"""Missions: `new`, `check` and `link-budget`, and how all parts read and write files."""
+"""Missions: `new`, `check` and `link-budget`, and the input and output files of all commands."""
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,14 +20,14 @@ from ..output.autopilot_limits import changes
 from ..plan.plan import Plan
 
 SHORTFALL_DRAWS = 200
-"""Of an assessment that says how often a slot has less than a rate that is no guarantee."""
+"""Draws of the assessment that estimates how often a slot has less than its planned rate."""
 
 _Content = TypeVar('_Content')
 
 
-def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
-           kind: type[PlanningError] = ScenarioError) -> _Content:
-    """Return what a function loads from a file; if it cannot be read, raise this kind of error."""
+def load_input(path: str, load: Callable[[str], _Content] = Scenario.load,
+               kind: type[PlanningError] = ScenarioError) -> _Content:
+    """Load a file; if it cannot be read, raise this kind of error."""
     try:
         return load(path)
     except (OSError, UnicodeDecodeError) as error:
@@ -35,8 +35,8 @@ def loaded(path: str, load: Callable[[str], _Content] = Scenario.load,
         raise kind(f'{path} cannot be read: {reason}') from None
 
 
-def picture_file(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
-    """Return the file of --out, or beside the plan with the default suffix, after a trial."""
+def choose_picture(options: argparse.Namespace, default: str, suffixes: Sequence[str]) -> Path:
+    """Return the file of --out, or beside the plan with a default suffix, if it is writable."""
     file = Path(options.out) if options.out else Path(options.plan).with_suffix(default)
     if file.suffix.lower() not in suffixes:
         raise OptionError(f'{file} has the suffix {file.suffix!r}; it must be one of '
@@ -51,8 +51,8 @@ def picture_file(options: argparse.Namespace, default: str, suffixes: Sequence[s
                           'file with --out') from None
 
 
-def writable(folder: Path) -> Path:
-    """Return a folder after it has been made and tried, before work that would be in vain."""
+def make_folder(folder: Path) -> Path:
+    """Make a folder if needed and return it; raise an error unless it is writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -63,7 +63,7 @@ def writable(folder: Path) -> Path:
             'with --out') from None
 
 
-def new(options: argparse.Namespace) -> int:
+def create_mission(options: argparse.Namespace) -> int:
     """Write the example; return the exit status."""
     path = Path(options.mission)
     if path.is_dir():
@@ -82,9 +82,9 @@ def new(options: argparse.Namespace) -> int:
     return DONE
 
 
-def check(options: argparse.Namespace) -> int:
-    """Check a mission; return the exit status."""
-    plan = _baseline(options.mission)
+def check_mission(options: argparse.Namespace) -> int:
+    """Report all that is wrong with a mission; return the exit status."""
+    plan = _plan_baseline(options.mission)
     scenario = plan.scenario
     jammers = len(scenario.uavs) - 1
     print(f'{options.mission}: {scenario.uavs[0].name} transmits, {jammers} '
@@ -100,51 +100,52 @@ def check(options: argparse.Namespace) -> int:
               f'{scenario.margin_text}; set separation, or altitudes that differ',
               file=sys.stderr)
     if options.autopilot:
-        print(*_advice(options.autopilot, scenario), sep='\n')
+        print(*_autopilot_advice(options.autopilot, scenario), sep='\n')
     return DONE
 
 
-def _baseline(path: str) -> Plan:
-    """Fly-hover-fly in the mission of a file; raise all that is wrong with it."""
-    known = None
+def _plan_baseline(path: str) -> Plan:
+    """Return fly-hover-fly for a mission file; raise an error with all of its problems."""
+    file_error = None
     try:
-        scenario = loaded(path)
+        scenario = load_input(path)
     except MissionFileError as error:
         if error.relaxed is None:
             raise
-        known, scenario = error, error.relaxed
+        file_error, scenario = error, error.relaxed
     from ..optimize import fly_hover_fly
-    with lines_of(path, () if known is None else known.problems):
+    with locating_errors(path, () if file_error is None else file_error.problems):
         plan = fly_hover_fly(scenario)
-    if known is not None:
-        raise known
+    if file_error is not None:
+        raise file_error
     return plan
 
 
 @contextmanager
-def lines_of(path: str, known: Iterable[tuple[int | None, str]] = ()) -> Iterator[None]:
-    """Give errors of a mission the lines of its file, beside what else is known to be wrong."""
+def locating_errors(path: str, problems: Iterable[tuple[int | None, str]] = ()
+                    ) -> Iterator[None]:
+    """Add the lines of a mission file, and its other problems, to an InfeasibleMissionError."""
     try:
         yield
     except InfeasibleMissionError as error:
-        raise locate_error(path, error, known) from None
+        raise locate_error(path, error, problems) from None
 
 
-def _advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
-    """Yield in words what an autopilot needs to follow each UAV's plan."""
-    alike: dict[tuple[float, float | None], list[str]] = {}
+def _autopilot_advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
+    """Yield a line for each parameter of an autopilot that its UAVs need changed."""
+    groups: dict[tuple[float, float | None], list[str]] = {}
     for uav in scenario.uavs:
-        alike.setdefault((uav.max_speed, uav.max_acceleration), []).append(uav.name)
-    for (speed, acceleration), names in alike.items():
+        groups.setdefault((uav.max_speed, uav.max_acceleration), []).append(uav.name)
+    for (speed, acceleration), names in groups.items():
         uavs = f'{", ".join((autopilot, *names))} at {speed:g} m/s'
         if acceleration is None:
             yield f'{uavs}: no autopilot follows a plan without max_acceleration'
             continue
         uavs += f' and {acceleration:g} m/s^2'
-        found = changes(autopilot, speed, acceleration)
-        if not found:
+        parameters = changes(autopilot, speed, acceleration)
+        if not parameters:
             yield f'{uavs}: the defaults suffice'
-        for parameter, value in found:
+        for parameter, value in parameters:
             text = f'set {parameter.name} to {value:g} {parameter.unit}'
             if (least := parameter.least(speed, acceleration)) > value:
                 text = (f'{parameter.name} would have to be {least:.0f} {parameter.unit}; lower '
@@ -152,7 +153,7 @@ def _advice(autopilot: str, scenario: Scenario) -> Iterator[str]:
             yield f'{uavs}: {text} (default {parameter.default:g}, at most {parameter.most:g})'
 
 
-def link_budget(options: argparse.Namespace) -> int:
+def print_link_budget(options: argparse.Namespace) -> int:
     """Print the reference SNR; return the exit status."""
     snr = reference_snr_db(options.carrier_hz, options.bandwidth_hz, options.noise_figure_db,
                            options.transmit_gain_dbi, options.receive_gain_dbi)

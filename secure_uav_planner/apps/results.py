@@ -6,24 +6,22 @@ import json
 from pathlib import Path
 from typing import Any
 
-from .tasks import COLUMNS
+from .tasks import COLUMNS, Row
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
 from ..mission.propagation import rate_name
 from ..mission.validation import UNITS
 
-Rows = Sequence[dict[str, Any]]
-
 _DASHES = ('-', '--', ':', '-.')
 _MOST_LINES = 6  # Of values of a second field.
 
 
-def save_tables(rows: Rows, folder: Path) -> list[Path]:
+def save_tables(rows: Sequence[Row], folder: Path) -> list[Path]:
     """
     Write all rows as results.csv and, where PyArrow is installed, as results.parquet.
 
-    Each varied field and each further result has a column of its name; those of fields with values
-    of several kinds, or that are neither numbers nor null, are JSON.
+    Each varied field and each further result has a column of its name. Fields with values of
+    several kinds, or that are neither numbers nor null, are JSON.
 
     :return: the files.
     """
@@ -51,66 +49,66 @@ def save_tables(rows: Rows, folder: Path) -> list[Path]:
 
 
 def _is_plain(values: list[Any]) -> bool:
-    """Return whether values, beside null, are one column: all numbers, or all true or false."""
-    given = [value for value in values if value is not None]
-    return all(isinstance(value, bool) for value in given) or all(
+    """Return True if values, beside null, are a column of numbers or of booleans."""
+    values = [value for value in values if value is not None]
+    return all(isinstance(value, bool) for value in values) or all(
         isinstance(value, (int, float)) and not isinstance(value, bool)
-        and abs(value) <= 2.0**53 for value in given)  # Beyond, floats are no whole numbers.
+        and abs(value) <= 2.0**53 for value in values)  # Beyond, floats are no whole numbers.
 
 
-def save_figure(rows: Rows, path: Path) -> None:
-    """Write what draw_figure draws of the rows to a PNG file."""
+def save_figure(rows: Sequence[Row], path: Path) -> None:
+    """Write the figure of the rows to a PNG file."""
     figure = draw_figure(rows)
     with atomic_file(path, binary=True) as file:
         figure.savefig(file, dpi=150, format='png')
 
 
-def draw_figure(rows: Rows) -> Any:
+def draw_figure(rows: Sequence[Row]) -> Any:
     """
-    Return a Figure of the rates over the first field with several numbers, or else histograms.
+    Return a Figure of the rates over the first field with several numbers, or histograms.
 
-    There is an axis for each rate that some row maximises, with a line for each method, objective
-    and value of a second field that has few. Lines are medians, bands hold eight of ten missions.
+    Each maximised rate has axes, with a line for each method, objective and value of a second
+    field that has few. Lines are medians, bands hold eight of ten missions.
     """
     from matplotlib.figure import Figure
     from pandas import DataFrame
-    good = [row for row in rows if row['outcome'] == 'ok']
-    name, second = _swept_fields(good)
-    shown = [one for one in OBJECTIVES if any(row['objective'] == one for row in good)]
-    figure = Figure(figsize=(6.5 * max(1, len(shown)), 4.8), layout='constrained')
-    grid = figure.subplots(1, max(1, len(shown)), sharey=name is not None, squeeze=False)[0]
+    rows = [row for row in rows if row['outcome'] == 'ok']
+    name, second = _choose_fields(rows)
+    rates = [rate for rate in OBJECTIVES if any(row['objective'] == rate for row in rows)]
+    figure = Figure(figsize=(6.5 * max(1, len(rates)), 4.8), layout='constrained')
+    grid = figure.subplots(1, max(1, len(rates)), sharey=name is not None, squeeze=False)[0]
     frame = DataFrame([{
-        **{f'{rate}_rate': row[f'{rate}_rate'] for rate in OBJECTIVES}, 'scheme': _scheme(row),
-        'x': row['fields'].get(name), 'of': '' if second is None else _value(row, second)}
-        for row in good])
-    for axes, rate in zip(grid, shown):
-        names = dict.fromkeys(rate_name(rate, _promise(row)) for row in good)
+        **{f'{rate}_rate': row[f'{rate}_rate'] for rate in OBJECTIVES},
+        'scheme': _scheme_label(row), 'x': row['fields'].get(name),
+        'second': '' if second is None else _value_label(row, second)} for row in rows])
+    for axes, rate in zip(grid, rates):
+        names = dict.fromkeys(rate_name(rate, _promise(row)) for row in rows)
         label = f'{" or ".join(names)} (bit/s/Hz)'
         if name is None:
             axes.yaxis.get_major_locator().set_params(integer=True)
-            for scheme, mine in frame.groupby('scheme', sort=False):
-                axes.hist(mine[f'{rate}_rate'], bins=30, alpha=0.6, label=scheme)
+            for scheme, group in frame.groupby('scheme', sort=False):
+                axes.hist(group[f'{rate}_rate'], bins=30, alpha=0.6, label=scheme)
         else:
             _draw_lines(axes, frame, f'{rate}_rate')
         axes.set_xlabel(label if name is None else f'{name} ({_unit(name)})'.removesuffix(' ()'))
         axes.set_ylabel('missions' if name is None else label)
         axes.grid(alpha=0.3)
-    if shown:  # One legend for all axes, above them, where it covers nothing.
+    if rates:  # A legend for all axes, above them, where it covers nothing.
         legend = grid[0].legend(
             loc='lower left', bbox_to_anchor=(0.0, 1.0), fontsize=8, frameon=False)
         figure.set_figheight(4.6 + 0.17 * len(legend.get_texts()))
     if name is not None:
-        others = [one for one in good[0]['fields'] if one not in (name, second)]
+        rest = [field for field in rows[0]['fields'] if field not in (name, second)]
         figure.suptitle('lines: medians; bands: from 10 to 90% of the missions'
-                        + (f', over {", ".join(others)}' if others else ''), fontsize=9)
+                        + (f', over {", ".join(rest)}' if rest else ''), fontsize=9)
     return figure
 
 
 def _draw_lines(axes: Any, frame: Any, rate: str) -> None:
     """Draw a rate over x: a colour for each value of the second field, a dash for each scheme."""
-    schemes, values = frame.scheme.unique().tolist(), frame.of.unique().tolist()
-    for (scheme, value), mine in frame.groupby(['scheme', 'of'], sort=False):
-        band = mine.groupby('x')[rate].quantile([0.1, 0.5, 0.9]).unstack()
+    schemes, values = frame.scheme.unique().tolist(), frame.second.unique().tolist()
+    for (scheme, value), group in frame.groupby(['scheme', 'second'], sort=False):
+        band = group.groupby('x')[rate].quantile([0.1, 0.5, 0.9]).unstack()
         number = values.index(value) if value else schemes.index(scheme)
         dash = _DASHES[schemes.index(scheme) % len(_DASHES)] if value else '-'
         [line] = axes.plot(band.index, band[0.5], dash, color=f'C{number % 10}', marker='o',
@@ -119,17 +117,16 @@ def _draw_lines(axes: Any, frame: Any, rate: str) -> None:
                           linewidth=0)
 
 
-def _scheme(row: dict[str, Any]) -> str:
+def _scheme_label(row: Row) -> str:
     return f'{row["method"]}, objective {rate_name(row["objective"], _promise(row))}'
 
 
-def _promise(row: dict[str, Any]) -> str:
-    """Return the promise of a row's channel; those of version 0.1.0 had none but guarantees."""
+def _promise(row: Row) -> str:
+    """Return the promise of the channel; rows of version 0.1.0 lack it and are guarantees."""
     return row.get('promise') or 'guaranteed'
 
 
-def _value(row: dict[str, Any], field: str) -> str:
-    """Return a field and its value, with the unit."""
+def _value_label(row: Row, field: str) -> str:
     return f'{field} {json.dumps(row["fields"][field])} {_unit(field)}'.rstrip()
 
 
@@ -137,8 +134,8 @@ def _unit(field: str) -> str:
     return UNITS.get(field.rpartition('.')[2], '')
 
 
-def _swept_fields(rows: Rows) -> tuple[str | None, str | None]:
-    """Return the first field with a few different numbers, and another one with very few."""
+def _choose_fields(rows: Sequence[Row]) -> tuple[str | None, str | None]:
+    """Return the first field with a few different numbers, and another with very few values."""
     fields = rows[0]['fields'] if rows else ()
     counts = {name: len({json.dumps(row['fields'][name]) for row in rows}) for name in fields}
     first = next((name for name, count in counts.items() if 1 < count <= max(2, len(rows) // 2)

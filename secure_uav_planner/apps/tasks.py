@@ -1,108 +1,129 @@
-"""A task of a campaign: one mission, how it is planned, and its row of results."""
+"""Tasks of a campaign: each plans one mission, on this computer's cores or on a Dask cluster."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 import hashlib
+from itertools import islice
 import json
 import math
+import os
 from pathlib import Path
+import signal
 import time
 from typing import Any, TypeAlias
 
-from ..errors import PlanningError
+from ..errors import name_missing_package, OptionError, PlanningError
 from ..mission.scenario import Scenario
 from ..plan.plan import Plan
 
 Task: TypeAlias = dict[str, Any]
 """A mission and how it is planned, as plain values, with 'key', 'sample' and 'fields'."""
 
+Row: TypeAlias = dict[str, Any]
+"""The result of a task: COLUMNS and 'fields', the varied fields by name, all plain values."""
+
 COLUMNS = ('key', 'sample', 'method', 'objective', 'outcome', 'reason', 'rate', 'guaranteed_rate',
            'worst_case_rate', 'promise', 'bound', 'gap', 'status', 'iterations', 'solve_time',
            'time')
-"""What every row has beside the fields that are varied; rates in bit/s/Hz, times in s."""
+"""Columns of every Row beside the varied fields; rates in bit/s/Hz, times in s."""
 
 ERROR, WORKER_LOST = 'error', 'worker_lost'
-"""Outcomes that say nothing of the mission: memory, a disk or a worker failed. It is planned again
-when the campaign is started again. All other outcomes are results, also those of refusals."""
+"""Outcomes of infrastructure failures (memory, disk, worker); such missions are retried."""
+
+THREAD_COUNTS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
+                 'RAYON_NUM_THREADS')
+"""Environment variables that limit the threads of numerical libraries."""
+
+_QUEUE_LENGTH = 4  # Submitted tasks for each worker of a cluster.
+_CONNECT_TIMEOUT = 15.0  # In s.
 
 
-def task_of(mission: Mapping[str, Any], method: str, objective: str, settings: Mapping[str, Any],
-            fields: Mapping[str, Any], sample: int = 0) -> Task:
+class ClusterError(PlanningError, RuntimeError):
+    """Workers were lost; what is finished is kept."""
+
+    code = 'cluster'
+
+
+def make_task(mission: Mapping[str, Any], method: str, objective: str,
+              settings: Mapping[str, Any], fields: Mapping[str, Any], sample: int = 0) -> Task:
     """
-    Return a task; its key is the same for the same mission, planned in the same way.
+    Return a task, whose key is a digest of the mission, the scheme and the settings.
 
-    :param mission: what Scenario.to_dict returns.
+    :param mission: the result of Scenario.to_dict.
     :param method: one of METHODS or BASELINES.
     :param settings: 'time_limit' and 'bound_time_limit' in s, None for no limit and for no bound;
-        'plans' if the plan is to be kept; 'assess' if it is to be assessed, and how; and whatever
-        else makes the result another one.
-    :param fields: what tells this mission from the others, for its row.
+        'plans' if the plan is kept; 'assess', the options of an assessment; and whatever else
+        changes the result.
+    :param fields: the varied fields by name.
     """
     task = {'mission': mission, 'method': method, 'objective': objective, **settings}
     digest = hashlib.sha256(json.dumps(task, sort_keys=True).encode())
     return {**task, 'key': digest.hexdigest()[:24], 'sample': sample, 'fields': fields}
 
 
-def plan_file(folder: Path, key: str) -> Path:
-    """Return where the plan of a row is kept, in the folder of the results."""
+def plan_path(folder: Path, key: str) -> Path:
+    """Return the path of the plan of a Row in the folder of the results."""
     return folder / 'plans' / f'{key}.json'
 
 
-def row_of(task: Task) -> dict[str, Any]:
+def run_task(task: Task) -> Row:
     """
-    Return the row of a task; a failure is a row with its reason.
+    Return the Row of a task; a failure is a Row with its reason.
 
-    It has COLUMNS and 'fields', the varied fields by name, all plain values; 'more', further
-    results by name, where the mission has any; and 'plan', the Plan, if the task has 'plans'.
+    It may have 'more', further results by name, and has 'plan', the Plan, if the task has 'plans'.
     """
     started = time.monotonic()
-    row = empty_row(task)
+    row = _make_row(task)
     try:
-        row.update(_results(task), outcome='ok')
+        row.update(_solve_task(task), outcome='ok')
     except PlanningError as error:
         row.update(outcome=error.code, reason=str(error))
-    except Exception as error:  # Whatever it is, the other missions go on.
+    except Exception as error:  # A bug in one mission must not end the campaign.
         row.update(outcome=ERROR, reason=f'{type(error).__name__}: {error}'[:500])
     row['time'] = time.monotonic() - started
     return row
 
 
-def empty_row(task: Task) -> dict[str, Any]:
-    """Return the row of a task without any result."""
+def _make_row(task: Task) -> Row:
     return {**dict.fromkeys(COLUMNS), **{
         name: task[name] for name in ('key', 'sample', 'method', 'objective', 'fields')}}
 
 
-def _results(task: Task) -> dict[str, Any]:
+def _solve_task(task: Task) -> Row:
     from ..assessment import assess
     from ..assessment.monte_carlo import arguments
     from ..bound import explain_refusal, upper_bound
+    from ..optimize import fly_hover_fly, METHODS, solve
     scenario = Scenario.from_dict(task['mission'])
-    plan = _plan(scenario, task)
-    objective, limit = task['objective'], task['bound_time_limit']
-    found: dict[str, Any] = {
+    method, objective, limit = task['method'], task['objective'], task['time_limit']
+    if method in METHODS:
+        plan = solve(scenario, method, time_limit=limit, objective=objective)
+    else:
+        plan = fly_hover_fly(scenario, method.rpartition('_')[2], time_limit=limit)
+    results: Row = {
         'guaranteed_rate': plan.guaranteed_rate, 'worst_case_rate': plan.worst_case_rate,
-        'promise': scenario.channel.promise,
-        'status': plan.status,
+        'promise': scenario.channel.promise, 'status': plan.status,
         'iterations': max(0, len(plan.history) - 1),  # The first entry is the start.
         'solve_time': plan.solve_time}
-    found['rate'] = found[f'{objective}_rate']
-    more = _energies(plan)
+    results['rate'] = results[f'{objective}_rate']
+    more = _energy_columns(plan)
     if 'assess' in task:
         more.update({f'assess.{name}': number for name, number in assess(
             plan, **arguments(task['assess'])).summary.items()})
     if more:
-        found['more'] = more
-    if limit is not None and not explain_refusal(scenario):
-        bound = upper_bound(scenario, objective=objective, plan=plan, time_limit=limit)
+        results['more'] = more
+    if task['bound_time_limit'] is not None and not explain_refusal(scenario):
+        bound = upper_bound(scenario, objective=objective, plan=plan,
+                            time_limit=task['bound_time_limit'])
         gap = bound.gap(plan)
-        found.update(bound=bound.rate if math.isfinite(bound.rate) else None,
-                     gap=gap if math.isfinite(gap) else None)
+        results.update(bound=bound.rate if math.isfinite(bound.rate) else None,
+                       gap=gap if math.isfinite(gap) else None)
         plan = plan.with_bound(bound)
-    return {**found, 'plan': plan} if task.get('plans') else found
+    return {**results, 'plan': plan} if task.get('plans') else results
 
 
-def _energies(plan: Plan) -> dict[str, float]:
-    """Return the energy of each UAV that has a propulsion in J, by the names of columns."""
+def _energy_columns(plan: Plan) -> dict[str, float]:
+    """Return the energies in J of the UAVs with a propulsion, by the names of columns."""
     return {f'{name}.{uav.name}': joules
             for uav, energy in zip(plan.scenario.uavs, plan.energies, strict=True)
             if energy is not None for name, joules in (
@@ -110,9 +131,99 @@ def _energies(plan: Plan) -> dict[str, float]:
                 ('flying_energy', energy.flying))}
 
 
-def _plan(scenario: Scenario, task: Task) -> Plan:
-    from ..optimize import fly_hover_fly, METHODS, solve
-    method, limit = task['method'], task['time_limit']
-    if method in METHODS:
-        return solve(scenario, method, time_limit=limit, objective=task['objective'])
-    return fly_hover_fly(scenario, method.rpartition('_')[2], time_limit=limit)
+def run_on_cores(tasks: Iterable[Task], jobs: int) -> Iterator[Row]:
+    """
+    Yield the rows of tasks as they finish.
+
+    :param jobs: processes; -1 for as many as there are cores.
+    :raises ClusterError: when a process was killed.
+    """
+    with name_missing_package():
+        import joblib
+    with _limit_worker_threads():
+        # A terminal sends Ctrl-C to all processes; the workers inherit that they ignore it.
+        handler = _ignore_interrupts()
+        try:
+            rows = joblib.Parallel(jobs, return_as='generator_unordered', batch_size=1)(
+                joblib.delayed(run_task)(task) for task in tasks)
+        finally:
+            if handler is not None:
+                signal.signal(signal.SIGINT, handler)
+        try:
+            yield from rows
+        except RuntimeError as error:
+            raise ClusterError(f'a worker process was killed: {str(error).splitlines()[0]}; the '
+                               'same command goes on from here') from None
+        finally:
+            rows.close()
+
+
+@contextmanager
+def _limit_worker_threads() -> Iterator[None]:
+    """Limit the libraries of processes that are started in the context to a thread each."""
+    before = {name: os.environ.get(name) for name in THREAD_COUNTS}
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, '1'))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None) if value is None else os.environ.update({name: value})
+
+
+def _ignore_interrupts() -> Any:
+    try:
+        return signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # Handlers can be set in the main thread only.
+        return None
+
+
+def run_on_cluster(tasks: Iterable[Task], address: str) -> Iterator[Row]:
+    """
+    Yield the rows of tasks as they finish on a Dask cluster, whose workers need this package.
+
+    A task whose worker dies is given to another; after a few deaths it is a Row with that reason.
+
+    :param address: of the scheduler, such as tcp://host:8786.
+    :raises MissingPackageError: when Dask is not installed.
+    :raises OptionError: when the scheduler does not answer.
+    :raises ClusterError: when the scheduler is lost on the way.
+    """
+    with name_missing_package():
+        from distributed import as_completed, Client
+    try:
+        client = Client(address, timeout=_CONNECT_TIMEOUT)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise OptionError(f'the scheduler {address} cannot be reached: {error}') from None
+    with client:
+        queue, submitted = iter(tasks), {}
+
+        def submit(count: int) -> list[Any]:
+            futures = []
+            for task in islice(queue, count):
+                # A scheduler may still be forgetting the tasks of a driver that was killed.
+                future = client.submit(
+                    run_task, task, key=f'mission-{task["key"]}-{client.id}', pure=False)
+                submitted[future.key] = task
+                futures.append(future)
+            return futures
+
+        lost = f'the scheduler {address} is lost; the same command goes on from here'
+        try:
+            finished = as_completed(
+                submit(_QUEUE_LENGTH * max(1, sum(client.nthreads().values()))))
+            for future in finished:
+                if future.status in ('pending', 'lost'):
+                    # Its worker died after it had finished the task, which is run again.
+                    finished.add(future)
+                    continue
+                task = submitted.pop(future.key)
+                if future.status == 'cancelled':
+                    raise ClusterError(lost)
+                yield future.result() if future.status == 'finished' else {
+                    **_make_row(task), 'outcome': WORKER_LOST,
+                    'reason': str(future.exception())[:500]}
+                future.release()
+                for successor in submit(1):
+                    finished.add(successor)
+        except OSError:
+            raise ClusterError(lost) from None

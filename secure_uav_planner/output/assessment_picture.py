@@ -1,4 +1,4 @@
-"""The picture of an assessment: rates over time, of missions, and outages, beside the promised."""
+"""The picture of an assessment: rates over time, outages and rates of missions."""
 
 import math
 from textwrap import wrap
@@ -13,7 +13,7 @@ _DOTS_PER_INCH = 200
 _BANDS = ((0, 4, 0.18, '5% to 95%'), (1, 3, 0.3, '25% to 75%'))
 _PROMISED = {'color': 'black', 'linewidth': 1.3, 'linestyle': '--'}
 _LEGEND_WIDTH = 14  # In characters.
-_FEW = 1e-9  # bit/s/Hz, as good as one value.
+_LEAST_RANGE = 1e-9  # bit/s/Hz; rates within it are drawn in a bin 1 bit/s/Hz wide.
 
 
 def save_assessment(assessment, path):
@@ -24,22 +24,23 @@ def save_assessment(assessment, path):
 def draw_assessment(assessment):
     """Return a matplotlib Figure of an Assessment, as save_assessment writes it."""
     figure = Figure(figsize=_SIZE, layout='constrained')
-    fan, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
-    fan.set_title(
+    slots, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
+    slots.set_title(
         f'{assessment.draws} draws: {assessment.mean:.3f} bit/s/Hz in the mean, '
         f'{assessment.quantile(0.05):.3f} at 5%; {assessment.promised_rate:.3f} '
         f'{assessment.claim}',
         fontsize=11, loc='left')
-    draw_fan(fan, assessment)
-    draw_outages(outages, assessment)
-    draw_missions(missions, assessment)
-    for axes in (fan, outages, missions):
+    promise = {**_PROMISED, 'label': '\n'.join(wrap(assessment.claim, _LEGEND_WIDTH))}
+    _draw_slots(slots, assessment, promise)
+    _draw_outages(outages, assessment)
+    _draw_missions(missions, assessment, promise)
+    for axes in (slots, outages, missions):
         style_axes(axes)
         add_legend(axes)
     return figure
 
 
-def draw_fan(axes, assessment):
+def _draw_slots(axes, assessment, promise):
     """Draw the quantiles of the secrecy rate in each slot, and the promised rate."""
     edges = assessment.plan.times[1:]
     for low, high, alpha, label in _BANDS:
@@ -47,16 +48,15 @@ def draw_fan(axes, assessment):
                     color=RATE, alpha=alpha, linewidth=0, label=label)
     axes.stairs(assessment.fan[2], edges, baseline=None, color=RATE, linewidth=1.8,
                 label='50%')
-    axes.stairs(assessment.promised_rates, edges, baseline=None, label=_label(assessment),
-                **_PROMISED)
+    axes.stairs(assessment.promised_rates, edges, baseline=None, **promise)
     axes.set_xlim(0, edges[-1])
     axes.set_ylim(bottom=0)
     axes.set_ylabel('secrecy rate of a slot\n(bit/s/Hz)')
     axes.tick_params(labelbottom=False)
 
 
-def draw_outages(axes, assessment):
-    """Draw the outage of each slot, and the promised one, if there is one."""
+def _draw_outages(axes, assessment):
+    """Draw the outage of each slot, and the promised outage of a guarantee."""
     edges = assessment.plan.times[1:]
     axes.stairs(assessment.outages, edges, fill=True, color=EAVESDROPPER, alpha=0.6, label='found')
     if assessment.plan.scenario.channel.is_guarantee:
@@ -68,21 +68,17 @@ def draw_outages(axes, assessment):
     axes.set_xlabel('time (s)')
 
 
-def draw_missions(axes, assessment):
-    """Draw how the mission's secrecy rate is distributed, and the promised one."""
+def _draw_missions(axes, assessment, promise):
+    """Draw the distribution of the mission's secrecy rate, and the promised rate."""
     rates = assessment.rates
-    ends = rates.min(), rates.max()
-    if ends[1] - ends[0] < _FEW:
-        ends = ends[0] - 0.5, ends[0] + 0.5
-    axes.hist(rates, bins=min(60, math.ceil(2 * len(rates)**(1 / 3))), range=ends, color=RATE,
-              alpha=0.5, weights=np.full(len(rates), 1 / len(rates)), label='found')
+    low, high = rates.min(), rates.max()
+    if high - low < _LEAST_RANGE:
+        low, high = low - 0.5, low + 0.5
+    axes.hist(rates, bins=min(60, math.ceil(2 * len(rates)**(1 / 3))), range=(low, high),
+              color=RATE, alpha=0.5, weights=np.full(len(rates), 1 / len(rates)), label='found')
     for share, style in ((0.05, ':'), (0.5, '-')):
         axes.axvline(assessment.quantile(share), color=RATE, linewidth=1.6, linestyle=style,
                      label=f'{share:.0%}')
-    axes.axvline(assessment.promised_rate, label=_label(assessment), **_PROMISED)
+    axes.axvline(assessment.promised_rate, **promise)
     axes.set_xlabel('secrecy rate of the mission (bit/s/Hz)')
     axes.set_ylabel('share of draws')
-
-
-def _label(assessment):
-    return '\n'.join(wrap(assessment.claim, _LEGEND_WIDTH))

@@ -1,4 +1,4 @@
-"""What autopilots must allow to follow a plan, and what they allow by default."""
+"""Limits of autopilots: their defaults, and the values that a plan needs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ _GRAVITY = 9.81  # In m/s^2.
 _DRAG = 0.036  # Of a multicopter: its deceleration over the square of its speed, in 1/m.
 # In ArduPilot's simulator, 30 degrees carried 2 and not 3 m/s^2 at 10 m/s: 0.027 to 0.037.
 
-_RESERVE = 4 / 3  # Of limits to what the plan needs: with none, a delay is never made up.
-_SPEED, _ACCELERATION = 1.5, 1.6  # Of recommended limits to the plan's, as flown with 3 m/s^2.
-_STEPS = {'speed': 0.5, 'acceleration': 0.5, 'lean': 5.0}  # To which these are rounded.
+_RESERVE = 4 / 3  # Least ratio of a limit to the plan's: without it a delay is never made up.
+_SPEED, _ACCELERATION = 1.5, 1.6  # Recommended ratios, as flown with 3 m/s^2.
+_STEPS = {'speed': 0.5, 'acceleration': 0.5, 'lean': 5.0}  # Of recommended values.
 
 
 def lean(speed: float, acceleration: float, reserve: float = 1.0) -> float:
-    """Return the lean in degrees that carries an acceleration in m/s^2 and the drag at a speed."""
+    """Return the lean in degrees for an acceleration in m/s^2 and the drag at a speed in m/s."""
     return math.degrees(math.atan2(reserve * (acceleration + _DRAG * speed**2), _GRAVITY))
 
 
@@ -30,17 +30,17 @@ class Parameter:
     most: float  # The largest value that the documentation allows.
 
     def least(self, speed: float, acceleration: float) -> float:
-        """Return the smallest value for a plan with limits in m/s and m/s^2, with a reserve."""
+        """Return the least value, with a reserve, for a plan with limits in m/s and m/s^2."""
         return self.factor * {
             'speed': _RESERVE * speed, 'acceleration': _RESERVE * acceleration,
             'lean': lean(speed, acceleration, _RESERVE)}[self.limits]
 
     def recommended(self, speed: float, acceleration: float) -> float:
-        """Return a round value, at most `most`, that also carries what makes up for a delay."""
-        wanted = {'speed': _SPEED * speed, 'acceleration': _ACCELERATION * acceleration,
-                  'lean': lean(speed, acceleration, _RESERVE)}[self.limits]
+        """Return a round value, at most `most`, with which the vehicle makes up for a delay."""
+        value = {'speed': _SPEED * speed, 'acceleration': _ACCELERATION * acceleration,
+                 'lean': lean(speed, acceleration, _RESERVE)}[self.limits]
         step = _STEPS[self.limits]
-        return min(self.most, self.factor * step * math.ceil(wanted / step))
+        return min(self.most, self.factor * step * math.ceil(value / step))
 
 
 AUTOPILOTS: Mapping[str, tuple[Parameter, ...]] = {
@@ -52,22 +52,22 @@ AUTOPILOTS: Mapping[str, tuple[Parameter, ...]] = {
     'px4': (Parameter('MPC_XY_VEL_MAX', 'speed', 'm/s', 1, 12, 20),
             Parameter('MPC_TILTMAX_AIR', 'lean', 'deg', 1, 45, 89)),
 }
-"""What limits a flight along setpoints, by the name of the autopilot."""
+"""Parameters that limit a flight along setpoints, by the name of the autopilot."""
 
 
 def changes(autopilot: str, speed: float,
             acceleration: float) -> tuple[tuple[Parameter, float], ...]:
     """
-    Return parameters to raise above their defaults for a plan, each with its value, or none.
+    Return the parameters to raise above their defaults for a plan, each with its value.
 
-    A value below the parameter's `least` says that the autopilot cannot follow such a plan.
+    With a value below the parameter's `least`, the autopilot cannot follow the plan.
 
     :param autopilot: a name in AUTOPILOTS.
     :param speed: the plan's limit in m/s.
     :param acceleration: likewise in m/s^2.
     """
-    plan, parameters = (speed, acceleration), AUTOPILOTS[autopilot]
-    if all(parameter.default >= parameter.least(*plan) for parameter in parameters):
+    limits, parameters = (speed, acceleration), AUTOPILOTS[autopilot]
+    if all(parameter.default >= parameter.least(*limits) for parameter in parameters):
         return ()
-    return tuple((parameter, parameter.recommended(*plan)) for parameter in parameters
-                 if parameter.default < parameter.recommended(*plan))
+    return tuple((parameter, parameter.recommended(*limits)) for parameter in parameters
+                 if parameter.default < parameter.recommended(*limits))

@@ -1,9 +1,9 @@
 """
-What autopilots' stacks take and report, as plain values by the names of the messages' fields.
+Setpoints and odometry of autopilots' stacks, as plain values by the names of message fields.
 
 Setpoints are in an east-north-up frame with yaw counter-clockwise from east (REP-103). MAVROS and
 Aerostack2 take that; MAVROS turns it into the autopilot's frame itself. PX4's own messages are in
-north-east-down with yaw clockwise from north, and those about the body in forward-right-down.
+north-east-down with yaw clockwise from north, and in forward-right-down for the body.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,8 +25,8 @@ _FRAME_LOCAL_NED = 1
 _IGNORE_VELOCITY = 8 + 16 + 32
 _IGNORE_ACCELERATION = 64 + 128 + 256
 _IGNORE_YAW_RATE = 2048
-_STILL = (0.0, 0.0, 0.0)
-_UNUSED = (math.nan,) * 3
+_ZERO = (0.0, 0.0, 0.0)
+_NAN = (math.nan,) * 3
 _POSE_NED = 1
 _VELOCITY_NED, _VELOCITY_BODY = 1, 3
 
@@ -34,16 +34,16 @@ _VELOCITY_NED, _VELOCITY_BODY = 1, 3
 @dataclass(frozen=True)
 class Setpoint:
     """
-    Where a UAV should be at a time, and how it should move.
+    The desired position and motion of a UAV at a time.
 
     :param frame_id: the name of the frame, east-north-up.
-    :param time_ns: when, in ns.
+    :param time_ns: in ns.
     :param position: (x, y, z) in m.
     :param yaw: in rad, counter-clockwise from x.
-    :param velocity: (x, y, z) in m/s, or None if it is not known.
-    :param acceleration: (x, y, z) in m/s^2, or None if it is not known.
-    :param yaw_rate: in rad/s, or None if it is not known.
-    :raises OptionError: for a value that is not finite, or beyond those of a scenario.
+    :param velocity: (x, y, z) in m/s, or None if unknown.
+    :param acceleration: (x, y, z) in m/s^2, or None if unknown.
+    :param yaw_rate: in rad/s, or None if unknown.
+    :raises OptionError: for a value that is not finite, or outside of RANGES['coordinate'].
     """
 
     frame_id: str
@@ -59,37 +59,35 @@ class Setpoint:
             value = getattr(self, name)
             low, high = RANGES['coordinate']
             if value is not None and not all(
-                    low <= one <= high for one in np.atleast_1d(value).tolist()):
+                    low <= number <= high for number in np.atleast_1d(value).tolist()):
                 raise OptionError(
                     f'{name} is {quote(value)}; it must be from {low:g} to {high:g}')
 
-    def seen_from(self, origin: Sequence[float]) -> 'Setpoint':
-        """Return the setpoint in a frame with another origin, (x, y, z) in m, and equal axes."""
-        x, y, z = (here - there for here, there in zip(self.position, origin, strict=True))
+    def shift_origin(self, origin: Sequence[float]) -> 'Setpoint':
+        """Return the setpoint in a frame with its origin at (x, y, z) in m and equal axes."""
+        x, y, z = (value - offset for value, offset in zip(self.position, origin, strict=True))
         return replace(self, position=(x, y, z))
 
-    def held(self, time_ns: int) -> 'Setpoint':
-        """Return the place at another time in ns, with no motion."""
-        return replace(self, time_ns=time_ns, velocity=_STILL, acceleration=_STILL, yaw_rate=None)
+    def hold(self, time_ns: int) -> 'Setpoint':
+        """Return the setpoint at another time in ns, at rest."""
+        return replace(self, time_ns=time_ns, velocity=_ZERO, acceleration=_ZERO, yaw_rate=None)
 
 
 @dataclass(frozen=True)
 class Stack:
     """
-    What an autopilot's stack takes and reports.
+    The messages of an autopilot's stack.
 
     :param package: its ROS message package.
     :param source: the repository of that package.
-    :param topics: the topic of each message that it takes, by the name of its type, below the
-        vehicle's name.
+    :param topics: the topics of setpoints, below the vehicle's name, by the name of their type.
     :param fields: returns the fields of each of these messages, by the name of its type, for a
         Setpoint and the present time in ns. A field that is a message is a dict, or a list of
         dicts.
-    :param reports: the topic of each message in which it says where the vehicle is, by package
-        and type.
+    :param reports: the topics of the vehicle's state, by package and type.
     :param odometry: returns the fields of nav_msgs/Odometry in the vehicle's local frame,
-        east-north-up, but for the names of frames, for the last of these messages in their order.
-        A stamp is left out where the stack's clock may be another one.
+        east-north-up, without the names of frames, for the last message of each of the reports.
+        A stamp is left out where the stack may have another clock.
     :param debian: the package's name in the distribution of ROS, if it is part of that.
     """
 
@@ -104,19 +102,19 @@ class Stack:
 
 @cache
 def _axes() -> tuple[Any, ...]:
-    """Return the rotations to north-east-down, and of a body's axes to forward-right-down."""
+    """Return the rotations from ENU to NED, and from FLU to FRD of the body."""
     return tuple(scipy.spatial.transform.Rotation.from_matrix(
         [[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]], np.diag([1.0, -1.0, -1.0])]))
 
 
 def ned(vector: Vector) -> Vector:
-    """Return a vector of east-north-up in north-east-down, or the other way round."""
+    """Convert a vector from east-north-up to north-east-down, or back."""
     x, y, z = vector
     return (y, x, -z)
 
 
 def yaw_ned(yaw: float) -> float:
-    """Return the heading clockwise from north, from -pi to pi, for one from east, in rad."""
+    """Convert yaw from east to yaw clockwise from north, from -pi to pi, in rad."""
     return math.remainder(math.pi / 2 - yaw, 2 * math.pi)
 
 
@@ -124,7 +122,7 @@ def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Any:
     """
     Return the scipy.spatial.transform.Rotation of a quaternion (x, y, z, w).
 
-    :param name: of the quaternion, for people.
+    :param name: of the quaternion, for the error.
     :raises PoseError: if its length is not 1.
     """
     length = math.hypot(*quaternion)
@@ -133,7 +131,7 @@ def rotation(quaternion: Sequence[float], name: str = 'orientation') -> Any:
     return scipy.spatial.transform.Rotation.from_quat(quaternion)
 
 
-def mavros(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
+def mavros_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
     """Return mavros_msgs/PositionTarget; MAVROS takes east-north-up in FRAME_LOCAL_NED."""
     mask = sum(bits for value, bits in (
         (setpoint.velocity, _IGNORE_VELOCITY), (setpoint.acceleration, _IGNORE_ACCELERATION),
@@ -143,15 +141,15 @@ def mavros(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
         'coordinate_frame': _FRAME_LOCAL_NED,
         'type_mask': mask,
         'position': _xyz(setpoint.position),
-        'velocity': _xyz(setpoint.velocity or _STILL),
-        'acceleration_or_force': _xyz(setpoint.acceleration or _STILL),
+        'velocity': _xyz(setpoint.velocity or _ZERO),
+        'acceleration_or_force': _xyz(setpoint.acceleration or _ZERO),
         'yaw': setpoint.yaw,
         'yaw_rate': setpoint.yaw_rate or 0.0,
     }}
 
 
-def px4(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
-    """Return px4_msgs/TrajectorySetpoint, NaN where nothing is known, and OffboardControlMode."""
+def px4_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
+    """Return px4_msgs/TrajectorySetpoint, NaN for unknown values, and OffboardControlMode."""
     timestamp = now_ns // 1000
     return {
         'OffboardControlMode': {
@@ -163,22 +161,21 @@ def px4(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
         'TrajectorySetpoint': {
             'timestamp': timestamp,
             'position': ned(setpoint.position),
-            'velocity': _UNUSED if setpoint.velocity is None else ned(setpoint.velocity),
+            'velocity': _NAN if setpoint.velocity is None else ned(setpoint.velocity),
             'acceleration': (
-                _UNUSED if setpoint.acceleration is None else ned(setpoint.acceleration)),
-            'jerk': _UNUSED,
+                _NAN if setpoint.acceleration is None else ned(setpoint.acceleration)),
+            'jerk': _NAN,
             'yaw': yaw_ned(setpoint.yaw),
             'yawspeed': math.nan if setpoint.yaw_rate is None else -setpoint.yaw_rate,
         },
     }
 
 
-def aerostack2(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
+def aerostack2_setpoint(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
     """
-    Return as2_msgs/TrajectorySetpoints with one point.
+    Return as2_msgs/TrajectorySetpoints with a point.
 
-    :raises OptionError: without a velocity and an acceleration, as the message has no way to
-        leave them out.
+    :raises OptionError: without a velocity or an acceleration, which the message cannot omit.
     """
     if setpoint.velocity is None or setpoint.acceleration is None:
         raise OptionError('Aerostack2 takes setpoints with velocity and acceleration only')
@@ -194,15 +191,15 @@ def aerostack2(setpoint: Setpoint, now_ns: int) -> dict[str, Fields]:
 
 
 def ros_odometry(report: Any) -> Fields:
-    """Return what nav_msgs/Odometry in east-north-up says."""
+    """Return the fields of nav_msgs/Odometry for itself."""
     return {'header': {'stamp': report.header.stamp}, 'pose': report.pose, 'twist': report.twist}
 
 
 def px4_odometry(report: Any) -> Fields:
     """
-    Return what px4_msgs/VehicleOdometry says.
+    Return the fields of nav_msgs/Odometry for px4_msgs/VehicleOdometry.
 
-    :raises PoseError: for a frame whose north is not known, or an orientation that is not.
+    :raises PoseError: for a frame without north, or an invalid orientation.
     """
     if report.pose_frame != _POSE_NED or report.velocity_frame not in (
             _VELOCITY_NED, _VELOCITY_BODY):
@@ -223,7 +220,7 @@ def px4_odometry(report: Any) -> Fields:
 
 
 def aerostack2_odometry(pose: Any, twist: Any) -> Fields:
-    """Return what geometry_msgs/PoseStamped and TwistStamped, in the body's frame, say."""
+    """Return the fields of nav_msgs/Odometry for PoseStamped and TwistStamped of the body."""
     return {'header': {'stamp': pose.header.stamp}, 'pose': {'pose': pose.pose},
             'twist': {'twist': twist.twist}}
 
@@ -231,21 +228,21 @@ def aerostack2_odometry(pose: Any, twist: Any) -> Fields:
 STACKS = {
     'mavros': Stack(
         'mavros_msgs', 'https://github.com/mavlink/mavros',
-        {'PositionTarget': 'mavros/setpoint_raw/local'}, mavros,
+        {'PositionTarget': 'mavros/setpoint_raw/local'}, mavros_setpoint,
         {'nav_msgs/Odometry': 'mavros/local_position/odom'}, ros_odometry,
         debian='ros-jazzy-mavros-msgs'),
     'px4': Stack(
         'px4_msgs', 'https://github.com/PX4/px4_msgs (the branch of your PX4 release)',
         {'OffboardControlMode': 'fmu/in/offboard_control_mode',
-         'TrajectorySetpoint': 'fmu/in/trajectory_setpoint'}, px4,
+         'TrajectorySetpoint': 'fmu/in/trajectory_setpoint'}, px4_setpoint,
         {'px4_msgs/VehicleOdometry': 'fmu/out/vehicle_odometry'}, px4_odometry),
     'aerostack2': Stack(
         'as2_msgs', 'https://github.com/aerostack2/aerostack2',
-        {'TrajectorySetpoints': 'motion_reference/trajectory'}, aerostack2,
+        {'TrajectorySetpoints': 'motion_reference/trajectory'}, aerostack2_setpoint,
         {'geometry_msgs/PoseStamped': 'self_localization/pose',
          'geometry_msgs/TwistStamped': 'self_localization/twist'}, aerostack2_odometry),
 }
-"""Every Stack by its name."""
+"""Each Stack by its name."""
 
 
 def _header(setpoint: Setpoint) -> Fields:
@@ -258,12 +255,12 @@ def _xyz(vector: Vector) -> Fields:
 
 
 def _vector(values: Any) -> Vector:
-    """Return three numbers of a message or an array as plain ones."""
+    """Return three numbers of a message or an array as floats."""
     x, y, z = map(float, values)
     return (x, y, z)
 
 
 def _flu(vector: Vector) -> Vector:
-    """Return a vector of forward-right-down in forward-left-up."""
+    """Convert a vector from forward-right-down to forward-left-up."""
     x, y, z = vector
     return (x, -y, -z)

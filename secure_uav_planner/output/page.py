@@ -7,59 +7,59 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from .drawing import (
-    altitudes_of, EAVESDROPPER, extent_of, GEOFENCE, GROUND_NODE, is_in_the_way, MARGIN,
-    middle_of, NO_FLY_ZONE, RATE, rates_text, receiver_label, rims, uav_color)
+    altitude_label, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_obstacle, label_position, map_extent,
+    MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label, receiver_label, uav_color)
 from ..mission.files import atomic_file
 from ..model import channel
 
 _MOST_FRAMES = 400
-_PLAYING_TIME = 20.0
-_LEAST_POWER = 2e-5  # That is shown at first, as a share of the largest peak power.
+_PLAYING_TIME = 20.0  # In s.
+_LEAST_POWER = 2e-5  # Of the axis, as a share of the largest peak power.
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
 _DASHES = ('solid', 'dash', 'dot', 'dashdot')
 _TITLE = 'Secure UAV plan'
-# A phone shows the map at full size, and the rest beside it.
+# A phone shows the map at full size and scrolls to the rest beside it.
 _STYLE = ('<meta name="viewport" content="width=device-width, initial-scale=1"><style>'
           'body { margin: 0 } #plan { min-width: 880px; min-height: 600px }</style>')
-_STAY = {'mode': 'immediate', 'transition': {'duration': 0},
+_JUMP = {'mode': 'immediate', 'transition': {'duration': 0},
          'frame': {'duration': 0, 'redraw': False}}
 
 
 def save_page(plan, path):
     """Write the web page of a Plan to a self-contained HTML file, as atomic_file does."""
     # With a relative height, plotly resizes the figure with the window.
-    drawn = draw_page(plan).to_html(
+    figure = draw_page(plan).to_html(
         full_html=False, include_plotlyjs=True, auto_play=False, default_height='96vh',
         div_id='plan', config={'displaylogo': False, 'responsive': True})
     document = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE}'
                 f'</title><link rel="icon" href="data:,">{_STYLE}</head>'
-                f'<body>\n{drawn}\n</body></html>\n')
+                f'<body>\n{figure}\n</body></html>\n')
     with atomic_file(path) as file:
         file.write(document)
 
 
 def draw_page(plan):
-    """Return the plotly Figure of a plan, with a frame for every point, or for some of many."""
-    view = _View(plan)
+    """Return the plotly Figure of a plan, with a frame for each point, at most _MOST_FRAMES."""
+    content = _Content(plan)
     figure = make_subplots(
         3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns',
         column_widths=[0.42, 0.58], vertical_spacing=0.05, horizontal_spacing=0.08)
-    still, moving = [*view.still_traces()], [*view.moving_traces(0)]
-    for trace, row, column in still + moving:
+    static = [*content.static_traces()]
+    for trace, row, column in (*static, *content.frame_traces(0)):
         figure.add_trace(trace, row, column)
-    numbers = list(range(len(still), len(figure.data)))
+    numbers = list(range(len(static), len(figure.data)))
     last = plan.scenario.slots + 1
     points = sorted({*np.linspace(0, last, min(last + 1, _MOST_FRAMES)).round().astype(int)})
     figure.frames = [
         go.Frame(name=str(point), traces=numbers, data=[
-            trace for trace, _, _ in view.moving_traces(point)]) for point in points]
-    _label_axes(figure, extent_of(plan.scenario, [plan]).T.tolist(), view.peak)
-    _add_controls(figure, view, points)
+            trace for trace, _, _ in content.frame_traces(point)]) for point in points]
+    _label_axes(figure, map_extent(plan.scenario, [plan]).T.tolist(), content.peak)
+    _add_controls(figure, content, points)
     return figure
 
 
-class _View:
-    """The data that the page shows of a plan, computed once."""
+class _Content:
+    """The traces and texts of a plan's page."""
 
     def __init__(self, plan):
         self.plan = plan
@@ -73,11 +73,12 @@ class _View:
         self.powers = np.pad(plan.powers, ((0, 0), (1, 1)))
         self.guaranteed = np.pad(plan.guaranteed_rates, 1)
         self.worst = np.pad(plan.worst_case_rates, 1)
-        places = channel.worst_case_places(scenario, plan.positions, plan.powers)
-        self.places = np.pad(places, ((1, 1), (0, 0)), mode='edge')
+        self.worst_places = np.pad(
+            channel.worst_case_places(scenario, plan.positions, plan.powers), ((1, 1), (0, 0)),
+            mode='edge')
 
-    def still_traces(self):
-        """Yield the traces that do not move, each with its row and column."""
+    def static_traces(self):
+        """Yield the traces that all frames share, each with its row and column."""
         plan, times = self.plan, self.plan.times.tolist()
         for trace in _airspace_traces(plan.scenario):
             yield trace, 1, 1
@@ -97,7 +98,7 @@ class _View:
             [plan.scenario.ground_node], mode='markers', name='ground node',
             marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE}), 1, 1
         for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
-            yield _scatter(  # Around the UAVs that are there.
+            yield _scatter(  # Wider than the UAVs at these points.
                 getattr(plan.scenario, f'{name}s'), mode='markers', name=name,
                 marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE}), 1, 1
         for index, (uav, path) in enumerate(zip(plan.scenario.uavs, plan.positions)):
@@ -124,8 +125,8 @@ class _View:
                     'color': RATE, 'width': width, 'dash': dash,
                     'shape': 'hv' if row == 2 else 'linear'}), row, 2
 
-    def moving_traces(self, point):
-        """Yield the moving traces at a point, each with its row and column."""
+    def frame_traces(self, point):
+        """Yield the traces of the frame of a point, each with its row and column."""
         plan, time = self.plan, float(self.plan.times[point])
         for index, uav in enumerate(plan.scenario.uavs):
             watts = float(self.powers[index, point])
@@ -133,34 +134,34 @@ class _View:
                 plan.positions[index, point][None], mode='markers', name=uav.name,
                 legendgroup=uav.name, showlegend=False, text=[f'{watts:.3g} W'], marker={
                     'color': uav_color(index), 'symbol': _SYMBOLS[index % len(_SYMBOLS)],
-                    # In good plans the jamming power is a hundredth of the transmit power. UAVs at
-                    # the same position are drawn one inside the other.
+                    # In good plans the jamming power is a hundredth of the transmit power. Markers
+                    # of different sizes stay visible at the same position.
                     'size': float((17 if index == 0 else 10)
                                   + 2 * np.log1p(1000 * watts / self.peak)),
                     'line': {'color': 'white', 'width': 1.5}}), 1, 1
             yield _dot(time, watts if watts > 0 else None, uav_color(index), uav.name), 1, 2
         yield _scatter(
-            self.places[point][None], mode='markers', name='worst-case eavesdropper', marker={
-                'symbol': 'x', 'size': 10, 'color': EAVESDROPPER,
-                'line': {'color': 'white', 'width': 1}}), 1, 1
+            [self.worst_places[point]], mode='markers', name='worst-case eavesdropper',
+            marker={'symbol': 'x', 'size': 10, 'color': EAVESDROPPER,
+                    'line': {'color': 'white', 'width': 1}}), 1, 1
         for values, row in ((self.guaranteed, 2), (self.delivered, 3)):
             yield _dot(time, float(values[point]), RATE, 'guaranteed'), row, 2
 
     def readout(self, point):
-        """Return the text of the slider at a point, in one line."""
+        """Return the text of the slider at a point, in a line."""
         time = float(self.plan.times[point])
         began = self.plan.scenario.slot_duration
         watts = ', '.join(
-            f'{uav.name} {_watts(power)}'
+            f'{uav.name} {_power_label(power)}'
             for uav, power in zip(self.plan.scenario.uavs, self.powers[:, point]))
         mean = self.delivered[point] / (time - began) if point > 1 else 0.0
         return (f'{time:.1f} s:  {watts};  rate now {self.guaranteed[point]:.2f}, so far '
                 f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
 
 
-def _scatter(places, **options):
-    """Return the trace of places, (K, 2)."""
-    x, y = np.transpose(places).tolist()
+def _scatter(points, **options):
+    """Return the trace of points, (K, 2)."""
+    x, y = np.transpose(points).tolist()
     return go.Scatter(x=x, y=y, **options)
 
 
@@ -170,22 +171,22 @@ def _dot(x, y, color, group):
 
 
 def _airspace_traces(scenario):
-    """Yield zones and fence with their margin, filled where a UAV flies at a zone's altitudes."""
-    for index, rim in enumerate(rims(scenario)):
+    """Yield fence and zones with their margins; zones at other altitudes are not filled."""
+    for index, ring in enumerate(margin_rings(scenario)):
         yield _scatter(
-            rim, mode='lines', fill='toself', line={'width': 0}, fillcolor=MARGIN,
+            ring, mode='lines', fill='toself', line={'width': 0}, fillcolor=MARGIN,
             hoverinfo='skip', legendgroup='margin', showlegend=index == 0,
             name=f'margin of {scenario.tracking_margin:g} m')
     for index, (zone, name) in enumerate(zip(scenario.no_fly_zones, scenario.zone_names)):
-        near = is_in_the_way(zone, scenario)
+        filled = is_obstacle(zone, scenario)
         yield _scatter(
-            [*zone.vertices, zone.vertices[0]], mode='lines', fill='toself' if near else 'none',
-            line={'color': NO_FLY_ZONE, 'width': 1.5, 'dash': 'solid' if near else 'dot'},
+            [*zone.vertices, zone.vertices[0]], mode='lines', fill='toself' if filled else 'none',
+            line={'color': NO_FLY_ZONE, 'width': 1.5, 'dash': 'solid' if filled else 'dot'},
             legendgroup='zone', showlegend=index == 0, name='no-fly zone', hoveron='fills',
-            text=', '.join(filter(None, (name, altitudes_of(zone)))), hoverinfo='text')
+            text=', '.join(filter(None, (name, altitude_label(zone)))), hoverinfo='text')
     if scenario.no_fly_zones:
         yield _scatter(
-            [middle_of(zone) for zone in scenario.no_fly_zones], mode='text',
+            [label_position(zone) for zone in scenario.no_fly_zones], mode='text',
             text=list(scenario.zone_names), textfont={'size': 10, 'color': GEOFENCE},
             showlegend=False, hoverinfo='skip')
     if scenario.geofence is not None:
@@ -194,7 +195,7 @@ def _airspace_traces(scenario):
             hoverinfo='name', line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'})
 
 
-def _watts(power):
+def _power_label(power):
     return f'{power:.2f} W' if power >= 0.1 or power == 0 else f'{1000 * power:.1f} mW'
 
 
@@ -207,13 +208,13 @@ def _label_axes(figure, ranges, peak):
     figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero', row=2, col=2)
     figure.update_yaxes(title_text='delivered<br>(bit/Hz)', rangemode='tozero', row=3, col=2)
     figure.update_xaxes(title_text='time (s)', row=3, col=2)
-    figure.update_xaxes(ticks='outside')  # So that no mark at zero covers a number.
+    figure.update_xaxes(ticks='outside')  # Keeps numbers off the marks at zero.
     figure.update_yaxes(ticks='outside')
 
 
-def _add_controls(figure, view, points):
-    plan = view.plan
-    title = f'{plan.method} plan: {rates_text(plan)}'
+def _add_controls(figure, content, points):
+    plan = content.plan
+    title = f'{plan.method} plan: {rate_label(plan)}'
     if plan.bound is not None:
         title += f'<br><sup>{html.escape(plan.claim)}</sup>'
     play = {'mode': 'immediate', 'fromcurrent': True, 'transition': {'duration': 0},
@@ -222,18 +223,18 @@ def _add_controls(figure, view, points):
         template='plotly_white', hovermode='closest', margin={'l': 60, 'r': 20, 't': 130, 'b': 80},
         title={'text': title, 'x': 0.01, 'yref': 'container', 'y': 1, 'yanchor': 'top',
                'pad': {'t': 25}},
-        dragmode=False,  # So that a finger scrolls the page.
+        dragmode=False,  # A finger scrolls the page.
         legend={'orientation': 'h', 'yref': 'container', 'y': 0, 'yanchor': 'bottom'},
         sliders=[{
             'active': 0, 'x': 0.18, 'len': 0.82, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
-            # The labels of the steps are the readout. Below the slider there is no room for them.
+            # The labels of the steps are the readout; there is no room for them below the slider.
             'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
             'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',
             'currentvalue': {'font': {'color': '#222222', 'size': 14}},
-            'steps': [{'label': view.readout(point), 'method': 'animate',
-                       'args': [[str(point)], _STAY]} for point in points]}],
+            'steps': [{'label': content.readout(point), 'method': 'animate',
+                       'args': [[str(point)], _JUMP]} for point in points]}],
         updatemenus=[{
             'type': 'buttons', 'direction': 'left', 'showactive': False, 'x': 0, 'y': 1,
             'xanchor': 'left', 'yanchor': 'bottom', 'pad': {'b': 10}, 'buttons': [
                 {'label': '▶ play', 'method': 'animate', 'args': [None, play]},
-                {'label': '❚❚', 'method': 'animate', 'args': [[None], _STAY]}]}])
+                {'label': '❚❚', 'method': 'animate', 'args': [[None], _JUMP]}]}])

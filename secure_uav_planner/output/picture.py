@@ -1,4 +1,4 @@
-"""The picture of a plan: a map, and below it the powers and the rates over time."""
+"""The picture of a plan: a map, and the powers and the rates over time."""
 
 from io import BytesIO
 from textwrap import wrap
@@ -16,40 +16,41 @@ import numpy as np
 import shapely
 
 from .drawing import (
-    add_legend, altitudes_of, EAVESDROPPER, energy_label, extent_of, GEOFENCE, GROUND_NODE,
-    is_in_the_way, MARGIN, middle_of, NO_FLY_ZONE, RATE, rates_text, receiver_label, rims,
-    style_axes, uav_color)
+    add_legend, altitude_label, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE, is_obstacle,
+    label_position, map_extent, MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label,
+    receiver_label, style_axes, uav_color)
 from ..mission import OBJECTIVES
 
 _MAP_SIZE = 5.95, 5.6  # Of the largest map, in inches as all lengths here.
 _LEFT, _BOTTOM, _RIGHT = 1.0, 0.6, 2.05  # Beside axes: labels, and legends at the right.
 _PLOT_WIDTH = 4.4  # Beside a map.
-_TITLE_WIDTH = 90  # In characters.
+_TITLE_WIDTH = 96  # In characters.
 _LEGEND_WIDTH, _NAME_LENGTH = 18, 36  # Likewise.
 _DOTS_PER_INCH = 200
-_FAINT = 1e-3
+_LINEAR_SHARE = 1e-3  # Of the peak power, below which the scale of powers is linear.
 _TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
 _FONT_SIZE = 8.0  # In points, of texts on the map.
 _GAP = 5.0  # In points, from a path to its labels.
-_STYLES = ('--', ':', '-.')
+_LABEL_ANGLES = np.radians((0, 180, 40, -40, 140, -140, 65, -65, 115, -115))
+_DASHES = ('--', ':', '-.')
 _GREY = '0.45'
 _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
-_ZONE_BESIDE = {**_ZONE, 'facecolor': 'none', 'linestyle': ':'}
+_ZONE_OVERFLOWN = {**_ZONE, 'facecolor': 'none', 'linestyle': ':'}
 _MARGIN = {'facecolor': MARGIN, 'edgecolor': 'none'}
 _FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
 _HALO = [withStroke(linewidth=2.5, foreground='white')]  # Around texts on the map.
-_NAMES = {
+_SCHEME_NAMES = {
     'fly_hover_fly_constant': 'fly-hover-fly, constant power',
     'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
 }
 
 
 class _Picture(Figure):
-    """A Figure that notebooks show, without pyplot."""
+    """A Figure that notebooks show without pyplot."""
 
     def savefig(self, *arguments, **options):
         with warnings.catch_warnings():
-            # Names may be in scripts that the font has not; boxes stand for them.
+            # Names may be in scripts that the font lacks; boxes stand for their letters.
             warnings.filterwarnings('ignore', message='Glyph .* missing')
             super().savefig(*arguments, **options)
 
@@ -60,27 +61,28 @@ class _Picture(Figure):
 
 
 def save_picture(plan, path, baselines=()):
-    """Draw a Plan into a file, beside Plans for the same mission; the suffix gives the format."""
+    """Draw a Plan into a file, beside Plans of the same mission; the suffix gives the format."""
     draw_plan(plan, baselines).savefig(path, dpi=_DOTS_PER_INCH)
 
 
 def draw_plan(plan, baselines=()):
     """Return a matplotlib Figure of a plan, as save_picture writes it."""
-    extent = extent_of(plan.scenario, [plan, *baselines])
-    wide, tall = _map_size(extent)
-    title = '\n'.join(line for text in (f'{name_of(plan.method)}: {rates_text(plan)}', plan.claim)
-                      for line in wrap(text, _TITLE_WIDTH))
+    extent = map_extent(plan.scenario, [plan, *baselines])
+    width, height = _map_size(extent)
+    title = '\n'.join(line for text in (
+        f'{scheme_name(plan.method)}: {rate_label(plan)}', plan.claim)
+        for line in wrap(text, _TITLE_WIDTH))
     top = 0.35 + 0.2 * title.count('\n')
-    if tall > wide:  # The plots are beside the map, otherwise below.
-        left, half = 2 * _LEFT + wide + _RIGHT, tall / 2 - 0.15
-        map_axes, power_axes, rate_axes = _axes(
-            left + _PLOT_WIDTH + _RIGHT, tall + _BOTTOM + top, (_LEFT, _BOTTOM, wide, tall),
-            (left, _BOTTOM + tall - half, _PLOT_WIDTH, half),
+    if height > width:  # The plots are beside the map, otherwise below.
+        left, half = 2 * _LEFT + width + _RIGHT, height / 2 - 0.15
+        map_axes, power_axes, rate_axes = _make_axes(
+            left + _PLOT_WIDTH + _RIGHT, height + _BOTTOM + top, (_LEFT, _BOTTOM, width, height),
+            (left, _BOTTOM + height - half, _PLOT_WIDTH, half),
             (left, _BOTTOM, _PLOT_WIDTH, half))
     else:
-        map_axes, power_axes, rate_axes = _axes(
-            _LEFT + wide + _RIGHT, tall + 4.45 + top, (_LEFT, 4.45, wide, tall),
-            (_LEFT, 2.45, wide, 1.4), (_LEFT, _BOTTOM, wide, 1.7))
+        map_axes, power_axes, rate_axes = _make_axes(
+            _LEFT + width + _RIGHT, height + 4.45 + top, (_LEFT, 4.45, width, height),
+            (_LEFT, 2.45, width, 1.4), (_LEFT, _BOTTOM, width, 1.7))
     draw_map(map_axes, plan, extent, baselines)
     draw_powers(power_axes, plan)
     draw_rates(rate_axes, plan, baselines)
@@ -89,7 +91,7 @@ def draw_plan(plan, baselines=()):
     return map_axes.figure
 
 
-def _axes(width, height, *places):
+def _make_axes(width, height, *boxes):
     """
     Return axes of a new figure, each at a left and a bottom with a width and a height.
 
@@ -97,118 +99,118 @@ def _axes(width, height, *places):
     aspect.
     """
     figure = _Picture(figsize=(width, height))
-    return [figure.add_axes(np.array(place) / (width, height, width, height))
-            for place in places]
+    return [figure.add_axes(np.array(box) / (width, height, width, height)) for box in boxes]
 
 
 def draw_scenario(scenario):
     """Return a matplotlib Figure with the map of a Scenario."""
-    extent = extent_of(scenario)
-    wide, tall = _map_size(extent)
-    [axes] = _axes(_LEFT + wide + _RIGHT, tall + 0.8, (_LEFT, _BOTTOM, wide, tall))
+    extent = map_extent(scenario)
+    width, height = _map_size(extent)
+    [axes] = _make_axes(_LEFT + width + _RIGHT, height + 0.8, (_LEFT, _BOTTOM, width, height))
     _set_up_map(axes, extent)
     draw_ground(axes, scenario)
     for index, uav in enumerate(scenario.uavs):
-        way = np.array([uav.start, uav.goal])
-        axes.annotate('', way[1], way[0], zorder=3, arrowprops={
+        axes.annotate('', uav.goal, uav.start, zorder=3, arrowprops={
             'arrowstyle': '-', 'linestyle': (0, (2, 4)), 'color': uav_color(index)})
-        _draw_ends(axes, index, way)
-    lines = {_label(uav, f', {uav.altitude:g} m high'): Line2D(
-        [], [], color=uav_color(index), linestyle=(0, (2, 4)))
-        for index, uav in enumerate(scenario.uavs)}
-    _explain_map(axes, scenario, lines)
+        _draw_ends(axes, index, uav.start, uav.goal)
+    _add_map_legend(axes, scenario, {
+        _uav_label(uav, f', {uav.altitude:g} m high'): Line2D(
+            [], [], color=uav_color(index), linestyle=(0, (2, 4)))
+        for index, uav in enumerate(scenario.uavs)})
     return axes.figure
 
 
-def name_of(method):
-    """Return the name of a method in words."""
-    return _NAMES.get(method, method)
+def scheme_name(method):
+    """Return the name of a method of solve or a baseline in words."""
+    return _SCHEME_NAMES.get(method, method)
 
 
-def draw_map(axes, plan, extent, baselines=(), legend=True):
+def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
     """
     Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
 
-    Baselines are in grey; a legend beside the map explains all.
+    Baselines are grey.
 
-    :param extent: of the map, as extent_of returns it.
+    :param extent: the result of map_extent.
+    :param legend: False for no legend.
+    :param options: of the legend, which is at the right of the map by default.
     """
     scenario = plan.scenario
     _set_up_map(axes, extent)
-    for other in baselines:
-        for path in other.positions:
-            axes.plot(*path.T, color=_GREY, linewidth=0.9, zorder=1)
+    baseline_paths = [path for baseline in baselines for path in baseline.positions]
+    for path in baseline_paths:
+        axes.plot(*path.T, color=_GREY, linewidth=0.9, zorder=1)
     draw_ground(axes, scenario)
     peak = max(uav.peak_power for uav in scenario.uavs)
-    taken = [*(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
-             *(shapely.Point(eve.position).buffer(eve.error_radius)
-               for eve in scenario.eavesdroppers),
-             shapely.Point(scenario.ground_node), *map(shapely.LineString, plan.positions)]
+    occupied = [*(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
+                *(shapely.Point(eve.position).buffer(eve.error_radius)
+                  for eve in scenario.eavesdroppers),
+                shapely.Point(scenario.ground_node), *map(shapely.LineString, plan.positions)]
     for index, (points, powers) in enumerate(zip(plan.positions, plan.powers)):
         # Power n holds from point n to point n + 1; before point 1 the power is zero.
         level = power_level(np.concatenate([[0.0], powers]), peak)
         axes.add_collection(LineCollection(
-            np.stack([points[:-1], points[1:]], axis=1), colors=_ramp(index)(level),
-            linewidths=_width(level), capstyle='round', zorder=3), autolim=False)
+            np.stack([points[:-1], points[1:]], axis=1), colors=_power_colors(index)(level),
+            linewidths=_line_width(level), capstyle='round', zorder=3), autolim=False)
         axes.plot(*points.T, color=uav_color(index), linewidth=0.8, zorder=4)
-        _draw_ends(axes, index, points)
-        _mark_times(axes, plan.times, points, uav_color(index), taken)
+        _draw_ends(axes, index, points[0], points[-1])
+        _label_times(axes, plan.times, points, uav_color(index), occupied,
+                     [shapely.LineString(path) for path in baseline_paths])
     if legend:
         levels = np.linspace(0, 1, 9)
-        ramps = {
-            _label(uav, f', 0 to {peak:g} W'): tuple(
-                Line2D([], [], color=_ramp(index)(level), linewidth=_width(level),
+        _add_map_legend(axes, scenario, {
+            _uav_label(uav, f', 0 to {peak:g} W'): tuple(
+                Line2D([], [], color=_power_colors(index)(level), linewidth=_line_width(level),
                        solid_capstyle='butt') for level in levels)
-            for index, uav in enumerate(scenario.uavs)}
-        _explain_map(axes, scenario, ramps, bool(baselines))
+            for index, uav in enumerate(scenario.uavs)}, bool(baselines), **options)
 
 
-def _label(uav, text):
-    """Return the name of a UAV and a text, as they fit into the legend."""
+def _uav_label(uav, text):
+    """Return the name of a UAV and a text, wrapped for the legend."""
     name = uav.name
     if len(name) > _NAME_LENGTH:  # Without its middle, as the ends of names tell them apart.
         name = f'{name[:_NAME_LENGTH // 2 - 2]}...{name[2 - _NAME_LENGTH // 2:]}'
-    label = _plain('\n'.join(wrap(name + text, _LEGEND_WIDTH)))
+    label = _escape('\n'.join(wrap(name + text, _LEGEND_WIDTH)))
     return f' {label}' if label.startswith('_') else label  # '_' would hide it.
 
 
-def _plain(text):
-    """Return a text in which Matplotlib finds no formulas."""
+def _escape(text):
+    """Escape the dollar signs of a text, which Matplotlib takes for formulas."""
     return text.replace('$', r'\$')
 
 
 def draw_ground(axes, scenario):
-    """Draw what does not fly."""
+    """Draw zones, fence, eavesdroppers and the ground node."""
     _draw_airspace(axes, scenario)
     for eve, name in zip(scenario.eavesdroppers, scenario.eavesdropper_names):
-        place = eve.position
-        axes.add_patch(Circle(place, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
-        axes.add_patch(Circle(place, eve.error_radius, fill=False, edgecolor=EAVESDROPPER))
-        axes.plot(*place, 'X', **_sign(EAVESDROPPER, 8), zorder=6, label=_plain(name))
-        axes.annotate(receiver_label(eve), place, (7, 7), textcoords='offset points', fontsize=8,
+        center = eve.position
+        axes.add_patch(Circle(center, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
+        axes.add_patch(Circle(center, eve.error_radius, fill=False, edgecolor=EAVESDROPPER))
+        axes.plot(*center, 'X', **_marker_style(EAVESDROPPER, 8), zorder=6, label=_escape(name))
+        axes.annotate(receiver_label(eve), center, (7, 7), textcoords='offset points', fontsize=8,
                       color=EAVESDROPPER, zorder=8, path_effects=_HALO)
-    axes.plot(*scenario.ground_node, '^', **_sign(GROUND_NODE, 10), zorder=6,
+    axes.plot(*scenario.ground_node, '^', **_marker_style(GROUND_NODE, 10), zorder=6,
               label='ground node')
 
 
-def _draw_ends(axes, index, points):
-    """Draw start and goal of a UAV; where several are at one place, one around the other."""
-    for point, sign in ((points[0], 'o'), (points[-1], 's')):
-        axes.plot(*point, sign, color='white', markeredgecolor=uav_color(index),
+def _draw_ends(axes, index, start, goal):
+    """Draw start and goal of a UAV, with a size by index: several may be at one point."""
+    for point, marker in ((start, 'o'), (goal, 's')):
+        axes.plot(*point, marker, color='white', markeredgecolor=uav_color(index),
                   markeredgewidth=1.5, markersize=7 + 4 * index, zorder=5 - 0.1 * index)
 
 
 def _draw_airspace(axes, scenario):
-    """Draw fence and zones: filled where a UAV flies at their altitudes, with the margin."""
-    for rim in rims(scenario):
-        axes.add_patch(Polygon(rim, **_MARGIN, zorder=0.4, label='margin'))
+    """Draw fence and zones with their margins; zones at other altitudes are not filled."""
+    for ring in margin_rings(scenario):
+        axes.add_patch(Polygon(ring, **_MARGIN, zorder=0.4, label='margin'))
     if scenario.geofence is not None:
         axes.add_patch(Polygon(scenario.geofence, **_FENCE, zorder=1))
     for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
-        style = _ZONE if is_in_the_way(zone, scenario) else _ZONE_BESIDE
+        style = _ZONE if is_obstacle(zone, scenario) else _ZONE_OVERFLOWN
         axes.add_patch(Polygon(zone.vertices, **style, zorder=1.5))
-        text = '\n'.join(filter(None, (_plain(name), altitudes_of(zone))))
-        axes.annotate(text, middle_of(zone), ha='center', va='center', fontsize=7.5,
+        text = '\n'.join(filter(None, (_escape(name), altitude_label(zone))))
+        axes.annotate(text, label_position(zone), ha='center', va='center', fontsize=7.5,
                       color='0.25', zorder=8, annotation_clip=True, path_effects=_HALO)
 
 
@@ -218,16 +220,17 @@ def power_level(powers, peak):
 
     It is logarithmic, because in good plans the jamming power is a hundredth of that transmitted.
     """
-    return np.arcsinh(np.maximum(powers, 0.0) / (_FAINT * peak)) / np.arcsinh(1 / _FAINT)
+    return np.arcsinh(np.maximum(powers, 0.0) / (_LINEAR_SHARE * peak)) / np.arcsinh(
+        1 / _LINEAR_SHARE)
 
 
 def draw_powers(axes, plan):
-    """Draw the power of every slot over time, and the limits that are the same for all UAVs."""
+    """Draw the power of each slot over time, and the limits that all UAVs share."""
     for index, (uav, powers) in enumerate(zip(plan.scenario.uavs, plan.powers)):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
                     label='\n'.join(filter(None, (
-                        _label(uav, ' (jams)' if index else ' (transmits)'),
+                        _uav_label(uav, ' (jams)' if index else ' (transmits)'),
                         energy_label(plan.energies[index])))))
     limits = {}
     for field, text in (('peak_power', 'peak'), ('average_power', 'average')):
@@ -240,45 +243,46 @@ def draw_powers(axes, plan):
                       xytext=(4, 1), textcoords='offset points', va='bottom',
                       color=_GREY, fontsize=8)
     peak = max(uav.peak_power for uav in plan.scenario.uavs)
-    axes.set_yscale('asinh', linear_width=_FAINT * peak)
+    axes.set_yscale('asinh', linear_width=_LINEAR_SHARE * peak)
     axes.set_ylim(0, 1.5 * peak)
-    ticks = [0.0, *(10.0 ** np.arange(*np.floor(np.log10([10 * _FAINT * peak, 10 * peak]))))]
+    exponents = np.arange(*np.floor(np.log10([10 * _LINEAR_SHARE * peak, 10 * peak])))
+    ticks = [0.0, *(10.0 ** exponents)]
     axes.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
     axes.minorticks_off()
-    _finish(axes, plan, 'power (W)')
+    _finish_time_axes(axes, plan, 'power (W)')
 
 
 def draw_rates(axes, plan, baselines=()):
-    """Draw the guaranteed and the worst-case secrecy rate of every slot over time."""
+    """Draw the guaranteed and the worst-case secrecy rate of each slot over time."""
     edges = plan.times[1:]
-    bound, worst = ('\n'.join(wrap(plan.scenario.channel.rate_name(name), _LEGEND_WIDTH))
-                    for name in OBJECTIVES)
+    guaranteed, worst = ('\n'.join(wrap(plan.scenario.channel.rate_name(name), _LEGEND_WIDTH))
+                         for name in OBJECTIVES)
     axes.stairs(plan.worst_case_rates, edges, color=RATE, linewidth=1.3, linestyle='--',
                 label=worst)
     axes.stairs(plan.guaranteed_rates, edges, fill=True, color=RATE, alpha=0.2)
-    axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label=bound)
-    for other, style in zip(baselines, _STYLES):
-        axes.stairs(other.guaranteed_rates, other.times[1:], color=_GREY, linewidth=1.1,
-                    linestyle=style, label=name_of(other.method).replace(', ', ',\n'))
-    highest = max(one.worst_case_rates.max() for one in (plan, *baselines))
+    axes.stairs(plan.guaranteed_rates, edges, color=RATE, linewidth=1.8, label=guaranteed)
+    for baseline, dash in zip(baselines, _DASHES):
+        axes.stairs(baseline.guaranteed_rates, baseline.times[1:], color=_GREY, linewidth=1.1,
+                    linestyle=dash, label=scheme_name(baseline.method).replace(', ', ',\n'))
+    highest = max(drawn.worst_case_rates.max() for drawn in (plan, *baselines))
     axes.set_ylim(0, 1.08 * max(highest, 0.01))
     axes.locator_params(axis='y', steps=[1, 2, 5, 10])  # For labels that fit at the left.
     axes.set_xlabel('time (s)')
-    _finish(axes, plan, 'secrecy rate\n(bit/s/Hz)')
+    _finish_time_axes(axes, plan, 'secrecy rate\n(bit/s/Hz)')
 
 
-def _finish(axes, plan, label):
+def _finish_time_axes(axes, plan, label):
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
     style_axes(axes)
     add_legend(axes)
 
 
-def _sign(color, size):
+def _marker_style(color, size):
     return {'color': color, 'markersize': size, 'markeredgecolor': 'white', 'linestyle': 'none'}
 
 
-def _ramp(index):
+def _power_colors(index):
     """Return a colour map from a light tint (0 W) to a dark shade (peak) of a UAV's colour."""
     color = np.array(to_rgb(uav_color(index)))
     return LinearSegmentedColormap.from_list(f'uav{index}', [0.2 * color + 0.8, 0.75 * color])
@@ -290,7 +294,7 @@ def _map_size(extent):
     return sides * (np.array(_MAP_SIZE) / sides).min()
 
 
-def _width(level):
+def _line_width(level):
     return 1.5 + 5.5 * level
 
 
@@ -301,11 +305,12 @@ def _set_up_map(axes, extent):
     style_axes(axes)
 
 
-def _mark_times(axes, times, points, color, taken):
+def _label_times(axes, times, points, color, occupied, baseline_paths):
     """
-    Mark round times along a path; where the UAV hovers, one label gives the interval.
+    Mark round times along a path; where the UAV hovers, a label gives the interval.
 
-    Labels are beside the path on the map, where they cover nothing taken; that list grows.
+    Labels are beside the path on the map, where they cover nothing occupied, a list to which they
+    are added, and none of the baselines if possible.
     """
     marks = _TIME_MARKS.tick_values(0.0, times[-1])[1:]
     marks = marks[marks < times[-1] - marks[0] / 3]
@@ -316,37 +321,41 @@ def _mark_times(axes, times, points, color, taken):
               linestyle='none', zorder=7)
     point = np.ptp(axes.get_xlim()) / axes.bbox.width * axes.figure.dpi / 72.0  # In m.
     inside = shapely.box(*np.transpose([axes.get_xlim(), axes.get_ylim()]).ravel())
-    ends, first = [], 0
+    groups, first = [], 0
     for last in range(len(marks)):
         if last + 1 == len(marks) or (
                 np.hypot(*(places[last + 1] - places[first])) >= 17.0 * point):
-            ends.append((first, last))
+            groups.append((first, last))
             first = last + 1
-    for first, last in sorted(ends, key=lambda pair: pair[0] - pair[1]):  # Longest first.
+    for first, last in sorted(groups, key=lambda group: group[0] - group[1]):  # Longest first.
         middle = (first + last) // 2
         text = f'{marks[first]:g}' if first == last else f'{marks[first]:g}–{marks[last]:g}'
         size = np.array([0.62 * len(f'{text} s'), 1.0]) * _FONT_SIZE * point
         x, y = after[middle] - before[middle]
-        for angle in np.arctan2(x, -y) + np.radians((0, 180, 40, -40, 140, -140)):
+        boxes = []
+        for angle in np.arctan2(x, -y) + _LABEL_ANGLES:
             aside = np.array([np.cos(angle), np.sin(angle)])
-            place = places[middle] + aside * (_GAP * point + np.abs(aside) @ size / 2)
-            box = shapely.box(*(place - size / 2), *(place + size / 2))
-            if inside.contains(box) and not shapely.intersects(box, taken).any():
-                taken.append(box)
-                axes.annotate(f'{text} s', place, ha='center', va='center', color=color,
-                              fontsize=_FONT_SIZE, zorder=8, path_effects=_HALO)
-                break
+            center = places[middle] + aside * (_GAP * point + np.abs(aside) @ size / 2)
+            box = shapely.box(*(center - size / 2), *(center + size / 2))
+            if inside.contains(box) and not shapely.intersects(box, occupied).any():
+                boxes.append(box)
+        if boxes:
+            box = min(boxes, key=lambda box: any(map(box.intersects, baseline_paths)))
+            occupied.append(box)
+            axes.annotate(f'{text} s', box.centroid.coords[0], ha='center', va='center',
+                          color=color, fontsize=_FONT_SIZE, zorder=8, path_effects=_HALO)
 
 
-def _explain_map(axes, scenario, ways, baselines=False):
-    """Explain the symbols beside the map, after the artists that stand for the UAVs."""
-    blurred = any(eve.error_radius for eve in scenario.eavesdroppers)
+def _add_map_legend(axes, scenario, uav_entries, has_baselines=False, **options):
+    """Explain the symbols of the map after the entries, artists by label, of the UAVs."""
+    has_discs = any(eve.error_radius for eve in scenario.eavesdroppers)
     entries = {
-        **ways, **{name: Line2D([], [], marker=sign, color='white', markeredgecolor='0.2')
-                   for name, sign in (('start', 'o'), ('goal', 's'))},
-        'ground node': Line2D([], [], marker='^', **_sign(GROUND_NODE, 10)),
-        'eavesdropper' + ', disc' * blurred: Line2D(
-            [], [], marker='X', **_sign(EAVESDROPPER, 8))}
+        **uav_entries,
+        **{name: Line2D([], [], marker=marker, color='white', markeredgecolor='0.2')
+           for name, marker in (('start', 'o'), ('goal', 's'))},
+        'ground node': Line2D([], [], marker='^', **_marker_style(GROUND_NODE, 10)),
+        'eavesdropper' + ', disc' * has_discs: Line2D(
+            [], [], marker='X', **_marker_style(EAVESDROPPER, 8))}
     if scenario.no_fly_zones:
         entries['no-fly zone'] = Patch(**_ZONE)
     if scenario.geofence is not None:
@@ -354,7 +363,7 @@ def _explain_map(axes, scenario, ways, baselines=False):
                                      linestyle=_FENCE['linestyle'])
     if scenario.tracking_margin:
         entries[f'margin of {scenario.tracking_margin:g} m'] = Patch(**_MARGIN)
-    if baselines:
+    if has_baselines:
         entries['baseline'] = Line2D([], [], color=_GREY, linewidth=0.9)
     add_legend(axes, list(entries.values()), list(entries), handlelength=3,
-               handler_map={tuple: HandlerTuple(ndivide=None, pad=0)})
+               handler_map={tuple: HandlerTuple(ndivide=None, pad=0)}, **options)

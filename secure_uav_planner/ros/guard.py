@@ -76,7 +76,7 @@ class Guard:
         """Return the last setpoint without motion, if none has passed for a moment."""
         if self._last is None or _within(self._last_passed, now, _PATIENCE):
             return None
-        return self._last.held(now)
+        return self._last.hold(now)
 
     def has_ended(self, now: int, limits: Limits) -> bool:
         """Forget a stream that has ended; return True if it has just ended."""

@@ -30,7 +30,7 @@ from ..mission.polygons import convex_parts, offset_polygon, Vertices
 from ..mission.scenario import Scenario
 from ..output.autopilots import rotation, Setpoint, Vector
 from ..output.drawing import (
-    EAVESDROPPER, GEOFENCE, GROUND_NODE, MARGIN, middle_of, NO_FLY_ZONE, uav_color)
+    EAVESDROPPER, GEOFENCE, GROUND_NODE, label_position, MARGIN, NO_FLY_ZONE, uav_color)
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 
@@ -276,7 +276,7 @@ def _airspace(scenario: Scenario) -> list[Marker]:
                           (1.0, 1.0, 1.0), opacity=0.35, points=_faces(zone, floor, top)),
                   _marker('no_fly_zone_edges', index, Marker.LINE_LIST, NO_FLY_ZONE,
                           (1.5, 0.0, 0.0), points=_edges(zone.vertices, floor, top)),
-                  _label(300 + index, name, (*middle_of(zone), top), NO_FLY_ZONE)]
+                  _label(300 + index, name, (*label_position(zone), top), NO_FLY_ZONE)]
         margins += _edges(
             offset_polygon(zone.vertices, margin)[0], max(0.0, floor - margin), top + margin)
     if scenario.geofence is not None:

@@ -78,7 +78,7 @@ class Relay(Node):
         name, now = topic.partition('/')[0], self._now
         try:
             # Guarded in the vehicle's frame, so that a change of the origin counts as a jump, too.
-            setpoint = read_setpoint(message).seen_from(self._settings[f'{name}.origin'])
+            setpoint = read_setpoint(message).shift_origin(self._settings[f'{name}.origin'])
             fields = self._stack.fields(setpoint, now)
             self._guard_by_uav[name].take(setpoint, now, self._limits(name))
         except PlanningError as error:

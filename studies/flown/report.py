@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 from secure_uav_planner.mission.polygons import depth
 from secure_uav_planner.model import channel
-from secure_uav_planner.output.table import markdown_table
+from secure_uav_planner.output.tables import markdown_table
 from secure_uav_planner.plan.player import POSITION_JUMP, VELOCITY_JUMP
 
 from .link import RATE

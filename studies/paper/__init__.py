@@ -1,8 +1,8 @@
-"""The study of the paper's scenario: a campaign, its figures and what the paper claims."""
+"""The study of the paper: its Figures 2 and 3, further figures, and a check of its claims."""
 
-from .experiments import plans_of, Point, points, PROPOSED, run
+from .experiments import load_plans, make_points, plan_points, Point, PROPOSED
 
-__all__ = ['PROPOSED', 'Point', 'main', 'plans_of', 'points', 'run']
+__all__ = ['PROPOSED', 'Point', 'load_plans', 'main', 'make_points', 'plan_points']
 
 
 def main(argv=None):

@@ -1,7 +1,7 @@
 """
-The study: the paper's figures, further figures, and a check of the paper's claims.
+The study: the paper's Figures 2 and 3, further figures, and a check of the paper's claims.
 
-It is a campaign: every finished point is kept in the output folder, and a study that was stopped
+It is a campaign: each finished point is kept in the output folder, and a study that was stopped
 continues from there.
 """
 
@@ -11,11 +11,11 @@ import signal
 import sys
 
 from secure_uav_planner.apps.results import save_tables
-from secure_uav_planner.apps.tasks import plan_file
+from secure_uav_planner.apps.tasks import plan_path
 from secure_uav_planner.errors import OptionError, PlanningError
 
 from .claims import write_claims
-from .experiments import plans_of, points, run
+from .experiments import load_plans, make_points, plan_points
 from .figures import write_figures
 
 
@@ -27,23 +27,24 @@ def main(argv=None):
     parser.add_argument('--jobs', type=int, default=-1, help='processes, -1 for all cores')
     parser.add_argument('--scheduler', help='a Dask scheduler, whose workers are used instead; '
                         'as for `secure_uav_planner sweep`')
-    parser.add_argument('--quick', action='store_true', help='only a few points of every figure')
+    parser.add_argument('--quick', action='store_true', help='only a few points of each figure')
     options = parser.parse_args(argv)
-    wanted = points(options.quick)
+    points = make_points(options.quick)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        rows = run(wanted, options.out, options.jobs, options.scheduler)
+        rows = plan_points(points, options.out, options.jobs, options.scheduler)
         written = save_tables(rows, options.out)
-        if lost := [row for row in rows if row['outcome'] != 'ok']:
-            print(f'study: {len(lost)} of {len(rows)} points failed, so there are no figures; '
-                  f'{written[0]} has the reasons, such as: {lost[0]["reason"]}', file=sys.stderr)
+        if failed := [row for row in rows if row['outcome'] != 'ok']:
+            print(f'study: {len(failed)} of {len(rows)} points failed, so there are no figures; '
+                  f'{written[0]} has the reasons, such as: {failed[0]["reason"]}',
+                  file=sys.stderr)
             return 1
-        plans = plans_of(wanted, options.out)
-        written += write_figures(plans, options.out)
-        written.append(write_claims(plans, options.out / 'claims.md'))
+        plans = load_plans(points, options.out)
+        claims, table = write_claims(plans, options.out / 'claims.md')
+        written += [*write_figures(plans, options.out, table), claims]
     except KeyboardInterrupt:
-        kept = sum(plan_file(options.out, point.task['key']).exists() for point in wanted)
-        print(f'\nstopped: {kept} of {len(wanted)} points are kept, the same command goes on '
+        kept = sum(plan_path(options.out, point.task['key']).exists() for point in points)
+        print(f'\nstopped: {kept} of {len(points)} points are kept, the same command goes on '
               'from there', file=sys.stderr)
         return 130
     except (OSError, PlanningError) as error:

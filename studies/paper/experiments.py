@@ -1,4 +1,4 @@
-"""The points of the study: what is planned for each figure, and as a campaign."""
+"""The points of the study: a plan each, made as a campaign."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -8,9 +8,9 @@ import pathlib
 
 import secure_uav_planner
 from secure_uav_planner import Channel, METHODS, Plan, Scenario, Uav
+from secure_uav_planner.apps.campaign_file import BASELINES
 from secure_uav_planner.apps.campaigns import run_campaign
-from secure_uav_planner.apps.specification import BASELINES
-from secure_uav_planner.apps.tasks import plan_file, task_of
+from secure_uav_planner.apps.tasks import make_task, plan_path
 from secure_uav_planner.mission.propagation import ENVIRONMENTS
 
 PROPOSED = METHODS[0]
@@ -25,20 +25,20 @@ _SOURCES = ('.py', '.cpp', '.hpp')
 
 @dataclass(frozen=True)
 class Point:
-    """One point of the study, for which one plan is made."""
+    """A point of a figure, for which a plan is made."""
 
-    experiment: str  # The figure to which it belongs.
-    x: float  # Its coordinate on the figure's horizontal axis.
+    experiment: str  # The figure.
+    x: float  # Its coordinate on the horizontal axis.
     scheme: str  # A method of solve, or one of BASELINES.
     scenario: Scenario
     objective: str = 'guaranteed'  # The paper's.
-    bounded: bool = False  # Whether the plan gets its upper bound.
+    bounded: bool = False  # True for a plan with an upper bound.
 
     @cached_property
     def task(self):
-        """Task of the campaign, whose key is the same for the same scenario, scheme and code."""
+        """Task of the campaign; its key is a digest of scenario, scheme and code."""
         scenario = self.scenario
-        return task_of(scenario.to_dict(), self.scheme, self.objective, {
+        return make_task(scenario.to_dict(), self.scheme, self.objective, {
             'time_limit': None, 'bound_time_limit': math.inf if self.bounded else None,
             'plans': True, 'code': code_version()}, {
                 'duration': scenario.duration,
@@ -47,35 +47,35 @@ class Point:
                 'jammers': len(scenario.uavs) - 1, 'los': scenario.channel.los})
 
 
-def points(quick=False):
-    """Return the Points of the study, or a few if quick; those of an experiment ascend in x."""
+def make_points(quick=False):
+    """Return the Points of the study, or a few if quick, by experiment with ascending x."""
     paper = Scenario.paper()
-    found = []
+    points = []
 
     def add(experiment, x, scenario, schemes=(*BASELINES, PROPOSED)):
-        found.extend(Point(experiment, float(x), scheme, scenario) for scheme in schemes)
+        points.extend(Point(experiment, float(x), scheme, scenario) for scheme in schemes)
 
     for duration in (102, 104, 200) if quick else _DURATIONS:
         add('duration', duration, Scenario.paper(duration))
         add('duration, radius 0', duration, Scenario.paper(duration, error_radius=0.0),
             (PROPOSED,))
         # A bound takes a hundred times as long as a plan.
-        found.append(Point('duration, worst case', float(duration), PROPOSED,
-                           Scenario.paper(duration), 'worst_case', not quick or duration == 200))
+        points.append(Point('duration, worst case', float(duration), PROPOSED,
+                            Scenario.paper(duration), 'worst_case', not quick or duration == 200))
     for radius in (0, 10, 60) if quick else _RADII:
         add('radius', radius, Scenario.paper(error_radius=radius))
     for snr in (70, 80, 90) if quick else _SNRS:
         add('snr', snr, replace(paper, reference_snr_db=float(snr)))
     for jammers in (0, 1, 2) if quick else (0, 1, 2, 3):
         add('jammers', jammers, _with_jammers(paper, jammers))
-    for place, los in enumerate((None, *ENVIRONMENTS)):
+    for index, los in enumerate((None, *ENVIRONMENTS)):
         if not quick or los in (None, 'urban'):
-            add('environment', place, replace(paper, channel=Channel(los=los)), (PROPOSED,))
-    return found
+            add('environment', index, replace(paper, channel=Channel(los=los)), (PROPOSED,))
+    return points
 
 
 def _with_jammers(scenario, count):
-    """Return the scenario with a number of jammers like its own, each 10 m above the last."""
+    """Return the scenario with copies of its jammer, each 10 m above the last."""
     transmitter, jammer = scenario.uavs
     return replace(scenario, uavs=(transmitter, *(
         Uav(f'uav{index + 2}', jammer.start, jammer.goal, jammer.altitude + 10.0 * index,
@@ -85,7 +85,7 @@ def _with_jammers(scenario, count):
 
 @cache
 def code_version():
-    """Return a digest of the package's code, so that plans of other code are not reused."""
+    """Return a digest of the package's code, to reuse only plans of the same code."""
     digest = hashlib.sha256()
     for path in sources():
         digest.update(path.read_bytes())
@@ -93,30 +93,30 @@ def code_version():
 
 
 def sources():
-    """Return the files whose code makes a plan or its bound."""
+    """Return the source files that determine a plan or its bound."""
     package = pathlib.Path(secure_uav_planner.__file__).parent
     return sorted(path for path in package.rglob('*') if path.suffix in _SOURCES
                   and path.relative_to(package).parts[0] not in _NOT_PLANNING)
 
 
-def run(wanted, folder, jobs=-1, scheduler=None):
-    """Return the rows of all Points after those without one, or a readable plan, are planned."""
+def plan_points(points, folder, jobs=-1, scheduler=None):
+    """Plan the Points that lack a row or a readable plan in a folder; return the rows of all."""
     folder.mkdir(parents=True, exist_ok=True)
-    for point in wanted:
-        file = plan_file(folder, point.task['key'])
-        if file.exists() and _loaded(file) is None:
+    for point in points:
+        file = plan_path(folder, point.task['key'])
+        if file.exists() and _load_plan(file) is None:
             file.unlink()
-    return run_campaign(lambda: [point.task for point in wanted], folder, jobs, scheduler,
+    return run_campaign(lambda: [point.task for point in points], folder, jobs, scheduler,
                         'study')
 
 
-def plans_of(wanted, folder):
-    """Return the Plans of Points that are in a folder, by Point, in the order of these."""
-    found = {point: _loaded(plan_file(folder, point.task['key'])) for point in wanted}
-    return {point: plan for point, plan in found.items() if plan is not None}
+def load_plans(points, folder):
+    """Return the Plans in a folder by Point, in the order of the Points."""
+    plans = {point: _load_plan(plan_path(folder, point.task['key'])) for point in points}
+    return {point: plan for point, plan in plans.items() if plan is not None}
 
 
-def _loaded(path):
+def _load_plan(path):
     try:
         return Plan.load(path)
     except (OSError, ValueError):

@@ -1,0 +1,125 @@
+"""Tables: rates of plans and assessments as text, points of a plan as CSV, and Markdown."""
+
+from collections.abc import Iterable, Sequence
+import csv
+import math
+import os
+from typing import Any
+
+import numpy as np
+
+from ..mission import OBJECTIVES
+from ..mission.files import atomic_file
+from ..plan.plan import Plan
+
+COLUMNS = ('uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y', 'power')
+"""Columns of the points of a plan: positions in m, times in s, velocities in m/s, powers in W."""
+
+_NAME, _RATE, _TIME = 26, 17, 9  # Widths of columns.
+
+
+def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
+    """
+    Return a text table with a line for each Plan, and one for a Bound if given.
+
+    With bounds, a column has the largest share of the best rate that a plan may miss. Rates that
+    are not guaranteed are marked by a line, and energies follow in a table of their own.
+    """
+    channel = plans[0].scenario.channel
+    names = (channel.rate_name(objective).removesuffix(f' {channel.promise}')
+             for objective in OBJECTIVES)
+    rows = [('scheme', *names, 'time', 'below the best'),
+            ('', 'bit/s/Hz', 'bit/s/Hz', 's', 'at most')]
+    rows += [(plan.method, f'{plan.guaranteed_rate:.4f}', f'{plan.worst_case_rate:.4f}',
+              f'{plan.solve_time:.2f}', _gap_cell(plan)) for plan in plans]
+    if bound is not None:
+        rates = {'guaranteed': '', 'worst_case': '', bound.objective: f'{bound.rate:.4f}'}
+        rows.append(('bound of any plan', *rates.values(), f'{bound.solve_time:.2f}', ''))
+    has_gaps = any(plan.bound is not None for plan in plans)
+    text = _align((_RATE, _RATE, _TIME, *[_RATE] * has_gaps), rows)
+    if not channel.is_guarantee:
+        text += f'\n\nrates {channel.promise}, not guaranteed'
+    energies = [(plan.method, uav.name, *(f'{joules:.0f}' for joules in energy)) for plan in plans
+                for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
+    if energies:
+        width = max(_TIME, *(len(name) + 2 for _, name, *_ in energies))
+        text += '\n\n' + _align((width, _RATE, _RATE, _RATE), (
+            ('scheme', 'UAV', 'energy', 'hovering', 'flying'), ('', '', 'J', 'J', 'J'), *energies))
+    return text
+
+
+def _gap_cell(plan: Any) -> str:
+    if plan.bound is None:
+        return 'unknown'
+    return f'{math.ceil(1000 * plan.bound.share_missing(plan)) / 10:.1f}%'  # A bound: rounded up.
+
+
+def _align(widths: Sequence[int], rows: Iterable[Sequence[str]]) -> str:
+    """Return rows as lines: a name, and as many right-aligned cells as there are widths."""
+    return '\n'.join(
+        (f'{name:<{_NAME}}' + ''.join(f'{cell:>{width}}' for cell, width in zip(cells, widths)))
+        .rstrip() for name, *cells in rows)
+
+
+def assessment_table(assessment: Any) -> str:
+    """Return the results of an Assessment as a text table, beside the promises of its plan."""
+    summary = assessment.summary
+    rates = (summary['promised'], summary['mean'], summary['quantile_5'], summary['quantile_50'])
+    delivered = (summary['promised_delivery'], summary['delivered'],
+                 *np.quantile(assessment.delivered, (0.05, 0.5)))
+    outages = assessment.outages.mean(), summary['outage']
+    is_promise = assessment.plan.scenario.channel.is_guarantee
+    text = _align([_RATE] * 4, (
+        (f'of {assessment.draws} draws', 'promised' if is_promise else 'planned', 'mean', '5%',
+         '50%'),
+        ('secrecy rate, bit/s/Hz', *(f'{rate:.4f}' for rate in rates)),
+        ('delivered, bit/Hz', *(f'{bits:.4f}' for bits in delivered)), ('',),
+        ('of all slots', 'promised', 'mean', 'largest'),
+        ('outage', assessment.promised_outage_text, *(f'{share:.4%}' for share in outages))))
+    return text if is_promise else f'{text}\n\nplanned {assessment.claim}: no promise'
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return rows of cells as a table in Markdown."""
+    lines = (head, ['---'] * len(head), *rows)
+    return '\n'.join(f'| {" | ".join(map(str, line))} |' for line in lines)
+
+
+def save_csv(plan: Plan, path: str | os.PathLike[str]) -> None:
+    """
+    Write the point_rows of a plan under COLUMNS to a CSV file.
+
+    :raises OSError: when the file cannot be written; an existing file is kept.
+    """
+    with atomic_file(path) as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(COLUMNS)
+        writer.writerows(point_rows(plan))
+
+
+def to_dataframe(plan: Plan) -> Any:
+    """Return the rows of the CSV file as a pandas DataFrame."""
+    from pandas import DataFrame  # Here, because it is optional and takes time to import.
+    return DataFrame(point_rows(plan), columns=list(COLUMNS))
+
+
+def point_rows(plan: Plan) -> list[tuple[Any, ...]]:
+    """
+    Return a row of COLUMNS for each point of each UAV: the flown position and velocity.
+
+    With an acceleration limit, a flight starts half a slot before point 0 and ends half a slot
+    after the last point: the points -1 and N+2. Each power is that of the slot which begins at
+    the point, or 0.
+    """
+    scenario, curve = plan.scenario, plan.curve
+    times = np.unique([curve.begin, *plan.times, curve.end])
+    ends = (len(times) - len(plan.times)) // 2
+    motion = curve.at(times)
+    powers = np.pad(plan.powers, ((0, 0), (1 + ends, 1 + ends)))
+    return [
+        (uav.name, point, time, x, y, uav.altitude, *velocity, power)
+        for uav, positions, velocities, watts in zip(
+            scenario.uavs, motion.positions.tolist(), motion.velocities.tolist(),
+            powers.tolist(), strict=True)
+        for point, (time, (x, y), velocity, power) in enumerate(
+            zip(times.tolist(), positions, velocities, watts, strict=True), -ends)]
