@@ -121,7 +121,7 @@ def test_show_draws_a_plan_and_prints_its_rates(planned, capsys):
     assert '.png, .svg, .pdf, .html' in capsys.readouterr().err
 
 
-def test_the_new_mission_is_right_and_explains_every_field(tmp_path, capsys):
+def test_the_new_mission_is_right_and_explains_each_field(tmp_path, capsys):
     file = tmp_path / 'mission.yaml'
     assert main(['new', str(file)]) == 0
     assert main(['check', str(file)]) == 0
@@ -219,7 +219,7 @@ def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
     (['show', 'mission.json'], 'mission.json is not a plan'),
     (['show', __file__], 'is not a plan: line 1 is not JSON'),
     (['sweep', 'mission.json'], 'it is a mission; a campaign names one by its field mission'),
-    (['plan', 'mission.json', '-o', 'mission.json'], 'mission.json cannot be written to'),
+    (['plan', 'mission.json', '-o', 'mission.json'], 'cannot be written to: it is a file'),
     (['plan', 'mission.json', '-o', '/proc/nothing'], '/proc/nothing cannot be written to'),
     (['plan', 'mission.json', '--method', 'alternating', '--objective', 'worst_case'],
      "'alternating' has only 'guaranteed'"),
@@ -239,34 +239,31 @@ def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, argum
     assert {path.name for path in tmp_path.iterdir()} <= {'mission.json', 'out'}
 
 
-@pytest.mark.parametrize('arguments', [
-    [], ['plan', 'a', '--method', 'magic'], ['plan', 'a', '--time-limit', '0'],
-    ['check', 'a', 'b'], ['node', '--x']])
-def test_a_wrong_command_line_is_status_2_and_shows_the_usage(arguments, capsys):
-    with pytest.raises(SystemExit) as error:
-        main(arguments)
-    assert error.value.code == 2 and 'usage: secure_uav_planner' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('arguments, words', [
+@pytest.mark.parametrize('arguments, reason', [
+    ([], 'required: command'), (['plan', 'a', '--method', 'magic'], "invalid choice: 'magic'"),
+    (['check', 'a', 'b'], 'unrecognized arguments: b'), (['node', '--x'], 'required: node'),
+    (['plan', 'a', '--time-limit', '0'], "'0' must be a number above 0, in s"),
     (['plan', 'a', '--time-limit', '1m'], "'1m' must be a number above 0, in s and without a un"),
     (['plan', 'a', '--bound-time-limit', '-1'], "'-1' must be 0 or a number above 0, in s and"),
+    (['assess', 'a', '--draws', '10.5'], "--draws: '10.5' must be a whole number"),
     (['link-budget', '--carrier-hz', '2.4GHz', '--bandwidth-hz', '1e6'],
      "--carrier-hz: '2.4GHz' must be a number, without its unit")])
-def test_a_number_with_a_unit_is_refused_with_what_is_allowed(arguments, words, capsys):
-    with pytest.raises(SystemExit):
+def test_a_wrong_option_is_one_line_with_the_allowed_values_and_status_2(
+        arguments, reason, capsys):
+    with pytest.raises(SystemExit) as error:
         main(arguments)
-    assert words in capsys.readouterr().err
+    [line] = capsys.readouterr().err.splitlines()
+    assert error.value.code == 2 and reason in line and line.endswith(' --help')
 
 
-def limited():
+def limit_file_size():
     """Let no file grow beyond 4 kB, as on a disk that is full."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
 
 def test_a_full_disk_is_one_line_and_status_1(tmp_path):
     Scenario.paper(120.0, slots=60).save(tmp_path / 'mission.yaml')
-    done = run(tmp_path, *PLAN, '--time-limit', '1', preexec_fn=limited)
+    done = run(tmp_path, *PLAN, '--time-limit', '1', preexec_fn=limit_file_size)
     assert done.returncode == 1, done.stdout + done.stderr
     line, = done.stderr.splitlines()
     assert line == (f'secure_uav_planner: {tmp_path / "out" / "plan.json"} cannot be written: '
@@ -361,7 +358,7 @@ def test_ctrl_c_while_modules_are_imported_ends_the_command_without_a_traceback(
         assert done.stderr in ('', 'secure_uav_planner: stopped\n')
 
 
-def stopped_at(text, number, folder, *arguments):
+def stop_plan_at(text, number, folder, *arguments):
     """
     Send a signal to a plan of the command once it shows a text.
 
@@ -400,8 +397,8 @@ def drain(terminal, shown):
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
     Scenario.paper(200.0, slots=500).save(tmp_path / 'mission.yaml')
-    status, printed, shown = stopped_at(b'(power)', number, tmp_path, '--method', 'alternating',
-                                        '--no-baselines', '--bound-time-limit', '0')
+    status, printed, shown = stop_plan_at(b'(power)', number, tmp_path, '--method', 'alternating',
+                                          '--no-baselines', '--bound-time-limit', '0')
     assert status == 130 and 'secure_uav_planner: stopped; ' in shown, shown
     plan = Plan.load(tmp_path / 'out' / 'plan.json')
     assert plan.status == 'cancelled' and plan.message in printed
@@ -410,8 +407,8 @@ def test_a_signal_keeps_the_best_plan_so_far_and_says_so(tmp_path, number):
 
 def test_ctrl_c_in_the_proof_keeps_plan_baselines_and_what_is_proven_and_says_so(tmp_path):
     Scenario.paper(200.0).save(tmp_path / 'mission.yaml')
-    status, printed, shown = stopped_at(b'no plan has more', signal.SIGINT, tmp_path,
-                                        '--bound-time-limit', '600')
+    status, printed, shown = stop_plan_at(b'no plan has more', signal.SIGINT, tmp_path,
+                                          '--bound-time-limit', '600')
     assert status == 130 and 'secure_uav_planner: stopped; ' in shown, shown
     assert ', when it was stopped\n' in printed
     plan = Plan.load(tmp_path / 'out' / 'plan.json')
@@ -466,24 +463,24 @@ sys.meta_path.insert(0, Absent())
 def test_a_shell_completes_commands_and_options(tmp_path, line, expected):
     words = ' '.join(f"'{word}'" for word in MODULE)
     subprocess.run(
-        ['bash', '-c', f'exec {words} 8>{tmp_path / "found"} 9>/dev/null'], timeout=PATIENCE,
+        ['bash', '-c', f'exec {words} 8>{tmp_path / "completions"} 9>/dev/null'], timeout=PATIENCE,
         env=environment(_ARGCOMPLETE='1', COMP_LINE=line, COMP_POINT=str(len(line)),
                         _ARGCOMPLETE_IFS='\n', _ARGCOMPLETE_SUPPRESS_SPACE='1'))
-    found = {word.strip() for word in (tmp_path / 'found').read_text().split('\n')}
-    assert expected <= found
+    words = (tmp_path / 'completions').read_text().split('\n')
+    assert expected <= {word.strip() for word in words}
 
 
-def parsers():
+def list_parsers():
     """Return the parser of each part of the command by its name."""
     [action] = [action for action in make_parser()._actions
                 if isinstance(action, argparse._SubParsersAction)]
     return action.choices
 
 
-def test_the_reference_has_every_part_option_and_status_of_the_command():
+def test_the_reference_has_each_part_option_and_status_of_the_command():
     text = (ROOT / 'docs' / 'reference.md').read_text()
     section = text.split('\n## Command\n')[1].split('\n## ')[0]
-    for name, parser in parsers().items():
+    for name, parser in list_parsers().items():
         assert f'| `{name}' in section, name
         for action in parser._actions:
             for option in action.option_strings:
@@ -491,11 +488,11 @@ def test_the_reference_has_every_part_option_and_status_of_the_command():
     for status, meaning in EXIT_STATUSES.items():
         assert f'| {status} | {meaning} |' in section
     assert not set(re.findall(r'`(--[\w-]+)', section)) - {
-        option for parser in [make_parser(), *parsers().values()]
+        option for parser in [make_parser(), *list_parsers().values()]
         for option in parser._option_string_actions}
 
 
 def test_the_choices_of_the_command_are_those_of_the_library():
-    options = parsers()['plan']._option_string_actions
+    options = list_parsers()['plan']._option_string_actions
     assert tuple(options['--method'].choices) == tuple(METHODS)
     assert tuple(options['--objective'].choices) == OBJECTIVES

@@ -32,7 +32,7 @@ def flight(plan):
 
 def test_quadrotors_in_gusts_fly_the_plan_from_the_setpoints_of_the_replay_node(plan, flight):
     found = report.flight_report(plan, flight)
-    print(f'\n{report.table([found])}')
+    print(f'\n{report.report_table([found])}')
     assert found.error_rms < 2.0 and found.error_max < 6.0
     assert found.arrival < 4.0
     assert found.flown_rate == pytest.approx(found.planned_rate, rel=0.01)
@@ -129,7 +129,7 @@ def test_no_setpoint_jumps_when_a_flight_is_late_paused_and_pushed_aside(tmp_pat
                                      (7.0, 'replay/start')), push=(9.0, 12.0))
     flown = fly_event(event, scenario)
     found = report.event_report(flown)
-    print(f'\n{report.table([found])}')
+    print(f'\n{report.report_table([found])}')
     assert found.is_smooth
     assert found.replans > 0
     # It began late, stood in the pause, was pushed aside and came home.

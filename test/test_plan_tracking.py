@@ -21,7 +21,7 @@ from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
 from secure_uav_planner.ros.scenarios import scenario_from, StartTime
 from secure_uav_planner.ros.status import level_and_text, RequestOutcome, State
-from studies.flown.missions import limited
+from studies.flown.missions import limit_acceleration
 
 
 def odometry(x, y, velocity=(0.0, 0.0), frame_id='map', stamp=None, orientation=()):
@@ -45,7 +45,7 @@ def kept_pose(*sent, now=50.0):
 
 @pytest.mark.parametrize('duration', [120.0, 120.1, 123.7, 1e3 / 7])
 def test_the_state_of_a_flight_does_not_depend_on_the_rounding_of_its_times(duration):
-    plan = fly_hover_fly(limited(Scenario.paper(duration, slots=50), 3.0))
+    plan = fly_hover_fly(limit_acceleration(Scenario.paper(duration, slots=50), 3.0))
     plan = replace(plan, start_ns=1_795_347_543_727_675_843)
     playback, tracking = Playback(plan), PlanTracking(PoseBook())
     tracking.add_plan(plan, plan.start_ns * 1e-9)

@@ -18,7 +18,7 @@ from secure_uav_planner.apps.campaign_file import load_campaign
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.apps.results import draw_figure, save_tables
 from secure_uav_planner.errors import MissionFileError
-from test_cli import limited, MODULE, PATIENCE
+from test_cli import limit_file_size, MODULE, PATIENCE
 
 CAMPAIGN = """
 mission: mission.yaml
@@ -70,7 +70,7 @@ def written(least):
     return path.exists() and path.read_bytes().count(b'\n') >= least
 
 
-def test_every_mission_is_planned_once_and_is_a_row(folder, capsys):
+def test_each_mission_is_planned_once_and_is_a_row(folder, capsys):
     assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '2']) == 0
     rows = journal()
     # Two durations, two radii, two draws, three pairs of a method and an objective.
@@ -134,17 +134,17 @@ def test_a_field_with_many_values_is_in_the_band_and_its_name_is_said():
     assert len(figure.axes[0].lines) == 1 and figure.texts[0].get_text().endswith('place, second')
 
 
-def test_draws_are_those_of_the_seed_and_the_same_for_every_scheme_and_place(folder):
-    def places(seed):
+def test_draws_are_those_of_the_seed_and_the_same_for_each_scheme_and_place(folder):
+    def draw_positions(seed):
         Path('campaign.yaml').write_text(CAMPAIGN.replace('seed: 3', f'seed: {seed}'))
         return [(task['sample'], *task['fields']['eavesdroppers.0.position'])
                 for task in load_campaign('campaign.yaml').tasks()]
-    assert places(3) == places(3) != places(4)
-    assert len(set(places(3))) == 2
-    assert all(150 <= x <= 250 and -50 <= y <= 50 for _, x, y in places(3))
+    assert draw_positions(3) == draw_positions(3) != draw_positions(4)
+    assert len(set(draw_positions(3))) == 2
+    assert all(150 <= x <= 250 and -50 <= y <= 50 for _, x, y in draw_positions(3))
 
 
-def test_without_objectives_every_method_has_its_own(folder):
+def test_without_objectives_each_method_has_its_own(folder):
     Path('campaign.yaml').write_text("""
 mission: mission.yaml
 methods: [joint, alternating, fly_hover_fly_constant, fly_hover_fly_optimised]
@@ -180,7 +180,7 @@ plans: true
         short['key'], long['key'], long['key']]
 
 
-def test_what_failed_for_reasons_outside_of_it_is_planned_again_and_refusals_stay(folder, capsys):
+def test_infrastructure_failures_are_retried_and_refusals_are_not(folder, capsys):
     arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']
     assert main(arguments) == 0
     rows = journal()
@@ -224,7 +224,8 @@ def test_ctrl_c_keeps_what_is_finished(folder):
 
 
 def test_a_full_disk_keeps_what_is_finished_and_is_status_1(folder):
-    process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1', preexec_fn=limited)
+    process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1',
+                    preexec_fn=limit_file_size)
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1 and 'File too large' in errors and 'Traceback' not in errors
     *whole, _ = Path('out/results.jsonl').read_bytes().split(b'\n')
@@ -305,13 +306,13 @@ def test_values_of_several_kinds_are_columns_of_json_and_null_is_nothing(tmp_pat
         'mixed': mixed, 'limit': limit, 'large': large, 'colluding': bool(number)}}
             for number, (mixed, limit, large) in enumerate(
                 [(5, None, 1.5), ('x', 2.0, 10**30), (None, 3, 2), ([1, 2], None, True)])]
-    csv_file, *others = save_tables(rows, tmp_path)
+    csv_file, *parquet_files = save_tables(rows, tmp_path)
     with open(csv_file, newline='') as file:
         table = list(csv.DictReader(file))
     assert [row['mixed'] for row in table] == ['5', '"x"', '', '[1, 2]']
     assert [row['limit'] for row in table] == ['', '2.0', '3', '']
     parquet = pytest.importorskip('pyarrow.parquet')
-    [file] = others
+    [file] = parquet_files
     columns = parquet.read_table(file).to_pydict()
     assert columns['key'] == [row['key'] for row in rows]
     assert columns['mixed'] == ['5', '"x"', None, '[1, 2]']
@@ -385,7 +386,7 @@ def distributed_client(address):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     'cluster', [{'DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES': '0'}], indirect=True)
-def test_a_mission_that_lost_its_worker_is_told_of_and_planned_again(folder, cluster):
+def test_a_mission_that_lost_its_worker_is_reported_and_retried(folder, cluster):
     address, (_, victim, _) = cluster
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 10'))
     with distributed_client(address) as client:

@@ -9,7 +9,7 @@ import os
 from pkgutil import resolve_name
 import signal
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import (
@@ -165,6 +165,12 @@ def _number_option(metavar: Any, text: str, **more: Any) -> dict[str, Any]:
     return {'type': _parse_number, 'metavar': metavar, 'help': text, **more}
 
 
+def _parse_whole(text: str) -> int:
+    with suppress(ValueError):
+        return int(text)
+    raise argparse.ArgumentTypeError(f'{quote(text)} must be a whole number')
+
+
 _OUT, _PLAN = '-o --out', {'help': 'a plan file, such as out/plan.json'}
 
 _COMMANDS: dict[str, tuple[str, str, str, dict[str, dict[str, Any]]]] = {
@@ -213,9 +219,9 @@ plan allows for.""", {
         'plan': _PLAN,
         _OUT: {'metavar': 'FILE', 'help': 'picture (.png, .svg, .pdf) to write (default: a '
                '.assess.png beside the plan)'},
-        '--draws': {'type': int, 'default': 1000, 'metavar': 'D',
+        '--draws': {'type': _parse_whole, 'default': 1000, 'metavar': 'D',
                     'help': 'how many worlds (default: %(default)s)'},
-        '--seed': {'type': int, 'default': 0, 'metavar': 'S',
+        '--seed': {'type': _parse_whole, 'default': 0, 'metavar': 'S',
                    'help': 'of the draws (default: %(default)s)'},
         '--place': {'choices': PLACES, 'help': 'where each eavesdropper is: anywhere in its disc '
                     '(the default), normal around its centre, in the ring of the width --beyond '
@@ -247,7 +253,7 @@ of it, such as too little memory, the same command plans it again.""", {
         'mission': {'metavar': 'campaign', 'help': 'campaign file: YAML or JSON'},
         _OUT: {'default': 'out/sweep', 'metavar': 'FOLDER',
                'help': 'folder for the results (default: %(default)s)'},
-        '--jobs': {'type': int, 'default': -1, 'metavar': 'N',
+        '--jobs': {'type': _parse_whole, 'default': -1, 'metavar': 'N',
                    'help': 'processes on this computer (default: as many as there are cores)'},
         '--scheduler': {'metavar': 'ADDRESS', 'help': 'a Dask scheduler, such as tcp://host:8786, '
                         'whose workers are used instead; they need this package'}}),
@@ -268,9 +274,16 @@ of its receiver is larger than that of the ground node's.""", {
 """Of each command: its function `module:name`, summary, further description and arguments."""
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that reports an error in a line, as the usage may be longer than a screen."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')

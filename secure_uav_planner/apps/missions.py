@@ -54,6 +54,8 @@ def choose_picture(options: argparse.Namespace, default: str, suffixes: Sequence
 def make_folder(folder: Path) -> Path:
     """Make a folder if needed and return it; raise an error unless it is writable."""
     try:
+        if folder.is_file():
+            raise NotADirectoryError('it is a file')
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder

@@ -1,1 +1,1 @@
-"""Plans flown in physics: simulated quadrotors follow the replay node's setpoints over DDS."""
+"""Simulated flights: quadrotors with dynamics follow the replay's setpoints over DDS."""

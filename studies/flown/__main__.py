@@ -1,5 +1,5 @@
 """
-Fly missions and events in physics: print tables, and write them and pictures to a folder.
+Fly missions and events in simulation; print tables, and write them and pictures to a folder.
 
 The exit status is 1 if setpoints jumped.
 """
@@ -17,7 +17,7 @@ from secure_uav_planner.ros.client import isolated
 from .flight import fly_event, fly_plan
 from .flight_picture import save_flight
 from .missions import event_mission, EVENTS, paper_missions, random_missions
-from .report import event_report, flight_report, table
+from .report import event_report, flight_report, report_table
 
 _CITY = Path(__file__).parents[2] / 'config' / 'city.yaml'
 
@@ -38,7 +38,7 @@ def main(arguments=None):
     options.out.mkdir(parents=True, exist_ok=True)
     try:
         with isolated(options.out):
-            return 0 if _fly_all(options) else 1
+            return 0 if _fly(options) else 1
     except (PlanningError, OSError) as error:
         print(f'fly: {error}', file=sys.stderr)
         return 1
@@ -46,7 +46,7 @@ def main(arguments=None):
         return 130
 
 
-def _plans(options):
+def _yield_plans(options):
     """Yield names and Plans."""
     for path in options.plans or ():
         yield path.stem, Plan.load(path)
@@ -56,26 +56,27 @@ def _plans(options):
             yield name, solve(scenario)
 
 
-def _fly_all(options):
-    """Fly, print and write; return whether no setpoint jumped."""
+def _fly(options):
+    """Fly, print and write; return True if no setpoint jumped."""
     reports, event_reports = [], []
-    for number, (name, plan) in enumerate(_plans(options)):
+    for number, (name, plan) in enumerate(_yield_plans(options)):
         flight = fly_plan(name, plan, seed=number)
         reports.append(flight_report(plan, flight))
-        print(table(reports).splitlines()[-1], flush=True)
+        print(report_table(reports).splitlines()[-1], flush=True)
         save_flight(flight, options.out / f'flight_{number + 1}.png')
     for name in options.events:
         flight = fly_event(EVENTS[name], event_mission())
         event_reports.append(event_report(flight))
-        print(table(event_reports).splitlines()[-1], flush=True)
+        print(report_table(event_reports).splitlines()[-1], flush=True)
         save_flight(flight, options.out / f'event_{name}.png')
-    text = '\n\n'.join(table(found) for found in (reports, event_reports) if found)
+    text = '\n\n'.join(
+        report_table(kind) for kind in (reports, event_reports) if kind)
     (options.out / 'fly.md').write_text(f'# Flown in physics\n\n{text}\n', encoding='utf-8')
     print(f'\n{text}\n\nwritten to {options.out}')
-    rough = [one.event for one in event_reports if not one.is_smooth]
-    if rough:
-        print(f'fly: setpoints jumped: {", ".join(rough)}', file=sys.stderr)
-    return not rough
+    jumped = [report.event for report in event_reports if not report.is_smooth]
+    if jumped:
+        print(f'fly: setpoints jumped: {", ".join(jumped)}', file=sys.stderr)
+    return not jumped
 
 
 if __name__ == '__main__':

@@ -1,11 +1,10 @@
 """
-Flights of quadrotors after the setpoints that the replay node streams over DDS.
+Flights of quadrotors that follow the setpoints of the replay node over DDS.
 
-A plan is flown with the replay node alone. In a flight with an event, such as a late release, a
-pause, a push aside or a new plan, a planner and a replay node fly together, and the quadrotors are
-their vehicles: both nodes hear the vehicles' odometry. The clock then stands while the planner
-solves, and is never faster than _PACE times real time, because the planner looks every 0.1 s of
-real time whether a replan is due.
+A plan is flown with the replay node alone. A flight with an event, such as a late release, a
+pause, a push or a new plan, has a planner and a replay node, which receive the vehicles' odometry.
+The clock then stands while the planner solves, and is never faster than _PACE times real time,
+because the planner checks for a replan every 0.1 s of real time.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +29,7 @@ WIND, GUSTS = (5.0, 0.0), 5 / 3
 
 _SETTLING = 10.0  # s of hovering in the wind before the flight
 _PACE = 4.0
-_START_DELAY = 5.0  # s, in which the planner makes the first plan and the replay takes it up
+_START_DELAY = 5.0  # s, in which the planner makes the first plan and the replay adopts it
 _AFTER = 8.0  # s after the landing
 _DEVIATION = 8.0  # m
 _SQUALL = (12.0, 0.0, 0.0)  # m/s, beside the setpoint
@@ -38,31 +37,31 @@ _SQUALL = (12.0, 0.0, 0.0)  # m/s, beside the setpoint
 
 @dataclass(frozen=True)
 class Flight:
-    """What was flown, from the first setpoint on; times are in s by the clock."""
+    """The record of a flight from the first setpoint on; times are in s by the clock."""
 
     event: Event
     scenario: Scenario
     times: np.ndarray  # From point 0 of the first plan, (K,).
-    plan_times: np.ndarray  # To what time of its plan the replay had come, by the plan's stamps.
+    plan_times: np.ndarray  # The replay's time in its plan, by the plan's stamps.
     plans: np.ndarray  # The identity of that plan, (K,).
-    places: np.ndarray  # Where the UAVs were, (U, K, 3) in m.
-    setpoints: np.ndarray  # Where they should have been, (U, K, 3) in m.
+    places: np.ndarray  # Positions of the UAVs, (U, K, 3) in m.
+    setpoints: np.ndarray  # Positions of the setpoints, (U, K, 3) in m.
     velocities: np.ndarray  # Of the setpoints, (U, K, 2) in m/s.
     planned: np.ndarray  # The path of the first plan, (U, points, 2) in m.
     status: dict  # The values of the planner's status at the end, by key.
-    warnings: dict  # How many times the planner's status was WARN after the landing, by text.
+    warnings: dict  # Counts of the planner's WARN status after the landing, by text.
 
     @property
     def marks(self):
-        """Return what happened when: times in s, as for the Event, and texts."""
-        found = [(time, f'~/{service.partition("/")[2]}') for time, service in self.event.calls]
+        """Return times in s, as for the Event, and texts of what happened."""
+        marks = [(time, f'~/{service.partition("/")[2]}') for time, service in self.event.calls]
         if self.event.push is not None:
-            found += zip(self.event.push, ('pushed', 'let go'))
-        return [mark for mark in found if mark[0] >= self.times[0]]
+            marks += zip(self.event.push, ('pushed', 'let go'))
+        return [mark for mark in marks if mark[0] >= self.times[0]]
 
     @property
-    def turns(self):
-        """Return when the replay went over to another plan, in s."""
+    def splices(self):
+        """Return the times in s at which the replay continued with another plan."""
         return self.times[1:][self.plans[1:] != self.plans[:-1]]
 
 

@@ -1,4 +1,4 @@
-"""The picture of a flight: planned and flown paths, and what changes over time."""
+"""The picture of a flight: planned and flown paths, and the setpoints over time."""
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -27,18 +27,18 @@ def save_flight(flight, path):
             flight.places[index] - flight.setpoints[index], axis=-1), **style)
     axes['time'].plot(times, times, color='0.6', lw=1, label='the clock')
     axes['time'].plot(times, flight.plan_times, color='black', lw=1.2, label='the plan')
-    for kind, one in axes.items():
-        one.set_title(_PANELS[kind], loc='left', fontsize=10)
-        one.set_xlim(times[0], times[-1])
-        one.grid(alpha=0.3)
-        for number, turn in enumerate(flight.turns):
-            one.axvline(turn, color=RATE, lw=0.8, alpha=0.6, label='' if number else
-                        'the replay goes over to another plan')
+    for kind, panel in axes.items():
+        panel.set_title(_PANELS[kind], loc='left', fontsize=10)
+        panel.set_xlim(times[0], times[-1])
+        panel.grid(alpha=0.3)
+        for number, splice in enumerate(flight.splices):
+            panel.axvline(splice, color=RATE, lw=0.8, alpha=0.6, label='' if number else
+                          'the replay continues with another plan')
         for mark, (time, text) in enumerate(flight.marks):
-            one.axvline(time, color='0.3', lw=1, ls=':')
+            panel.axvline(time, color='0.3', lw=1, ls=':')
             if kind == 'way':
-                one.annotate(text, (time, 1), xycoords=('data', 'axes fraction'), fontsize=8,
-                             xytext=(3, -11 - 11 * (mark % 2)), textcoords='offset points')
+                panel.annotate(text, (time, 1), xycoords=('data', 'axes fraction'), fontsize=8,
+                               xytext=(3, -11 - 11 * (mark % 2)), textcoords='offset points')
     axes['time'].legend(loc='upper left', fontsize=8)
     axes['error'].set_xlabel('time since point 0 of the first plan, by the clock (s)')
     figure.suptitle(flight.event.name)

@@ -1,9 +1,9 @@
 """
 The simulated time of a flight, and what the nodes send in it over DDS.
 
-This process publishes /clock, and goes on by a step when the setpoints of the step before have
-come. So a flight is the same however fast the machine is, and no setpoint comes earlier or later
-than it would in real time; the transport itself takes no time.
+This process publishes /clock, and advances it by a step after the setpoints of the step before.
+So a flight is the same however fast the machine is, no setpoint is earlier or later than in real
+time, and the transport itself takes no time.
 """
 
 from collections import Counter
@@ -23,7 +23,7 @@ RATE = 25.0
 """Setpoints per second."""
 
 STEP_NS = round(1e9 / RATE)
-"""The clock goes on by so many ns at a time."""
+"""The step of the clock in ns."""
 
 BEGIN_NS = 10**9
 """The first time of the clock."""
@@ -37,13 +37,13 @@ def node(name: str, **parameters: object) -> AbstractContextManager[object]:
 
 class Link(SecurePlanner):
     """
-    Publishes /clock and where the vehicles are, and receives the setpoints of every UAV.
+    Publishes /clock and the state of the vehicles, and receives the setpoints of each UAV.
 
-    :param nodes: how many nodes have this clock.
+    :param nodes: the number of nodes with this clock.
     :ivar setpoints: the last Setpoint of each UAV by its name.
     :ivar plan_time: the last sensor_msgs/TimeReference of the replay, or None.
-    :ivar warnings: how many times the planner's status was not OK, by its text.
-    :ivar is_solving: whether the planner solves.
+    :ivar warnings: counts of the planner's status that was not OK, by its text.
+    :ivar is_solving: True while the planner solves.
     """
 
     def __init__(self, scenario, nodes):
@@ -74,24 +74,24 @@ class Link(SecurePlanner):
         return all(counts) and self._clock.get_subscription_count() >= self._nodes
 
     def _note_status(self, message):
-        """Note warnings, and whether a solve is under way."""
+        """Count warnings, and update is_solving."""
         if message.level != DiagnosticStatus.OK:
             self.warnings[message.message] += 1
         self.is_solving = self.status['state'] == 'solving'
 
     def has_come_to(self, now_ns):
-        """Return whether the replay has come to a time in ns with all that it sends."""
+        """Return True if the replay has sent all messages of a time in ns."""
         return self.plan_time and messages.nanoseconds(
             self.plan_time.header.stamp) == now_ns and len(self.setpoints) in (
             0, len(self.names)) and all(
                 setpoint.time_ns == now_ns for setpoint in [*self.setpoints.values()])
 
     def publish_clock(self, now_ns):
-        """Make a time in ns the present."""
+        """Set the clock to a time in ns."""
         self._clock.publish(Clock(clock=Time(nanoseconds=now_ns).to_msg()))
 
     def report(self, now_ns, vehicles):
-        """Publish where everybody is at a time in ns."""
+        """Publish poses and odometry at a time in ns."""
         stamp = Time(nanoseconds=now_ns).to_msg()
         self.send_poses(stamp)
         for (name, publisher), vehicle in zip(self._odometry.items(), vehicles, strict=True):

@@ -1,4 +1,4 @@
-"""The missions that are flown, and what happens on the way."""
+"""The missions that are flown, and the events on the way."""
 
 from dataclasses import dataclass, replace
 from itertools import count
@@ -15,11 +15,11 @@ AT_ONCE = ((-1.0, 'replay/start'),)
 
 @dataclass(frozen=True)
 class Event:
-    """What happens on a flight; times are in s from point 0 of the first plan."""
+    """An event of a flight; times are in s from point 0 of the first plan."""
 
     name: str  # In the table.
-    calls: tuple[tuple[float, str], ...] = AT_ONCE  # Times, and services that are called then.
-    push: tuple[float, float] | None = None  # From when to when a squall takes UAV 0 aside.
+    calls: tuple[tuple[float, str], ...] = AT_ONCE  # Times, and the services called then.
+    push: tuple[float, float] | None = None  # Begin and end of a squall that pushes UAV 0.
 
 
 EVENTS = {
@@ -31,8 +31,8 @@ EVENTS = {
 }
 
 
-def limited(scenario, most):
-    """Return a scenario whose UAVs have a limit of acceleration in m/s^2, at rest at both ends."""
+def limit_acceleration(scenario, most):
+    """Return a scenario with an acceleration limit in m/s^2 and UAVs at rest at both ends."""
     return replace(scenario, uavs=tuple(
         replace(uav, max_acceleration=most, start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0))
         for uav in scenario.uavs))
@@ -43,7 +43,7 @@ def paper_missions():
     for duration in (120.0, 200.0):
         for most in (2.0, 3.0):
             yield (f"the paper's, T = {duration:g} s, {most:g} m/s^2",
-                   limited(Scenario.paper(duration), most))
+                   limit_acceleration(Scenario.paper(duration), most))
 
 
 def random_missions(number):
@@ -52,7 +52,7 @@ def random_missions(number):
     while number > 0:
         seed = next(seeds)
         try:
-            scenario = limited(random_mission(seed), _RANDOM_LIMIT)
+            scenario = limit_acceleration(random_mission(seed), _RANDOM_LIMIT)
         except InfeasibleMissionError:
             continue
         number -= 1
@@ -62,4 +62,4 @@ def random_missions(number):
 
 def event_mission():
     """Return the Scenario of the flights with events."""
-    return limited(Scenario.paper(120.0), 2.0)
+    return limit_acceleration(Scenario.paper(120.0), 2.0)

@@ -68,7 +68,7 @@ class Quadrotor:
     """
     A vehicle under control of position: rotorpy's SE(3) controller with an integral term.
 
-    :param place: where it hovers at first, (x, y, z) in m.
+    :param place: the initial position, (x, y, z) in m.
     :param yaw: in rad.
     :param gusts: a Gusts with the step STEP.
     """
@@ -88,7 +88,7 @@ class Quadrotor:
 
     @property
     def place(self):
-        """Return where it is, (3,) in m."""
+        """Return its position, (3,) in m."""
         return self._state['x']
 
     @property
@@ -97,41 +97,41 @@ class Quadrotor:
         return self._state['v']
 
     def carry(self, velocity, seconds):
-        """Move with a velocity (3,) in m/s, whatever its rotors do, as a squall would."""
+        """Move with a velocity (3,) in m/s regardless of the rotors, as in a squall."""
         self._way = None
         self._state['v'] = np.array(velocity, float)
         self._state['x'] = self._state['x'] + seconds * self._state['v']
 
     def follow(self, setpoint, seconds):
         """
-        Fly for some time after one setpoint, as an autopilot does until the next one comes.
+        Follow a setpoint for some time, as an autopilot does until the next setpoint.
 
         :param setpoint: a Setpoint of the autopilots with velocity and acceleration.
         """
         for _ in range(round(seconds / STEP)):
-            place, velocity, acceleration = self._wanted(setpoint)
+            place, velocity, acceleration = self._find_target(setpoint)
             error = place - self._state['x']
             self._correction = np.clip(
                 self._correction + _INTEGRAL_GAIN * STEP * error, -_MOST, _MOST)
             turn = math.remainder(setpoint.yaw - self._yaw, 2 * math.pi)
             self._yaw += float(np.clip(turn, -_TURN_RATE * STEP, _TURN_RATE * STEP))
-            wanted = {
+            target = {
                 'x': place, 'x_dot': velocity, 'x_ddot': acceleration + self._correction,
                 'yaw': self._yaw, 'yaw_dot': 0.0}
             self._state['wind'] = self._gusts.step()
             self._state = self._body.step(
-                self._state, self._control.update(0.0, self._state, wanted), STEP)
+                self._state, self._control.update(0.0, self._state, target), STEP)
 
-    def _wanted(self, setpoint):
-        """Return place, velocity and acceleration: those of the setpoint, or on the way to it."""
+    def _find_target(self, setpoint):
+        """Return the target position, velocity and acceleration, on the way or at the setpoint."""
         goal = [np.array(vector) for vector in (
             setpoint.position, setpoint.velocity, setpoint.acceleration)]
         if self._way is None and np.linalg.norm(goal[0] - self._state['x']) <= _FAR:
             return goal
         place, velocity = self._way or (self._state['x'], self._state['v'])
         offset = goal[0] - place
-        change = _shortened(goal[1] + GAIN * offset, _SPEED) - velocity
-        acceleration = _shortened(change / STEP, _ACCELERATION)
+        change = _clip_norm(goal[1] + GAIN * offset, _SPEED) - velocity
+        acceleration = _clip_norm(change / STEP, _ACCELERATION)
         velocity = velocity + STEP * acceleration
         place = place + STEP * velocity
         is_back = np.linalg.norm(offset) < _BACK and np.linalg.norm(change) < _BACK
@@ -139,5 +139,5 @@ class Quadrotor:
         return place, velocity, acceleration
 
 
-def _shortened(vector, most):
+def _clip_norm(vector, most):
     return vector * min(1.0, most / max(np.linalg.norm(vector), 1e-9))

@@ -1,4 +1,4 @@
-"""What a flight was worth: errors, rates and distances, from where the UAVs really were."""
+"""Reports of flights: errors, rates and distances, from the true positions of the UAVs."""
 
 import itertools
 import math
@@ -48,7 +48,7 @@ def flight_report(plan, flight):
 
 
 def event_report(flight):
-    """Return the numbers of _EVENTS for a Flight, and whether it is_smooth: no setpoint jumped."""
+    """Return the numbers of _EVENTS for a Flight; it is_smooth if no setpoint jumped."""
     scenario, steps, status = flight.scenario, np.diff(flight.times), flight.status
     moves = np.linalg.norm(np.diff(flight.setpoints, axis=1), axis=-1)
     changes = np.linalg.norm(np.diff(flight.velocities, axis=1), axis=-1)
@@ -69,12 +69,12 @@ def _errors(flight):
     return {'error_rms': np.sqrt((errors**2).mean()), 'error_max': errors.max()}
 
 
-def table(reports):
-    """Return reports of one kind as a Markdown table, with a dash where nothing is near."""
+def report_table(reports):
+    """Return reports of a kind as a Markdown table, with a dash for infinite distances."""
     columns = _EVENTS if hasattr(reports[0], 'event') else _FLIGHTS
     return markdown_table(columns, (
-        [cell.format(**vars(one)).replace('inf, inf', '-') for cell in columns.values()]
-        for one in reports))
+        [cell.format(**vars(report)).replace('inf, inf', '-') for cell in columns.values()]
+        for report in reports))
 
 
 def mean_rate(plan, times, places):
@@ -89,18 +89,18 @@ def mean_rate(plan, times, places):
 
 
 def smallest_distance(places):
-    """Return the smallest distance between two UAVs at a time, in m; infinite for one."""
-    return min((float(np.linalg.norm(one - other, axis=-1).min())
-                for one, other in itertools.combinations(places, 2)), default=math.inf)
+    """Return the smallest distance between two UAVs at a time, in m; infinite without a pair."""
+    return min((float(np.linalg.norm(first - second, axis=-1).min())
+                for first, second in itertools.combinations(places, 2)), default=math.inf)
 
 
 def smallest_clearance(scenario, places):
-    """Return the smallest distance from what is forbidden, in m; negative inside of it."""
+    """Return the smallest distance to zones and fence, in m; negative for violations."""
     points, heights = places[..., :2], places[..., 2]
-    found = [math.inf]
+    clearances = [math.inf]
     for zone in scenario.no_fly_zones:
         at = (zone.floor <= heights) & (heights <= zone.ceiling)
-        found.append(-depth(zone.vertices, points[at]).max(initial=-math.inf))
+        clearances.append(-depth(zone.vertices, points[at]).max(initial=-math.inf))
     if scenario.geofence is not None:
-        found.append(depth(scenario.geofence, points).min())
-    return float(min(found))
+        clearances.append(depth(scenario.geofence, points).min())
+    return float(min(clearances))
