@@ -31,7 +31,7 @@ _LINEAR_SHARE = 1e-3  # Of the peak power, below which the scale of powers is li
 _TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
 _FONT_SIZE = 8.0  # In points, of texts on the map.
 _GAP = 5.0  # In points, from a path to its labels.
-_LABEL_ANGLES = np.radians((0, 180, 40, -40, 140, -140, 65, -65, 115, -115))
+_LABEL_ANGLES = np.radians((0, 180, 40, -40, 140, -140))
 _DASHES = ('--', ':', '-.')
 _GREY = '0.45'
 _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}

@@ -13,7 +13,7 @@ from .experiments import PROPOSED
 
 _MAP_WIDTH = 2.2  # In inches.
 _SIZE = (8.0, 5.6)
-_DOTS_PER_INCH = 120
+_DOTS_PER_INCH = 110
 _CONSTANT, _OPTIMISED = BASELINES
 _STYLES = {_CONSTANT: ('#777777', 's'), _OPTIMISED: ('#E69F00', '^'),
            PROPOSED: (uav_color(0), 'o'), 'radius 0': ('#56B4E9', 'D'),
