@@ -26,12 +26,12 @@ def test_every_limit_has_a_third_more_than_the_plan_needs():
 
 
 def test_what_flew_at_its_limits_gets_a_reserve_and_what_did_not_gets_what_flew():
-    assert {one.name: value for one, value in changes('ardupilot', 10.0, 2.0)} == {
+    assert {parameter.name: value for parameter, value in changes('ardupilot', 10.0, 2.0)} == {
         'WPNAV_SPEED': 1500.0, 'WPNAV_ACCEL': 350.0, 'ANGLE_MAX': 4000.0}
-    assert {one.name: value for one, value in changes('px4', 10.0, 2.0)} == {
+    assert {parameter.name: value for parameter, value in changes('px4', 10.0, 2.0)} == {
         'MPC_XY_VEL_MAX': 15.0}
     assert not changes('px4', 8.0, 2.0)
-    assert {one.name: value for one, value in changes('ardupilot', 10.0, 3.0)} == {
+    assert {parameter.name: value for parameter, value in changes('ardupilot', 10.0, 3.0)} == {
         'WPNAV_SPEED': 1500.0, 'WPNAV_ACCEL': 500.0, 'ANGLE_MAX': 4500.0}
 
 
@@ -39,11 +39,11 @@ def test_what_flew_at_its_limits_gets_a_reserve_and_what_did_not_gets_what_flew(
 @given(speeds, accelerations)
 def test_with_the_changes_every_limit_carries_the_plan_or_is_as_large_as_it_can_be(
         autopilot, speed, acceleration):
-    found = dict(changes(autopilot, speed, acceleration))
-    for one in AUTOPILOTS[autopilot]:
-        value = found.get(one, one.default)
-        assert one.default <= value <= one.most
-        assert value >= one.least(speed, acceleration) or value == one.most
+    raised = dict(changes(autopilot, speed, acceleration))
+    for parameter in AUTOPILOTS[autopilot]:
+        value = raised.get(parameter, parameter.default)
+        assert parameter.default <= value <= parameter.most
+        assert value >= parameter.least(speed, acceleration) or value == parameter.most
 
 
 @given(speeds, accelerations)
@@ -54,10 +54,10 @@ def test_a_faster_plan_needs_more_lean(speed, acceleration):
 
 def test_the_guide_has_every_parameter_with_its_values():
     rows = [
-        f'| {name} | `{one.name}` | {one.limits} | {one.default} {one.unit} | '
-        f'{one.least(10.0, 2.0):.4g} | {max(one.default, dict(changed).get(one, 0)):g} |'
+        f'| {name} | `{limit.name}` | {limit.limits} | {limit.default} {limit.unit} | '
+        f'{limit.least(10.0, 2.0):.4g} | {max(limit.default, dict(changed).get(limit, 0)):g} |'
         for name, parameters in AUTOPILOTS.items()
-        for changed in (changes(name, 10.0, 3.0),) for one in parameters]
+        for changed in (changes(name, 10.0, 3.0),) for limit in parameters]
     assert '\n'.join(rows) in GUIDE.read_text()
 
 

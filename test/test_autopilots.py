@@ -43,10 +43,10 @@ def test_what_px4_reports_is_turned_to_east_north_up_and_forward_left_up(
     """The columns of a matrix are where the axes of the body point."""
     attitude = Rotation.random(random_state=np.random.default_rng(seed))  # of FRD, in NED
     x, y, z, w = attitude.as_quat()
-    found = px4_odometry(SimpleNamespace(
+    fields = px4_odometry(SimpleNamespace(
         pose_frame=1, position=place, q=np.array([w, x, y, z], np.float32),
         velocity_frame=frame, velocity=velocity, angular_velocity=rates))
-    pose, twist = found['pose']['pose'], found['twist']['twist']
+    pose, twist = fields['pose']['pose'], fields['twist']['twist']
     assert tuple(pose['position'].values()) == tuple((NED @ place).tolist())
     ahead, right, down = attitude.as_matrix().T
     body = Rotation.from_quat([pose['orientation'][axis] for axis in 'xyzw']).as_matrix().T
@@ -56,7 +56,7 @@ def test_what_px4_reports_is_turned_to_east_north_up_and_forward_left_up(
     np.testing.assert_allclose(tuple(twist['linear'].values()) @ body, NED @ over_ground,
                                atol=2e-6 * max(map(abs, velocity), default=0.0) + 1e-12)
     assert tuple(twist['angular'].values()) == (rates[0], -rates[1], -rates[2])
-    assert 'header' not in found  # Its clock may be another one.
+    assert 'header' not in fields  # Its clock may be another one.
 
 
 @pytest.mark.parametrize('field, value, reason', [

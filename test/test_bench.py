@@ -33,9 +33,9 @@ def test_ipopt_solves_the_same_problem(scenario):
     Scenario.paper(104, slots=30), random_mission(1, slots=20), random_mission(4, 20, jammers=1)])
 def test_fatrop_reaches_the_rate_of_ipopt(scenario):
     start = fly_hover_fly_positions(scenario), constant_powers(scenario)
-    answer, other = (solve(scenario, *start) for solve in (solve_by_fatrop, solve_by_ipopt))
-    assert answer.rate == pytest.approx(other.rate, rel=1e-3)
-    assert answer.build_time > 0 and answer.solve_time > 0
+    fatrop, ipopt = (solve(scenario, *start) for solve in (solve_by_fatrop, solve_by_ipopt))
+    assert fatrop.rate == pytest.approx(ipopt.rate, rel=1e-3)
+    assert fatrop.build_time > 0 and fatrop.solve_time > 0
 
 
 @pytest.mark.slow

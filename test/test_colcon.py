@@ -104,10 +104,10 @@ def test_colcon_test_is_green_with_only_what_rosdep_brings(workspace, without):
                      'console_direct+', '--pytest-args', '-k', SOME, cwd=workspace,
                      PYTHONPATH=path)
     summary = colcon('test-result', '--verbose', cwd=workspace)
-    found = re.search(
+    match = re.search(
         r'Summary: (\d+) tests, (\d+) errors?, (\d+) failures?, (\d+) skipped', summary)
-    assert found, printed + summary
-    tests, errors, failures, skipped = map(int, found.groups())
+    assert match, printed + summary
+    tests, errors, failures, skipped = map(int, match.groups())
     assert tests > 20 and errors == failures == 0, printed + summary
     # What needs more says so, and only that is skipped.
     reasons = re.findall(r'SKIPPED \[(\d+)\] (\S+?):', printed)

@@ -48,9 +48,9 @@ def test_the_plan_that_was_received_is_saved_and_drawn(demo):
 
 
 def test_the_demo_chooses_a_domain_that_no_test_uses_and_no_other_demo():
-    with free_domain() as one, free_domain() as other:
-        assert one != other
-        assert all(215 <= domain <= 232 for domain in (one, other))
+    with free_domain() as first, free_domain() as second:
+        assert first != second
+        assert all(215 <= domain <= 232 for domain in (first, second))
 
 
 def test_the_demo_leaves_no_process_behind(demo):

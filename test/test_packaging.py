@@ -41,7 +41,7 @@ def imported(folder):
     files = sorted((ROOT / folder).rglob('*.py'))
     own = {file.stem for file in files} | {
         'benchmarks', 'docs', 'examples', 'secure_uav_planner', 'studies'}
-    found = {}
+    modules = {}
     for file in files:
         for node in ast.walk(ast.parse(file.read_text())):
             names = []
@@ -51,8 +51,8 @@ def imported(folder):
                 names = [node.module]
             for name in (name.partition('.')[0] for name in names):
                 if name not in own and name not in sys.stdlib_module_names:
-                    found.setdefault(name, file.name)
-    return found
+                    modules.setdefault(name, file.name)
+    return modules
 
 
 @pytest.mark.parametrize('folder, kinds', [
@@ -92,7 +92,7 @@ def test_setup_py_and_package_xml_agree(packaging):
 def test_the_oldest_versions_that_are_tested_are_the_oldest_that_are_allowed(packaging):
     text = (ROOT / 'test' / 'compat' / 'oldest.txt').read_text()
     tested = dict(re.findall('^(.+)==(.+)$', text, re.MULTILINE))
-    allowed = dict(one.split('>=') for one in packaging['install_requires'] if '>=' in one)
+    allowed = dict(text.split('>=') for text in packaging['install_requires'] if '>=' in text)
     assert set(tested) == set(allowed)
     for name, version in allowed.items():
         assert f'{tested[name]}.'.startswith(f'{version}.'), name
@@ -152,7 +152,7 @@ def test_commits_are_checked_by_the_linters_of_the_tests(packaging):
                *packaging['install_requires']}
     for hook in hooks.values():
         assert set(hook['additional_dependencies']) <= allowed, hook['id']
-    assert {one for one in allowed if 'flake8' in one} == set(
+    assert {requirement for requirement in allowed if 'flake8' in requirement} == set(
         hooks['ament_flake8']['additional_dependencies'])
 
 
@@ -207,8 +207,8 @@ def test_the_line_of_the_readme_brings_cvxpy_and_leaves_the_numpy_of_ubuntu_alon
     words = shlex.split(line, comments=True)[1:]
     result = ubuntu(*words, '--dry-run', '--quiet', '--report', '-')
     assert result.returncode == 0, result.stderr
-    brought = {one['metadata']['name'].lower(): one['metadata']['version']
-               for one in json.loads(result.stdout)['install']}
+    brought = {package['metadata']['name'].lower(): package['metadata']['version']
+               for package in json.loads(result.stdout)['install']}
     assert 'numpy' not in brought and {'cvxpy', 'clarabel'} <= set(brought), brought
     assert brought['cvxpy'].startswith('1.7.')  # what `make compat` tests beside NumPy 1.26
     # rosdep leaves alone what is there, and otherwise asks pip for the newest.

@@ -189,10 +189,10 @@ def test_the_worst_place_of_the_eavesdropper_is_shown_in_its_disc(browser):
 def test_no_text_covers_another_and_a_finger_scrolls_what_is_beyond_the_screen(screen):
     texts = screen.execute_script(TEXTS)
     assert len(texts) > 10 and {'start', 'goal'} <= {text for text, *_ in texts}
-    for (one, *first), (other, *second) in combinations(texts, 2):
+    for (text, *first), (neighbour, *second) in combinations(texts, 2):
         over = [min(first[end], second[end]) - max(first[end - 1], second[end - 1])
                 for end in (1, 3)]
-        assert min(over) < 3.0, (one, other)
+        assert min(over) < 3.0, (text, neighbour)
     assert screen.execute_script('return document.documentElement.scrollWidth') == max(
         880, screen.execute_script('return visualViewport.width'))
     assert screen.execute_script('return getComputedStyle(document.querySelector('

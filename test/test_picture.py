@@ -77,7 +77,7 @@ def test_the_labels_of_times_cover_no_zone_disc_or_path_nor_each_other(tmp_path)
         labels = [text.get_window_extent() for text in axes.texts
                   if text.get_text().endswith(' s')]
         assert len(labels) > beyond
-        assert not any(one.overlaps(other) for one, other in combinations(labels, 2))
+        assert not any(first.overlaps(second) for first, second in combinations(labels, 2))
         to_map = axes.transData.inverted()
         boxes = [shapely.box(*to_map.transform(label).ravel()) for label in labels]
         taken = [*(shapely.Polygon(zone.vertices) for zone in plan.scenario.no_fly_zones),

@@ -105,8 +105,8 @@ def test_a_repr_is_short_and_has_the_rate_that_was_maximised():
         assert repr(plan).startswith(f'<Plan: {name} rate {plan.rate:.4f} bit/s/Hz by joint')
         assert repr(plan.with_bound(bound)).endswith(f'; {name} rate {bound.claim(plan)}>')
         assert f'{name} rate above {bound.rate:.4f}' in repr(bound)
-        for one in (plan, plan.with_bound(bound), bound, plan.clearance):
-            assert len(repr(one)) < 200 and '\n' not in repr(one)
+        for value in (plan, plan.with_bound(bound), bound, plan.clearance):
+            assert len(repr(value)) < 200 and '\n' not in repr(value)
     nearest = plan.clearance.between_uavs
     assert f'UAVs at least {nearest.distance:.4g} m apart (uav1 and uav2' in repr(plan.clearance)
 
