@@ -1,6 +1,7 @@
 """The picture of a plan: a map, and the powers and the rates over time."""
 
 from io import BytesIO
+from itertools import product
 from textwrap import wrap
 import warnings
 
@@ -30,8 +31,8 @@ _DOTS_PER_INCH = 200
 _LINEAR_SHARE = 1e-3  # Of the peak power, below which the scale of powers is linear.
 _TIME_MARKS = MaxNLocator(12, steps=(1, 2, 5, 10))
 _FONT_SIZE = 8.0  # In points, of texts on the map.
-_GAP = 5.0  # In points, from a path to its labels.
-_LABEL_ANGLES = np.radians((0, 180, 40, -40, 140, -140))
+_GAPS = 5.0, 10.0  # In points, from a path to its labels.
+_LABEL_ANGLES = np.radians((0, 180, 40, -40, 140, -140, 65, -65, 115, -115))
 _DASHES = ('--', ':', '-.')
 _GREY = '0.45'
 _ZONE = {'facecolor': '0.87', 'edgecolor': NO_FLY_ZONE, 'linewidth': 1.2}
@@ -142,10 +143,12 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
         axes.plot(*path.T, color=_GREY, linewidth=0.9, zorder=1)
     draw_ground(axes, scenario)
     peak = max(uav.peak_power for uav in scenario.uavs)
+    point = _point_size(axes)
     occupied = [*(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
-                *(shapely.Point(eve.position).buffer(eve.error_radius)
+                *(shapely.Point(eve.position).buffer(max(eve.error_radius, 5 * point))
                   for eve in scenario.eavesdroppers),
-                shapely.Point(scenario.ground_node), *map(shapely.LineString, plan.positions)]
+                shapely.Point(scenario.ground_node).buffer(5 * point),
+                *(shapely.LineString(path).buffer(3 * point) for path in plan.positions)]
     for index, (points, powers) in enumerate(zip(plan.positions, plan.powers)):
         # Power n holds from point n to point n + 1; before point 1 the power is zero.
         level = power_level(np.concatenate([[0.0], powers]), peak)
@@ -305,6 +308,11 @@ def _set_up_map(axes, extent):
     style_axes(axes)
 
 
+def _point_size(axes):
+    """Return the length in m of a typographic point on a map."""
+    return np.ptp(axes.get_xlim()) / axes.bbox.width * axes.figure.dpi / 72.0
+
+
 def _label_times(axes, times, points, color, occupied, baseline_paths):
     """
     Mark round times along a path; where the UAV hovers, a label gives the interval.
@@ -319,7 +327,7 @@ def _label_times(axes, times, points, color, occupied, baseline_paths):
         for shift in (-times[1], 0.0, times[1]))
     axes.plot(*places.T, 'o', color='white', markeredgecolor=color, markersize=3.5,
               linestyle='none', zorder=7)
-    point = np.ptp(axes.get_xlim()) / axes.bbox.width * axes.figure.dpi / 72.0  # In m.
+    point = _point_size(axes)
     inside = shapely.box(*np.transpose([axes.get_xlim(), axes.get_ylim()]).ravel())
     groups, first = [], 0
     for last in range(len(marks)):
@@ -333,9 +341,9 @@ def _label_times(axes, times, points, color, occupied, baseline_paths):
         size = np.array([0.62 * len(f'{text} s'), 1.0]) * _FONT_SIZE * point
         x, y = after[middle] - before[middle]
         boxes = []
-        for angle in np.arctan2(x, -y) + _LABEL_ANGLES:
+        for gap, angle in product(_GAPS, np.arctan2(x, -y) + _LABEL_ANGLES):
             aside = np.array([np.cos(angle), np.sin(angle)])
-            center = places[middle] + aside * (_GAP * point + np.abs(aside) @ size / 2)
+            center = places[middle] + aside * (gap * point + np.abs(aside) @ size / 2)
             box = shapely.box(*(center - size / 2), *(center + size / 2))
             if inside.contains(box) and not shapely.intersects(box, occupied).any():
                 boxes.append(box)

@@ -12,7 +12,7 @@ from secure_uav_planner.plan.plan import Plan
 from .experiments import PROPOSED
 
 _MAP_WIDTH = 2.2  # In inches.
-_SIZE = (8.0, 5.6)
+_SIZE = (9.0, 5.6)
 _DOTS_PER_INCH = 110
 _CONSTANT, _OPTIMISED = BASELINES
 _STYLES = {_CONSTANT: ('#777777', 's'), _OPTIMISED: ('#E69F00', '^'),
