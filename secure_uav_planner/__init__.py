@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     from .assessment import assess, Assessment, World
     from .bound.method import upper_bound
     from .errors import PlanningError
-    from .mission.link_budget import reference_snr_db
     from .mission.participants import Propulsion
+    from .mission.propagation import reference_snr_db
     from .mission.scenario import Channel, Eavesdropper, NoFlyZone, Scenario, Uav
     from .optimize.methods import fly_hover_fly, METHODS, solve
     from .plan.plan import Plan
@@ -24,8 +24,8 @@ __all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHO
 _HOMES = {'assessment': ('Assessment', 'World', 'assess'),
           'bound': ('upper_bound',),
           'errors': ('PlanningError',),
-          'mission.link_budget': ('reference_snr_db',),
           'mission.participants': ('Propulsion',),
+          'mission.propagation': ('reference_snr_db',),
           'mission.scenario': ('Channel', 'Eavesdropper', 'NoFlyZone', 'Scenario', 'Uav'),
           'optimize': ('fly_hover_fly', 'METHODS', 'solve'),
           'plan': ('Bound', 'Iteration', 'Plan')}

@@ -38,12 +38,16 @@ def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
 def channels(draw):
     """Return channels of all kinds."""
     numbers = st.tuples(st.floats(1, 60), st.floats(0.01, 0.5), st.floats(0, 60))
-    return Channel(
-        draw(st.one_of(st.just(2.0), st.floats(2, 6))),
-        draw(st.one_of(st.sampled_from([None, 'suburban', 'urban', 'dense_urban', 'highrise']),
-                       numbers)), draw(st.booleans()),
-        *draw(st.one_of(st.just((None, None)), st.tuples(
-            st.floats(-10, 20), st.floats(0.01, 0.5)))))
+    los = draw(st.one_of(
+        st.sampled_from([None, 'suburban', 'urban', 'dense_urban', 'highrise']), numbers))
+    fading = draw(st.one_of(st.none(), st.floats(-10, 20)))
+    outage = st.floats(0.01, 0.5)
+    if los is None and fading is None:
+        outage = st.none()
+    elif fading is None:
+        outage = st.one_of(st.none(), outage)
+    return Channel(draw(st.one_of(st.just(2.0), st.floats(2, 6))), los, draw(st.booleans()),
+                   fading, draw(outage))
 
 
 @st.composite

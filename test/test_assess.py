@@ -158,16 +158,15 @@ def test_the_outage_of_every_slot_is_at_most_the_promised_one(seed):
             Eavesdropper(tuple(place), rng.uniform(0.0, 30.0)) for place in
             rng.uniform((250, -200), (500, 200), (1 + seed % 2, 2))),
         uavs=team().uavs[:1 + seed % 3], duration=rng.uniform(60, 150), slots=20,
-        channel=Channel(rng.uniform(2.0, 2.8), (None, 'suburban', 'urban')[seed % 3],
-                        seed % 4 == 1, rng.uniform(8.0, 15.0), rng.choice([0.02, 0.1, 0.3])))
+        channel=Channel(
+            rng.uniform(2.0, 2.8), (None, 'suburban', 'urban', 'dense_urban')[seed % 4], False,
+            rng.uniform(8.0, 15.0) if seed % 4 in (0, 1) else None, rng.choice([0.02, 0.1, 0.3])))
     plan = solve(scenario, objective=objective)
-    assert plan.rate > 0
-    # The mean gain is what the model of a probability of line of sight promises for.
-    found = assess(plan, 10000, seed, World(los_distance=None))
+    found = assess(plan, 10000, seed, World(los_distance=0.0))
     assert found.promised_outage == scenario.channel.outage
     assert (found.outages <= found.promised_outage).all()
     # Otherwise it would say nothing; with the 9 links of three UAVs it can be as rare as that.
-    assert found.outage > 0 or seed % 3 == 2
+    assert (plan.rate > 0 and found.outage > 0) or seed % 3 == 2
 
 
 def test_the_quantiles_are_those_of_the_missions_and_the_answer_is_short_and_true(plan):

@@ -33,8 +33,10 @@ def check_text(promise, *texts):
     assert ('mean gains of' in text) == ('gains of' in promise)
 
 
-def test_a_channel_promises_with_fading_and_an_outage_as_without():
-    assert Channel(rician_k_db=5.0, outage=0.1).promise == 'guaranteed'
+def test_a_channel_promises_with_an_outage_as_in_free_space():
+    for los in (None, 'urban'):
+        assert Channel(los=los, rician_k_db=5.0, outage=0.1).promise == 'guaranteed'
+    assert Channel(los='urban', outage=0.1).promise == 'guaranteed'
     for promise, channel in CHANNELS.items():
         assert channel.promise == promise
         assert channel.is_guarantee == (promise == 'guaranteed')

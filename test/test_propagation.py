@@ -11,7 +11,8 @@ from secure_uav_planner.ros.settings import channel_from, mission_values
 
 CHANNELS = (
     Channel(), Channel(2.6), Channel(los='urban', cautious=True), Channel(3.0, (5, 0.2, 12)),
-    Channel(rician_k_db=6.0, outage=0.05), Channel(2.2, 'highrise', True, -3.0, 1e-3))
+    Channel(los='urban', outage=0.1), Channel(rician_k_db=6.0, outage=0.05),
+    Channel(2.2, 'highrise', True, -3.0, 1e-3))
 
 
 @pytest.mark.parametrize('channel', CHANNELS, ids=range(len(CHANNELS)))

@@ -13,7 +13,7 @@ from ..errors import (
     InfeasibleMissionError, MissionFileError, OptionError, PlanningError, ScenarioError)
 from ..mission.files import atomic_file
 from ..mission.formats.mission_file import EXAMPLE, locate_error
-from ..mission.link_budget import reference_snr_db
+from ..mission.propagation import reference_snr_db
 from ..mission.scenario import Scenario
 from ..model.clearance import CLOSE_DISTANCE, find_unseparated_pair
 from ..output.autopilot_limits import changes

@@ -208,8 +208,9 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
     if changes:
         try:
             channel = plan.scenario.channel
-            if 'rician_k_db' in changes and channel.outage is None:
-                changes['outage'] = 0.5  # A channel with fading needs one; nothing here uses it.
+            # A channel with fading needs an outage, which the draws do not use.
+            fading = changes.get('rician_k_db', channel.rician_k_db)
+            changes['outage'] = None if fading is None else 0.5
             values['channel'] = replace(channel, **changes)
         except ScenarioError as error:
             raise OptionError(str(error)) from None

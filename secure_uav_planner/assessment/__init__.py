@@ -2,11 +2,10 @@
 What a plan is worth when the world differs from what it was made for: Monte Carlo.
 
 `world` says how the world may differ, `draws` draws worlds, `monte_carlo` evaluates the plan in
-each, `result` is the answer.
+each.
 """
 
-from .monte_carlo import assess
-from .result import Assessment
+from .monte_carlo import assess, Assessment
 from .world import World
 
 __all__ = ['Assessment', 'World', 'assess']

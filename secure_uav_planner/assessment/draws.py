@@ -62,11 +62,11 @@ def tracking_errors(scenario: Scenario, world: World, draws: int, seed: int) -> 
 def sights(scenario: Scenario, positions: Array, distance: float, draws: int, seed: int
            ) -> Iterator[Array]:
     """
-    Yield a uniform number for each link in each slot, (U, 1 + E, D), held along a UAV's way.
+    Yield a uniform number for each link in each slot, (U, 1 + E, D).
 
     A link has a line of sight where its number is below the probability. The first receiver is
-    the ground node. Numbers of a UAV, whose positions are (U, N, 2) in m, are drawn anew after a
-    distance in m; 0 for in every slot.
+    the ground node. The numbers of a UAV, whose positions are (U, N, 2) in m, are kept until it
+    has flown a distance in m, with 0 for one slot.
     """
     rng = stream(seed, _SIGHT)
     shape = len(positions), 1 + len(scenario.eavesdroppers), draws

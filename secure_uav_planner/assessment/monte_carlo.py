@@ -1,33 +1,146 @@
-"""Monte Carlo: the rates of a plan in many worlds."""
+"""Monte Carlo: the rates of a plan in many worlds, and what they say of it."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import repeat
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import draws as drawn
-from .result import Assessment, FAN
 from .world import World
 from ..errors import OptionError, quote
+from ..mission import make_view
 from ..mission.scenario import Array, read_only, Scenario
-from ..mission.validation import checked_kind
-from ..model.channel.links import link_of
-from ..model.channel.rates import put_together, rate_of
+from ..mission.validation import checked_kind, checked_real
+from ..model.channel.links import make_link
+from ..model.channel.rates import combine_leaks, compute_rate
 from ..plan.plan import Plan
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_DRAWS = 10**6
 """With so many, a slot of two UAVs takes about 0.2 GB."""
 
 _ROUNDING = 1e-9  # bit/s/Hz, by which a rate may be below its promise without an outage.
 
+FAN = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""The quantiles of the rate in each slot."""
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """
+    The secrecy rates of a plan in the drawn worlds, and how often slots miss theirs.
+
+    The secrecy rate of a mission is the mean over its slots of [r_0 - r_e]^+, as in the paper's
+    equation (6), with the gains that the channel has in each slot.
+
+    :ivar plan: the Plan.
+    :ivar world: how the world may differ.
+    :ivar draws: D, how many worlds were drawn.
+    :ivar seed: of the draws.
+    :ivar rates: secrecy rate of the mission in each draw, (D,) in bit/s/Hz.
+    :ivar fan: quantiles FAN of the secrecy rate in each slot, (5, N) in bit/s/Hz.
+    :ivar outages: share of the draws in which the rate of a slot is below the promised one, (N,).
+    :ivar delivered: bits delivered in secret at the promised rate, in the slots without an outage,
+        in each draw, (D,) in bit/Hz.
+    :ivar promised_rates: the rates of the plan's objective, where they are above 0, (N,) in
+        bit/s/Hz.
+    :ivar is_flown: whether the positions are those of a flight instead of the plan's.
+    """
+
+    plan: Plan
+    world: World
+    draws: int
+    seed: int
+    rates: Array
+    fan: Array
+    outages: Array
+    delivered: Array
+    promised_rates: Array
+    is_flown: bool = False
+
+    def __repr__(self) -> str:
+        return (f'<Assessment of {self.draws} draws: secrecy rate {self.mean:.4f} bit/s/Hz in the '
+                f'mean, {self.quantile(0.05):.4f} at 5%, {self.quantile(0.5):.4f} at 50%, '
+                f'{self.promised_rate:.4f} {self.claim}; outage of a slot at most '
+                f'{self.outage:.2%}, promised: {self.promised_outage_text}>')
+
+    @property
+    def mean(self) -> float:
+        """Mean of the mission's secrecy rate over the draws in bit/s/Hz."""
+        return float(self.rates.mean())
+
+    def plot(self) -> 'Figure':
+        """
+        Return a picture: rates and outages of the slots over time, and rates of the mission.
+
+        :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
+        :raises MissingPackageError: when Matplotlib is not installed.
+        """
+        figure: Figure = make_view('plot_assessment', self)
+        return figure
+
+    def quantile(self, share: float) -> float:
+        """Return the secrecy rate in bit/s/Hz below which it is in such a share of the draws."""
+        return float(np.quantile(self.rates, checked_real('share', share, 0.0, 1.0)))
+
+    @property
+    def claim(self) -> str:
+        """Name the plan's rates: 'promised', or, where they are not, such as 'at mean gains'."""
+        channel = self.plan.scenario.channel
+        return 'promised' if channel.is_guarantee else channel.promise
+
+    @property
+    def promised_rate(self) -> float:
+        """Mean of promised_rates in bit/s/Hz."""
+        return float(self.promised_rates.mean())
+
+    @property
+    def outage(self) -> float:
+        """Largest of the outages."""
+        return float(self.outages.max())
+
+    @property
+    def promised_outage(self) -> float:
+        """Outage that the plan allows in each slot; 0 where it states none."""
+        return self.plan.scenario.channel.outage or 0.0
+
+    @property
+    def promised_outage_text(self) -> str:
+        """Outage that the plan promises, in words."""
+        if not self.plan.scenario.channel.is_guarantee:
+            return 'no promise'
+        return f'{self.promised_outage:.4%}'
+
+    @property
+    def shortfall(self) -> str:
+        """How often a slot has a lower rate than the plan says, in words."""
+        return (f'a slot has less in {self.outages.mean():.1%} of {self.draws} draws in the mean, '
+                f'the worst slot in {self.outage:.1%}')
+
+    @property
+    def promised_delivery(self) -> float:
+        """Bits delivered in secret without any outage, in bit/Hz."""
+        return float(self.promised_rates.sum() * self.plan.scenario.slot_duration)
+
+    @property
+    def summary(self) -> dict[str, float]:
+        """Numbers of the answer by name, as in the columns of a campaign."""
+        return {'mean': self.mean, 'quantile_5': self.quantile(0.05),
+                'quantile_50': self.quantile(0.5), 'promised': self.promised_rate,
+                'outage': self.outage, 'promised_outage': self.promised_outage,
+                'delivered': float(self.delivered.mean()),
+                'promised_delivery': self.promised_delivery}
+
 
 def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = None,
            flown: ArrayLike | None = None) -> Assessment:
     """
-    Return what a plan is worth when the world differs from what it was made for.
+    Evaluate a plan in random worlds that differ from the one it was made for (Monte Carlo).
 
     :param plan: a Plan.
     :param draws: how many worlds are drawn.
@@ -63,7 +176,7 @@ def assess(plan: Plan, draws: int = 1000, seed: int = 0, world: World | None = N
 
 def arguments(data: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Return the arguments of assess that plain values stand for: draws, seed and fields of World.
+    Return the arguments of assess from plain values: draws, seed and fields of World.
 
     :raises OptionError: naming an unknown field or a wrong value.
     """
@@ -86,7 +199,7 @@ def _check_numbers(draws: Any, seed: Any) -> None:
 
 
 def promised_rates(plan: Plan) -> Array:
-    """Return what a plan promises in each slot: its objective's rates, where above 0, (N,)."""
+    """Return the promised rate of each slot: that of the plan's objective, at least 0, (N,)."""
     rates = plan.guaranteed_rates if plan.objective == 'guaranteed' else plan.worst_case_rates
     return read_only(np.maximum(rates, 0.0))
 
@@ -122,8 +235,8 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
         sights = drawn.sights(scenario, positions, world.los_distance, draws, seed)
     if channel.rician_k_db is not None:
         fading = drawn.fading(channel.rician_k_db, (len(positions), 1 + count), draws, seed)
-    # The gain without fading; a cautious channel is one for promises.
-    link = link_of(replace(scenario, channel=replace(
+    # The mean gain, of which lines of sight and fading are drawn.
+    link = make_link(replace(scenario, channel=replace(
         channel, cautious=False, rician_k_db=None, outage=None)), 'ground_node')
     slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None], strict=True)
     for (uavs, watts), error, sight, fade in zip(slots, errors, sights, fading):
@@ -131,9 +244,9 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
         rates = []
         for number, (place, advantage) in enumerate(zip(receivers, advantages, strict=True)):
             squared = ((uavs - place)**2).sum(axis=-1)
-            gains = link.gain(squared) if sight is None else link.drawn_gain(
+            gains = link.gain(squared) if sight is None else link.draw_gain(
                 squared, sight[:, number])
-            rates.append(rate_of(gains * (advantage * watts) * fade[:, number]))
+            rates.append(compute_rate(gains * (advantage * watts) * fade[:, number]))
         leaks = np.stack(rates[1:], axis=-1)
-        leak = put_together(leaks) if scenario.colluding else leaks.max(axis=-1)
+        leak = combine_leaks(leaks) if scenario.colluding else leaks.max(axis=-1)
         yield np.broadcast_to(rates[0] - leak, (draws,)).copy()

@@ -31,10 +31,10 @@ class World:
     :param beyond: width of the ring in m.
     :param positions: of a fixed place, (x, y) in m for each eavesdropper; by default the centres.
     :param channel: a Channel instead of the scenario's.
-    :param los_distance: way in m of a UAV after which the lines of sight of its links are drawn
-        anew, 0 for in every slot; None for the mean gain instead. It counts where the channel
-        has a probability of line of sight. The default is the correlation distance of urban cells
-        in 3GPP TR 38.901, table 7.6.3.1-2.
+    :param los_distance: distance in m flown by a UAV between draws of the lines of sight of its
+        links; 0 draws them in each slot, None takes the mean gain instead. It counts where the
+        channel has a probability of line of sight. The default is the correlation distance of
+        urban cells in 3GPP TR 38.901, table 7.6.3.1-2.
     :param receiver_db: by how much in dB every eavesdropper's receiver is better than the
         scenario says.
     :param tracking_std: standard deviation in m, in x and in y, of the UAVs around their plan.
@@ -76,7 +76,7 @@ class World:
                 raise OptionError(f'{field} is {quote(value)}; it must be a list of '
                                   f'{f"{count} " if count else ""}pairs', (field,))
             object.__setattr__(self, field, tuple(
-                checked_point('', field, one, number) for number, one in enumerate(value)))
+                checked_point('', field, point, number) for number, point in enumerate(value)))
         for field, place in (('beyond', 'beyond'), ('positions', 'fixed'),
                              ('covariance', 'normal')):
             value = getattr(self, field)

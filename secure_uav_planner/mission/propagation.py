@@ -1,11 +1,12 @@
-"""The channel between UAVs and receivers on the ground, as it is asked for."""
+"""The channel between UAVs and receivers on the ground, and the SNR of a radio in it."""
 
 from dataclasses import dataclass
+import math
 from typing import Any, Literal, TypeAlias
 
 from . import OBJECTIVES
 from .validation import checked_choice, checked_number, set_checked
-from ..errors import quote, ScenarioError
+from ..errors import OptionError, quote, ScenarioError
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
 """A name for the numbers of a probability of line of sight."""
@@ -14,6 +15,10 @@ ENVIRONMENTS: dict[Environment, tuple[float, float, float]] = {
     'suburban': (4.88, 0.43, 21.0), 'urban': (9.61, 0.16, 20.0),
     'dense_urban': (12.08, 0.11, 23.0), 'highrise': (27.23, 0.08, 34.0)}
 """a, b and the extra loss without line of sight in dB (Al-Hourani, Kandeepan and Lardner 2014)."""
+
+SPEED_OF_LIGHT = 299792458.0  # In m/s.
+BOLTZMANN = 1.380649e-23  # In J/K.
+NOISE_TEMPERATURE = 290.0  # In K, to which noise figures refer (IEEE).
 
 _LOS_NUMBERS = ('los_a', 'los_b', 'los_loss_db')
 
@@ -33,9 +38,11 @@ class Channel:
         numbers a, b per degree, and the extra loss in dB.
     :param cautious: whether what leaks (transmitter to eavesdroppers) and what interferes (jammers
         to the ground node) counts at the gain of a line of sight. What helps counts at the mean.
-    :param rician_k_db: Rician factor of the fading in dB, or None for none.
-    :param outage: largest probability with which the secrecy rate of a slot may be lower than
-        the guaranteed one because of fading; needed with rician_k_db, and only then.
+        Ignored with an outage.
+    :param rician_k_db: Rician factor of the fading in dB, or None for none; needs an outage.
+    :param outage: largest probability with which the secrecy rate of a slot may be lower than the
+        guaranteed one, because of fading or because a link has a line of sight or has none. None
+        without fading, and for the mean gains of lines of sight.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -51,11 +58,14 @@ class Channel:
         if not isinstance(self.cautious, bool):
             raise ScenarioError(f'channel.cautious is {quote(self.cautious)}; it must be true or '
                                 'false', ('cautious',))
-        for field, other in (('rician_k_db', 'outage'), ('outage', 'rician_k_db')):
-            set_checked(self, 'channel.', checked_number, field, optional=True)
-            if getattr(self, field) is None and getattr(self, other) is not None:
-                raise ScenarioError(f'channel.{field} is {quote(None)}; it must be a number, as '
-                                    f'channel.{other} is one', (field,))
+        set_checked(self, 'channel.', checked_number, 'rician_k_db', 'outage', optional=True)
+        if self.rician_k_db is not None and self.outage is None:
+            raise ScenarioError(f'channel.outage is {quote(None)}; it must be a number, as '
+                                'channel.rician_k_db is one', ('outage',))
+        if self.outage is not None and self.rician_k_db is None and self.los is None:
+            raise ScenarioError(
+                f'channel.rician_k_db is {quote(None)}; it must be a number, or channel.los not '
+                f'{quote(None)}, as channel.outage is {quote(self.outage)}', ('rician_k_db',))
 
     @property
     def los_numbers(self) -> tuple[float, float, float] | None:
@@ -63,16 +73,21 @@ class Channel:
         return ENVIRONMENTS[self.los] if isinstance(self.los, str) else self.los
 
     @property
+    def counts_sights(self) -> bool:
+        """Whether links count with the line of sight that they have, but for a stated outage."""
+        return self.los is not None and self.outage is not None
+
+    @property
     def promise(self) -> str:
         """Name rates as 'guaranteed', perhaps with an outage, or by the gains they count with."""
-        if self.los is None:
+        if self.is_guarantee:
             return 'guaranteed'
         return 'at mean gains of the links that help' if self.cautious else 'at mean gains'
 
     @property
     def is_guarantee(self) -> bool:
-        """Whether rates are guaranteed; with a probability of line of sight they are not."""
-        return self.los is None
+        """Whether rates are guaranteed; with lines of sight they need a stated outage for it."""
+        return self.los is None or self.counts_sights
 
     def rate_name(self, objective: str) -> str:
         """
@@ -114,3 +129,32 @@ def _checked_los(value: Any) -> Any:
     raise ScenarioError(
         f'channel.los is {quote(value)}; it must be {quote(None)}, one of '
         f'{", ".join(ENVIRONMENTS)}, or three numbers: a, b and the extra loss in dB', ('los',))
+
+
+def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: float = 0.0,
+                     transmit_gain_dbi: float = 0.0, receive_gain_dbi: float = 0.0) -> float:
+    """
+    Return the SNR at 1 m and 1 W, beta_0 / sigma^2, of a radio link in free space, in dB.
+
+    The gain of the channel at 1 m is beta_0 = G_t G_r (c / (4 pi f))^2, by Friis' equation, and
+    the noise power sigma^2 = k T_0 B F with T_0 = 290 K. It holds in the far field: at distances
+    of many wavelengths, with a line of sight and without reflections.
+
+    :param carrier_hz: f, the carrier's frequency in Hz.
+    :param bandwidth_hz: B, the bandwidth of the receiver in Hz.
+    :param noise_figure_db: F, of the receiver with its cable, in dB.
+    :param transmit_gain_dbi: G_t, gain of the UAV's antenna towards the ground in dBi.
+    :param receive_gain_dbi: G_r, gain of the ground node's antenna towards the UAV in dBi.
+    :raises OptionError: naming the argument, its value and what is allowed.
+    """
+    given = {'carrier_hz': carrier_hz, 'bandwidth_hz': bandwidth_hz,
+             'noise_figure_db': noise_figure_db, 'transmit_gain_dbi': transmit_gain_dbi,
+             'receive_gain_dbi': receive_gain_dbi}
+    try:
+        for name, value in given.items():
+            checked_number('', name, value)
+    except ScenarioError as error:
+        raise OptionError(str(error), error.place) from None
+    path_gain = 20 * math.log10(SPEED_OF_LIGHT / (4 * math.pi * carrier_hz))
+    noise = 10 * math.log10(BOLTZMANN * NOISE_TEMPERATURE * bandwidth_hz) + noise_figure_db
+    return path_gain + transmit_gain_dbi + receive_gain_dbi - noise

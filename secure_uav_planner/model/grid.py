@@ -6,6 +6,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .channel.links import FreeSpace, make_links
 from .curve import complete_end_moves, evaluate_spline
 from ..mission.scenario import Array, Scenario
 
@@ -189,3 +190,47 @@ def _get_interpolation(number: int, count: int, inner: bool) -> tuple[NDArray[np
     place = np.clip(place, 0, number - 1)
     before = place.astype(np.intp)
     return before, place - before
+
+
+@dataclass(frozen=True, eq=False)
+class Receivers:
+    """
+    The ground node (0) and the eavesdroppers (1..E), K = E + 1 receivers, in the units of a Grid.
+
+    :param positions: (K, 2), or for every slot other ones, (N, K, 2).
+    :param edge: epsilon, which the guarantee adds to a jammer's distance, and -epsilon for the
+        transmitter, (K, U).
+    :param link: of the UAVs, for arrays (..., K, U).
+    """
+
+    positions: Array
+    edge: Array
+    link: FreeSpace
+
+    @classmethod
+    def of(cls, grid: Grid, lead: float = 0.0) -> 'Receivers':
+        """Return the receivers of a grid's scenario for the guarantee; lead as in make_links."""
+        scenario = grid.scenario
+        positions = np.concatenate([
+            [grid.origin], scenario.eavesdropper_positions]) - grid.origin
+        radii = np.append(0.0, scenario.error_radii)
+        edge = np.repeat(radii[:, None], len(scenario.uavs), axis=1) / grid.length
+        edge[:, 0] *= -1
+        link = make_links(scenario, grid.length, grid.power, lead)
+        return cls(positions / grid.length, edge, link)
+
+    def at_places(self, places: Array) -> 'Receivers':
+        """Return eavesdroppers at P known places each instead of in discs, (N, E P, 2)."""
+        ground = np.broadcast_to(self.positions[:1], (len(places), 1, 2))
+        eves = len(self.edge) - 1
+        copies = np.repeat(np.arange(1 + eves), [1] + [places.shape[-2] // eves] * eves)
+        link = self.link.select_receivers(copies)
+        return Receivers(np.concatenate([ground, places], axis=1),
+                         np.zeros((1 + places.shape[-2], self.edge.shape[-1])), link)
+
+    def rates(self, x: Array) -> tuple[Array, Array]:
+        """Return r_0 (N,) and r_e to every eavesdropper (N, E) at x (N, U, 3) in nats."""
+        offset = x[:, None, :, 1:] - self.positions[..., None, :]
+        received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
+        rates = np.log1p(received[..., 0] / (1.0 + received[..., 1:].sum(axis=-1)))
+        return rates[:, 0], rates[:, 1:]

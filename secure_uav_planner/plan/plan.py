@@ -143,8 +143,10 @@ class Plan:
 
     @property
     def message(self) -> str:
-        """Reason for which the method stopped, as text."""
-        return STATUS_TEXTS[self.status]
+        """Reason for which the method stopped, and whether no slot carries anything, as text."""
+        text = STATUS_TEXTS[self.status]
+        return text if self.powers[0].any() else (
+            f'{text}; no slot carries anything in secret; more time or power may help')
 
     @cached_property
     def identity(self) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -128,6 +129,7 @@ OWN_OBJECTIVE = 'default'
 
 NO_LOS = 'none'
 NO_OUTAGE = NO_LIMIT = 0.0
+NO_FADING = math.inf
 PROPULSIONS = ('none', 'rotary_wing')
 
 CHANNEL = {
@@ -140,12 +142,15 @@ CHANNEL = {
         [], 'Numbers a, b per degree and extra loss in dB instead of an environment; empty for '
         'none.', (0.0, RANGES['los_loss_db'][1]), length=(0, 3)),
     'channel.cautious': Spec(False, 'Whether what leaks and what interferes counts at the gain of '
-                             'a line of sight, and what helps at the mean gain.'),
-    'channel.rician_k_db': Spec(0.0, 'Rician factor of the fading in dB; it counts only with '
-                                'channel.outage.', RANGES['rician_k_db']),
-    'channel.outage': Spec(NO_OUTAGE, 'Largest probability with which the secrecy rate of a slot '
-                           'may be lower than the guaranteed one because of fading; 0 for no '
-                           'fading, otherwise at least 1e-6.', (NO_OUTAGE, RANGES['outage'][1])),
+                             'a line of sight, and what helps at the mean gain; ignored with '
+                             'channel.outage.'),
+    'channel.rician_k_db': Spec(
+        NO_FADING, 'Rician factor of the fading in dB, at most 40; inf for none. It counts only '
+        'with channel.outage.', (RANGES['rician_k_db'][0], NO_FADING)),
+    'channel.outage': Spec(
+        NO_OUTAGE, 'Largest probability with which the secrecy rate of a slot may be lower than '
+        'the guaranteed one because of fading or lines of sight; 0 for no fading and mean gains, '
+        'otherwise at least 1e-6.', (NO_OUTAGE, RANGES['outage'][1])),
 }
 """Parameters of the channel by name."""
 

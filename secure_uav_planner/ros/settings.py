@@ -12,7 +12,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from .parameters import (
-    NO_LIMIT, NO_LOS, NO_OUTAGE, OWN_OBJECTIVE, PROPULSION_FIELDS, PROPULSIONS, Spec, UAV_FIELDS)
+    NO_FADING, NO_LIMIT, NO_LOS, NO_OUTAGE, OWN_OBJECTIVE, PROPULSION_FIELDS, PROPULSIONS, Spec,
+    UAV_FIELDS)
 from ..errors import brief, ParameterError, PlanningError, quote, ScenarioError
 from ..mission import Objective
 from ..mission.participants import NoFlyZone, Propulsion
@@ -25,7 +26,7 @@ from ..optimize.methods import check_objective
 _ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 
 _EMPTY_VALUES = {
-    'geofence': [], 'los': NO_LOS, 'rician_k_db': 0.0, 'outage': NO_OUTAGE,
+    'geofence': [], 'los': NO_LOS, 'rician_k_db': NO_FADING, 'outage': NO_OUTAGE,
     'max_acceleration': NO_LIMIT, 'start_velocity': [], 'goal_velocity': [], 'ceiling': NO_LIMIT}
 """Values of the parameters of mission fields that are None or infinite."""
 
@@ -146,10 +147,10 @@ def channel_from(values: Mapping[str, Any]) -> Channel:
         raise ParameterError(
             f'channel.los_numbers is {quote(numbers)}; it must be empty where channel.los is '
             f'{los}')
-    outage = values['channel.outage'] or None
+    outage, fading = values['channel.outage'] or None, values['channel.rician_k_db']
     return Channel(values['channel.exponent'], numbers or (None if los == NO_LOS else los),
                    values['channel.cautious'],
-                   None if outage is None else values['channel.rician_k_db'], outage)
+                   None if outage is None or fading == NO_FADING else fading, outage)
 
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,22 +1,24 @@
 """
-Links: the gain of a link as a function of the squared horizontal distance.
+Links: the gain from a UAV to a receiver, as a function of the squared horizontal distance.
 
 A channel model is one class here with the methods of FreeSpace, and one of the class Channel in
 `kernel/channel.hpp`, which has the gain's derivatives as well. Each kind of link, from the
-transmitter or a jammer to the ground node or an eavesdropper, has a gain of its own; `link_of`
+transmitter or a jammer to the ground node or an eavesdropper, has a gain of its own; `make_link`
 says which.
 """
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+import math
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..kernel import core
-from ...mission.propagation import Channel
 from ...mission.scenario import Array, Scenario
+
+RISE = 1.0  # Degrees of elevation in which a gain rises to that of a line of sight.
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,23 +46,18 @@ class FreeSpace:
         """Return the derivative of the gain by the squared distance."""
         return -self.gain(squared) / (squared + self.squared_altitudes)
 
-    def drawn_gain(self, squared: Array, numbers: Array) -> Array:
-        """Return the gain, with a line of sight where a number in [0, 1) is below its chance."""
+    def draw_gain(self, squared: Array, numbers: Array) -> Array:
+        """Return the gain with a line of sight where numbers in [0, 1) are below its chance."""
         return self.gain(squared)
 
-    def taken(self, receivers: NDArray[np.intp]) -> 'FreeSpace':
-        """Return the link of arrays (K, U) to some of its receivers."""
+    def select_receivers(self, receivers: NDArray[np.intp]) -> 'FreeSpace':
+        """Return the link to a selection of the K receivers, for arrays (..., K, U)."""
         return replace(self, reference_snr=np.asarray(self.reference_snr)[receivers])
 
     def compiled(self, receivers: int, uavs: int) -> core.Channel:
         """Return the kernel's form of the links from every UAV to every receiver."""
-        return core.FreeSpace(*self._arrays(receivers, uavs))
-
-    def _arrays(self, *shape: int) -> tuple[Array, Array]:
-        snr, squared_altitudes = (
-            np.ascontiguousarray(np.broadcast_to(values, shape), float)
-            for values in (self.reference_snr, self.squared_altitudes))
-        return snr, squared_altitudes
+        return core.FreeSpace(*_spread((self.reference_snr, self.squared_altitudes),
+                                       receivers, uavs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,66 +66,88 @@ class PathLoss(FreeSpace):
     Path loss with an exponent and a probability of line of sight.
 
     The gain is beta_0 / sigma^2 (d^2 + H^2)^(-exponent / 2) (kappa + (1 - kappa) P), where P =
-    1 / (1 + a exp(-b (theta - a))) at the elevation theta in degrees (Al-Hourani, Kandeepan and
-    Lardner 2014; the mean of both cases as in Zeng, Wu and Zhang 2019).
+    1 / (1 + exp(-z)) and z = steepness theta - shift at the elevation theta in degrees
+    (Al-Hourani, Kandeepan and Lardner 2014; the mean of both cases as in Zeng, Wu and Zhang 2019).
 
-    :param losses: kappa, what is left of the gain without a line of sight; 1 for a link that has
-        one. As reference_snr.
+    :param losses: kappa, the share of the gain that is left without a line of sight; 1 for a link
+        that has a line of sight. As reference_snr.
     :param exponent: alpha.
-    :param los: a, and b per degree.
+    :param steepness: of z, per degree; as reference_snr.
+    :param shift: of z; as reference_snr.
     """
 
     losses: Array | float = 1.0
     exponent: float = 2.0
-    los: tuple[float, float] = (1.0, 1.0)
+    steepness: Array | float = 1.0
+    shift: Array | float = 0.0
 
     def gain(self, squared: Array) -> Array:
-        return self._in_sight(squared) * self._mean(self._probability(squared))
+        return self._sight_gain(squared) * self._factor(self._z(squared))[0]
 
-    def drawn_gain(self, squared: Array, numbers: Array) -> Array:
-        return self._in_sight(squared) * np.where(
-            numbers < self._probability(squared), 1.0, self.losses)
+    def draw_gain(self, squared: Array, numbers: Array) -> Array:
+        return self._sight_gain(squared) * np.where(
+            numbers < _probability(self._z(squared)), 1.0, self.losses)
 
     def slope(self, squared: Array) -> Array:
         """Return the derivative of the gain by the squared distance; without end at 0."""
-        heights, (_, b) = self.squared_altitudes, self.los
-        likely = self._probability(squared)
+        heights, inverse = self.squared_altitudes, 1 / (squared + self.squared_altitudes)
+        factor, rise = self._factor(self._z(squared))
         with np.errstate(divide='ignore'):
-            turn = -0.5 * np.degrees(np.sqrt(heights / squared)) / (squared + heights) * b
-        steeper = np.where(np.less(self.losses, 1.0), turn * likely * (1 - likely), 0.0)
-        return self._in_sight(squared) * (
-            -0.5 * self.exponent / (squared + heights) * self._mean(likely)
-            + (1 - self.losses) * steeper)
+            turn = -0.5 * np.degrees(np.sqrt(heights / squared)) * inverse * self.steepness
+        steeper = np.where(np.less(self.losses, 1.0) & (rise > 0), turn * rise, 0.0)
+        return self._sight_gain(squared) * factor * (steeper - 0.5 * self.exponent * inverse)
 
-    def taken(self, receivers: NDArray[np.intp]) -> 'PathLoss':
+    def select_receivers(self, receivers: NDArray[np.intp]) -> 'PathLoss':
         snr = np.asarray(self.reference_snr)
-        losses = np.broadcast_to(self.losses, snr.shape)
-        return replace(self, reference_snr=snr[receivers], losses=losses[receivers])
+        losses, steepness, shift = (np.broadcast_to(values, snr.shape)[receivers] for values in (
+            self.losses, self.steepness, self.shift))
+        return replace(self, reference_snr=snr[receivers], losses=losses, steepness=steepness,
+                       shift=shift)
 
     def compiled(self, receivers: int, uavs: int) -> core.Channel:
-        losses = np.ascontiguousarray(np.broadcast_to(self.losses, (receivers, uavs)), float)
-        return core.PathLoss(*self._arrays(receivers, uavs), losses, self.exponent, *self.los)
+        snr, squared_altitudes, losses, steepness, shift = _spread(
+            (self.reference_snr, self.squared_altitudes, self.losses, self.steepness, self.shift),
+            receivers, uavs)
+        return core.PathLoss(snr, squared_altitudes, losses, steepness, shift, self.exponent,
+                             isinstance(self, PathLossQuantile))
 
-    def _in_sight(self, squared: Array) -> Array:
+    def _sight_gain(self, squared: Array) -> Array:
         return self.reference_snr * (
             squared + self.squared_altitudes)**(-0.5 * self.exponent)
 
-    def _mean(self, likely: Array) -> Array:
-        return self.losses + (1 - self.losses) * likely
+    def _factor(self, z: Array) -> tuple[Array, Array]:
+        """Return what lines of sight make of the gain, and its logarithm's derivative by z."""
+        likely = _probability(z)
+        factor = self.losses + (1 - self.losses) * likely
+        return factor, (1 - self.losses) * likely * (1 - likely) / factor
 
-    def _probability(self, squared: Array) -> Array:
-        a, b = self.los
+    def _z(self, squared: Array) -> Array:
         elevation = np.degrees(np.arctan2(np.sqrt(self.squared_altitudes), np.sqrt(squared)))
-        return 1 / (1 + a * np.exp(-b * (elevation - a)))
+        return self.steepness * elevation - self.shift
 
 
-def link_of(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper'],
-            axes: int = 1) -> FreeSpace:
+@dataclass(frozen=True, eq=False)
+class PathLossQuantile(PathLoss):
+    """
+    Path loss with the line of sight that a link has, or may have, but for a stated probability.
+
+    The factor of the gain is kappa^(1 - S), where S = z^3 (6 z^2 - 15 z + 10) rises from 0 at z =
+    0 to 1 at z = 1: twice differentiable, unlike the step of the quantile itself.
+    """
+
+    def _factor(self, z: Array) -> tuple[Array, Array]:
+        z = np.clip(z, 0.0, 1.0)
+        missing = (1 - z)**3 * (1 + 3 * z + 6 * z**2)
+        return self.losses**missing, -np.log(self.losses) * 30 * (z * (1 - z))**2
+
+
+def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper'],
+              axes: int = 1) -> FreeSpace:
     """
     Return the link of a scenario's UAVs to the ground node, or to an eavesdropper, in m and W.
 
-    Its gains are those that the guarantee counts with: means or, where the channel is cautious, of
-    a line of sight on the bad side; with fading, quantiles.
+    Its gains are those that the guarantee counts with: with an outage quantiles on the bad side,
+    else means or, where the channel is cautious, those of a line of sight on the bad side.
 
     :param axes: how many axes the squared distances have behind that of the UAVs.
     """
@@ -137,51 +156,109 @@ def link_of(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper']
                  scenario.altitudes.reshape(shape))
 
 
-def links_of(scenario: Scenario, length: float, power: Array) -> FreeSpace:
+def make_links(scenario: Scenario, length: float, power: Array, lead: float = 0.0) -> FreeSpace:
     """
     Return the links to the ground node and to every eavesdropper, for arrays (..., K, U).
 
     :param length: the unit of length in m, as power (U,) has those of powers in W.
+    :param lead: degrees of elevation by which gains of links that help begin to rise early, above
+        those that count, so that optimisation finds from outside where there are lines of sight.
     """
     eves = len(scenario.eavesdroppers)
     link = _link(scenario, [0] + [1] * eves, (1 + eves, -1),
                  scenario.reference_snr * power / length**scenario.channel.exponent,
-                 scenario.altitudes / length)
+                 scenario.altitudes / length, lead)
     return link.for_receivers(np.append(1.0, scenario.receiver_advantages)[:, None])
 
 
 def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
-          snr: Array | float, altitudes: Array) -> FreeSpace:
+          snr: Array | float, altitudes: Array, lead: float = 0.0) -> FreeSpace:
     """Return a link to kinds of receivers, ground node (0) or eavesdroppers (1), in a shape."""
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
     # To the ground node a jammer interferes, to an eavesdropper the transmitter leaks.
     harms = np.stack([~transmits, transmits])[kinds].reshape(shape)
-    if channel.outage is not None:
-        low, high = fading_quantiles(channel, uavs * (1 + len(scenario.eavesdroppers)))
+    share = _outage_share(scenario)
+    if channel.rician_k_db is not None:
+        low, high = fading_quantiles(channel.rician_k_db, share)
         snr = snr * np.where(harms, high, low)
     if channel.is_inverse_square:
         return FreeSpace(snr, altitudes**2)
     a, b, loss = channel.los_numbers or (1.0, 1.0, 0.0)
-    losses = np.where(harms & channel.cautious, 1.0, 10.0**(-loss / 10.0))
-    return PathLoss(snr, altitudes**2, losses, channel.exponent, (a, b))
+    kappa = 10.0**(-loss / 10.0)
+    if channel.counts_sights:
+        helping, harming = _sight_elevations(a, b, share)
+        begin = np.where(harms, harming - RISE, helping - lead)
+        width = np.where(harms, RISE, RISE + lead)
+        return PathLossQuantile(
+            snr, altitudes**2, kappa, channel.exponent, 1 / width, begin / width)
+    losses = np.where(harms & channel.cautious, 1.0, kappa)
+    return PathLoss(snr, altitudes**2, losses, channel.exponent, b, b * a + math.log(a))
+
+
+def _outage_share(scenario: Scenario) -> float:
+    """
+    Return the probability of each link and cause to be on the wrong side of its quantile, or 0.
+
+    The outage is divided evenly among all links, and of each between fading and lines of sight.
+    All links are on the right side at once but for the outage, by the union bound, however they
+    depend on each other.
+    """
+    channel = scenario.channel
+    causes = (channel.rician_k_db is not None) + (channel.los is not None)
+    links = len(scenario.uavs) * (1 + len(scenario.eavesdroppers))
+    return (channel.outage or 0.0) / (links * max(causes, 1))
+
+
+def sight_radii(scenario: Scenario) -> Array:
+    """
+    Return how near a UAV's links that help count with a line of sight, (U,) in m on the ground.
+
+    Infinite without a stated outage for lines of sight, and where no elevation is high enough.
+    """
+    channel, elevation = scenario.channel, 90.0
+    if channel.counts_sights and channel.los_numbers:
+        a, b, _ = channel.los_numbers
+        elevation = _sight_elevations(a, b, _outage_share(scenario))[0] + RISE
+    if elevation >= 90.0:
+        return np.full(len(scenario.uavs), np.inf)
+    return scenario.altitudes / math.tan(math.radians(elevation))
+
+
+def _sight_elevations(a: float, b: float, share: float) -> tuple[float, float]:
+    """
+    Return the elevations in degrees with a line of sight but for a share, and without any.
+
+    Above the first, the probability of a line of sight is at least 1 - share; below the second,
+    at most the share.
+    """
+    helping, harming = (a + math.log(a * chance / (1 - chance)) / b
+                        for chance in (1 - share, share))
+    return helping, harming
 
 
 @lru_cache(maxsize=256)
-def fading_quantiles(channel: Channel, links: int) -> tuple[float, float]:
+def fading_quantiles(rician_k_db: float, share: float) -> tuple[float, float]:
     """
-    Return between what the power gain of Rician fading is, each side but for outage / links.
+    Return the power gain of Rician fading that is exceeded, and undercut, but for a share.
 
     With the factor K, 2 (K + 1) |h|^2 is noncentral chi-square with 2 degrees of freedom and the
-    noncentrality 2 K. All links are on the right side at once but for the outage (union bound).
+    noncentrality 2 K.
     """
     from scipy.stats import ncx2  # Here, because it takes half a second to import.
-    assert channel.rician_k_db is not None and channel.outage is not None
-    factor = 10.0**(channel.rician_k_db / 10.0)
-    share = channel.outage / links
+    factor = 10.0**(rician_k_db / 10.0)
     low, high = (quantile(share, 2, 2 * factor) / (2 * (factor + 1))
                  for quantile in (ncx2.ppf, ncx2.isf))
     return float(low), float(high)
+
+
+def _probability(z: Array) -> Array:
+    return 1 / (1 + np.exp(-z))
+
+
+def _spread(fields: tuple[Array | float, ...], *shape: int) -> list[Array]:
+    """Return fields as arrays of a shape, as the kernel takes them."""
+    return [np.ascontiguousarray(np.broadcast_to(values, shape), float) for values in fields]
 
 
 def guaranteed_squared_distance(squared: Array, edge: Array) -> Array:

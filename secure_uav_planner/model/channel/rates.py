@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .links import guaranteed_squared_distance, link_of
+from .links import guaranteed_squared_distance, make_link
 from ...mission.scenario import Array, Eavesdropper, Scenario
 from ...mission.validation import checked_array, checked_kind, checked_real, RANGES
 
@@ -28,12 +28,12 @@ def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
 
 def ground_gains(scenario: Scenario, positions: Array) -> Array:
     """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
-    return link_of(scenario, 'ground_node').gain(ground_squared_distances(scenario, positions))
+    return make_link(scenario, 'ground_node').gain(ground_squared_distances(scenario, positions))
 
 
 def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
     """Return the gains at guaranteed_squared_distances, h-tilde / sigma^2, (E, U, N) in 1/W."""
-    link = link_of(scenario, 'eavesdropper').for_receivers(
+    link = make_link(scenario, 'eavesdropper').for_receivers(
         scenario.receiver_advantages[:, None, None])
     return link.gain(guaranteed_squared_distances(scenario, positions))
 
@@ -41,7 +41,7 @@ def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
 def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
     """Return r_0[n], equation (4), (N,) in bit/s/Hz."""
     positions, powers = checked_flight(scenario, positions, powers)
-    return rate_of(ground_gains(scenario, positions) * powers)
+    return compute_rate(ground_gains(scenario, positions) * powers)
 
 
 def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -52,27 +52,27 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     A Plan counts [R-bar]^+, for in such a slot nothing secret need be sent. A lower bound of
     worst_case_rates; equal to it when every error radius is zero.
 
-    :param altitudes: heights at which the UAVs really were, (U, N) in m, instead of their own.
+    :param altitudes: flown altitudes, (U, N) in m, instead of the scenario's.
     """
     positions, powers = checked_flight(scenario, positions, powers)
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
     leak = np.full(powers.shape[1], 0.0 if scenario.colluding else -np.inf)
-    links = link_of(scenario, 'ground_node'), link_of(scenario, 'eavesdropper')
+    links = make_link(scenario, 'ground_node'), make_link(scenario, 'eavesdropper')
     ground, link = (links if altitudes is None else
-                    [replace(one, squared_altitudes=checked_array(
-                        'altitudes', altitudes, powers.shape)**2) for one in links])
+                    [replace(link, squared_altitudes=checked_array(
+                        'altitudes', altitudes, powers.shape)**2) for link in links])
     for eve, advantage in zip(
             scenario.eavesdroppers, scenario.receiver_advantages.tolist(), strict=True):
         received = link.for_receivers(advantage).gain(
             _guaranteed_squared_distances_to(eve, positions)) * powers
         if scenario.colluding:
-            leak += sinr_of(received)
+            leak += compute_sinr(received)
         else:
-            np.maximum(leak, rate_of(received), out=leak)
+            np.maximum(leak, compute_rate(received), out=leak)
     if scenario.colluding:
         leak = np.log1p(leak) / np.log(2.0)
     gains = ground.gain(ground_squared_distances(scenario, positions))
-    return rate_of(gains * powers) - leak
+    return compute_rate(gains * powers) - leak
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -110,28 +110,28 @@ def leakage_rates(scenario: Scenario, uav_positions: Array, powers: Array,
     :param advantage: by what factor the SNR of the receivers is larger than the ground node's.
     """
     offset = uav_positions[:, :, None] - places
-    link = link_of(scenario, 'eavesdropper', axes=2).for_receivers(advantage)
+    link = make_link(scenario, 'eavesdropper', axes=2).for_receivers(advantage)
     gains = link.gain(_squared_norm(offset))
-    return rate_of(gains * powers[..., None])
+    return compute_rate(gains * powers[..., None])
 
 
-def rate_of(received: Array) -> Array:
+def compute_rate(received: Array) -> Array:
     """
     Return log2(1 + S / (1 + J)), (...) in bit/s/Hz, as accurate for a small S.
 
     :param received: powers over the noise power, the transmitter's S first, then those of the
         jammers, whose sum is J; (U, ...).
     """
-    return np.log1p(sinr_of(received)) / np.log(2.0)
+    return np.log1p(compute_sinr(received)) / np.log(2.0)
 
 
-def sinr_of(received: Array) -> Array:
-    """Return S / (1 + J) of powers as in rate_of, (...)."""
+def compute_sinr(received: Array) -> Array:
+    """Return S / (1 + J) of powers as in compute_rate, (...)."""
     return received[0] / (1.0 + received[1:].sum(axis=0))
 
 
-def put_together(leaks: Array) -> Array:
-    """Return log2(1 + sum of the SINRs), (N,), of the leaks (N, E) to colluding ones."""
+def combine_leaks(leaks: Array) -> Array:
+    """Return log2(1 + sum of the SINRs), (N,), of leaks (N, E) to colluding eavesdroppers."""
     return np.log1p(np.expm1(leaks * np.log(2.0)).sum(axis=1)) / np.log(2.0)
 
 

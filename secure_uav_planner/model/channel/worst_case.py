@@ -6,15 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from .links import guaranteed_squared_distance, link_of, PathLoss
-from .rates import checked_flight, ground_rates, guaranteed_rates, put_together, rate_of
+from .links import guaranteed_squared_distance, make_link, PathLoss
+from .rates import (
+    checked_flight, combine_leaks, compute_rate, ground_rates, guaranteed_rates)
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 from ...mission.validation import checked_array, checked_kind
 
 MOST_SECTORS = 50000
 """
-About the most sectors of discs that are examined in a slot; what is proven until then counts.
+About the most sectors of discs that are examined in a slot; the bound until then counts.
 
 Of 36000 slots of random scenarios, among them all extremes that a Scenario allows, none needed
 20000, 99 of 100 needed less than 1200, half of them 20. With two UAVs 50000 take 0.02 s.
@@ -27,14 +28,13 @@ _SILENT = 1e-100  # Leak in bit/s/Hz up to which a slot is silent.
 
 def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
     """
-    Return r_0[n] less the largest leak to any one point of any disc, (N,) in bit/s/Hz.
+    Return r_0[n] less the largest leak to any point of any disc, (N,) in bit/s/Hz.
 
-    This is R[n] of problem (P1), equation (6), before its [x]^+, from the sure side: a branch
-    and bound over the discs proves that no point leaks more than what is subtracted, and what is
-    subtracted is at most 1e-6 above the leak at worst_case_places. Only where more than
-    MOST_SECTORS parts of the discs would have to be examined in a slot, or where
-    distances of 1e7 m at altitudes of 1e-3 m exhaust the floating-point numbers, is it less
-    tight; it is as sure. Never below guaranteed_rates.
+    A lower bound of R[n] of problem (P1), equation (6), before its [x]^+: a branch and bound over
+    the discs proves that no point leaks more than the leak that is subtracted, which is at most
+    1e-6 above the leak at worst_case_places. The bound still holds but is less tight where more
+    than MOST_SECTORS parts of the discs would have to be examined in a slot, or where distances of
+    1e7 m at altitudes of 1e-3 m exhaust the floating-point numbers. Never below guaranteed_rates.
     """
     positions, powers = checked_flight(scenario, positions, powers)
     powers = np.maximum(powers, 0.0)
@@ -45,9 +45,9 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
 
 def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Array:
     """
-    Return where in the discs the largest leak of each slot was found, (N, 2) in m.
+    Return the place of the largest leak of each slot that the proof visited, (N, 2) in m.
 
-    Of eavesdroppers that collude, it is the place of the one that leaks most.
+    With colluding eavesdroppers, it is the place with the largest single leak.
     """
     positions, powers = checked_flight(scenario, positions, powers)
     _, places = _by_chunks(
@@ -77,7 +77,7 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array,
 def _by_chunks(examine: Callable[[Scenario, Array, Array], tuple[Array, Array]],
                scenario: Scenario, uav_positions: Array,
                powers: Array) -> tuple[Array, Array]:
-    """Return the leaks and places that a function finds, which gets some slots at a time."""
+    """Return leaks and places of all slots, examined in chunks of slots that fit into caches."""
     size = max(1, _AT_ONCE // (len(scenario.eavesdroppers) * len(powers)))
     leaks, places = zip(*(
         examine(scenario, uav_positions[:, first:first + size], powers[:, first:first + size])
@@ -93,9 +93,10 @@ def _likely_leaks(scenario: Scenario, uav_positions: Array,
     places = np.zeros((*leaks.shape, 2))
     active = np.flatnonzero(_guaranteed_leaks(scenario, offsets, powers).max(axis=1) > _SILENT)
     if active.size:
-        found = np.empty((3, active.size * len(scenario.eavesdroppers)))
-        core.find_local_minima(_pack_discs(scenario, offsets[:, active], powers[:, active]), found)
-        v, x, y = found
+        candidates = np.empty((3, active.size * len(scenario.eavesdroppers)))
+        core.find_local_minima(
+            _pack_discs(scenario, offsets[:, active], powers[:, active]), candidates)
+        v, x, y = candidates
         leaks[active] = (np.log1p(1.0 / v) / np.log(2.0)).reshape(active.size, -1)
         places[active] = np.stack([x, y], axis=-1).reshape(active.size, -1, 2)
     return leaks, scenario.eavesdropper_positions + places
@@ -103,17 +104,17 @@ def _likely_leaks(scenario: Scenario, uav_positions: Array,
 
 def _worst_leaks(scenario: Scenario, uav_positions: Array,
                  powers: Array) -> tuple[Array, Array]:
-    """Return what the leak of every slot does not exceed, (N,), and a place of it, (N, 2)."""
+    """Return an upper bound of the leak of each slot, (N,), and the worst place, (N, 2)."""
     offsets = _offsets(scenario, uav_positions)
     most = _guaranteed_leaks(scenario, offsets, powers)
-    leaks = put_together(most) if scenario.colluding else most.max(axis=1)
+    leaks = combine_leaks(most) if scenario.colluding else most.max(axis=1)
     eves = most.argmax(axis=1)
     places = np.zeros((len(leaks), 2))
     # Where no leak matters, as in a silent slot, the formula is near enough, and the centre.
     active = np.flatnonzero(leaks > core.TOLERANCE)
     if active.size:
         discs = _pack_discs(scenario, offsets[:, active], powers[:, active])
-        # Of eavesdroppers that collude every one counts, or else the one with the largest leak.
+        # All colluding eavesdroppers count, otherwise the one with the largest leak.
         count = most.shape[1] if scenario.colluding else 1
         groups = active.size * count
         slot = np.repeat(np.arange(groups), most.shape[1] // count)
@@ -121,23 +122,23 @@ def _worst_leaks(scenario: Scenario, uav_positions: Array,
         disc, place = np.empty(groups, np.int64), np.empty((groups, 2))
         core.prove_leaks(discs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
                          proven, disc, place)
-        of_each = proven.reshape(-1, count)
-        worst = np.arange(0, groups, count) + of_each.argmax(axis=1)
+        grouped = proven.reshape(-1, count)
+        worst = np.arange(0, groups, count) + grouped.argmax(axis=1)
         eves[active], places[active] = disc[worst] % most.shape[1], place[worst]
-        whole = put_together(of_each) if scenario.colluding else proven
+        whole = combine_leaks(grouped) if scenario.colluding else proven
         leaks[active] = np.minimum(leaks[active], whole + _ROUNDING)
     return leaks, scenario.eavesdropper_positions[eves] + places
 
 
 def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
-    """Return where the UAVs are, seen from the centres of the discs, (U, N, E, 2) in m."""
+    """Return the positions of the UAVs from the centres of the discs, (U, N, E, 2) in m."""
     return uav_positions[:, :, None] - scenario.eavesdropper_positions
 
 
 def _pack_discs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
     """Return the discs of `kernel/core.pyi`, of all slots and eavesdroppers, slot by slot."""
     uavs, slots, eves = offsets.shape[:3]
-    link = link_of(scenario, 'eavesdropper').for_receivers(
+    link = make_link(scenario, 'eavesdropper').for_receivers(
         np.tile(scenario.receiver_advantages, slots))
     offsets, powers = offsets.reshape(uavs, -1, 2), np.repeat(powers, eves, axis=1)
     snr = np.broadcast_to(link.reference_snr, (uavs, slots * eves))
@@ -152,15 +153,15 @@ def _pack_discs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, 
         name: np.ascontiguousarray(values) for name, values in arrays.items()}
     if isinstance(link, PathLoss):
         discs['channel'] = replace(
-            link_of(scenario, 'eavesdropper', axes=0), reference_snr=1.0).compiled(1, uavs)
+            make_link(scenario, 'eavesdropper', axes=0), reference_snr=1.0).compiled(1, uavs)
     return discs
 
 
 def _guaranteed_leaks(scenario: Scenario, offsets: Array, powers: Array) -> Array:
-    """Return what no leak exceeds by the formula of the guarantee, (N, E) in bit/s/Hz."""
+    """Return upper bounds of the leaks by the formula of the guarantee, (N, E) in bit/s/Hz."""
     edge = np.repeat(scenario.error_radii[None], len(offsets), axis=0)
     edge[0] *= -1
-    link = link_of(scenario, 'eavesdropper', axes=2).for_receivers(scenario.receiver_advantages)
+    link = make_link(scenario, 'eavesdropper', axes=2).for_receivers(scenario.receiver_advantages)
     gains = link.gain(guaranteed_squared_distance(
         offsets[..., 0]**2 + offsets[..., 1]**2, edge[:, None]))
-    return rate_of(gains * powers[..., None])
+    return compute_rate(gains * powers[..., None])

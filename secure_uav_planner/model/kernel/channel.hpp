@@ -59,10 +59,11 @@ private:
     std::vector<double> snr_, squared_altitudes_;
 };
 
-// Path loss with an exponent and a probability of line of sight:
-// snr (d^2 + H^2)^(-exponent / 2) M with M = kappa + (1 - kappa) P and
-// P = 1 / (1 + a exp(-b (theta - a))) at the elevation theta in degrees. It has a kink at d = 0,
-// below the UAV.
+// Path loss with an exponent and lines of sight: snr (d^2 + H^2)^(-exponent / 2) M. With
+// z = steepness theta - shift, theta being the elevation in degrees, M is either the mean
+// kappa + (1 - kappa) P with the probability P = 1 / (1 + exp(-z)) of a line of sight, or the
+// smoothed quantile kappa^(1 - S), where S = z^3 (6 z^2 - 15 z + 10) rises from 0 at z = 0 to 1 at
+// z = 1. The gain has a kink at d = 0, below the UAV.
 class PathLoss final : public Channel {
 public:
     static constexpr bool KINKED = true;
@@ -73,41 +74,38 @@ public:
         double first, second, third;
     };
 
-    // SNR, H^2 and kappa of every link; kappa is 1 where a link has a line of sight.
+    // SNR, H^2, kappa, steepness and shift of every link; kappa is 1 where a link has a line of
+    // sight.
     PathLoss(std::vector<double> snr, std::vector<double> squared_altitudes,
-             std::vector<double> losses, double exponent, double a, double b)
+             std::vector<double> losses, std::vector<double> steepness, std::vector<double> shift,
+             double exponent, bool quantile)
         : Channel(snr.size()), snr_(std::move(snr)),
           squared_altitudes_(std::move(squared_altitudes)), losses_(std::move(losses)),
-          exponent_(exponent), steepness_(b), shift_(b * a + std::log(a)) {
+          steepness_(std::move(steepness)), shift_(std::move(shift)), exponent_(exponent),
+          quantile_(quantile) {
         for (const double squared : squared_altitudes_) altitudes_.push_back(std::sqrt(squared));
     }
 
     double gain(std::size_t link, double squared) const override {
-        const double in_sight = snr_[link] * power(squared + squared_altitudes_[link]);
-        const double loss = losses_[link];
-        return loss < 1.0 ? in_sight * (loss + (1.0 - loss) * probability(link, squared))
-                          : in_sight;
+        const double clear = snr_[link] * power(squared + squared_altitudes_[link]);
+        return losses_[link] < 1.0 ? clear * sight(link, squared).factor : clear;
     }
 
     Gain derivatives(std::size_t link, double squared) const override {
         const double inverse = 1.0 / (squared + squared_altitudes_[link]);
-        const double value = snr_[link] * power(squared + squared_altitudes_[link]);
-        const double half = 0.5 * exponent_;
-        const double first = -half * value * inverse;
-        const double second = -(half + 1.0) * first * inverse;
-        const double loss = losses_[link];
-        if (!(loss < 1.0)) return {value, first, second};
-        squared = std::max(squared, LEAST);
-        // The mean over both cases, with its derivatives; the logit of P has the slope `logit`.
-        const double sight = probability(link, squared);
-        const double logit =
-            -0.5 * DEGREES * altitudes_[link] * inverse / std::sqrt(squared) * steepness_;
-        const double mean = loss + (1.0 - loss) * sight;
-        const double mean_first = (1.0 - loss) * sight * (1.0 - sight) * logit;
-        const double mean_second =
-            mean_first * ((1.0 - 2.0 * sight) * logit - (0.5 / squared + inverse));
-        return {value * mean, first * mean + value * mean_first,
-                second * mean + 2.0 * first * mean_first + value * mean_second};
+        double value = snr_[link] * power(squared + squared_altitudes_[link]);
+        // Of log gain by the squared distance.
+        double first = -0.5 * exponent_ * inverse, second = -first * inverse;
+        if (losses_[link] < 1.0) {
+            squared = std::max(squared, LEAST);
+            const Sight at = sight(link, squared);
+            const double turn =
+                -0.5 * DEGREES * altitudes_[link] * inverse / std::sqrt(squared) * steepness_[link];
+            value *= at.factor;
+            first += at.first * turn;
+            second += at.second * turn * turn - at.first * turn * (0.5 / squared + inverse);
+        }
+        return {value, value * first, value * (second + first * first)};
     }
 
     // Bound the derivatives of log gain between two distances; infinite if a kink is between them.
@@ -115,8 +113,7 @@ public:
     // Along a line, with D = d^2 + H^2 and the cosine c between line and offset, (log D)' =
     // 2 d c / D, |(log D)''| <= 2 / D and |(log D)'''| <= 4 / D^(3/2). Of theta = arctan(H / d),
     // |theta'| <= H / D, |theta''| <= H / D max(2 d / D, 1 / d), and |theta'''| <=
-    // H (6 / D^2 + 1.155 (2 / D^2 + 1 / (D d^2))), as 3 c (1 - c^2) <= 1.155. P' = b P (1 - P)
-    // theta', and by P, every further derivative has at most a factor of b more.
+    // H (6 / D^2 + 1.155 (2 / D^2 + 1 / (D d^2))), as 3 c (1 - c^2) <= 1.155.
     LogBounds bound_log_gain(std::size_t link, double near, double far) const {
         const double squared = squared_altitudes_[link], altitude = altitudes_[link];
         const double lowest = near * near + squared;
@@ -125,19 +122,18 @@ public:
             : std::max(near / lowest, far / (far * far + squared));
         LogBounds bounds{exponent_ * along, exponent_ / lowest,
                          2.0 * exponent_ / (lowest * std::sqrt(lowest))};
-        const double loss = losses_[link];
-        if (!(loss < 1.0)) return bounds;
-        const double most = probability(link, near * near);
-        const double least = probability(link, far * far);
-        const double share = (1.0 - loss) * most / (loss + (1.0 - loss) * most) * (1.0 - least);
-        const double unit = DEGREES * altitude / lowest * steepness_;
-        const double second = unit / near * std::max(1.0, 2.0 * far * far / (far * far + squared));
-        const double third = unit * (8.31 / lowest + 1.155 / (near * near));
-        const double r1 = share * unit, r2 = share * (unit * unit + second);
-        const double r3 = share * (unit * unit * unit + 3.0 * unit * second + third);
-        bounds.first += r1;
-        bounds.second += r2 + r1 * r1;
-        bounds.third += r3 + 3.0 * r1 * r2 + 2.0 * r1 * r1 * r1;
+        if (!(losses_[link] < 1.0)) return bounds;
+        const LogBounds by_z = quantile_ ? bound_quantile(link, near, far)
+                                         : bound_mean(link, near, far);
+        if (by_z.third == 0.0) return bounds;
+        const double first = DEGREES * altitude / lowest * steepness_[link];
+        const double second =
+            first / near * std::max(1.0, 2.0 * far * far / (far * far + squared));
+        const double third = first * (8.31 / lowest + 1.155 / (near * near));
+        bounds.first += by_z.first * first;
+        bounds.second += by_z.second * first * first + by_z.first * second;
+        bounds.third += by_z.third * first * first * first + 3.0 * by_z.second * first * second
+            + by_z.first * third;
         return bounds;
     }
 
@@ -145,16 +141,70 @@ private:
     static constexpr double DEGREES = 57.295779513082320877;  // In a radian.
     static constexpr double LEAST = 1e-60;  // Squared distance above which derivatives are finite.
 
+    // M, and the derivatives of log M by z.
+    struct Sight {
+        double factor, first, second;
+    };
+
     double power(double squared) const {
         return exponent_ == 2.0 ? 1.0 / squared : std::pow(squared, -0.5 * exponent_);
     }
-    double probability(std::size_t link, double squared) const {
-        const double elevation = DEGREES * std::atan2(altitudes_[link], std::sqrt(squared));
-        return 1.0 / (1.0 + std::exp(shift_ - steepness_ * elevation));
+
+    double z(std::size_t link, double squared) const {
+        return steepness_[link] * DEGREES * std::atan2(altitudes_[link], std::sqrt(squared))
+            - shift_[link];
     }
 
-    std::vector<double> snr_, squared_altitudes_, losses_, altitudes_;
-    double exponent_, steepness_, shift_;
+    double probability(std::size_t link, double squared) const {
+        return 1.0 / (1.0 + std::exp(-z(link, squared)));
+    }
+
+    Sight sight(std::size_t link, double squared) const {
+        const double loss = losses_[link];
+        if (quantile_) {
+            const double at = std::clamp(z(link, squared), 0.0, 1.0), rest = 1.0 - at;
+            const double scale = -std::log(loss), product = at * rest;
+            // 1 - S, so that no digit is lost where it is small.
+            const double missing = rest * rest * rest * (1.0 + 3.0 * at + 6.0 * at * at);
+            return {std::exp(-scale * missing), scale * 30.0 * product * product,
+                    scale * 60.0 * product * (rest - at)};
+        }
+        const double likely = probability(link, squared);
+        const double factor = loss + (1.0 - loss) * likely;
+        const double first = (1.0 - loss) * likely * (1.0 - likely) / factor;
+        return {factor, first, first * (1.0 - 2.0 * likely - first)};
+    }
+
+    // Bounds of the derivatives of log M by z between two distances. P' = P (1 - P), and no
+    // further derivative of P is larger.
+    LogBounds bound_mean(std::size_t link, double near, double far) const {
+        const double loss = losses_[link];
+        const double most = probability(link, near * near);
+        const double least = probability(link, far * far);
+        const double share = (1.0 - loss) * most / (loss + (1.0 - loss) * most) * (1.0 - least);
+        return {share, share * (1.0 + share), share * (1.0 + share * (3.0 + 2.0 * share))};
+    }
+
+    // The derivatives of S are polynomials: each is largest at an end or where the next one is 0.
+    LogBounds bound_quantile(std::size_t link, double near, double far) const {
+        const double low = std::max(z(link, far * far), 0.0);
+        const double high = std::min(z(link, near * near), 1.0);
+        LogBounds bounds{};
+        if (high <= 0.0 || low >= 1.0) return bounds;
+        const double scale = -std::log(losses_[link]);
+        for (const double extreme : {low, 0.21132486540518712, 0.5, 0.78867513459481288, high}) {
+            const double at = std::clamp(extreme, low, high), product = at * (1.0 - at);
+            bounds.first = std::max(bounds.first, scale * 30.0 * product * product);
+            bounds.second =
+                std::max(bounds.second, scale * 60.0 * product * std::fabs(1.0 - 2.0 * at));
+            bounds.third = std::max(bounds.third, scale * 60.0 * std::fabs(1.0 - 6.0 * product));
+        }
+        return bounds;
+    }
+
+    std::vector<double> snr_, squared_altitudes_, losses_, altitudes_, steepness_, shift_;
+    double exponent_;
+    bool quantile_;
 };
 
 }  // namespace kernel

@@ -34,9 +34,9 @@ class FreeSpace(Channel):
         """Make it from SNRs at unit distance and unit power, (K, U), and H^2, (K, U)."""
 
 class PathLoss(Channel):
-    def __init__(self, snr: Array, squared_altitudes: Array, losses: Array, exponent: float,
-                 a: float, b: float) -> None:
-        """Make it as FreeSpace, with kappa (K, U), 1 with line of sight, and b per degree."""
+    def __init__(self, snr: Array, squared_altitudes: Array, losses: Array, steepness: Array,
+                 shift: Array, exponent: float, quantile: bool) -> None:
+        """Make it as FreeSpace; kappa, 1 with line of sight, steepness per degree, shift (K, U)."""
 
     def bound_log_gain(self, link: int, near: float, far: float) -> tuple[float, float, float]:
         """Return bounds of the first three derivatives of log gain between two distances."""

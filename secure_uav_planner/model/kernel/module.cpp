@@ -27,14 +27,14 @@ std::shared_ptr<kernel::FreeSpace> make_free_space(const py::buffer& snr,
         copy_reals(snr, "snr", links), copy_reals(squared_altitudes, "squared_altitudes", links));
 }
 
-std::shared_ptr<kernel::PathLoss> make_path_loss(const py::buffer& snr,
-                                                 const py::buffer& squared_altitudes,
-                                                 const py::buffer& losses, double exponent,
-                                                 double a, double b) {
+std::shared_ptr<kernel::PathLoss> make_path_loss(
+    const py::buffer& snr, const py::buffer& squared_altitudes, const py::buffer& losses,
+    const py::buffer& steepness, const py::buffer& shift, double exponent, bool quantile) {
     const std::size_t links = count_entries(snr);
     return std::make_shared<kernel::PathLoss>(
         copy_reals(snr, "snr", links), copy_reals(squared_altitudes, "squared_altitudes", links),
-        copy_reals(losses, "losses", links), exponent, a, b);
+        copy_reals(losses, "losses", links), copy_reals(steepness, "steepness", links),
+        copy_reals(shift, "shift", links), exponent, quantile);
 }
 
 py::tuple bound_log_gain(const kernel::PathLoss& channel, std::size_t link, double near,

@@ -18,7 +18,7 @@ from ...mission.cone_program import is_solver_failure
 from ...mission.scenario import Array, Scenario
 from ...model.channel import (
     ground_gains, ground_squared_distances, guaranteed_gains, guaranteed_squared_distances)
-from ...model.channel.links import FreeSpace, link_of
+from ...model.channel.links import FreeSpace, make_link
 
 _LOG = logging.getLogger(__name__)
 
@@ -111,7 +111,7 @@ class TrajectoryProblem:
         """
         scenario = self._scenario
         offset = positions[:, 1:-1] - np.array(scenario.ground_node)
-        gains, inverse = _evaluate_link(link_of(scenario, 'ground_node'),
+        gains, inverse = _evaluate_link(make_link(scenario, 'ground_node'),
                                         ground_squared_distances(scenario, positions))
         self.unit = unit = float(1 / np.sqrt(np.median(inverse)))
         self.moves: list[Any] = [cp.Variable(path.shape) for path in positions]
@@ -153,7 +153,7 @@ class TrajectoryProblem:
         centres, count = scenario.eavesdropper_positions, len(scenario.eavesdroppers)
         squared = guaranteed_squared_distances(scenario, positions)
         gains, inverse = _evaluate_link(
-            link_of(scenario, 'eavesdropper').for_receivers(
+            make_link(scenario, 'eavesdropper').for_receivers(
                 scenario.receiver_advantages[:, None, None]), squared)
         received, inverse = gains * powers, inverse * unit**2
         distances = np.sqrt(squared) / unit

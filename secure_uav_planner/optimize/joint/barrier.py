@@ -11,8 +11,7 @@ from .starts import refine
 from ..incumbent import Incumbent
 from ...errors import NumericalError
 from ...mission.scenario import Array
-from ...model.channel.receivers import Receivers
-from ...model.grid import Grid
+from ...model.grid import Grid, Receivers
 from ...model.kernel import core
 from ...model.limits import build_limits, is_open
 from ...plan.plan import Status
@@ -110,15 +109,17 @@ class Stepper:
     Every step is reported to the incumbent, and raises Stop where the method must end.
 
     :ivar grid: the full grid, of the scenario's own slots.
+    :ivar lead: of the links, see make_links.
     """
 
     def __init__(self, incumbent: Incumbent) -> None:
         self.incumbent = incumbent
         self.grid = Grid.of(incumbent.scenario)
+        self.lead = 0.0
 
     def build_barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
         """Return a Barrier that stops when the method must end."""
-        return Barrier(grid, x, mu, self.check)
+        return Barrier(grid, x, mu, self.check, Receivers.of(grid, self.lead))
 
     def check(self) -> None:
         """Raise Stop where the method must end."""

@@ -15,8 +15,7 @@ from .barrier import (
 from .starts import make_strictly_feasible
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
-from ...model.channel.receivers import Receivers
-from ...model.grid import Grid
+from ...model.grid import Grid, Receivers
 from ...plan.plan import Status
 
 WORSE = 1e-7  # The least leak, in nats, by which a place is worse.

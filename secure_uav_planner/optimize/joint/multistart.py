@@ -18,7 +18,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .barrier import COARSE_MU, COARSE_SLOTS, FINAL_MU, Stepper, WARM_MU, WARM_SHARE
+from .barrier import (
+    Barrier, COARSE_MU, COARSE_SLOTS, FINAL_MU, Stepper, WARM_MU, WARM_SHARE)
 from .starts import generate_starts, make_strictly_feasible
 from ..incumbent import Incumbent
 from ..initial import constant_powers
@@ -41,6 +42,10 @@ _LEVEL_STEPS = 20  # Newton steps from each level on the coarse grid,
 _LEVEL_MU = 0.03  # with this barrier parameter to begin with,
 _LEVEL_SHARE = 0.01  # and the share by which powers are moved into the interior.
 
+_LEADS = (8.0, 4.0, 2.0)  # Degrees by which gains rise early, from the coarse grid on,
+_LEAD_STEPS = 25  # and the most Newton steps with each on the full grid,
+_LEAD_MU = 1e-4  # down to this barrier parameter.
+
 _FAILURES = NumericalError, np.linalg.LinAlgError  # Of a part that the method can do without.
 _Starts: TypeAlias = tuple[Array, Array]
 
@@ -54,10 +59,13 @@ def improve_by_multistart(stepper: Stepper) -> Status:
     incumbent = stepper.incumbent
     baseline = incumbent.with_objective('guaranteed')
     baseline.try_less_jamming()
+    counts_sights = incumbent.scenario.channel.counts_sights
+    stepper.lead = _LEADS[0] if counts_sights else 0.0
     grid, first, batches = _generate_coarse_starts(stepper)
     x, rates = _advance(stepper, grid, *first, STEPS)
     agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
-              and (1 - GAP) * rates.max() > np.log(2) * (baseline.rate + CLOSE))
+              and (counts_sights
+                   or (1 - GAP) * rates.max() > np.log(2) * (baseline.rate + CLOSE)))
     if not agreed:
         with suppress(*_FAILURES):
             more_x, more_rates = _advance(stepper, grid, *next(batches), STEPS)
@@ -65,7 +73,7 @@ def improve_by_multistart(stepper: Stepper) -> Status:
         near = _select_best(rates, GAP, POLISHED)
         x, rates = _polish(stepper, grid, x[near], rates[near])
     near = _select_best(rates, GAP, 1 if agreed else FINISHED)
-    fine = stepper.refine_to_full_grid(grid, x[near], COARSE_MU)
+    fine = _reduce_lead(stepper, stepper.refine_to_full_grid(grid, x[near], COARSE_MU))
     status = stepper.finish(fine)
     if not agreed:
         _try_baseline(baseline, incumbent)
@@ -74,6 +82,18 @@ def improve_by_multistart(stepper: Stepper) -> Status:
                 if incumbent.rate > 0:
                     improve_incumbent(stepper, share * np.log(2) * incumbent.rate)
     return 'converged' if fine.finished.any() else status
+
+
+def _reduce_lead(stepper: Stepper, barrier: Barrier) -> Barrier:
+    """Return a Barrier without lead, after steps with ever less of it."""
+    for lead in (*_LEADS[1:], 0.0) if stepper.lead else ():
+        for _ in range(_LEAD_STEPS):
+            stepper.step(barrier, _LEAD_MU)
+            if barrier.finished.all():
+                break
+        stepper.lead = lead
+        barrier = stepper.build_barrier(barrier.grid, barrier.x, np.maximum(barrier.mu, COARSE_MU))
+    return barrier
 
 
 def improve_incumbent(stepper: Stepper, mu: float = WARM_MU) -> Status:

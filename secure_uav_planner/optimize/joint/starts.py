@@ -11,6 +11,7 @@ from ..initial import (
     project)
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
+from ...model.channel.links import sight_radii
 from ...model.grid import Grid, resample, resample_flights
 from ...model.limits import build_limits, is_open
 from ...model.limits.motion import NormLimit, reference_flight
@@ -42,8 +43,8 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     Return S hovering places of fly-hover-fly flights, (S, U, 2) in m.
 
     The paper's come first, the transmitter above the ground node and the jammers above the
-    eavesdroppers in turn; then random places around these, each jammer's around any eavesdropper.
-    They rotate and shift with the map.
+    eavesdroppers in turn; then random places around these, each jammer's around any eavesdropper,
+    where links that help have lines of sight, if these count. They rotate and shift with the map.
     """
     rng = np.random.default_rng(0)
     ground, eavesdroppers = np.array(scenario.ground_node), scenario.eavesdropper_positions
@@ -56,7 +57,12 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     distances[0] = 0.0
     x, y = eavesdroppers[0] - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
-    return targets + distances * rng.normal(size=targets.shape) @ axes
+    offsets = distances * rng.normal(size=targets.shape) @ axes
+    errors = scenario.error_radii[target]
+    errors[:, 0] = 0.0
+    longest = np.maximum(sight_radii(scenario) - errors, 0.0)
+    lengths = np.maximum(np.linalg.norm(offsets, axis=-1), 1e-9)
+    return targets + offsets * np.minimum(1.0, longest / lengths)[..., None]
 
 
 def generate_starts(grid: Grid, check: Check = lambda: None) -> Iterator[tuple[Array, Array]]:
