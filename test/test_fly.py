@@ -124,9 +124,9 @@ def test_gusts_have_the_mean_the_deviation_and_the_memory_that_they_are_given():
 
 def test_no_setpoint_jumps_when_a_flight_is_late_paused_and_pushed_aside(tmp_path):
     uav = Uav('lone', (-30.0, 0.0), (30.0, 0.0), 60.0, 12.0, max_acceleration=3.0)
-    scenario = Scenario((0.0, 0.0), (Eavesdropper((60.0, 80.0), 10.0),), (uav,), 30.0, 30)
+    scenario = Scenario((0.0, 0.0), (Eavesdropper((60.0, 80.0), 10.0),), (uav,), 40.0, 40)
     event = missions.Event('short', ((2.0, 'replay/start'), (5.0, 'replay/pause'),
-                                     (7.0, 'replay/start')), push=(9.0, 12.0))
+                                     (7.0, 'replay/start')), push=(9.0, 14.0))
     flown = fly_event(event, scenario)
     found = report.event_report(flown)
     print(f'\n{report.report_table([found])}')
