@@ -29,6 +29,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
+from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
 
 from . import messages
@@ -72,6 +73,7 @@ class SecurePlanner:
         self.names = [uav.name for uav in self.scenario.uavs]
         self.status: dict[str, str] = {}
         self.last_plan: Plan | None = None
+        self._followed: str | None = None  # Identity of the replay's plan.
         self._namespace, self._on_status = namespace, on_status
         self._services: dict[str, Client] = {}
         self._arrived = threading.Condition()
@@ -96,6 +98,7 @@ class SecurePlanner:
                 self.node.create_subscription(
                     kind, member_topic, partial(self._take, member_topic), LATCHED, raw=True)
         self.receive(DiagnosticStatus, 'planner/status', self._take_status, LATCHED)
+        self.receive(TimeReference, 'plan_time', self._take_plan_time)
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
         return self
@@ -132,6 +135,8 @@ class SecurePlanner:
 
     def start(self) -> str:
         """Release the plan, or go on after a pause; return the next state in words."""
+        if self.last_plan is not None:
+            self.wait_until(lambda: self._followed, 'the plan in the replay')
         return self.call('replay/start')
 
     def pause(self) -> str:
@@ -231,6 +236,9 @@ class SecurePlanner:
         if self._assembly.is_whole():
             self.last_plan, _ = self._assembly.plan(**{
                 field: getattr(self.scenario, field) for field in _RECEPTION})
+
+    def _take_plan_time(self, message: TimeReference) -> None:
+        self._followed = message.source
 
     def _take_status(self, message: DiagnosticStatus) -> None:
         self.status = {entry.key: entry.value for entry in message.values}
