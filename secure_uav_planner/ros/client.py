@@ -65,6 +65,7 @@ class SecurePlanner:
     :ivar status: the values of the last status, by key.
     :ivar last_plan: the last Plan, or None; its receivers are those of the scenario, and its UAVs
         have the smallest limits that the plan keeps.
+    :ivar plan_time: the last report of the replay on its plan and the time in it, or None.
     """
 
     def __init__(self, scenario: Scenario | None = None, namespace: str = '',
@@ -73,7 +74,7 @@ class SecurePlanner:
         self.names = [uav.name for uav in self.scenario.uavs]
         self.status: dict[str, str] = {}
         self.last_plan: Plan | None = None
-        self._followed: str | None = None  # Identity of the replay's plan.
+        self.plan_time: TimeReference | None = None
         self._namespace, self._on_status = namespace, on_status
         self._services: dict[str, Client] = {}
         self._arrived = threading.Condition()
@@ -136,7 +137,7 @@ class SecurePlanner:
     def start(self) -> str:
         """Release the plan, or go on after a pause; return the next state in words."""
         if self.last_plan is not None:
-            self.wait_until(lambda: self._followed, 'the plan in the replay')
+            self.wait_until(lambda: self.plan_time, 'the plan in the replay')
         return self.call('replay/start')
 
     def pause(self) -> str:
@@ -238,7 +239,7 @@ class SecurePlanner:
                 field: getattr(self.scenario, field) for field in _RECEPTION})
 
     def _take_plan_time(self, message: TimeReference) -> None:
-        self._followed = message.source
+        self.plan_time = message
 
     def _take_status(self, message: DiagnosticStatus) -> None:
         self.status = {entry.key: entry.value for entry in message.values}

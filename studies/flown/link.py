@@ -16,7 +16,6 @@ from rosgraph_msgs.msg import Clock
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import ClientError, node_process, SecurePlanner
 from secure_uav_planner.ros.topics import STREAM
-from sensor_msgs.msg import TimeReference
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 RATE = 25.0
@@ -41,14 +40,13 @@ class Link(SecurePlanner):
 
     :param nodes: the number of nodes with this clock.
     :ivar setpoints: the last Setpoint of each UAV by its name.
-    :ivar plan_time: the last sensor_msgs/TimeReference of the replay, or None.
     :ivar warnings: counts of the planner's status that was not OK, by its text.
     :ivar is_solving: True while the planner solves.
     """
 
     def __init__(self, scenario, nodes):
         super().__init__(scenario, on_status=self._note_status)
-        self.setpoints, self.plan_time, self.warnings = {}, None, Counter()
+        self.setpoints, self.warnings = {}, Counter()
         self.is_solving, self._nodes = False, nodes
 
     def __enter__(self):
@@ -60,8 +58,6 @@ class Link(SecurePlanner):
             self.receive(MultiDOFJointTrajectory, f'{name}/setpoint/trajectory',
                          lambda message, name=name: self.setpoints.update(
                              {name: messages.read_setpoint(message)}))
-        self.receive(TimeReference, 'plan_time',
-                     lambda message: setattr(self, 'plan_time', message))
         self.wait_until(self._is_connected, 'a node')
         return self
 
