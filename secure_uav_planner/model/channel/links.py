@@ -10,7 +10,7 @@ says which.
 from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,12 +69,15 @@ class PathLoss(FreeSpace):
     1 / (1 + exp(-z)) and z = steepness theta - shift at the elevation theta in degrees
     (Al-Hourani, Kandeepan and Lardner 2014; the mean of both cases as in Zeng, Wu and Zhang 2019).
 
+    :cvar takes_quantile: False if the mean of both cases counts.
     :param losses: kappa, the share of the gain that is left without a line of sight; 1 for a link
         that has a line of sight. As reference_snr.
     :param exponent: alpha.
     :param steepness: of z, per degree; as reference_snr.
     :param shift: of z; as reference_snr.
     """
+
+    takes_quantile: ClassVar[bool] = False
 
     losses: Array | float = 1.0
     exponent: float = 2.0
@@ -109,7 +112,7 @@ class PathLoss(FreeSpace):
             (self.reference_snr, self.squared_altitudes, self.losses, self.steepness, self.shift),
             receivers, uavs)
         return core.PathLoss(snr, squared_altitudes, losses, steepness, shift, self.exponent,
-                             isinstance(self, PathLossQuantile))
+                             self.takes_quantile)
 
     def _sight_gain(self, squared: Array) -> Array:
         return self.reference_snr * (
@@ -134,6 +137,8 @@ class PathLossQuantile(PathLoss):
     The factor of the gain is kappa^(1 - S), where S = z^3 (6 z^2 - 15 z + 10) rises from 0 at z =
     0 to 1 at z = 1: twice differentiable, unlike the step of the quantile itself.
     """
+
+    takes_quantile: ClassVar[bool] = True
 
     def _factor(self, z: Array) -> tuple[Array, Array]:
         z = np.clip(z, 0.0, 1.0)
