@@ -8,6 +8,7 @@ import numpy as np
 
 from .kinematics import Vehicle
 from .polygons import checked_polygon, Vertices
+from .tracks import checked_track, interpolate, Track
 from .validation import (
     Array, checked_array, checked_block, checked_name, checked_number, checked_point, Point,
     set_checked)
@@ -27,6 +28,9 @@ class Eavesdropper:
     :param receiver_advantage_db: SNR at its receiver relative to that of the ground node's
         receiver at the same place, in dB: a better antenna or less noise. Guarantees hold for
         every receiver up to that.
+    :param track: of an eavesdropper that moves, the disc at 2 to 1000 times: (t, x, y, radius)
+        each, t in s from point 0 and the rest in m; linear in between, and held before the first
+        and after the last. Then position and error_radius become those of the track at point 0.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
@@ -34,12 +38,18 @@ class Eavesdropper:
     error_radius: float = 0.0
     name: str = 'eavesdropper'
     receiver_advantage_db: float = 0.0
+    track: Track | None = None
 
     def __post_init__(self) -> None:
         checked_name('eavesdropper', self.name)
         owner = f'{quote(self.name)[1:-1]} '
         set_checked(self, owner, checked_point, 'position')
         set_checked(self, owner, checked_number, 'error_radius', 'receiver_advantage_db')
+        set_checked(self, owner, checked_track, 'track', optional=True)
+        if self.track is not None:
+            x, y, radius = interpolate(self.track, np.zeros(1))[0].tolist()
+            object.__setattr__(self, 'position', (x, y))
+            object.__setattr__(self, 'error_radius', radius)
 
 
 @dataclass(frozen=True)

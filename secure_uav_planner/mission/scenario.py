@@ -1,18 +1,22 @@
 """The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import combinations
 import math
 import os
 from typing import Any, TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from . import make_view
 from .files import checked_path
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
+from .tracks import checked_track, interpolate, ReceiverPlaces, shift_track, split_ground_node, Track
 from .validation import (
     Array, checked_fields, checked_members, checked_number, checked_point, checked_real,
     make_unique, Point, RANGES, read_only, set_checked)
@@ -79,6 +83,8 @@ class Scenario:
     :param channel: a Channel; by default free space.
     :param colluding: whether the eavesdroppers combine their signals, so that their SINRs add up;
         otherwise the largest rate of a single one counts.
+    :param ground_node_track: of a ground node that moves, its place at 2 to 1000 times: (t, x, y)
+        each, as in the track of an Eavesdropper. Then ground_node becomes that at point 0.
     :raises ScenarioError: naming the field, its value and what is allowed.
     :raises InfeasibleMissionError: for a mission that cannot be flown, naming the UAV and its
         shortest duration.
@@ -96,9 +102,14 @@ class Scenario:
     tracking_margin: float = 0.0
     channel: Channel = Channel()
     colluding: bool = False
+    ground_node_track: Track | None = None
 
     def __post_init__(self) -> None:
         set_checked(self, '', checked_point, 'ground_node')
+        set_checked(self, '', checked_track, 'ground_node_track', optional=True)
+        if self.ground_node_track is not None:
+            object.__setattr__(self, 'ground_node', tuple(
+                interpolate(self.ground_node_track, np.zeros(1))[0].tolist()))
         for field, members in _MEMBERS.items():
             object.__setattr__(self, field, checked_members(
                 field, getattr(self, field), *members))
@@ -241,10 +252,41 @@ class Scenario:
         'uavs', 'average_power', 'Limits P_ave of the mean powers, (U,) in W.')
     peak_powers = _stack_field(
         'uavs', 'peak_power', 'Limits P_peak of the powers of each slot, (U,) in W.')
-    eavesdropper_positions = _stack_field(
-        'eavesdroppers', 'position', 'Centres of the discs, (E, 2) in m.')
-    error_radii = _stack_field(
-        'eavesdroppers', 'error_radius', 'Radii epsilon of the discs, (E,) in m.')
+
+    def receivers_at(self, times: ArrayLike) -> ReceiverPlaces:
+        """Return where the receivers are at times (K,) in s from point 0."""
+        times = np.asarray(times, float)
+        ground = (np.broadcast_to(self.ground_node, (len(times), 2))
+                  if self.ground_node_track is None else
+                  interpolate(self.ground_node_track, times))
+        discs = np.stack([np.broadcast_to((*eve.position, eve.error_radius), (len(times), 3))
+                          if eve.track is None else interpolate(eve.track, times)
+                          for eve in self.eavesdroppers])
+        return ReceiverPlaces(ground, discs[..., :2], discs[..., 2])
+
+    @cached_property
+    def receivers(self) -> ReceiverPlaces:
+        """Where the receivers are at the points of the N slots; read-only."""
+        times = np.arange(1.0, self.slots + 1) * self.slot_duration
+        return ReceiverPlaces(*map(read_only, self.receivers_at(times)))
+
+    @property
+    def has_tracks(self) -> bool:
+        """Whether any receiver moves."""
+        return self.ground_node_track is not None or any(
+            eve.track is not None for eve in self.eavesdroppers)
+
+    def with_receivers(self, other: 'Scenario', delay: float = 0.0) -> 'Scenario':
+        """
+        Return this scenario with the ground node and the eavesdroppers of another one.
+
+        :param delay: time in s from the other one's point 0 to point 0 of this one.
+        """
+        return replace(
+            self, ground_node=other.ground_node,
+            ground_node_track=shift_track(other.ground_node_track, delay),
+            eavesdroppers=tuple(replace(eve, track=shift_track(eve.track, delay))
+                                for eve in other.eavesdroppers))
 
     @cached_property
     def max_step(self) -> Array:
@@ -329,13 +371,18 @@ class Scenario:
         """
         Return the scenario as plain values of JSON; an infinite ceiling is None.
 
-        The fields `channel` and `colluding`, which version 0.1.0 cannot read, are left out if
-        they have their defaults.
+        Fields that version 0.1.0 cannot read are left out if they have their defaults.
         """
         data = asdict(self)
-        for field in ('channel', 'colluding'):
+        for field in ('channel', 'colluding', 'ground_node_track'):
             if getattr(self, field) == getattr(Scenario, field):
                 del data[field]
+        if 'ground_node_track' in data:
+            data['ground_node'] = {
+                'position': self.ground_node, 'track': data.pop('ground_node_track')}
+        for eve in data['eavesdroppers']:
+            if eve['track'] is None:
+                del eve['track']
         for zone in data['no_fly_zones']:
             if math.isinf(zone['ceiling']):
                 zone['ceiling'] = None
@@ -349,7 +396,8 @@ class Scenario:
         :raises ScenarioError: for an unknown field, a missing one that has no default, or a
             wrong value.
         """
-        values = checked_fields(cls, data)
+        values = checked_fields(
+            cls, split_ground_node(data) if isinstance(data, Mapping) else data)
         for field, (kind, *_) in _MEMBERS.items():
             members = values.get(field, ())
             if not isinstance(members, (list, tuple)):

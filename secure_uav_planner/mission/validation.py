@@ -19,6 +19,7 @@ _Kind = TypeVar('_Kind')
 RANGES = {
     'coordinate': (-1e7, 1e7),
     'error_radius': (0.0, 1e7),
+    'knot_time': (-1e9, 1e9),
     'receiver_advantage_db': (-100.0, 100.0),
     'altitude': (1e-3, 1e6),
     'max_speed': (1e-6, 1e6),

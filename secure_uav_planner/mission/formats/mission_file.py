@@ -10,6 +10,7 @@ from .documents import Document, format_document, make_file_error, Problem, read
 from ..files import atomic_file
 from ..participants import Eavesdropper, NoFlyZone, Uav
 from ..propagation import Channel
+from ..tracks import split_ground_node
 from ..validation import find_field_errors, RANGES, required_fields, UNITS
 from ...errors import (
     format_place, MissionFileError, Place, quote, ScenarioError, yaml_notation)
@@ -94,6 +95,12 @@ class _Diagnosis:
         if data is None:
             self._add((), 'the file is empty; it must have the fields of a mission')
             return None
+        if isinstance(data, dict):
+            try:
+                data = split_ground_node(data)
+            except ScenarioError as error:
+                self._add(error.place, str(error))
+                data = {**data, 'ground_node': neutral.ground_node}
         given = self._pick_fields(kind, data, (), '')
         plain = {name: value for name, value in given.items()
                  if name not in _NEUTRAL and name != 'channel'}
@@ -126,6 +133,8 @@ class _Diagnosis:
         return scenario if is_complete else None
 
     def _add(self, place: Place, text: str) -> None:
+        if place[:1] == ('ground_node_track',):
+            place = ('ground_node', 'track', *place[1:])
         self.problems.append(Problem(self._document.line(place), text))
 
     def _pick_fields(self, kind: type[Any], data: Any, place: Place,

@@ -1,0 +1,111 @@
+"""Tracks of receivers that move: knots in time, linear between them and held outside."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .validation import Array, RANGES
+from ..errors import quote, ScenarioError
+
+MAX_KNOTS = 1000
+"""The most knots of a track."""
+
+MAX_SPEED = 1000.0
+"""The largest speed of a receiver on its track in m/s."""
+
+Track = tuple[tuple[float, ...], ...]
+
+
+class ReceiverPlaces(NamedTuple):
+    """
+    Where the receivers are at K times.
+
+    :ivar ground_node: (K, 2) in m.
+    :ivar centres: of the eavesdroppers' discs, (E, K, 2) in m.
+    :ivar radii: of these, (E, K) in m.
+    """
+
+    ground_node: Array
+    centres: Array
+    radii: Array
+
+
+def checked_track(owner: str, field: str, value: Any) -> Track:
+    """
+    Return a track as tuples of floats.
+
+    :param field: 'track' with knots (t, x, y, radius), or 'ground_node_track' with (t, x, y).
+    :raises ScenarioError: naming the field, the knot, its value and what is allowed.
+    """
+    parts = {'t': 'knot_time', 'x': 'coordinate', 'y': 'coordinate'}
+    if field == 'track':
+        parts['radius'] = 'error_radius'
+    names = f'({", ".join(parts)})'
+    if (isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray))
+            or not 2 <= len(value) <= MAX_KNOTS):
+        raise ScenarioError(f'{owner}{field} is {quote(value)}; it must be a list of 2 to '
+                            f'{MAX_KNOTS} knots {names}', (field,))
+    knots = tuple(_checked_knot(owner, field, number, knot, names, parts)
+                  for number, knot in enumerate(value))
+    for number, (before, knot) in enumerate(zip(knots, knots[1:]), start=1):
+        duration = knot[0] - before[0]
+        if not duration > 0:
+            raise ScenarioError(
+                f'{owner}{field}[{number}] has the time {knot[0]:g} s; it must be after that of '
+                f'the knot before, {before[0]:g} s', (field, number))
+        distance = float(np.hypot(knot[1] - before[1], knot[2] - before[2]))
+        if distance > MAX_SPEED * duration * (1 + 1e-9):
+            raise ScenarioError(
+                f'{owner}{field}[{number}] is {distance:g} m and {duration:g} s after the knot '
+                f'before, {distance / duration:g} m/s; it must be at most {MAX_SPEED:g} m/s',
+                (field, number))
+    return knots
+
+
+def _checked_knot(owner: str, field: str, number: int, knot: Any, names: str,
+                  parts: dict[str, str]) -> tuple[float, ...]:
+    try:
+        values = tuple(float(value) for value in knot if not isinstance(value, (bool, str)))
+    except (TypeError, ValueError, OverflowError):
+        values = ()
+    if len(values) != len(parts) or len(values) != len(knot):
+        raise ScenarioError(f'{owner}{field}[{number}] is {quote(knot)}; it must be the numbers '
+                            f'{names}', (field, number))
+    for (name, limits), value in zip(parts.items(), values):
+        low, high = RANGES[limits]
+        if not low <= value <= high:
+            unit = 's' if name == 't' else 'm'
+            raise ScenarioError(f'{owner}{field}[{number}] has {name} = {value:g} {unit}; it must '
+                                f'be from {low:g} to {high:g} {unit}', (field, number))
+    return values
+
+
+def interpolate(track: Track, times: Array) -> Array:
+    """Return the place, and the radius if the track has one, at times (K,) in s, (K, 2 or 3)."""
+    knots = np.array(track)
+    return np.stack([np.interp(times, knots[:, 0], column) for column in knots.T[1:]], axis=-1)
+
+
+def shift_track(track: Track | None, seconds: float) -> Track | None:
+    """Return a track whose times count from a point 0 that is so many s later."""
+    return track and tuple((time - seconds, *rest) for time, *rest in track)
+
+
+def split_ground_node(data: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Return a scenario's plain values with its ground node's position and track as two fields.
+
+    :param data: in which ground_node may be a mapping of position and track.
+    :raises ScenarioError: for such a mapping with other fields, or without the position.
+    """
+    node = data.get('ground_node')
+    if not isinstance(node, Mapping):
+        return dict(data)
+    for name in node:
+        if name not in ('position', 'track'):
+            raise ScenarioError(f'ground_node has no field {quote(name)}; it has position, track',
+                                ('ground_node', name))
+    if 'position' not in node:
+        raise ScenarioError('ground_node lacks position', ('ground_node',))
+    return {**data, 'ground_node': node['position'], 'ground_node_track': node.get('track')}
