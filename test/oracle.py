@@ -60,23 +60,42 @@ def rates(grid, x, softening=0.0):
     :param softening: of the jammers' distances to discs, in units of the grid.
     """
     scenario = grid.scenario
-    receivers = [(scenario.ground_node, 0.0, 1.0, True)] + list(zip(
-        scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages,
-        [False] * len(scenario.eavesdroppers)))
+    times = np.arange(1, grid.slots + 1) * grid.slot_duration
+    discs = [disc_at(eve, times) for eve in scenario.eavesdroppers]
+    receivers = [(ground_node_at(scenario, times), np.zeros(grid.slots), 1.0, True)] + [
+        (*disc, 10**(eve.receiver_advantage_db / 10), False)
+        for disc, eve in zip(discs, scenario.eavesdroppers)]
     ground, *leaks = (_rate(grid, x, *receiver, softening * grid.length)
                       for receiver in receivers)
     return ground, np.stack(leaks, axis=-1)
 
 
+def disc_at(eve, times):
+    """Return the centres (N, 2) and the radii (N,) of an eavesdropper's disc at times."""
+    if eve.track is None:
+        return np.tile(eve.position, (len(times), 1)), np.full(len(times), eve.error_radius)
+    t, x, y, radius = np.transpose(eve.track)
+    return np.transpose([np.interp(times, t, x), np.interp(times, t, y)]), np.interp(
+        times, t, radius)
+
+
+def ground_node_at(scenario, times):
+    """Return the places of the ground node at times, (N, 2)."""
+    if scenario.ground_node_track is None:
+        return np.tile(scenario.ground_node, (len(times), 1))
+    t, x, y = np.transpose(scenario.ground_node_track)
+    return np.transpose([np.interp(times, t, x), np.interp(times, t, y)])
+
+
 def _rate(grid, x, place, radius, advantage, to_ground, softening):
     power = x[..., 0] * grid.power
-    offset = x[..., 1:] * grid.length + grid.origin - np.array(place)
+    offset = x[..., 1:] * grid.length + grid.origin - place[:, None]
     squared = offset[..., 0]**2 + offset[..., 1]**2
-    if radius:
+    if radius.any():
         distance = np.sqrt(squared[..., 0])
         squared[..., 0] = np.where(distance.real > radius, (distance - radius)**2, 0.0)
         rounded = np.sqrt(squared[..., 1:] + softening**2)
-        squared[..., 1:] += radius * (2 * rounded + radius)
+        squared[..., 1:] += radius[:, None] * (2 * rounded + radius[:, None])
     if not grid.scenario.channel.is_inverse_square:  # Whose kink is rounded as well.
         squared = squared + softening**2
     received = advantage * snr(grid.scenario, squared, to_ground) * power
@@ -204,8 +223,10 @@ def sampled_leaks(scenario, positions, powers, worst, rng, count=300):
     :param worst: places near which to look closely, (N, 2) in m.
     """
     leaks_by_disc = []
-    for centre, radius, advantage in zip(
-            scenario.eavesdropper_positions, scenario.error_radii, scenario.receiver_advantages):
+    times = np.arange(1, powers.shape[1] + 1) * scenario.slot_duration
+    for eve, advantage in zip(scenario.eavesdroppers, scenario.receiver_advantages):
+        centre, radius = (values[:, None] for values in disc_at(eve, times))
+        radius = radius[..., None]
         angles = rng.uniform(0, 2 * np.pi, count)
         rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         inside = centre + radius * np.sqrt(rng.random((count, 1))) * rays

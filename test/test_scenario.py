@@ -59,7 +59,7 @@ def test_the_arrays_of_a_scenario_are_computed_once_and_read_only():
     scenario = Scenario.paper()
     for instance in (scenario, copy.deepcopy(scenario), pickle.loads(pickle.dumps(scenario))):
         for name in ('max_step', 'altitudes', 'max_speeds', 'average_powers', 'peak_powers',
-                     'starts', 'goals', 'eavesdropper_positions', 'error_radii'):
+                     'starts', 'goals', 'landmarks'):
             assert getattr(instance, name) is getattr(instance, name)
             with pytest.raises(ValueError):
                 getattr(instance, name)[0] = 0.0

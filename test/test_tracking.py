@@ -153,8 +153,7 @@ def test_a_plan_made_in_flight_is_spliced_in_without_a_jump(plan):
 
 def begin_replan(plan, time, states, tolerance=TOLERANCE):
     first = find_first_point(plan.scenario, time + LEAD)
-    return find_rejoin(plan, first, states, tolerance, plan.scenario.ground_node,
-                       plan.scenario.eavesdroppers)
+    return find_rejoin(plan, first, states, tolerance, plan.scenario)
 
 
 @settings(max_examples=20)

@@ -47,7 +47,7 @@ def test_the_map_of_any_mission_has_all_who_take_part(scenario):
     if axes.get_xlabel().startswith('north'):
         points = points[:, ::-1]
     for place in (scenario.ground_node, *scenario.starts, *scenario.goals,
-                  *scenario.eavesdropper_positions):
+                  *(eve.position for eve in scenario.eavesdroppers)):
         assert np.abs(points - place).max(axis=1).min() < 1e-9
 
 

@@ -27,7 +27,7 @@ def random_plan(scenario, rng):
     positions[:, together] = (positions[:1] + spread * rng.standard_normal(
         positions.shape))[:, together]
     above = rng.random((uavs, slots + 2)) < 0.2
-    positions[above] = rng.choice(scenario.eavesdropper_positions, np.count_nonzero(above))
+    positions[above] = rng.choice([eve.position for eve in scenario.eavesdroppers], np.count_nonzero(above))
     return positions, random_powers(scenario, rng)
 
 
@@ -43,8 +43,10 @@ def leaks_at(scenario, positions, powers, places):
         scenario, positions[:, 1:-1], powers,
         np.repeat(places[:, None], len(scenario.eavesdroppers), axis=1),
         scenario.receiver_advantages)
-    away = np.linalg.norm(places[:, None] - scenario.eavesdropper_positions, axis=-1)
-    return np.where(away <= scenario.error_radii * (1 + 1e-12) + 1e-9, leaks, 0.0).max(axis=1)
+    _, centres, radii = scenario.receivers_at(
+        np.arange(1, len(places) + 1) * scenario.slot_duration)
+    away = np.linalg.norm(places[:, None] - centres.swapaxes(0, 1), axis=-1)
+    return np.where(away <= radii.T * (1 + 1e-12) + 1e-9, leaks, 0.0).max(axis=1)
 
 
 def check_bounds(scenario, positions, powers, rng, margin=1e-11):
@@ -125,7 +127,7 @@ def test_bounds_hold_without_a_warning_for_extreme_scenarios(seed):
         channel.leak_maximisers(scenario, positions[:, 1:-1], powers)
         # Places are exact to 1e-9 m where coordinates are 1e7 m.
         check_bounds(scenario, positions, powers, rng, margin=1e-11 + 1e-15 * (
-            size + scenario.error_radii.max()) / scenario.altitudes.min())
+            size + scenario.receivers.radii.max()) / scenario.altitudes.min())
 
 
 @pytest.mark.parametrize('altitudes', [(100, 100), (100, 110), (100, 100, 110), (100, 30, 1000)])
@@ -216,8 +218,8 @@ def test_maximisers_are_in_their_discs_and_have_the_leaks_returned(scenario, see
     places, leaks = channel.leak_maximisers(scenario, positions[:, 1:-1], powers)
     eves = len(scenario.eavesdroppers)
     assert places.shape == (eves, scenario.slots, 2) and leaks.shape == (eves, scenario.slots)
-    offsets = places - scenario.eavesdropper_positions[:, None]
-    assert (np.linalg.norm(offsets, axis=-1) <= scenario.error_radii[:, None] + 1e-9).all()
+    offsets = places - scenario.receivers.centres
+    assert (np.linalg.norm(offsets, axis=-1) <= scenario.receivers.radii + 1e-9).all()
     there = rates.leakage_rates(scenario, positions[:, 1:-1], powers, places.swapaxes(0, 1),
                                 scenario.receiver_advantages)
     assert leaks.T == pytest.approx(there, abs=1e-9)

@@ -36,7 +36,7 @@ def evaluate(scenario, positions, powers):
     rates, by_positions, by_powers = 0.0, 0.0, 0.0
     jams = np.arange(len(powers))[:, None] > 0
     # The nearest place of the disc counts for the transmitter, the farthest for a jammer.
-    edges = np.where(jams, 1.0, -1.0) * scenario.error_radii[0]
+    edges = np.where(jams, 1.0, -1.0) * scenario.eavesdroppers[0].error_radius
     for sign, centre, edge in ((1, scenario.ground_node, np.zeros_like(edges)),
                                (-1, scenario.eavesdroppers[0].position, edges)):
         offsets = positions - centre

@@ -231,6 +231,8 @@ plan allows for.""", {
             ('XX', 'XY', 'YY'), 'of the normal place in m^2 (default: the disc has a probability '
             'of 95%%)', nargs=3),
         '--positions': _number_option('X Y', 'fixed places (default: the centres)', nargs='+'),
+        '--speed-factor': _number_option(
+            'F', 'by what factor eavesdroppers move faster along their tracks than planned'),
         '--receiver-db': _number_option(
             'DB', "by how much the eavesdroppers' receivers are better than stated"),
         '--tracking-std': _number_option(

@@ -23,25 +23,39 @@ def stream(seed: int, kind: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(kind,))))
 
 
-def places(scenario: Scenario, world: World, draws: int, seed: int) -> Array:
-    """Return the place of each eavesdropper in every draw, (E, D, 2) in m."""
-    rng, shape = stream(seed, _PLACES), (draws, len(scenario.eavesdroppers))
-    radii = scenario.error_radii
-    if world.place == 'fixed':
-        offsets = np.zeros((*shape, 2))
-    elif world.place == 'normal':
-        roots = np.stack([world.deviations(radius) for radius in radii.tolist()])
-        offsets = np.einsum('eij,dej->dei', roots, rng.standard_normal((*shape, 2)))
-    else:
-        inner = radii if world.place == 'beyond' else np.zeros_like(radii)
-        share, turn = np.moveaxis(rng.random((*shape, 2)), -1, 0)
-        distance = np.sqrt(inner**2 + share * ((radii + world.beyond)**2 - inner**2))
-        angle = 2 * np.pi * turn
-        offsets = distance[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    centres = scenario.eavesdropper_positions
+def places(scenario: Scenario, world: World, draws: int, seed: int) -> Iterator[Array]:
+    """
+    Yield the places of the eavesdroppers in each slot, (E, D, 2) in m.
+
+    In a draw, an eavesdropper keeps its angle and its share of the radius around its track.
+    """
+    rng, shape = stream(seed, _PLACES), (draws, len(scenario.eavesdroppers), 2)
+    numbers = rng.standard_normal(shape) if world.place == 'normal' else (
+        None if world.place == 'fixed' else rng.random(shape))
+    times = np.arange(1.0, scenario.slots + 1) * scenario.slot_duration
+    centres = scenario.receivers_at(world.speed_factor * times).centres
     if world.positions is not None:
-        centres = np.array(world.positions)
-    return np.moveaxis(centres + offsets, 1, 0)
+        centres = np.broadcast_to(np.array(world.positions)[:, None], centres.shape)
+    offsets, before = np.zeros(shape), None
+    for centre, radii in zip(
+            centres.swapaxes(0, 1), scenario.receivers.radii.T, strict=True):
+        if before is None or not np.array_equal(radii, before):
+            offsets, before = _draw_offsets(world, radii, numbers, offsets), radii
+        yield np.moveaxis(centre + offsets, 1, 0)
+
+
+def _draw_offsets(world: World, radii: Array, numbers: Array | None, zero: Array) -> Array:
+    """Return the offsets from the centres of discs with radii (E,), (D, E, 2) in m."""
+    if numbers is None:
+        return zero
+    if world.place == 'normal':
+        roots = np.stack([world.deviations(radius) for radius in radii.tolist()])
+        return np.einsum('eij,dej->dei', roots, numbers)
+    inner = radii if world.place == 'beyond' else np.zeros_like(radii)
+    share, turn = np.moveaxis(numbers, -1, 0)
+    distance = np.sqrt(inner**2 + share * ((radii + world.beyond)**2 - inner**2))
+    angle = 2 * np.pi * turn
+    return np.asarray(distance[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
 def tracking_errors(scenario: Scenario, world: World, draws: int, seed: int) -> Iterator[Array]:

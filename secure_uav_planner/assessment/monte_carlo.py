@@ -223,8 +223,7 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
            world: World) -> Iterator[Array]:
     """Yield r_0 - r_e in each slot, (D,) in bit/s/Hz, a new array every time."""
     channel, count = scenario.channel, len(scenario.eavesdroppers)
-    receivers = [np.array([scenario.ground_node]),
-                 *drawn.places(scenario, world, draws, seed)]
+    places = drawn.places(scenario, world, draws, seed)
     advantages = [1.0, *(scenario.receiver_advantages * 10.0 ** (world.receiver_db / 10.0))]
     errors: Iterator[Any] = repeat(0.0)
     sights: Iterator[Any] = repeat(None)
@@ -238,11 +237,13 @@ def _rates(scenario: Scenario, positions: Array, powers: Array, draws: int, seed
     # The mean gain, of which lines of sight and fading are drawn.
     link = make_link(replace(scenario, channel=replace(
         channel, cautious=False, rician_k_db=None, outage=None)), 'ground_node')
-    slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None], strict=True)
-    for (uavs, watts), error, sight, fade in zip(slots, errors, sights, fading):
+    slots = zip(positions.swapaxes(0, 1)[:, :, None], powers.T[..., None],
+                scenario.receivers.ground_node, strict=True)
+    for (uavs, watts, ground), eves, error, sight, fade in zip(
+            slots, places, errors, sights, fading):
         uavs = uavs + error
         rates = []
-        for number, (place, advantage) in enumerate(zip(receivers, advantages, strict=True)):
+        for number, (place, advantage) in enumerate(zip([ground, *eves], advantages, strict=True)):
             squared = ((uavs - place)**2).sum(axis=-1)
             gains = link.gain(squared) if sight is None else link.draw_gain(
                 squared, sight[:, number])

@@ -22,7 +22,7 @@ class World:
     """
     How the world may differ from what a plan was made for; by default only within its promise.
 
-    Every eavesdropper stays at one place for the whole mission.
+    Every eavesdropper stays at one place, or at one offset from its track, for the whole mission.
 
     :param place: 'disc', uniformly in the disc of each eavesdropper; 'normal', around its centre;
         'beyond', uniformly in the ring around the disc; 'fixed', at `positions`.
@@ -35,6 +35,8 @@ class World:
         links; 0 draws them in each slot, None takes the mean gain instead. It counts where the
         channel has a probability of line of sight. The default is the correlation distance of
         urban cells in 3GPP TR 38.901, table 7.6.3.1-2.
+    :param speed_factor: by what factor eavesdroppers move faster along their tracks than the plan
+        assumes; below 1, slower.
     :param receiver_db: by how much in dB every eavesdropper's receiver is better than the
         scenario says.
     :param tracking_std: standard deviation in m, in x and in y, of the UAVs around their plan.
@@ -48,6 +50,7 @@ class World:
     positions: tuple[Point, ...] | None = None
     channel: Channel | None = None
     los_distance: float | None = 50.0
+    speed_factor: float = 1.0
     receiver_db: float = 0.0
     tracking_std: float = 0.0
     tracking_time: float = 2.0
@@ -63,7 +66,7 @@ class World:
             raise OptionError(f'place is {quote(self.place)}; it must be one of '
                               f'{", ".join(PLACES)}', ('place',))
         set_checked(self, '', checked_number,
-                    'beyond', 'receiver_db', 'tracking_std', 'tracking_time')
+                    'beyond', 'speed_factor', 'receiver_db', 'tracking_std', 'tracking_time')
         set_checked(self, '', checked_number, 'los_distance', optional=True)
         if self.channel is not None:
             object.__setattr__(self, 'channel', checked_block('channel', self.channel, Channel))

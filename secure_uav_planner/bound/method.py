@@ -91,8 +91,8 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         second; returning True ends the search.
     :return: a Bound.
     :raises OptionError: for an unknown objective, a time limit that is not above 0, a plan of
-        another scenario, or a scenario for which nothing is proven: with several jammers, or
-        another channel than free space without fading.
+        another scenario, or a scenario for which nothing is proven: with several jammers,
+        tracks, or another channel than free space without fading.
     """
     started = time.monotonic()
     checked_kind('scenario', scenario, Scenario)
@@ -122,6 +122,8 @@ def explain_refusal(scenario: Scenario) -> str:
     if not scenario.channel.is_free_space:
         return (f'channel is {scenario.channel}; the proof of upper_bound holds for free space '
                 'without fading only')
+    if scenario.has_tracks:
+        return 'scenario has tracks; the proof of upper_bound holds for receivers that stand'
     return ''
 
 

@@ -270,6 +270,13 @@ class Scenario:
         times = np.arange(1.0, self.slots + 1) * self.slot_duration
         return ReceiverPlaces(*map(read_only, self.receivers_at(times)))
 
+    @cached_property
+    def landmarks(self) -> Array:
+        """Starts, goals, and where the receivers are at the points of the slots, (K, 2) in m."""
+        receivers = self.receivers if self.has_tracks else self.receivers_at([0.0])
+        return read_only(np.concatenate([
+            self.starts, self.goals, receivers.ground_node, *receivers.centres]))
+
     @property
     def has_tracks(self) -> bool:
         """Whether any receiver moves."""

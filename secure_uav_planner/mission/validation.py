@@ -49,6 +49,7 @@ RANGES = {
     'outage': (1e-6, 0.5),
     'beyond': (0.0, 1e6),
     'los_distance': (0.0, 1e6),
+    'speed_factor': (0.0, 100.0),
     'receiver_db': (-100.0, 100.0),
     'tracking_std': (0.0, 1e4),
     'tracking_time': (0.0, 1e6),

@@ -54,13 +54,11 @@ class Airspace:
         which UAVs that do not begin and end at rest can stop.
         """
         scenario = self._scenario
-        places = np.concatenate([scenario.starts, scenario.goals, [scenario.ground_node],
-                                 scenario.eavesdropper_positions])
-        size = math.hypot(*np.ptp(places, axis=0), scenario.altitudes.max(), *(
+        size = math.hypot(*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max(), *(
             uav.max_speed**2 / uav.max_acceleration for uav in scenario.uavs
             if uav.max_acceleration is not None
             and not uav.start_velocity == uav.goal_velocity == (0.0, 0.0)))
-        mission = shapely.MultiPoint(places).convex_hull
+        mission = shapely.MultiPoint(scenario.landmarks).convex_hull
         return frozenset(name for uav in scenario.uavs
                          for vertices, name in scenario.keep_out(uav.altitude)
                          if shapely.Polygon(vertices).distance(mission) > size)

@@ -145,7 +145,7 @@ def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Ar
     for place, weight in GAUSS_LEGENDRE:
         times = (np.arange(1, scenario.slots + 1) + 0.5 + place) * scenario.slot_duration
         positions = np.pad(curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
-        rates += weight * guaranteed_rates(scenario, positions, powers)
+        rates += weight * guaranteed_rates(scenario, positions, powers, times=times)
     return rates
 
 

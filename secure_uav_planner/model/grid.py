@@ -76,9 +76,7 @@ class Grid:
     def steps(self) -> Array:
         """Short distances: flown in a slot, at most a share of the extent, (U,) in m."""
         scenario = self.scenario
-        places = np.concatenate([scenario.starts, scenario.goals, self.origin[None],
-                                 scenario.eavesdropper_positions])
-        extent = np.linalg.norm([*np.ptp(places, axis=0), scenario.altitudes.max()])
+        extent = np.linalg.norm([*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max()])
         return np.minimum(scenario.max_speeds * self.slot_duration, _SHORT * extent)
 
     def variables(self, positions: Array, powers: Array) -> Array:
@@ -197,40 +195,37 @@ class Receivers:
     """
     The ground node (0) and the eavesdroppers (1..E), K = E + 1 receivers, in the units of a Grid.
 
-    :param positions: (K, 2), or for every slot other ones, (N, K, 2).
-    :param edge: epsilon, which the guarantee adds to a jammer's distance, and -epsilon for the
-        transmitter, (K, U).
+    :param positions: at the points of the slots, (N, K, 2).
+    :param radii: epsilon, which the guarantee adds to a jammer's distance, and subtracts from the
+        transmitter's, (N, K).
     :param link: of the UAVs, for arrays (..., K, U).
     """
 
     positions: Array
-    edge: Array
+    radii: Array
     link: FreeSpace
 
     @classmethod
     def of(cls, grid: Grid, lead: float = 0.0) -> 'Receivers':
         """Return the receivers of a grid's scenario for the guarantee; lead as in make_links."""
-        scenario = grid.scenario
-        positions = np.concatenate([
-            [grid.origin], scenario.eavesdropper_positions]) - grid.origin
-        radii = np.append(0.0, scenario.error_radii)
-        edge = np.repeat(radii[:, None], len(scenario.uavs), axis=1) / grid.length
-        edge[:, 0] *= -1
-        link = make_links(scenario, grid.length, grid.power, lead)
-        return cls(positions / grid.length, edge, link)
+        ground, centres, radii = grid.scenario.receivers_at(
+            np.arange(1.0, grid.slots + 1) * grid.slot_duration)
+        positions = np.concatenate([ground[None], centres]).swapaxes(0, 1) - grid.origin
+        radii = np.insert(radii.T, 0, 0.0, axis=1)
+        link = make_links(grid.scenario, grid.length, grid.power, lead)
+        return cls(positions / grid.length, radii / grid.length, link)
 
     def at_places(self, places: Array) -> 'Receivers':
         """Return eavesdroppers at P known places each instead of in discs, (N, E P, 2)."""
-        ground = np.broadcast_to(self.positions[:1], (len(places), 1, 2))
-        eves = len(self.edge) - 1
-        copies = np.repeat(np.arange(1 + eves), [1] + [places.shape[-2] // eves] * eves)
-        link = self.link.select_receivers(copies)
-        return Receivers(np.concatenate([ground, places], axis=1),
-                         np.zeros((1 + places.shape[-2], self.edge.shape[-1])), link)
+        eves = self.radii.shape[1] - 1
+        copies = np.repeat(np.arange(1 + eves), [1] + [places.shape[1] // eves] * eves)
+        positions = np.concatenate([self.positions[:, :1], places], axis=1)
+        return Receivers(positions, np.zeros(positions.shape[:2]),
+                         self.link.select_receivers(copies))
 
     def rates(self, x: Array) -> tuple[Array, Array]:
         """Return r_0 (N,) and r_e to every eavesdropper (N, E) at x (N, U, 3) in nats."""
-        offset = x[:, None, :, 1:] - self.positions[..., None, :]
+        offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
         rates = np.log1p(received[..., 0] / (1.0 + received[..., 1:].sum(axis=-1)))
         return rates[:, 0], rates[:, 1:]

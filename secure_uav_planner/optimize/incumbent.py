@@ -166,12 +166,13 @@ class Incumbent:
         useful = np.flatnonzero(self._rates > _IDLE_SHARE * self.rate)
         if not len(slots) or not len(useful):
             return
-        positions = self.positions[:, [0, *(slots + 1), -1]]
+        positions, times = self.positions[:, [0, *(slots + 1), -1]], (slots + 1) * self.scenario.slot_duration
         after = np.searchsorted(useful, slots)
         powers, best = self.powers.copy(), np.full(len(slots), _IDLE_SHARE * self.rate)
         for near in (after - 1, after):
             tried = self.powers[:, useful[near.clip(0, len(useful) - 1)]]
-            _, rates = silence_losing_slots(self.scenario, positions, tried, self.objective)
+            _, rates = silence_losing_slots(
+                self.scenario, positions, tried, self.objective, times)
             better = rates > best
             powers[:, slots[better]], best[better] = tried[:, better], rates[better]
         self.try_improve(powers=powers)
@@ -213,10 +214,15 @@ class Incumbent:
 
 
 def silence_losing_slots(scenario: Scenario, positions: Array, powers: Array,
-                         objective: Objective = 'guaranteed') -> tuple[Array, Array]:
-    """Return powers (U, N) in W, silent where the rate is negative, and the rates (N,)."""
+                         objective: Objective = 'guaranteed', times: Array | None = None
+                         ) -> tuple[Array, Array]:
+    """
+    Return powers (U, N) in W, silent where the rate is negative, and the rates (N,).
+
+    :param times: as for guaranteed_rates.
+    """
     rates = (guaranteed_rates if objective == 'guaranteed' else worst_case_rates)(
-        scenario, positions, powers)
+        scenario, positions, powers, times=times)
     powers = powers.copy()
     powers[0, rates < 0] = 0.0
     return powers, np.maximum(rates, 0.0)  # Where nothing is transmitted, nothing leaks.

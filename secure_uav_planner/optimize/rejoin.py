@@ -16,7 +16,7 @@ import numpy as np
 from .incumbent import silence_losing_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..mission.kinematics import clip_norm
-from ..mission.scenario import Array, Eavesdropper, Point, Scenario, Uav
+from ..mission.scenario import Array, Point, Scenario, Uav
 from ..plan.plan import Plan
 from ..plan.playback import Playback
 from ..plan.tracking import deviation, MeasuredState, predict_return
@@ -62,24 +62,21 @@ def find_first_point(scenario: Scenario, time: float) -> int:
 
 
 def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
-                tolerance: float, ground_node: Point, eavesdroppers: tuple[Eavesdropper, ...]
-                ) -> Rejoin:
+                tolerance: float, updated: Scenario) -> Rejoin:
     """
     Return the beginning of a replan at the predicted states of the UAVs.
 
     :param first: the last point of the plan's path that must stay, from 0 to slots - 1.
     :param states: the measured state of each UAV; None for one that counts as on its plan.
     :param tolerance: the distance in m from the plan within which a UAV counts as on it.
-    :param ground_node: its present position.
-    :param eavesdroppers: their present estimates.
+    :param updated: the plan's scenario with the present estimates of the receivers.
     :raises InfeasibleMissionError: when a UAV cannot be met, or not reach its goal from there.
     """
-    tail = plan.tail(first)
-    now = replace(tail.scenario, ground_node=ground_node, eavesdroppers=eavesdroppers)
+    tail, step = plan.tail(first), plan.scenario.slot_duration
     returns = _list_returns(plan, first, tail.scenario, states, tolerance)
     if not returns:
         return Rejoin(plan, first, first, plan.positions[:, :first + 1], plan.powers[:, :first],
-                      tail, now)
+                      tail, tail.scenario.with_receivers(updated, first * step))
     reason: ScenarioError | PlanError | None = None
     for point in _list_candidates(first, plan.scenario.slots):
         paths = {}
@@ -90,8 +87,8 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
             paths[uav] = path
         else:
             try:
-                rejoin = _build_rejoin(plan, first, point, paths, now)
-                _check_transition(rejoin, now)
+                rejoin = _build_rejoin(plan, first, point, paths, updated)
+                _check_transition(rejoin, tail.scenario)
                 return rejoin
             except (ScenarioError, PlanError) as error:
                 reason = reason or error  # A later point may be better.
@@ -103,7 +100,7 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
 
 
 def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
-                  now: Scenario) -> Rejoin:
+                  updated: Scenario) -> Rejoin:
     """Return the Rejoin at a point with new paths of UAVs, by index, each (point + 1, 2)."""
     tail, step = plan.tail(point), plan.scenario.slot_duration
     positions, uavs = plan.positions[:, :point + 1].copy(), list(tail.scenario.uavs)
@@ -112,25 +109,24 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
         uavs[index] = replace(
             uavs[index], start=_to_point(path[-1]), start_velocity=clip_norm(
                 *_to_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
-    scenario = replace(tail.scenario, uavs=tuple(uavs), ground_node=now.ground_node,
-                       eavesdroppers=now.eavesdroppers)
+    scenario = replace(tail.scenario, uavs=tuple(uavs)).with_receivers(updated, point * step)
     powers = plan.powers[:, :point].copy()
     if point > first:
         powers[:, first:] = silence_losing_slots(
-            scenario, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))),
-            powers[:, first:], plan.objective)[0]
+            updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],
+            plan.objective, np.arange(first + 1, point + 1) * step)[0]
     return Rejoin(plan, first, point, positions, powers, tail, scenario)
 
 
-def _check_transition(rejoin: Rejoin, now: Scenario) -> None:
+def _check_transition(rejoin: Rejoin, tail: Scenario) -> None:
     """Check all limits from the point where the path leaves the last plan to the replan."""
     positions = rejoin.positions[:, rejoin.first:]
     slots = positions.shape[1] - 2
     if slots < 1:
         return
     uavs = tuple(replace(uav, goal=_to_point(path[-1]), goal_velocity=None)
-                 for uav, path in zip(now.uavs, positions, strict=True))
-    Plan(replace(now, uavs=uavs, slots=slots, duration=slots * now.slot_duration), positions,
+                 for uav, path in zip(tail.uavs, positions, strict=True))
+    Plan(replace(tail, uavs=uavs, slots=slots, duration=slots * tail.slot_duration), positions,
          np.zeros((len(uavs), slots)))
 
 

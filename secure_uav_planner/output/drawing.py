@@ -103,10 +103,9 @@ def _ring(outer, inner):
 
 def map_extent(scenario, plans=()):
     """Return the lower left and the upper right corner of the map of plans, (2, 2) in m."""
-    radii = scenario.error_radii[:, None]
+    _, centres, radii = scenario.receivers
     points = np.concatenate([
-        [scenario.ground_node], scenario.starts, scenario.goals,
-        scenario.eavesdropper_positions - radii, scenario.eavesdropper_positions + radii,
+        scenario.landmarks, *(centres - radii[..., None]), *(centres + radii[..., None]),
         *(plan.positions.reshape(-1, 2) for plan in plans)])
     low, high = extend_corners(scenario, [points.min(axis=0), points.max(axis=0)])
     margin = 0.07 * max(*(high - low), 10.0)

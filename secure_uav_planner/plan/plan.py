@@ -262,7 +262,9 @@ class Plan:
             for uav, path, energy in zip(
                 self.scenario.uavs, self.positions, left.tolist(), strict=True))
         return replace(
-            self, scenario=replace(self.scenario, uavs=uavs, slots=slots, duration=slots * step),
+            self, scenario=replace(
+                self.scenario.with_receivers(self.scenario, point * step),
+                uavs=uavs, slots=slots, duration=slots * step),
             positions=self.positions[:, point:], powers=self.powers[:, point:], history=(),
             bound=None,
             start_ns=(None if self.start_ns is None else
@@ -286,8 +288,8 @@ class Plan:
                 checked_array('beginning', values, (len(powers), None, *rest))
                 for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
         return replace(
-            tail, scenario=replace(self.scenario, ground_node=tail.scenario.ground_node,
-                                   eavesdroppers=tail.scenario.eavesdroppers),
+            tail, scenario=self.scenario.with_receivers(
+                tail.scenario, -point * self.scenario.slot_duration),
             positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
             powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
             start_ns=self.start_ns, bound=None)

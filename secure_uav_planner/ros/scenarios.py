@@ -202,13 +202,14 @@ class Remainder(NamedTuple):
 
     def find_rejoin(self) -> Rejoin:
         """Return the beginning of the replan, or raise an InfeasibleMissionError."""
-        receivers = self.tolerance, self.updated.ground_node, self.updated.eavesdroppers
         try:
-            return find_rejoin(self.plan, self.first, self.states, *receivers)
+            return find_rejoin(
+                self.plan, self.first, self.states, self.tolerance, self.updated)
         except InfeasibleMissionError:
             if self.must_meet:
                 raise
-            return find_rejoin(self.plan, self.first, [None] * len(self.states), *receivers)
+            return find_rejoin(self.plan, self.first, [None] * len(self.states), self.tolerance,
+                               self.updated)
 
 
 class Replanning:

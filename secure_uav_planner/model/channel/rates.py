@@ -6,13 +6,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .links import guaranteed_squared_distance, make_link
-from ...mission.scenario import Array, Eavesdropper, Scenario
+from ...mission.scenario import Array, Scenario
+from ...mission.tracks import ReceiverPlaces
 from ...mission.validation import checked_array, checked_kind, checked_real, RANGES
 
 
-def ground_squared_distances(scenario: Scenario, positions: Array) -> Array:
+def find_receivers(scenario: Scenario, slots: int, times: Array | None = None) -> ReceiverPlaces:
+    """Return where the receivers are at times (N,) in s, by default at the points of N slots."""
+    if times is None and slots == scenario.slots:
+        return scenario.receivers
+    return scenario.receivers_at(
+        np.arange(1.0, slots + 1) * scenario.slot_duration if times is None else
+        checked_array('times', times, (slots,)))
+
+
+def ground_squared_distances(scenario: Scenario, positions: Array,
+                             times: Array | None = None) -> Array:
     """Return the squared horizontal distances to the ground node, (U, N) in m^2."""
-    return _squared_norm(positions[:, 1:-1] - np.array(scenario.ground_node))
+    receivers = find_receivers(scenario, positions.shape[1] - 2, times)
+    return _squared_norm(positions[:, 1:-1] - receivers.ground_node)
 
 
 def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
@@ -22,13 +34,15 @@ def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
     The best case for the transmitter and the worst case for each jammer, taken separately over
     the disc: those of h-tilde in equation (9), with [d - eps]^+ inside the disc.
     """
-    return np.stack([_guaranteed_squared_distances_to(eve, positions)
-                     for eve in scenario.eavesdroppers])
+    receivers = find_receivers(scenario, positions.shape[1] - 2)
+    return np.stack([_guaranteed_squared_distances_to(*disc, positions)
+                     for disc in zip(receivers.centres, receivers.radii, strict=True)])
 
 
-def ground_gains(scenario: Scenario, positions: Array) -> Array:
+def ground_gains(scenario: Scenario, positions: Array, times: Array | None = None) -> Array:
     """Return g_i[n] over sigma^2 from every UAV to the ground node, (U, N) in 1/W."""
-    return make_link(scenario, 'ground_node').gain(ground_squared_distances(scenario, positions))
+    return make_link(scenario, 'ground_node').gain(
+        ground_squared_distances(scenario, positions, times))
 
 
 def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
@@ -38,14 +52,15 @@ def guaranteed_gains(scenario: Scenario, positions: Array) -> Array:
     return link.gain(guaranteed_squared_distances(scenario, positions))
 
 
-def ground_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
-    """Return r_0[n], equation (4), (N,) in bit/s/Hz."""
+def ground_rates(scenario: Scenario, positions: Array, powers: Array,
+                 times: Array | None = None) -> Array:
+    """Return r_0[n], equation (4), (N,) in bit/s/Hz; times as for guaranteed_rates."""
     positions, powers = checked_flight(scenario, positions, powers)
-    return compute_rate(ground_gains(scenario, positions) * powers)
+    return compute_rate(ground_gains(scenario, positions, times) * powers)
 
 
 def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
-                     altitudes: Array | None = None) -> Array:
+                     altitudes: Array | None = None, times: Array | None = None) -> Array:
     """
     Return R-bar[n] of problem (P2), (N,) in bit/s/Hz, negative where the leak is larger.
 
@@ -53,6 +68,8 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     worst_case_rates; equal to it when every error radius is zero.
 
     :param altitudes: flown altitudes, (U, N) in m, instead of the scenario's.
+    :param times: in s from point 0, (N,), at which receivers are where their tracks say; by
+        default those of the points of the slots.
     """
     positions, powers = checked_flight(scenario, positions, powers)
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
@@ -61,17 +78,19 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     ground, link = (links if altitudes is None else
                     [replace(link, squared_altitudes=checked_array(
                         'altitudes', altitudes, powers.shape)**2) for link in links])
-    for eve, advantage in zip(
-            scenario.eavesdroppers, scenario.receiver_advantages.tolist(), strict=True):
+    receivers = find_receivers(scenario, powers.shape[1], times)
+    for centres, radii, advantage in zip(
+            receivers.centres, receivers.radii, scenario.receiver_advantages.tolist(),
+            strict=True):
         received = link.for_receivers(advantage).gain(
-            _guaranteed_squared_distances_to(eve, positions)) * powers
+            _guaranteed_squared_distances_to(centres, radii, positions)) * powers
         if scenario.colluding:
             leak += compute_sinr(received)
         else:
             np.maximum(leak, compute_rate(received), out=leak)
     if scenario.colluding:
         leak = np.log1p(leak) / np.log(2.0)
-    gains = ground.gain(ground_squared_distances(scenario, positions))
+    gains = ground.gain(_squared_norm(positions[:, 1:-1] - receivers.ground_node))
     return compute_rate(gains * powers) - leak
 
 
@@ -135,12 +154,11 @@ def combine_leaks(leaks: Array) -> Array:
     return np.log1p(np.expm1(leaks * np.log(2.0)).sum(axis=1)) / np.log(2.0)
 
 
-def _guaranteed_squared_distances_to(eve: Eavesdropper, positions: Array) -> Array:
-    """Return guaranteed_squared_distances for one eavesdropper, (U, N) in m^2."""
-    edge = np.full((len(positions), 1), eve.error_radius)
+def _guaranteed_squared_distances_to(centres: Array, radii: Array, positions: Array) -> Array:
+    """Return guaranteed_squared_distances for one eavesdropper's discs, (U, N) in m^2."""
+    edge = np.repeat(radii[None], len(positions), axis=0)
     edge[0] *= -1
-    return guaranteed_squared_distance(
-        _squared_norm(positions[:, 1:-1] - np.array(eve.position)), edge)
+    return guaranteed_squared_distance(_squared_norm(positions[:, 1:-1] - centres), edge)
 
 
 def _squared_norm(offset: Array) -> Array:

@@ -8,9 +8,10 @@ import numpy as np
 
 from .links import guaranteed_squared_distance, make_link, PathLoss
 from .rates import (
-    checked_flight, combine_leaks, compute_rate, ground_rates, guaranteed_rates)
+    checked_flight, combine_leaks, compute_rate, find_receivers, ground_rates, guaranteed_rates)
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
+from ...mission.tracks import ReceiverPlaces
 from ...mission.validation import checked_array, checked_kind
 
 MOST_SECTORS = 50000
@@ -26,7 +27,8 @@ _ROUNDING = 1e-12  # Of a leak in bit/s/Hz; none is above 150.
 _SILENT = 1e-100  # Leak in bit/s/Hz up to which a slot is silent.
 
 
-def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Array:
+def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
+                     times: Array | None = None) -> Array:
     """
     Return r_0[n] less the largest leak to any point of any disc, (N,) in bit/s/Hz.
 
@@ -35,12 +37,14 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array) -> Arr
     1e-6 above the leak at worst_case_places. The bound still holds but is less tight where more
     than MOST_SECTORS parts of the discs would have to be examined in a slot, or where distances of
     1e7 m at altitudes of 1e-3 m exhaust the floating-point numbers. Never below guaranteed_rates.
+
+    :param times: as for guaranteed_rates.
     """
     positions, powers = checked_flight(scenario, positions, powers)
     powers = np.maximum(powers, 0.0)
-    leak, _ = _by_chunks(_worst_leaks, scenario, positions[:, 1:-1], powers)
-    return np.maximum(ground_rates(scenario, positions, powers) - leak,
-                      guaranteed_rates(scenario, positions, powers))
+    leak, _ = _by_chunks(_worst_leaks, scenario, positions[:, 1:-1], powers, times)
+    return np.maximum(ground_rates(scenario, positions, powers, times) - leak,
+                      guaranteed_rates(scenario, positions, powers, times=times))
 
 
 def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Array:
@@ -74,46 +78,52 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array,
     return places.swapaxes(0, 1), leaks.T
 
 
-def _by_chunks(examine: Callable[[Scenario, Array, Array], tuple[Array, Array]],
-               scenario: Scenario, uav_positions: Array,
-               powers: Array) -> tuple[Array, Array]:
+def _by_chunks(examine: Callable[[Scenario, Array, Array, Array, Array], tuple[Array, Array]],
+               scenario: Scenario, uav_positions: Array, powers: Array,
+               times: Array | None = None) -> tuple[Array, Array]:
     """Return leaks and places of all slots, examined in chunks of slots that fit into caches."""
     size = max(1, _AT_ONCE // (len(scenario.eavesdroppers) * len(powers)))
+    receivers = find_receivers(scenario, powers.shape[1], times)
     leaks, places = zip(*(
-        examine(scenario, uav_positions[:, first:first + size], powers[:, first:first + size])
+        examine(scenario, *(values[:, first:first + size] for values in (
+            receivers.centres, receivers.radii, uav_positions, powers)))
         for first in range(0, powers.shape[1], size)), strict=True)
     return np.concatenate(leaks), np.concatenate(places)
 
 
-def _likely_leaks(scenario: Scenario, uav_positions: Array,
+def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions: Array,
                   powers: Array) -> tuple[Array, Array]:
     """Return the leaks and places of leak_maximisers in some slots, (N, E) and (N, E, 2)."""
-    offsets = _offsets(scenario, uav_positions)
+    centres, radii = centres.swapaxes(0, 1), radii.T
+    offsets = uav_positions[:, :, None] - centres
     leaks = np.zeros(offsets.shape[1:3])
     places = np.zeros((*leaks.shape, 2))
-    active = np.flatnonzero(_guaranteed_leaks(scenario, offsets, powers).max(axis=1) > _SILENT)
+    active = np.flatnonzero(
+        _guaranteed_leaks(scenario, radii, offsets, powers).max(axis=1) > _SILENT)
     if active.size:
         candidates = np.empty((3, active.size * len(scenario.eavesdroppers)))
         core.find_local_minima(
-            _pack_discs(scenario, offsets[:, active], powers[:, active]), candidates)
+            _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active]),
+            candidates)
         v, x, y = candidates
         leaks[active] = (np.log1p(1.0 / v) / np.log(2.0)).reshape(active.size, -1)
         places[active] = np.stack([x, y], axis=-1).reshape(active.size, -1, 2)
-    return leaks, scenario.eavesdropper_positions + places
+    return leaks, centres + places
 
 
-def _worst_leaks(scenario: Scenario, uav_positions: Array,
+def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions: Array,
                  powers: Array) -> tuple[Array, Array]:
     """Return an upper bound of the leak of each slot, (N,), and the worst place, (N, 2)."""
-    offsets = _offsets(scenario, uav_positions)
-    most = _guaranteed_leaks(scenario, offsets, powers)
+    centres, radii = centres.swapaxes(0, 1), radii.T
+    offsets = uav_positions[:, :, None] - centres
+    most = _guaranteed_leaks(scenario, radii, offsets, powers)
     leaks = combine_leaks(most) if scenario.colluding else most.max(axis=1)
     eves = most.argmax(axis=1)
     places = np.zeros((len(leaks), 2))
     # Where no leak matters, as in a silent slot, the formula is near enough, and the centre.
     active = np.flatnonzero(leaks > core.TOLERANCE)
     if active.size:
-        discs = _pack_discs(scenario, offsets[:, active], powers[:, active])
+        discs = _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active])
         # All colluding eavesdroppers count, otherwise the one with the largest leak.
         count = most.shape[1] if scenario.colluding else 1
         groups = active.size * count
@@ -127,16 +137,18 @@ def _worst_leaks(scenario: Scenario, uav_positions: Array,
         eves[active], places[active] = disc[worst] % most.shape[1], place[worst]
         whole = combine_leaks(grouped) if scenario.colluding else proven
         leaks[active] = np.minimum(leaks[active], whole + _ROUNDING)
-    return leaks, scenario.eavesdropper_positions[eves] + places
+    return leaks, centres[np.arange(len(eves)), eves] + places
 
 
-def _offsets(scenario: Scenario, uav_positions: Array) -> Array:
-    """Return the positions of the UAVs from the centres of the discs, (U, N, E, 2) in m."""
-    return uav_positions[:, :, None] - scenario.eavesdropper_positions
+def _pack_discs(scenario: Scenario, radii: Array, offsets: Array,
+                powers: Array) -> dict[str, Any]:
+    """
+    Return the discs of `kernel/core.pyi`, of all slots and eavesdroppers, slot by slot.
 
-
-def _pack_discs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, Any]:
-    """Return the discs of `kernel/core.pyi`, of all slots and eavesdroppers, slot by slot."""
+    :param radii: (N, E) in m.
+    :param offsets: of the UAVs from the centres, (U, N, E, 2) in m.
+    :param powers: (U, N) in W.
+    """
     uavs, slots, eves = offsets.shape[:3]
     link = make_link(scenario, 'eavesdropper').for_receivers(
         np.tile(scenario.receiver_advantages, slots))
@@ -148,7 +160,7 @@ def _pack_discs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, 
     arrays = {'x': offsets[..., 0], 'y': offsets[..., 1],
               'squared_altitudes': link.squared_altitudes,
               'noise': 1.0 / (snr[0] * powers[0]), 'jamming': jamming,
-              'radius': np.tile(scenario.error_radii, slots)}
+              'radius': radii.ravel()}
     discs: dict[str, Any] = {
         name: np.ascontiguousarray(values) for name, values in arrays.items()}
     if isinstance(link, PathLoss):
@@ -157,11 +169,11 @@ def _pack_discs(scenario: Scenario, offsets: Array, powers: Array) -> dict[str, 
     return discs
 
 
-def _guaranteed_leaks(scenario: Scenario, offsets: Array, powers: Array) -> Array:
+def _guaranteed_leaks(scenario: Scenario, radii: Array, offsets: Array, powers: Array) -> Array:
     """Return upper bounds of the leaks by the formula of the guarantee, (N, E) in bit/s/Hz."""
-    edge = np.repeat(scenario.error_radii[None], len(offsets), axis=0)
+    edge = np.repeat(radii[None], len(offsets), axis=0)
     edge[0] *= -1
     link = make_link(scenario, 'eavesdropper', axes=2).for_receivers(scenario.receiver_advantages)
     gains = link.gain(guaranteed_squared_distance(
-        offsets[..., 0]**2 + offsets[..., 1]**2, edge[:, None]))
+        offsets[..., 0]**2 + offsets[..., 1]**2, edge))
     return compute_rate(gains * powers[..., None])

@@ -30,24 +30,17 @@ constexpr double WORTH_THREADS = 1e6, WORTH_CHECKS = 5e6, MOST_AT_ONCE = 2e7;
 constexpr std::chrono::milliseconds CHECK_INTERVAL{10};  // Between two calls of `check`.
 
 kernel::Receivers make_receivers(const Problem& problem, const py::dict& args) {
-    const std::size_t uavs = problem.uavs, entries = count_entries(args, "edge");
-    expect(entries >= 2 * uavs && entries % uavs == 0, "edge");
-    kernel::Receivers receivers;
-    receivers.edge = copy_reals(args, "edge", entries);
-    receivers.count = int(entries / uavs);
-    const std::size_t stride = 2 * std::size_t(receivers.count);
-    const bool per_slot = args["positions"].cast<py::buffer>().request().ndim == 3;
-    receivers.stride = per_slot ? int(stride) : 0;
-    receivers.positions =
-        copy_reals(args, "positions", per_slot ? stride * problem.slots : stride);
-    return receivers;
+    const std::size_t entries = count_entries(args, "radii");
+    expect(entries >= 2 * problem.slots && entries % problem.slots == 0, "radii");
+    return {int(entries / problem.slots), copy_reals(args, "positions", 2 * entries),
+            copy_reals(args, "radii", entries)};
 }
 
 kernel::Places make_places(const Problem& problem, const py::dict& args) {
     const std::size_t count = problem.receivers.count - 1;
     return {copy_flags(args, "followed", problem.slots * count),
             copy_reals(args, "offsets", problem.slots * count * 2),
-            copy_reals(args, "radii", count)};
+            copy_reals(args, "radii", problem.slots * count)};
 }
 
 Problem make_problem(const py::dict& args) {
@@ -66,7 +59,7 @@ Problem make_problem(const py::dict& args) {
     }
     problem.receivers = make_receivers(problem, args);
     problem.channel = args["channel"].cast<std::shared_ptr<kernel::Channel>>();
-    expect(problem.channel->links() == problem.receivers.edge.size(), "channel");
+    expect(problem.channel->links() == problem.receivers.count * uavs, "channel");
     problem.colluding = args["colluding"].cast<bool>();
     if (!args["places"].is_none())
         problem.places = make_places(problem, args["places"].cast<py::dict>());

@@ -96,9 +96,9 @@ class Barrier:
 
         :param arguments: `slots`, `uavs`, `colluding`, `limits` (list of Limit), `channel`,
             `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power (U,), `positions` of
-            the receivers ([N,] K, 2), their `edge`, which the guarantee adds to distances, (K, U),
+            the receivers (N, K, 2), their `radii`, which the guarantee adds to distances, (N, K),
             and `places`, None for (P2), or with `followed`, whether they move along with the UAVs,
-            (N, E P), their `offsets` from the centres (N, E P, 2) and the discs' `radii` (E P,).
+            (N, E P), their `offsets` from the centres (N, E P, 2) and the discs' `radii` (N, E P).
         :param x: powers and positions, (S, N, U, 3).
         :param mu: barrier parameters, (S,).
         :param finished: set where a start has converged or stalled, (S,).

@@ -17,16 +17,15 @@ constexpr double FRACTION_TO_BOUNDARY = 0.995;  // How far towards a limit a ste
 // The ground node and the eavesdroppers, K in all.
 struct Receivers {
     int count;
-    int stride;       // From the positions of a slot to those of the next; 0 if all are the same.
-    Reals positions;  // ([N,] K, 2).
-    Reals edge;       // What the guarantee adds to a distance, (K, U).
+    Reals positions;  // (N, K, 2).
+    Reals radii;      // What the guarantee adds to a jammer's distance, (N, K).
 };
 
 // Places that stand for the discs of the eavesdroppers, P for each; see joint/exchange.py.
 struct Places {
     std::vector<char> followed;  // Whether they move along with the UAVs, (N, E P).
     Reals offsets;               // From the centres of their discs, (N, E P, 2).
-    Reals radii;                 // Of their discs, (E P).
+    Reals radii;                 // Of their discs, (N, E P).
 };
 
 // A problem on a grid: (P1) with places, or (P2) without.

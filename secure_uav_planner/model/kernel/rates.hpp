@@ -44,7 +44,7 @@ inline void find_place_rows(const Places& places, std::size_t index, int variabl
         for (const double entry : row) largest = std::max(largest, std::fabs(entry));
     const double least = FLATTEST * largest + TINY;
     const double* offset = &places.offsets[2 * index];
-    const double radius = places.radii[index % places.radii.size()];
+    const double radius = places.radii[index];
     const double distance = std::sqrt(offset[0] * offset[0] + offset[1] * offset[1]);
     const auto set_row = [&](int number, double x, double y, double curvature) {
         const double scale = 1.0 / std::sqrt(std::max(curvature, least));
@@ -240,7 +240,13 @@ private:
     int receivers() const { return eves_ + 1; }
 
     const double* receiver(std::size_t n, int k) const {
-        return &p_.receivers.positions[n * p_.receivers.stride + 2 * k];
+        return &p_.receivers.positions[2 * (n * receivers() + k)];
+    }
+
+    // What the guarantee adds to the distance of a UAV from a receiver.
+    double edge(std::size_t n, int k, int u) const {
+        const double radius = p_.receivers.radii[n * receivers() + k];
+        return u ? radius : -radius;
     }
 
     // Find the distance d from a UAV to a receiver, and ([d + edge]^+)^2. The kink at d = 0 is
@@ -250,7 +256,7 @@ private:
                        double& distance, double& squared) const {
         const double* at = receiver(n, k);
         const double dx = x[1] - at[0], dy = x[2] - at[1];
-        const double edge = p_.receivers.edge[k * uavs() + u];
+        const double edge = this->edge(n, k, u);
         squared = dx * dx + dy * dy;
         distance = 0.0;
         if (edge != 0.0) {
@@ -289,7 +295,7 @@ private:
         const std::size_t i = (n * K + k) * U + u;
         const double* x = iterate.x + (n * U + u) * 3;
         const double* at = receiver(n, k);
-        const double edge = p_.receivers.edge[k * U + u];
+        const double edge = this->edge(n, k, u);
         const Gain gain = channel_.derivatives(k * U + u, iterate.evaluation.squared[i]);
         // The derivative of ([d + edge]^+)^2 by d^2, and minus twice its second derivative.
         double stretch = 1.0, curvature = 0.0;

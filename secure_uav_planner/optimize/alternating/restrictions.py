@@ -110,7 +110,7 @@ class TrajectoryProblem:
             the time inside the solver in s.
         """
         scenario = self._scenario
-        offset = positions[:, 1:-1] - np.array(scenario.ground_node)
+        offset = positions[:, 1:-1] - scenario.receivers.ground_node
         gains, inverse = _evaluate_link(make_link(scenario, 'ground_node'),
                                         ground_squared_distances(scenario, positions))
         self.unit = unit = float(1 / np.sqrt(np.median(inverse)))
@@ -150,7 +150,7 @@ class TrajectoryProblem:
         Unit vectors `away` (U, N, 2) are the directions of UAVs straight above it.
         """
         scenario, unit = self._scenario, self.unit
-        centres, count = scenario.eavesdropper_positions, len(scenario.eavesdroppers)
+        (_, centres, radii), count = scenario.receivers, len(scenario.eavesdroppers)
         squared = guaranteed_squared_distances(scenario, positions)
         gains, inverse = _evaluate_link(
             make_link(scenario, 'eavesdropper').for_receivers(
@@ -161,7 +161,7 @@ class TrajectoryProblem:
         # from the ground node makes it pay for the jammer to leave. For the transmitter
         # [d - eps]^+ is linearised, which is valid inside the disc, unlike (17b).
         slopes = 2 * (distances * inverse)[..., None] * _normalise(
-            positions[:, 1:-1] - centres[:, None, None], away)
+            positions[:, 1:-1] - centres[:, None], away)
         # y_k is the logarithm of xi of (17b) for the transmitter, of tau of (17c) for jammers.
         repeat = np.tile(np.eye(len(positions)), (count, 1))
         bounds, constraints = _log_of_sum_bound(
@@ -171,7 +171,7 @@ class TrajectoryProblem:
         if len(positions) > 1:
             jamming_bounds, needed = _jamming_bound(
                 received[:, 1:] / jamming[:, None] * inverse[:, 1:], distances[:, 1:],
-                [path[1:-1] for path in paths[1:]], centres / unit, scenario.error_radii / unit)
+                [path[1:-1] for path in paths[1:]], centres / unit, radii / unit)
             bounds += jamming_bounds
             constraints += needed
         return bounds, constraints
@@ -286,7 +286,8 @@ def _jamming_bound(weights: Array, distances: Array, positions: list[Any], centr
 
     :param weights: (E, U - 1, N) in 1/unit^2.
     :param distances: d + eps at the local point, (E, U - 1, N) in units.
-    :param positions: of every jammer, (N, 2) in units, as centres (E, 2) and radii (E,) of discs.
+    :param positions: of every jammer, (N, 2) in units, as centres (E, N, 2) and radii (E, N) of
+        discs.
     """
     count, jammers, slots = weights.shape
     farthest = cp.Variable((count * jammers, slots))  # d + eps
@@ -294,11 +295,11 @@ def _jamming_bound(weights: Array, distances: Array, positions: list[Any], centr
     sums = np.kron(np.eye(count), np.ones((1, jammers)))
     offsets = [
         cp.vec(repeat @ cp.vstack([position[:, axis] for position in positions])
-               - np.outer(sums.T @ centres[:, axis], np.ones(slots)), order='F')
+               - sums.T @ centres[..., axis], order='F')
         for axis in (0, 1)]
     value = sums @ cp.multiply(np.concatenate(weights), cp.square(farthest)) - (
         weights * distances**2).sum(axis=1)
-    return value, [cp.vec(farthest, order='F') >= np.tile(sums.T @ radii, slots)
+    return value, [cp.vec(farthest, order='F') >= (sums.T @ radii).ravel(order='F')
                    + cp.norm(cp.vstack(offsets), axis=0)]
 
 

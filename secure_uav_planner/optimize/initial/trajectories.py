@@ -2,7 +2,6 @@
 
 from functools import lru_cache
 from itertools import chain
-import math
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from .infeasibility import raise_infeasibility
 from .projection import find_flights_near
 from .visibility_graph import Check, find_free_places
 from ...errors import OptionError
-from ...mission.scenario import Array, Point, Scenario
+from ...mission.scenario import Array, Scenario
 from ...model.grid import resample, resample_flights
 from ...model.limits import is_clear, is_open, repair
 from ...plan.plan import Plan
@@ -21,17 +20,17 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
     """
     Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
-    The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn. A
-    UAV without the time to reach its hovering place flies towards it and turns back at the last
+    The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn, or
+    above where these are at half time if they move. A UAV without the time to reach its hovering place flies towards it and turns back at the last
     moment that still reaches the goal. Flights go around obstacles and keep their separation.
 
     :param check: called now and then in a search for flights around obstacles; what it raises is
         passed on.
     :raises InfeasibleMissionError: when no flights are found that keep the limits.
     """
-    eves = scenario.eavesdropper_positions
+    ground, eves, _ = scenario.receivers_at([scenario.duration / 2])
     jammers = np.arange(len(scenario.uavs) - 1)
-    hover = np.concatenate([[scenario.ground_node], eves[jammers % len(eves)]])
+    hover = np.concatenate([ground, eves[jammers % len(eves), 0]])
     if is_open(scenario):
         return build_flights(scenario, hover)
     cache = _get_cache(scenario)
@@ -75,14 +74,15 @@ def is_similar(scenario: Scenario, previous: Scenario) -> bool:
             or len(scenario.eavesdroppers) != len(previous.eavesdroppers)
             or abs(scenario.duration - previous.duration) > 0.1 * previous.duration):
         return False
-    reach = float(scenario.altitudes.min())
-    return all(math.dist(now, before) <= reach for now, before in zip(
-        _list_landmarks(scenario), _list_landmarks(previous), strict=True))
+    moves = _list_landmarks(scenario) - _list_landmarks(previous)
+    return bool(np.linalg.norm(moves, axis=-1).max() <= scenario.altitudes.min())
 
 
-def _list_landmarks(scenario: Scenario) -> list[Point]:
-    return [scenario.ground_node, *(eve.position for eve in scenario.eavesdroppers),
-            *(end for uav in scenario.uavs for end in (uav.start, uav.goal))]
+def _list_landmarks(scenario: Scenario) -> Array:
+    """Return starts, goals and receivers at the begin, the middle and the end, (K, 2) in m."""
+    ground, centres, _ = scenario.receivers_at(
+        [0.0, scenario.duration / 2, scenario.duration])
+    return np.concatenate([scenario.starts, scenario.goals, ground, *centres])
 
 
 def adapt_plan(scenario: Scenario, plan: Plan,

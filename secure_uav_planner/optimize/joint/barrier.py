@@ -213,11 +213,11 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None) -> dic
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
         'limits': [limit for limit in limits if limit is not None],
-        'channel': receivers.link.compiled(*receivers.edge.shape),
+        'channel': receivers.link.compiled(receivers.radii.shape[1], len(grid.fixed)),
         'places': None if discs is None else _to_kernel(**discs),
         **_to_kernel(starts=grid.starts, goals=grid.goals, fixed=grid.fixed,
                      peaks=grid.scenario.peak_powers / grid.power,
-                     positions=receivers.positions, edge=receivers.edge)}
+                     positions=receivers.positions, radii=receivers.radii)}
 
 
 def _to_kernel(**arrays: NDArray[Any]) -> dict[str, Array]:

@@ -90,16 +90,16 @@ class WorstPlaces:
     def __init__(self, grid: Grid, x: Array) -> None:
         self._grid = grid
         self._scenario = grid.scenario
-        self._centres = self._scenario.eavesdropper_positions
+        _, self._centres, self._radii = self._scenario.receivers
         self._guarantee = Receivers.of(grid)
         worst, leaks = self._find_worst(x)
-        offset = worst - self._centres[:, None]
+        offset = worst - self._centres
         # The SINRs of colluding eavesdroppers add up over all places: each has a single one.
         angles = _ANGLES[:1] if self._scenario.colluding else _ANGLES
         rotations = np.array([[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
                               for angle in angles])
         # (E, N, P, 2), P places for each disc.
-        self._places = self._centres[:, None, None] + np.einsum('aij,enj->enai', rotations, offset)
+        self._places = self._centres[:, :, None] + np.einsum('aij,enj->enai', rotations, offset)
         # The places with the largest leak at the last x, (E, N, P).
         self._largest: NDArray[np.bool_] = np.zeros(self._places.shape[:-1], bool)
         self._largest[..., 0] = True
@@ -123,7 +123,7 @@ class WorstPlaces:
         # Without collusion, only the worst place of all discs counts.
         worse = leaks > counted.max(axis=2 if self._scenario.colluding else (0, 2)) + tolerance
         distances = np.linalg.norm(self._places - worst[:, :, None], axis=-1)
-        near = distances.min(axis=-1) < _NEAR * self._scenario.error_radii[:, None]
+        near = distances.min(axis=-1) < _NEAR * self._radii
         replaced = np.where(near, distances.argmin(axis=-1), counted.argmin(axis=-1))
         eve, slot = np.nonzero(near | worse)
         replaced = replaced[eve, slot]
@@ -138,11 +138,11 @@ class WorstPlaces:
         """
         Discs of the places, by the names of core.pyi, in units of the grid.
 
-        Radii (E P,), the places relative to the centres, (N, E P, 2), and True for places that
+        Radii (N, E P), the places relative to the centres, (N, E P, 2), and True for places that
         follow the UAVs, (N, E P).
         """
-        radii = np.repeat(self._scenario.error_radii / self._grid.length, self._places.shape[2])
-        offsets = self._by_slots(self._places - self._centres[:, None, None]) / self._grid.length
+        radii = np.repeat(self._radii.T / self._grid.length, self._places.shape[2], axis=1)
+        offsets = self._by_slots(self._places - self._centres[:, :, None]) / self._grid.length
         return {'radii': radii, 'offsets': offsets,
                 'followed': self._by_slots(self._largest) & (radii > 0)}
 

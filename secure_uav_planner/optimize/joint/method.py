@@ -26,7 +26,7 @@ def improve(incumbent: Incumbent) -> Status:
     :return: the status.
     """
     stepper = Stepper(incumbent)
-    if incumbent.objective == 'worst_case' and incumbent.scenario.error_radii.any():
+    if incumbent.objective == 'worst_case' and incumbent.scenario.receivers.radii.any():
         if not incumbent.warm:
             # The plan of (P2) is where (P1) begins, and what it is never below.
             guaranteed = incumbent.with_objective('guaranteed')

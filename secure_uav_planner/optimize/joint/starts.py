@@ -45,9 +45,11 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     The paper's come first, the transmitter above the ground node and the jammers above the
     eavesdroppers in turn; then random places around these, each jammer's around any eavesdropper,
     where links that help have lines of sight, if these count. They rotate and shift with the map.
+    Receivers are where they are at half time.
     """
     rng = np.random.default_rng(0)
-    ground, eavesdroppers = np.array(scenario.ground_node), scenario.eavesdropper_positions
+    (ground,), eavesdroppers, radii = scenario.receivers_at([scenario.duration / 2])
+    eavesdroppers = eavesdroppers[:, 0]
     uavs = len(scenario.uavs)
     target = rng.integers(len(eavesdroppers), size=(count, uavs))
     target[0, 1:] = np.arange(uavs - 1) % len(eavesdroppers)
@@ -58,7 +60,7 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     x, y = eavesdroppers[0] - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
     offsets = distances * rng.normal(size=targets.shape) @ axes
-    errors = scenario.error_radii[target]
+    errors = radii[target, 0]
     errors[:, 0] = 0.0
     longest = np.maximum(sight_radii(scenario) - errors, 0.0)
     lengths = np.maximum(np.linalg.norm(offsets, axis=-1), 1e-9)
