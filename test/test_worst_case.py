@@ -27,7 +27,8 @@ def random_plan(scenario, rng):
     positions[:, together] = (positions[:1] + spread * rng.standard_normal(
         positions.shape))[:, together]
     above = rng.random((uavs, slots + 2)) < 0.2
-    positions[above] = rng.choice([eve.position for eve in scenario.eavesdroppers], np.count_nonzero(above))
+    positions[above] = rng.choice(
+        [eve.position for eve in scenario.eavesdroppers], np.count_nonzero(above))
     return positions, random_powers(scenario, rng)
 
 

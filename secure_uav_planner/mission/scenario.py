@@ -272,7 +272,7 @@ class Scenario:
 
     @cached_property
     def landmarks(self) -> Array:
-        """Starts, goals, and where the receivers are at the points of the slots, (K, 2) in m."""
+        """Places of starts, goals and, at the points of the slots, receivers, (K, 2) in m."""
         receivers = self.receivers if self.has_tracks else self.receivers_at([0.0])
         return read_only(np.concatenate([
             self.starts, self.goals, receivers.ground_node, *receivers.centres]))
@@ -282,6 +282,13 @@ class Scenario:
         """Whether any receiver moves."""
         return self.ground_node_track is not None or any(
             eve.track is not None for eve in self.eavesdroppers)
+
+    @property
+    def predicted_until(self) -> float:
+        """Time in s from point 0 at which the first track ends, at most that of the flight."""
+        ends = [track[-1][0] for track in (self.ground_node_track, *(
+            eve.track for eve in self.eavesdroppers)) if track is not None]
+        return min([(self.slots + 1) * self.slot_duration, *ends])
 
     def with_receivers(self, other: 'Scenario', delay: float = 0.0) -> 'Scenario':
         """

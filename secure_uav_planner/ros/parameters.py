@@ -14,6 +14,7 @@ from ..mission.participants import Propulsion
 from ..mission.polygons import MAX_VERTICES
 from ..mission.propagation import ENVIRONMENTS
 from ..mission.scenario import MAX_MEMBERS, MAX_ZONES, RANGES, Scenario
+from ..mission.tracks import MAX_SPEED
 from ..optimize import METHODS
 from ..output.autopilots import STACKS
 from ..plan.plan import OBJECTIVES
@@ -233,6 +234,11 @@ PLANNER = {
     'replan_deviation': Spec(0.0, 'Plan the rest of the mission again, from where the UAVs will '
                              'be, when one is farther from its plan than this distance in m; 0 '
                              'for never.', (0.0, 1e7)),
+    'prediction_horizon': Spec(0.0, 'For how long in s receivers that move are predicted; later '
+                               'they count where they are then, and nothing is promised. With 0, '
+                               'until the next replan can take effect: replan_period + '
+                               '2 replan_lead, or to the end of the flight without replans.',
+                               (0.0, 1e6)),
     'replan_lead': Spec(2.0, 'How far ahead in s a new plan takes effect in flight; also the '
                         'deadline of its solve.', (0.01, 3600.0)),
 }
@@ -293,6 +299,10 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
             _PAPER.eavesdroppers[0].error_radius,
             'Error radius epsilon in m, used where the covariance of the pose is zero.',
             RANGES['error_radius']),
+        f'{name}.max_speed': Spec(
+            0.0, 'How fast it can be in m/s, in any direction: its error radius then grows by so '
+            'much each second from the measurement to the prediction_horizon. With 0, it moves as '
+            'its odometry says, or stands.', (0.0, MAX_SPEED)),
         f'{name}.receiver_advantage_db': Spec(
             0.0, "By how much in dB the SNR at its receiver is larger than the ground node's "
             'would be at its place: a better antenna or less noise.',

@@ -196,7 +196,7 @@ class PlanTracking:
     def _state(self, name: str, flight: Flight | None, settings: Mapping[str, Any], now: float
                ) -> MeasuredState | None:
         """Return the last usable state of a UAV in the time of a flight, or else of the clock."""
-        pose = self._poses.uav_pose(name, settings, now)
+        pose = self._poses.usable_pose(name, settings, now)
         if pose is None:
             return None
         time = self._plan_time(flight, pose.time) if flight else pose.time

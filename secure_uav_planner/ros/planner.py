@@ -131,12 +131,14 @@ class Planner(Node):
     def _take_pose(self, topic: str, message: Message, arrived: float) -> None:
         """Keep a valid pose; warn once of each reason to refuse one."""
         is_first, member = self._poses.get(topic) is None, topic.partition('/')[0]
-        origin = self._settings[f'{member}.origin'] if member in self._uavs else (0.0, 0.0, 0.0)
+        is_uav = member in self._uavs
+        origin = self._settings[f'{member}.origin'] if is_uav else (0.0, 0.0, 0.0)
         warnings = self._warnings.setdefault(topic, set())
         try:
             # With simulated time, a pose can arrive before the clock has come to its stamp.
             self._poses.take(
-                topic, message, self._settings['frame_id'], self._now(), origin, arrived)
+                topic, message, self._settings['frame_id'], self._now(), origin, arrived,
+                is_receiver=not is_uav)
         except PoseError as error:
             reason = brief(error)
             if reason not in warnings and len(warnings) < _MOST_WARNINGS:

@@ -15,10 +15,11 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from .messages import nanoseconds
-from .topics import GROUND_NODE_TOPIC, uav_topics
+from .topics import member_topics
 from ..errors import (
     brief, describe_error, PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError)
 from ..mission.scenario import Array, Point, RANGES
+from ..mission.tracks import MAX_SPEED
 from ..output.autopilots import rotation
 
 # s between the positions that give the velocity of a UAV without odometry.
@@ -44,6 +45,7 @@ class KnownPose:
     stamp: float  # When it was measured in s, or received if the pose has no stamp.
     received: float  # s
     velocity: Point | None = None  # From odometry or the poses of the last second, in m/s.
+    velocity_covariance: Array | None = None  # From a receiver's odometry, (2, 2) in m^2/s^2.
 
     @property
     def time(self) -> float:
@@ -83,13 +85,15 @@ class PoseBook:
         self._recent: dict[str, list[tuple[float, Point]]] = {}
 
     def take(self, topic: str, message: Message, frame_id: str, now: float,
-             origin: Sequence[float] = (0.0, 0.0, 0.0), arrived: float | None = None) -> None:
+             origin: Sequence[float] = (0.0, 0.0, 0.0), arrived: float | None = None,
+             is_receiver: bool = False) -> None:
         """
         Check a pose and keep it, unless a newer one has just come.
 
         :param frame_id: the frame that it has or is transformed to.
         :param origin: offset that is added to its position, (x, y, z) in m.
         :param arrived: time of arrival in s, for a pose without a stamp; by default now.
+        :param is_receiver: whether the covariances of an odometry count.
         :raises PoseError: if the pose cannot be used; the last valid pose is then kept.
         """
         header = message.header
@@ -105,17 +109,24 @@ class PoseBook:
             value = getattr(pose.orientation, axis)
             if not math.isfinite(value):
                 raise PoseError(f'orientation.{axis} is {quote(value)}; it must be finite')
-        covariance = velocity = None
+        covariance = velocity = velocity_covariance = None
         if isinstance(message, PoseWithCovarianceStamped):
             covariance = _horizontal_covariance(message.pose.covariance)
         elif isinstance(message, Odometry):
             velocity = _velocity(message)
+            if is_receiver:
+                covariance = _horizontal_covariance(message.pose.covariance)
+                velocity_covariance = _velocity_covariance(message)
+                if math.hypot(*velocity) > MAX_SPEED:
+                    raise PoseError(f'twist.linear is {math.hypot(*velocity):g} m/s; it must be '
+                                    f'at most {MAX_SPEED:g} m/s')
         # Without rclpy's Time, which raises an error for times before 1970.
         stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 or (
             now if arrived is None else arrived)
         x, y, height = (getattr(pose.position, axis) + shift
                         for axis, shift in zip('xyz', origin, strict=True))
-        new = KnownPose(frame_id, (x, y), height, covariance, stamp, now, velocity)
+        new = KnownPose(frame_id, (x, y), height, covariance, stamp, now, velocity,
+                        velocity_covariance)
         self._foreign_frames.pop(topic, None)
         last = self._poses.get(topic)
         if last is not None and last.frame_id != frame_id:
@@ -141,11 +152,12 @@ class PoseBook:
         """Return the last valid pose of the topic, or None."""
         return self._poses.get(topic)
 
-    def uav_pose(self, name: str, settings: Mapping[str, Any], now: float) -> KnownPose | None:
-        """Return the last usable odometry of a UAV, or else its last usable pose, or None."""
-        for topic in uav_topics(name):
+    def usable_pose(self, name: str, settings: Mapping[str, Any], now: float,
+                    is_receiver: bool = False) -> KnownPose | None:
+        """Return the last usable odometry of a member, or else its last usable pose, or None."""
+        for topic in member_topics(name):
             pose = self.get(topic)
-            if pose is not None and self.problem(topic, settings, now, False) is None:
+            if pose is not None and self.problem(topic, settings, now, is_receiver) is None:
                 return pose
         return None
 
@@ -158,12 +170,16 @@ class PoseBook:
     def problems(self, settings: Mapping[str, Any], now: float, with_uavs: bool = True
                  ) -> list[PoseError]:
         """Return an error for each topic whose pose cannot be used for planning."""
-        problems = [self.problem(topic, settings, now, True) for topic in (
-            GROUND_NODE_TOPIC, *(f'{name}/pose' for name in settings['eavesdroppers']))]
+        problems = []
+        for name in ('ground_node', *settings['eavesdroppers']):
+            if self.usable_pose(name, settings, now, True) is None:
+                odometry, pose = member_topics(name)
+                is_heard = odometry in self._poses or odometry in self._foreign_frames
+                problems.append(self.problem(odometry if is_heard else pose, settings, now, True))
         for name in settings['uavs'] if with_uavs else ():
-            if settings[f'{name}.use_pose'] and self.uav_pose(name, settings, now) is None:
+            if settings[f'{name}.use_pose'] and self.usable_pose(name, settings, now) is None:
                 refusals = [self.problem(topic, settings, now, False)
-                            for topic in uav_topics(name)]
+                            for topic in member_topics(name)]
                 problems += [type(problem)(
                     f'{problem}; send a new one, or set {name}.use_pose to false to plan from '
                     f'{name}.start') for problem in refusals if problem is not None][:1]
@@ -266,18 +282,23 @@ def transform_message(message: Message, transform: Transform, frame_id: str) -> 
     with np.errstate(all='ignore'):
         _set(pose.position, turn.apply(_vector(pose.position)) + _vector(transform.translation))
         if not isinstance(new, PoseStamped):
-            both = np.kron(np.eye(2), turn.as_matrix())
-            new.pose.covariance = (
-                both @ np.reshape(new.pose.covariance, (6, 6)) @ both.T).ravel()
+            new.pose.covariance = _turn_covariance(new.pose.covariance, turn).ravel()
         # A velocity is in the frame of the child, which is transformed if it is the pose's own.
         if isinstance(new, Odometry) and message.child_frame_id == message.header.frame_id:
             new.child_frame_id = frame_id
             for vector in (new.twist.twist.linear, new.twist.twist.angular):
                 _set(vector, turn.apply(_vector(vector)))
+            new.twist.covariance = _turn_covariance(new.twist.covariance, turn).ravel()
     with suppress(PoseError):  # An invalid orientation is refused where it is used.
         facing = turn * rotation(_vector(pose.orientation, 'xyzw'))
         _set(pose.orientation, facing.as_quat(), 'xyzw')
     return new
+
+
+def _turn_covariance(values: Any, turn: Any) -> Array:
+    """Return a covariance of two vectors in the axes after a rotation, (6, 6)."""
+    both = np.kron(np.eye(2), turn.as_matrix())
+    return np.asarray(both @ np.reshape(values, (6, 6)) @ both.T)
 
 
 def _vector(source: Any, axes: str = 'xyz') -> Array:
@@ -324,6 +345,16 @@ def _velocity(message: Odometry) -> Point:
     turn = message.pose.pose.orientation
     x, y, _ = rotation((turn.x, turn.y, turn.z, turn.w)).apply((speed.x, speed.y, speed.z))
     return (float(x), float(y))
+
+
+def _velocity_covariance(message: Odometry) -> Array:
+    """Return the covariance of the horizontal velocity in the frame of the header, (2, 2)."""
+    covariance = message.twist.covariance
+    if message.child_frame_id == message.header.frame_id:
+        return _horizontal_covariance(covariance)
+    turn = message.pose.pose.orientation
+    return _horizontal_covariance(
+        _turn_covariance(covariance, rotation((turn.x, turn.y, turn.z, turn.w))))
 
 
 def _horizontal_covariance(values: Any) -> Array:

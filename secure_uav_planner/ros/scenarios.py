@@ -10,20 +10,23 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from .parameters import SCENARIO_FIELDS
 from .plan_tracking import PlanTracking
-from .poses import error_radius, PoseBook
+from .poses import error_radius, KnownPose, PoseBook
 from .settings import airspace_from, channel_from, uav_from
-from .topics import GROUND_NODE_TOPIC
 from ..errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
+from ..mission.tracks import MAX_KNOTS, Track
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ..plan.plan import Plan
 from ..plan.tracking import Flight, MeasuredState, predict_state, start_from_state
 
 # s between a solve and the effect of its plan; at most half of the available time.
 _PLAN_RESERVE, _REPLAN_RESERVE = 1.0, 0.5
+_SHORTEST_TRACK = 1.0  # s
 _DELIVERY = 0.2  # s from the publication of a replan until the follower has it.
 _REASONS = ('period', 'distance', 'deviation')
 
@@ -96,7 +99,9 @@ def scenario_from(settings: Mapping[str, Any], poses: PoseBook, start: StartTime
     uavs = [_with_start_state(uav_from(settings, name), index, state, settings, start, flight)
             for index, (name, state) in enumerate(
                 zip(settings['uavs'], states, strict=True))]
-    return _scenario(settings, uavs, _receivers(settings, poses))
+    point_0 = start.point_0_ns(start.asked_ns) * 1e-9
+    return _scenario(settings, uavs, _receivers(
+        settings, poses, start.asked_ns * 1e-9, PlanClock(0.0, point_0, 1.0)))
 
 
 def explain_infeasible(settings: Mapping[str, Any]) -> str:
@@ -153,32 +158,102 @@ def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[P
     return (x, y), (u, v)
 
 
-def update_receivers(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, now: float
-                     ) -> Scenario:
-    """Return the scenario with the present poses of the ground node and the eavesdroppers."""
+def update_receivers(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, now: float,
+                     flight: Flight) -> Scenario:
+    """Return the scenario with the present estimates of the ground node and the eavesdroppers."""
     poses.check(settings, now, with_uavs=False)
-    return replace(scenario, **_receivers(settings, poses))
+    return replace(scenario, **_receivers(
+        settings, poses, now, PlanClock(flight.time, now, flight.rate)))
 
 
-def has_moved(before: Scenario, now: Scenario, distance: float) -> bool:
-    """Return True if a receiver has moved by more than a distance in m, or a radius by a tenth."""
-    return math.dist(before.ground_node, now.ground_node) > distance or any(
-        math.dist(old.position, new.position) > distance
-        or abs(old.error_radius - new.error_radius) > 0.1 * distance
-        for old, new in zip(before.eavesdroppers, now.eavesdroppers))
+def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> bool:
+    """
+    Return True if a receiver is not where a plan expects it at a time in s from point 0.
+
+    So it is if it is more than a distance in m away, or if it moves and is outside its disc; or
+    if a radius has changed by a tenth of the distance. That of one that moves may have become
+    smaller, since a prediction grows with time.
+    """
+    (old_ground,), old_centres, old_radii = before.receivers_at([time])
+    (ground,), centres, radii = now.receivers_at([time])
+    moving = np.array([old.track is not None or new.track is not None for old, new in zip(
+        before.eavesdroppers, now.eavesdroppers, strict=True)])
+    moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
+    grown = (radii - old_radii)[:, 0]
+    is_left = moving & (moves > old_radii[:, 0])
+    if not distance:
+        return bool(is_left.any())
+    return bool(math.dist(old_ground, ground) > distance or (
+        is_left | (moves > distance)
+        | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())
 
 
-def _receivers(settings: Mapping[str, Any], poses: PoseBook) -> dict[str, Any]:
+class PlanClock(NamedTuple):
+    """At a time of the clock in s, the plan is at a time from its point 0, and passes at a rate."""
+
+    time: float
+    clock: float
+    rate: float
+
+    def to_plan(self, clock: float) -> float:
+        """Return the time of the plan at a time of the clock."""
+        return self.time + self.rate * (clock - self.clock)
+
+
+def _receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, clock: PlanClock
+               ) -> dict[str, Any]:
     """Return the ground node and the eavesdroppers by the fields of Scenario."""
+    until = max(now, clock.clock) + _horizon(settings)
     eavesdroppers = []
     for name in settings['eavesdroppers']:
-        pose = poses.get(f'{name}/pose')
+        pose = poses.usable_pose(name, settings, now, True)
         radius = (error_radius(pose.covariance, settings['confidence'])
                   if pose.covariance.any() else settings[f'{name}.error_radius'])
         eavesdroppers.append(Eavesdropper(
-            pose.position, radius, name, settings[f'{name}.receiver_advantage_db']))
-    return {'ground_node': poses.get(GROUND_NODE_TOPIC).position,
-            'eavesdroppers': tuple(eavesdroppers)}
+            pose.position, radius, name, settings[f'{name}.receiver_advantage_db'],
+            _predict(pose, radius, settings[f'{name}.max_speed'], settings['confidence'], until,
+                     clock)))
+    ground = poses.usable_pose('ground_node', settings, now, True)
+    track = _predict(ground, 0.0, 0.0, settings['confidence'], until, clock)
+    return {'ground_node': ground.position, 'eavesdroppers': tuple(eavesdroppers),
+            'ground_node_track': track and tuple(knot[:3] for knot in track)}
+
+
+def _horizon(settings: Mapping[str, Any]) -> float:
+    """Return for how long receivers are predicted in s."""
+    if settings['prediction_horizon']:
+        return float(settings['prediction_horizon'])
+    if any(settings[f'replan_{reason}'] for reason in _REASONS):
+        return float(settings['replan_period'] + 2 * settings['replan_lead'])
+    return float(settings['duration'] * (settings['slots'] + 2) / settings['slots'])
+
+
+def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float, until: float,
+             clock: PlanClock) -> Track | None:
+    """
+    Return the track of a receiver from its measurement to a time of the clock; None if it stands.
+
+    With a max_speed it may go anywhere from where it was measured. Otherwise it goes straight on,
+    with the covariance P + t^2 P_v after t s. Its root is a norm of terms linear in t, so that the
+    radius is convex, and the track, linear between knots, is never smaller.
+    """
+    velocity, spread = np.zeros(2), pose.velocity_covariance
+    if not max_speed:
+        if spread is None or not (any(pose.velocity) or spread.any()):
+            return None
+        velocity = np.array(pose.velocity)
+    duration = max(until - pose.time, _SHORTEST_TRACK)
+    knots = []
+    for age in np.linspace(0.0, duration, min(MAX_KNOTS, 2 + int(duration))).tolist():
+        if max_speed:
+            reach = radius + max_speed * age
+        elif pose.covariance.any():
+            reach = error_radius(pose.covariance + age**2 * spread, confidence)
+        else:
+            reach = radius + age * error_radius(spread, confidence)
+        knots.append((clock.to_plan(pose.time + age), *(pose.position + age * velocity).tolist(),
+                      reach))
+    return tuple(knots)
 
 
 class Remainder(NamedTuple):
@@ -244,10 +319,10 @@ class Replanning:
         if first >= plan.scenario.slots:
             return None  # The mission ends before a new plan could take effect.
         try:
-            updated = update_receivers(plan.scenario, settings, self._poses, now)
+            updated = update_receivers(plan.scenario, settings, self._poses, now, flight)
         except PlanningError:
             return None  # Poses are missing or too old; the diagnostics report it.
-        is_due = self._is_due(plan, updated, settings, now)
+        is_due = self._is_due(plan, updated, settings, now, flight.time)
         if not is_due and not (flight.state == 'flying' and self._deviates(settings, now)):
             return None
         self._last_planned, self._was_due = now, is_due
@@ -255,16 +330,17 @@ class Replanning:
         return Remainder(plan, first, states, updated, not is_due, settings['track_tolerance'],
                          lead - min(_REPLAN_RESERVE, lead / 2))
 
-    def _is_due(self, plan: Plan, updated: Scenario, settings: Mapping[str, Any], now: float
-                ) -> bool:
-        """Return True if the period is over, or a receiver has moved."""
+    def _is_due(self, plan: Plan, updated: Scenario, settings: Mapping[str, Any], now: float,
+                time: float) -> bool:
+        """Return True if the period is over, or a receiver is not where the plan expects it."""
         period, distance = settings['replan_period'], settings['replan_distance']
         since = now - self._last_planned  # Negative after the clock has jumped back.
         if period and not 0 <= since < period:
             return True
-        # After a failure, a move waits for the lead.
-        waits = self._has_failed and 0 <= since < settings['replan_lead']
-        return bool(distance and not waits and has_moved(plan.scenario, updated, distance))
+        # After a failure, and where receivers are predicted, a move waits for the lead.
+        waits = (self._has_failed or updated.has_tracks) and 0 <= since < settings['replan_lead']
+        return bool((distance or period) and not waits and has_moved(
+            plan.scenario, updated, time, distance))
 
     def _deviates(self, settings: Mapping[str, Any], now: float) -> bool:
         """Return True if a UAV is too far from its plan, and has had the lead to come back."""

@@ -133,9 +133,11 @@ def status_values(state: State, progress: Iteration | None, is_solving: bool, po
             'plan.age': now - plan.start_ns * 1e-9, **plan_values(plan)}
         if state.bound is not None:
             values |= {'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)}
+        if plan.scenario.has_tracks:
+            values['plan.promised_until'] = plan.scenario.predicted_until
     names = [*settings['eavesdroppers'], *settings['uavs']]
     for topic in [GROUND_NODE_TOPIC, *(f'{name}/pose' for name in names),
-                  *(f'{name}/odom' for name in settings['uavs'])]:
+                  *(f'{name}/odom' for name in ('ground_node', *names))]:
         pose = poses.get(topic)
         values[f'pose_age.{topic}'] = 'none' if pose is None else pose.age(now)
     return values

@@ -53,9 +53,14 @@ TOPICS = {
         'plan_time': Topic(TimeReference, SENSOR, 'to what time of which plan the flight has '
                            'come, from a follower'),
         GROUND_NODE_TOPIC: Topic(PoseStamped, SENSOR, 'the position of the ground node'),
+        'ground_node/odom': Topic(Odometry, SENSOR, 'optional: where a ground node that moves is '
+                                  'and how fast; used before its pose'),
         '<eavesdropper>/pose': Topic(
             PoseWithCovarianceStamped, SENSOR,
             'the estimated position; its covariance gives the error radius'),
+        '<eavesdropper>/odom': Topic(
+            Odometry, SENSOR, 'optional: the estimate of an eavesdropper that moves, with its '
+            'velocity; both covariances give the error radius over time; used before its pose'),
         '<uav>/pose': Topic(PoseStamped, SENSOR, 'optional: where the UAV is'),
         '<uav>/odom': Topic(Odometry, SENSOR,
                             'optional: where the UAV is and how fast; used before its pose')},
@@ -155,8 +160,8 @@ def _named(topics: Mapping[str, Topic], members: Mapping[str, Sequence[str]]
                     if first in members else [(name, topic)])
 
 
-def uav_topics(name: str) -> tuple[str, str]:
-    """Return the topics that say where a UAV is; the first counts before the second."""
+def member_topics(name: str) -> tuple[str, str]:
+    """Return the topics that say where a member is; the first counts before the second."""
     return f'{name}/odom', f'{name}/pose'
 
 

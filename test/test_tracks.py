@@ -1,0 +1,196 @@
+"""Receivers that move: tracks in missions, rates, proofs, plans and files, by plain formulas."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from oracle import disc_at, ground_node_at, sampled_leaks
+import pytest
+from secure_uav_planner import assess, Scenario, solve, upper_bound, World
+from secure_uav_planner.errors import OptionError, ScenarioError
+from secure_uav_planner.mission.scenario import Eavesdropper
+from secure_uav_planner.model.channel import (
+    ground_rates, guaranteed_rates, worst_case_places, worst_case_rates)
+from strategies import missions, random_powers
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def random_plan(scenario, rng):
+    """Return positions and powers."""
+    positions = rng.uniform(-400, 400, (len(scenario.uavs), scenario.slots + 2, 2))
+    return positions, random_powers(scenario, rng)
+
+
+def with_tracks(scenario, rng):
+    """Return a mission whose receivers move, before, in and after its flight."""
+    size = np.ptp(scenario.landmarks, axis=0).max() + 10
+
+    def knots(place, *radius):
+        times = np.sort(rng.uniform(-0.3, 1.3, rng.integers(2, 6))) * scenario.duration
+        times += np.arange(len(times)) * max(1.0, 0.01 * size)
+        return tuple((time, *(place + rng.normal(0, 0.3 * size, 2)), *(
+            value * rng.uniform(0, 2) for value in radius)) for time in times.tolist())
+
+    return replace(
+        scenario, ground_node_track=knots(np.array(scenario.ground_node)),
+        eavesdroppers=tuple(replace(eve, track=knots(np.array(eve.position), eve.error_radius))
+                            for eve in scenario.eavesdroppers))
+
+
+def plain_rates(scenario, positions, powers, times):
+    """Return the guaranteed rates of free space, slot by slot."""
+    rates = []
+    ground = ground_node_at(scenario, times)
+    discs = [disc_at(eve, times) for eve in scenario.eavesdroppers]
+    for n in range(len(times)):
+        def rate(place, radius, advantage):
+            signal, jamming = 0.0, 0.0
+            for i, uav in enumerate(scenario.uavs):
+                distance = np.hypot(*(positions[i, n] - place))
+                distance = distance + radius if i else max(distance - radius, 0.0)
+                received = powers[i, n] * 10**(
+                    (scenario.reference_snr_db + advantage) / 10) / (
+                    distance**2 + uav.altitude**2)
+                signal, jamming = (signal, jamming + received) if i else (received, jamming)
+            return np.log1p(signal / (1 + jamming)) / np.log(2)
+
+        leaks = [rate(centres[n], radii[n], eve.receiver_advantage_db)
+                 for (centres, radii), eve in zip(discs, scenario.eavesdroppers)]
+        leak = np.log2(1 + sum(2**leak - 1 for leak in leaks)) if scenario.colluding else max(leaks)
+        rates.append(rate(ground[n], 0.0, 0.0) - leak)
+    return np.array(rates)
+
+
+@settings(max_examples=40)
+@given(missions(), SEEDS)
+def test_guaranteed_rates_are_those_of_plain_formulas_slot_by_slot(scenario, seed):
+    rng = np.random.default_rng(seed)
+    scenario = with_tracks(replace(scenario, channel=type(scenario.channel)()), rng)
+    positions, powers = random_plan(scenario, rng)
+    times = np.arange(1, scenario.slots + 1) * scenario.slot_duration
+    plain = plain_rates(scenario, positions[:, 1:-1], powers, times)
+    np.testing.assert_allclose(
+        guaranteed_rates(scenario, positions, powers), plain, rtol=1e-9, atol=1e-9)
+
+
+@settings(max_examples=100)
+@given(missions(max_eavesdroppers=3), SEEDS)
+def test_no_place_of_the_discs_on_tracks_leaks_more_than_is_proven(scenario, seed):
+    rng = np.random.default_rng(seed)
+    scenario = with_tracks(scenario, rng)
+    positions, powers = random_plan(scenario, rng)
+    proven = worst_case_rates(scenario, positions, powers)
+    worst = worst_case_places(scenario, positions, powers)
+    sampled = sampled_leaks(scenario, positions, powers, worst, rng)
+    assert (ground_rates(scenario, positions, powers) - sampled >= proven - 1e-9).all()
+    assert (proven >= guaranteed_rates(scenario, positions, powers)).all()
+
+
+def drive(scenario, speed=5.0, radius=10.0):
+    half = speed * scenario.duration / 2
+    return replace(scenario, eavesdroppers=(Eavesdropper((0, 0), track=(
+        (0.0, 200.0, -half, radius), (scenario.duration, 200.0, half, radius))),))
+
+
+@pytest.fixture(scope='module')
+def driving():
+    return drive(Scenario.paper(120))
+
+
+@pytest.mark.parametrize('method, least', [('joint', 2.3219), ('alternating', 2.28)])
+def test_a_plan_for_the_track_reaches_the_rate_of_the_reference(driving, method, least):
+    plan = solve(driving, method, objective='guaranteed')
+    assert plan.rate >= least
+    times = plan.times[1:-1]
+    plain = plain_rates(driving, plan.positions[:, 1:-1], plan.powers, times)
+    np.testing.assert_allclose(plan.guaranteed_rates, np.maximum(plain, 0), atol=1e-9)
+    first = solve(replace(driving, eavesdroppers=(replace(
+        driving.eavesdroppers[0], track=None),)), method, objective='guaranteed')
+    assert guaranteed_rates(driving, first.positions, first.powers).clip(0).mean() < (
+        0.8 * plan.rate)
+
+
+def test_the_worst_case_is_planned_for_and_a_warm_start_is_no_worse(driving):
+    plan = solve(driving)
+    assert plan.rate > 2.33
+    faster = drive(driving, 6.0)
+    assert solve(faster, initial=plan).rate >= 0.998 * solve(faster).rate
+
+
+def test_rates_along_the_curve_move_the_receivers_in_continuous_time(driving):
+    plan = solve(driving, objective='guaranteed')
+    shares = (np.arange(200) + 0.5) / 200
+    means = []
+    for n in range(1, driving.slots + 1):
+        times = (n + shares) * driving.slot_duration
+        powers = np.repeat(plan.powers[:, [n - 1]], len(shares), axis=1)
+        means.append(plain_rates(driving, plan.curve.at(times).positions, powers, times).mean())
+    np.testing.assert_allclose(plan.curve_rates, np.maximum(means, 0), atol=1e-4)
+
+
+def test_a_constant_track_is_the_same_as_no_track():
+    scenario = Scenario.paper(120)
+    still = drive(scenario, 0.0)
+    ours, theirs = solve(still), solve(scenario)
+    assert ours.rate == theirs.rate
+    assert (ours.positions == theirs.positions).all()
+
+
+def test_the_tail_of_a_plan_and_its_continuation_keep_the_tracks_in_time(driving):
+    plan = solve(driving, objective='guaranteed')
+    tail = plan.tail(50)
+    np.testing.assert_allclose(tail.guaranteed_rates, plan.guaranteed_rates[50:], atol=1e-9)
+    whole = plan.continued(50, tail)
+    np.testing.assert_allclose(whole.guaranteed_rates, plan.guaranteed_rates, atol=1e-9)
+
+
+def test_an_assessment_moves_the_eavesdropper_and_a_wrong_speed_breaks_the_promise(driving):
+    plan = solve(driving)
+    assert assess(plan, 200).outage == 0
+    assert assess(plan, 200, world=World(speed_factor=1.0)).outage == 0
+    assert assess(plan, 200, world=World(speed_factor=2.0)).outage == 1
+    assert assess(plan, 200).mean > plan.rate
+
+
+def test_files_keep_tracks(driving, tmp_path):
+    scenario = replace(driving, ground_node_track=((0.0, 0.0, 0.0), (60.0, 5.0, 5.0)))
+    for name in ('mission.yaml', 'mission.json'):
+        scenario.save(tmp_path / name)
+        assert Scenario.load(tmp_path / name) == scenario
+    assert Scenario.from_dict(scenario.to_dict()) == scenario
+    plan = solve(driving, objective='guaranteed')
+    plan.save(tmp_path / 'plan.json')
+    assert type(plan).load(tmp_path / 'plan.json') == plan
+
+
+def test_a_bound_of_a_mission_with_tracks_is_refused(driving):
+    with pytest.raises(OptionError, match='tracks'):
+        upper_bound(driving)
+
+
+@pytest.mark.parametrize('track, text', [
+    (((0, 0, 0, 1),), r'track is .*2 to 1000 knots \(t, x, y, radius\)'),
+    (tuple((t, 0, 0, 1) for t in range(1001)), '2 to 1000 knots'),
+    (((0, 0, 0, 1), (0, 1, 1, 1)), r'track\[1\] has the time 0 s; it must be after'),
+    (((0, 0, 0, 1), (1, float('nan'), 1, 1)), r'track\[1\] has x = nan m'),
+    (((0, 0, 0, 1), (1, 0, 1, -1)), r'track\[1\] has radius = -1 m'),
+    (((0, 0, 0, 1), (1, 0, 1001, 1)), r'track\[1\] is 1001 m .* at most 1000 m/s'),
+    (((0, 0, 0), (1, 0, 1)), r'track\[0\] is \(0, 0, 0\); it must be the numbers'),
+    ('0 0 0 1', '2 to 1000 knots'), (5, '2 to 1000 knots'),
+    (((0, 0, 0, 1), 3), r'track\[1\] is 3; it must be the numbers')])
+def test_a_bad_track_is_refused_with_its_knot_and_what_is_allowed(track, text, tmp_path):
+    with pytest.raises(ScenarioError, match=text) as caught:
+        Eavesdropper((0, 0), 1.0, track=track)
+    assert caught.value.place[0] == 'track' and '\n' not in str(caught.value)
+
+
+def test_a_wrong_knot_of_a_file_is_named_with_its_line(driving, tmp_path):
+    path = tmp_path / 'mission.yaml'
+    replace(driving, ground_node_track=((0.0, 0.0, 0.0), (60.0, 5.0, 5.0))).save(path)
+    text = path.read_text()
+    path.write_text(text.replace('[60.0, 5.0, 5.0]', '[-60.0, 5.0, 5.0]'))
+    line = text[:text.index('[60.0, 5.0')].count('\n') + 1
+    with pytest.raises(ScenarioError, match=rf':{line}: ground_node_track\[1\] has the time'):
+        Scenario.load(path)
