@@ -130,7 +130,7 @@ def test_rates_are_those_of_plain_loops_in_every_world_drawn(of, world, colludin
     def first(states):
         return list(itertools.islice(states, slots))
 
-    places = drawn.places(one, world, draws, seed)
+    places = next(drawn.places(one, world, draws, seed))
     sights = of.los and world.los_distance is not None and first(drawn.sights(
         one, plan.positions[:, 1:-1], world.los_distance, draws, seed))
     fades = of.outage and first(drawn.fading(of.rician_k_db, links, draws, seed))
@@ -187,7 +187,7 @@ def test_the_quantiles_are_those_of_the_missions_and_the_answer_is_short_and_tru
 
 def test_places_in_the_disc_are_uniform():
     scenario = team(40.0)
-    places = drawn.places(scenario, World(), MANY, 3)
+    places = next(drawn.places(scenario, World(), MANY, 3))
     for found, eve in zip(places, scenario.eavesdroppers):
         x, y = (found - eve.position).T / eve.error_radius
         assert agrees(x**2 + y**2, stats.uniform.cdf)
@@ -197,27 +197,28 @@ def test_places_in_the_disc_are_uniform():
 
 def test_places_beyond_the_disc_are_uniform_in_the_ring():
     scenario = team(40.0)
-    found = drawn.places(scenario, World('beyond', beyond=25.0), MANY, 3)[0]
+    found = next(drawn.places(scenario, World('beyond', beyond=25.0), MANY, 3))[0]
     squared = ((found - scenario.eavesdroppers[0].position)**2).sum(axis=1)
     assert agrees(squared, stats.uniform(40.0**2, 65.0**2 - 40.0**2).cdf)
 
 
 def test_normal_places_have_their_covariance():
     scenario = team(40.0)
-    offsets = drawn.places(scenario, World('normal'), MANY, 3)[0] - (200.0, 50.0)
+    offsets = next(drawn.places(scenario, World('normal'), MANY, 3))[0] - (200.0, 50.0)
     # The disc has 95% of them: a squared distance is of the law chi-squared.
     assert agrees((offsets**2).sum(axis=1) / 40.0**2 * stats.chi2(2).ppf(0.95), stats.chi2(2).cdf)
     covariance = ((90.0, 40.0), (40.0, 30.0))
-    offsets = drawn.places(scenario, World('normal', covariance), MANY, 3)[1] - (-100.0, -150.0)
+    offsets = next(drawn.places(
+        scenario, World('normal', covariance), MANY, 3))[1] - (-100.0, -150.0)
     assert agrees(np.einsum('ni,ij,nj->n', offsets, np.linalg.inv(covariance), offsets),
                   stats.chi2(2).cdf)
     np.testing.assert_allclose(np.cov(offsets.T), covariance, rtol=0.05)
-    flat = drawn.places(scenario, World('normal', ((4.0, 0.0), (0.0, 0.0))), 9, 3)[0]
+    flat = next(drawn.places(scenario, World('normal', ((4.0, 0.0), (0.0, 0.0))), 9, 3))[0]
     assert np.abs(flat[:, 1] - 50.0).max() < 1e-12 < np.ptp(flat[:, 0])
 
 
 def test_fixed_places_are_those_given():
-    found = drawn.places(team(), World('fixed', positions=((1, 2), (3, 4))), 2, 0)
+    found = next(drawn.places(team(), World('fixed', positions=((1, 2), (3, 4))), 2, 0))
     assert found.tolist() == [[[1.0, 2.0]] * 2, [[3.0, 4.0]] * 2]
 
 
@@ -263,8 +264,8 @@ def test_a_seed_gives_the_same_draws_on_any_machine():
     # As numbers: they must not change from one version of NumPy to another.
     scenario = team()
     numbers = [
-        drawn.places(scenario, World(), 2, 42)[0, 1, 0],
-        drawn.places(scenario, World('normal'), 2, 42)[1, 1, 1],
+        next(drawn.places(scenario, World(), 2, 42))[0, 1, 0],
+        next(drawn.places(scenario, World('normal'), 2, 42))[1, 1, 1],
         next(drawn.sights(scenario, np.zeros((3, 1, 2)), 50.0, 2, 42))[2, 2, 1],
         next(drawn.fading(3.0, (3, 3), 2, 42))[2, 2, 1],
         next(drawn.tracking_errors(scenario, World(tracking_std=1.0), 2, 42))[2, 1, 1]]

@@ -35,7 +35,8 @@ def is_smooth(grid, x, step):
     """Return True for slots in which the transmitter is not near the edge of a disc, (N,)."""
     offset = (x[:, 0, 1:] * grid.length + grid.origin)[:, None] - (
         [eve.position for eve in grid.scenario.eavesdroppers])
-    gap = np.linalg.norm(offset, axis=-1) - [eve.error_radius for eve in grid.scenario.eavesdroppers]
+    gap = np.linalg.norm(offset, axis=-1) - [
+        eve.error_radius for eve in grid.scenario.eavesdroppers]
     return (np.abs(gap) > 10 * step * grid.length).all(axis=-1)
 
 

@@ -58,7 +58,8 @@ def plain_rates(scenario, positions, powers, times):
 
         leaks = [rate(centres[n], radii[n], eve.receiver_advantage_db)
                  for (centres, radii), eve in zip(discs, scenario.eavesdroppers)]
-        leak = np.log2(1 + sum(2**leak - 1 for leak in leaks)) if scenario.colluding else max(leaks)
+        leak = (np.log2(1 + sum(2**leak - 1 for leak in leaks)) if scenario.colluding
+                else max(leaks))
         rates.append(rate(ground[n], 0.0, 0.0) - leak)
     return np.array(rates)
 

@@ -16,10 +16,11 @@ from .files import checked_path
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
-from .tracks import checked_track, interpolate, ReceiverPlaces, shift_track, split_ground_node, Track
+from .tracks import (
+    checked_track, interpolate, ReceiverPlaces, shift_track, split_ground_node, Track)
 from .validation import (
-    Array, checked_fields, checked_members, checked_number, checked_point, checked_real,
-    make_unique, Point, RANGES, read_only, set_checked)
+    Array, checked_array, checked_fields, checked_kind, checked_members, checked_number,
+    checked_point, checked_real, make_unique, Point, RANGES, read_only, set_checked)
 from ..errors import InfeasibleMissionError, prefix_place, quote, ScenarioError
 
 if TYPE_CHECKING:
@@ -255,7 +256,7 @@ class Scenario:
 
     def receivers_at(self, times: ArrayLike) -> ReceiverPlaces:
         """Return where the receivers are at times (K,) in s from point 0."""
-        times = np.asarray(times, float)
+        times = checked_array('times', times, (None,))
         ground = (np.broadcast_to(self.ground_node, (len(times), 2))
                   if self.ground_node_track is None else
                   interpolate(self.ground_node_track, times))
@@ -296,6 +297,8 @@ class Scenario:
 
         :param delay: time in s from the other one's point 0 to point 0 of this one.
         """
+        checked_kind('other', other, Scenario)
+        checked_real('delay', delay)
         return replace(
             self, ground_node=other.ground_node,
             ground_node_track=shift_track(other.ground_node_track, delay),

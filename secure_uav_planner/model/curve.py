@@ -143,7 +143,8 @@ def mean_guaranteed_rates(scenario: Scenario, curve: Curve, powers: Array) -> Ar
     """Return the means of R-bar in each slot along a curve, before [x]^+, (N,) in bit/s/Hz."""
     rates = np.zeros(scenario.slots)
     for place, weight in GAUSS_LEGENDRE:
-        times = (np.arange(1, scenario.slots + 1) + 0.5 + place) * scenario.slot_duration
+        times = np.asarray(
+            (np.arange(1, scenario.slots + 1) + 0.5 + place) * scenario.slot_duration, float)
         positions = np.pad(curve.at(times).positions, ((0, 0), (1, 1), (0, 0)))
         rates += weight * guaranteed_rates(scenario, positions, powers, times=times)
     return rates

@@ -166,7 +166,8 @@ class Incumbent:
         useful = np.flatnonzero(self._rates > _IDLE_SHARE * self.rate)
         if not len(slots) or not len(useful):
             return
-        positions, times = self.positions[:, [0, *(slots + 1), -1]], (slots + 1) * self.scenario.slot_duration
+        positions = self.positions[:, [0, *(slots + 1), -1]]
+        times = np.asarray((slots + 1) * self.scenario.slot_duration, float)
         after = np.searchsorted(useful, slots)
         powers, best = self.powers.copy(), np.full(len(slots), _IDLE_SHARE * self.rate)
         for near in (after - 1, after):

@@ -112,9 +112,10 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
     scenario = replace(tail.scenario, uavs=tuple(uavs)).with_receivers(updated, point * step)
     powers = plan.powers[:, :point].copy()
     if point > first:
+        times: Array = np.arange(first + 1.0, point + 1) * step
         powers[:, first:] = silence_losing_slots(
             updated, np.pad(positions[:, first:], ((0, 0), (0, 1), (0, 0))), powers[:, first:],
-            plan.objective, np.arange(first + 1, point + 1) * step)[0]
+            plan.objective, times)[0]
     return Rejoin(plan, first, point, positions, powers, tail, scenario)
 
 

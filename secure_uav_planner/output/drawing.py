@@ -101,6 +101,18 @@ def _ring(outer, inner):
                            ring.exterior.coords[:1]])
 
 
+def flight_times(scenario):
+    """Return the times of all points of a flight, (N+2,) in s."""
+    return np.arange(scenario.slots + 2) * scenario.slot_duration
+
+
+def shown_discs(scenario):
+    """Return each eavesdropper's discs as (centre, radius), at three times where it moves."""
+    _, centres, radii = scenario.receivers_at([0.0, scenario.duration / 2, scenario.duration])
+    return [list(zip(way, reach.tolist()))[:3 if eve.track else 1]
+            for eve, way, reach in zip(scenario.eavesdroppers, centres, radii)]
+
+
 def map_extent(scenario, plans=()):
     """Return the lower left and the upper right corner of the map of plans, (2, 2) in m."""
     _, centres, radii = scenario.receivers

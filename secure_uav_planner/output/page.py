@@ -70,6 +70,7 @@ class _Content:
         self.delivered, self.worst_delivered = (
             step * np.cumsum(np.pad(rates, (2, 0)))
             for rates in (plan.guaranteed_rates, plan.worst_case_rates))
+        self.receivers = scenario.receivers_at(plan.times)
         self.powers = np.pad(plan.powers, ((0, 0), (1, 1)))
         self.guaranteed = np.pad(plan.guaranteed_rates, 1)
         self.worst = np.pad(plan.worst_case_rates, 1)
@@ -82,21 +83,13 @@ class _Content:
         plan, times = self.plan, self.plan.times.tolist()
         for trace in _airspace_traces(plan.scenario):
             yield trace, 1, 1
-        angle = np.linspace(0, 2 * np.pi, 73)
-        circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        for index, eve in enumerate(plan.scenario.eavesdroppers):
-            yield _scatter(
-                eve.position + eve.error_radius * circle, fill='toself', mode='lines',
-                line={'color': EAVESDROPPER, 'width': 1}, legendgroup='disc',
-                showlegend=index == 0, name="eavesdropper's disc", hoverinfo='skip'), 1, 1
-            if receiver_label(eve):
-                yield _scatter(
-                    [eve.position], text=[receiver_label(eve)], mode='text',
-                    textfont={'color': EAVESDROPPER}, legendgroup='disc', showlegend=False,
-                    hoverinfo='skip'), 1, 1
-        yield _scatter(
-            [plan.scenario.ground_node], mode='markers', name='ground node',
-            marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE}), 1, 1
+        if plan.scenario.has_tracks:
+            for way, color in ((self.receivers.ground_node, GROUND_NODE), *(
+                    (way, EAVESDROPPER) for way in self.receivers.centres)):
+                yield _scatter(way, mode='lines', showlegend=False, hoverinfo='skip',
+                               line={'color': color, 'width': 1, 'dash': 'dash'}), 1, 1
+        else:
+            yield from self._receiver_traces(0)
         for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
             yield _scatter(  # Wider than the UAVs at these points.
                 getattr(plan.scenario, f'{name}s'), mode='markers', name=name,
@@ -125,9 +118,30 @@ class _Content:
                     'color': RATE, 'width': width, 'dash': dash,
                     'shape': 'hv' if row == 2 else 'linear'}), row, 2
 
+    def _receiver_traces(self, point):
+        """Yield the discs and the ground node at a point, each with its row and column."""
+        ground, centres, radii = self.receivers
+        angle = np.linspace(0, 2 * np.pi, 73)
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        for index, eve in enumerate(self.plan.scenario.eavesdroppers):
+            yield _scatter(
+                centres[index, point] + radii[index, point] * circle, fill='toself', mode='lines',
+                line={'color': EAVESDROPPER, 'width': 1}, legendgroup='disc',
+                showlegend=index == 0, name="eavesdropper's disc", hoverinfo='skip'), 1, 1
+            if receiver_label(eve):
+                yield _scatter(
+                    centres[index, point][None], text=[receiver_label(eve)], mode='text',
+                    textfont={'color': EAVESDROPPER}, legendgroup='disc', showlegend=False,
+                    hoverinfo='skip'), 1, 1
+        yield _scatter(
+            ground[point][None], mode='markers', name='ground node',
+            marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE}), 1, 1
+
     def frame_traces(self, point):
         """Yield the traces of the frame of a point, each with its row and column."""
         plan, time = self.plan, float(self.plan.times[point])
+        if plan.scenario.has_tracks:
+            yield from self._receiver_traces(point)
         for index, uav in enumerate(plan.scenario.uavs):
             watts = float(self.powers[index, point])
             yield _scatter(

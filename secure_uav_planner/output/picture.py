@@ -17,9 +17,9 @@ import numpy as np
 import shapely
 
 from .drawing import (
-    add_legend, altitude_label, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE, is_obstacle,
-    label_position, map_extent, MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label,
-    receiver_label, style_axes, uav_color)
+    add_legend, altitude_label, EAVESDROPPER, energy_label, flight_times, GEOFENCE, GROUND_NODE,
+    is_obstacle, label_position, map_extent, MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label,
+    receiver_label, shown_discs, style_axes, uav_color)
 from ..mission import OBJECTIVES
 
 _MAP_SIZE = 5.95, 5.6  # Of the largest map, in inches as all lengths here.
@@ -145,8 +145,8 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
     peak = max(uav.peak_power for uav in scenario.uavs)
     point = _point_size(axes)
     occupied = [*(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
-                *(shapely.Point(eve.position).buffer(max(eve.error_radius, 5 * point))
-                  for eve in scenario.eavesdroppers),
+                *(shapely.Point(center).buffer(max(radius, 5 * point))
+                  for discs in shown_discs(scenario) for center, radius in discs),
                 shapely.Point(scenario.ground_node).buffer(5 * point),
                 *(shapely.LineString(path).buffer(3 * point) for path in plan.positions)]
     for index, (points, powers) in enumerate(zip(plan.positions, plan.powers)):
@@ -185,15 +185,30 @@ def _escape(text):
 def draw_ground(axes, scenario):
     """Draw zones, fence, eavesdroppers and the ground node."""
     _draw_airspace(axes, scenario)
-    for eve, name in zip(scenario.eavesdroppers, scenario.eavesdropper_names):
+    if scenario.has_tracks:
+        _draw_tracks(axes, scenario)
+    for eve, name, discs in zip(
+            scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario)):
+        for disc in discs:
+            axes.add_patch(Circle(*disc, facecolor=EAVESDROPPER, alpha=0.25))
+            axes.add_patch(Circle(*disc, fill=False, edgecolor=EAVESDROPPER))
         center = eve.position
-        axes.add_patch(Circle(center, eve.error_radius, facecolor=EAVESDROPPER, alpha=0.25))
-        axes.add_patch(Circle(center, eve.error_radius, fill=False, edgecolor=EAVESDROPPER))
         axes.plot(*center, 'X', **_marker_style(EAVESDROPPER, 8), zorder=6, label=_escape(name))
         axes.annotate(receiver_label(eve), center, (7, 7), textcoords='offset points', fontsize=8,
                       color=EAVESDROPPER, zorder=8, path_effects=_HALO)
     axes.plot(*scenario.ground_node, '^', **_marker_style(GROUND_NODE, 10), zorder=6,
               label='ground node')
+
+
+def _draw_tracks(axes, scenario):
+    """Draw the ways of receivers that move, with an arrow at the end."""
+    ground, centres, _ = scenario.receivers_at(flight_times(scenario))
+    for way, color in ((ground, GROUND_NODE), *((way, EAVESDROPPER) for way in centres)):
+        if np.ptp(way, axis=0).any():
+            axes.plot(*way.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2)
+            moved = np.flatnonzero((way != way[-1]).any(axis=1))[-1]
+            axes.annotate('', way[-1], way[moved], zorder=6,
+                          arrowprops={'arrowstyle': '-|>', 'color': color})
 
 
 def _draw_ends(axes, index, start, goal):

@@ -73,24 +73,28 @@ class Playback:
         """Guaranteed rates in continuous time, (N,) in bit/s/Hz; see Plan.curve_rates."""
         return self.plan.curve_rates
 
-    def secrecy_rate(self, moment: Moment, eavesdropper: ArrayLike | None = None) -> float:
+    def secrecy_rate(self, moment: Moment, eavesdropper: ArrayLike | None = None,
+                     time: float = 0.0) -> float:
         """
         Return the secrecy rate [r_0 - r_e]^+ of a moment in bit/s/Hz.
 
         :param eavesdropper: its true position, (2,) in m, or None for no eavesdropper.
+        :param time: of the moment in s from point 0, for a ground node that moves.
         """
         checked_kind('moment', moment, Moment)
         return float(self._rates(moment.positions[:, None], moment.powers[:, None],
-                                 eavesdropper)[0])
+                                 eavesdropper, np.array([time]))[0])
 
     def secrecy_rates(self, times: ArrayLike, eavesdropper: ArrayLike | None = None) -> Array:
         """Return the secrecy rates at times (K,) in s, (K,) in bit/s/Hz; see secrecy_rate."""
         times = checked_array('times', times, (None,))
-        return self._rates(self.curve.at(times).positions, self._powers_at(times), eavesdropper)
+        return self._rates(self.curve.at(times).positions, self._powers_at(times), eavesdropper,
+                           times)
 
-    def _rates(self, positions: Array, powers: Array, eavesdropper: ArrayLike | None) -> Array:
+    def _rates(self, positions: Array, powers: Array, eavesdropper: ArrayLike | None,
+               times: Array) -> Array:
         points = np.pad(positions, ((0, 0), (1, 1), (0, 0)))
         if eavesdropper is None:
-            return channel.ground_rates(self.plan.scenario, points, powers)
+            return channel.ground_rates(self.plan.scenario, points, powers, times)
         return np.maximum(0.0, channel.secrecy_rates(
-            self.plan.scenario, points, powers, eavesdropper))
+            self.plan.scenario, points, powers, eavesdropper, times=times))

@@ -54,14 +54,18 @@ def record(plan: Plan, path: str | os.PathLike[str], frame_id: str = 'map', rate
 
 
 def _record_plan(bag: '_Bag', plan: Plan, frame_id: str) -> None:
-    scenario, stamp = plan.scenario, messages.stamp_at(plan)
-    bag.write('/ground_node/pose', messages.pose_stamped(
-        frame_id, stamp, *scenario.ground_node, 0.0, 0.0))
-    for eve, name in zip(scenario.eavesdroppers, scenario.eavesdropper_names, strict=True):
-        estimate = PoseWithCovarianceStamped()
-        estimate.header.frame_id, estimate.header.stamp = frame_id, stamp
-        estimate.pose.pose = messages.pose(*eve.position, 0.0, 0.0)
-        bag.write(f'/{name}/pose', estimate)
+    scenario = plan.scenario
+    times = plan.times.tolist() if scenario.has_tracks else [0.0]
+    ground, centres, _ = scenario.receivers_at(times)
+    for number, time in enumerate(times):
+        stamp = messages.stamp_at(plan, time)
+        bag.write('/ground_node/pose', messages.pose_stamped(
+            frame_id, stamp, *ground[number].tolist(), 0.0, 0.0), time)
+        for name, way in zip(scenario.eavesdropper_names, centres, strict=True):
+            estimate = PoseWithCovarianceStamped()
+            estimate.header.frame_id, estimate.header.stamp = frame_id, stamp
+            estimate.pose.pose = messages.pose(*way[number].tolist(), 0.0, 0.0)
+            bag.write(f'/{name}/pose', estimate, time)
     for topic, message in messages.plan_messages(plan, frame_id):
         bag.write(_resolved(topic, 'planner'), message, latched=True)
     bag.write('/planner/status', messages.diagnostic_status(
@@ -80,7 +84,7 @@ def _record_replay(bag: '_Bag', plan: Plan, frame_id: str, rate: float) -> None:
             bag.write(_resolved(topic, 'replay'), message, time)
         slot = min(max(int(time / scenario.slot_duration + 1e-9), 1), scenario.slots) - 1
         bag.write('/replay/secrecy_rate', Float64(
-            data=float(playback.secrecy_rate(moment, worst[slot]))), time)
+            data=float(playback.secrecy_rate(moment, worst[slot], time))), time)
 
 
 def _resolved(topic: str, node: str) -> str:

@@ -19,7 +19,7 @@ from .settings import airspace_from, channel_from, uav_from
 from ..errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
-from ..mission.tracks import MAX_KNOTS, Track
+from ..mission.tracks import Track
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ..plan.plan import Plan
 from ..plan.tracking import Flight, MeasuredState, predict_state, start_from_state
@@ -189,7 +189,7 @@ def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> 
 
 
 class PlanClock(NamedTuple):
-    """At a time of the clock in s, the plan is at a time from its point 0, and passes at a rate."""
+    """The time of a plan from its point 0 at a time of the clock, in s, and its rate."""
 
     time: float
     clock: float
@@ -233,27 +233,22 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
     """
     Return the track of a receiver from its measurement to a time of the clock; None if it stands.
 
-    With a max_speed it may go anywhere from where it was measured. Otherwise it goes straight on,
-    with the covariance P + t^2 P_v after t s. Its root is a norm of terms linear in t, so that the
-    radius is convex, and the track, linear between knots, is never smaller.
+    With a max_speed it may go anywhere from where it was measured. Otherwise it goes straight on.
+    As a message does not say how position and velocity correlate, the root of the covariance of
+    the place after t s is at most that of the position plus t times that of the velocity.
     """
-    velocity, spread = np.zeros(2), pose.velocity_covariance
+    x, y = 0.0, 0.0
+    growth = max_speed
     if not max_speed:
-        if spread is None or not (any(pose.velocity) or spread.any()):
+        if pose.velocity_covariance is None:
             return None
-        velocity = np.array(pose.velocity)
+        x, y = pose.velocity
+        growth = error_radius(pose.velocity_covariance, confidence)
+        if not (x or y or growth):
+            return None
     duration = max(until - pose.time, _SHORTEST_TRACK)
-    knots = []
-    for age in np.linspace(0.0, duration, min(MAX_KNOTS, 2 + int(duration))).tolist():
-        if max_speed:
-            reach = radius + max_speed * age
-        elif pose.covariance.any():
-            reach = error_radius(pose.covariance + age**2 * spread, confidence)
-        else:
-            reach = radius + age * error_radius(spread, confidence)
-        knots.append((clock.to_plan(pose.time + age), *(pose.position + age * velocity).tolist(),
-                      reach))
-    return tuple(knots)
+    return tuple((clock.to_plan(pose.time + age), pose.position[0] + age * x,
+                  pose.position[1] + age * y, radius + age * growth) for age in (0.0, duration))
 
 
 class Remainder(NamedTuple):

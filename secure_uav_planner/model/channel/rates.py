@@ -95,13 +95,15 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
-                  eavesdropper: ArrayLike, receiver_advantage_db: float | None = None) -> Array:
+                  eavesdropper: ArrayLike, receiver_advantage_db: float | None = None,
+                  times: Array | None = None) -> Array:
     """
     Return r_0[n] - r_e[n] for an eavesdropper whose place is known, (N,) in bit/s/Hz.
 
     :param eavesdropper: its true place, (2,) or one for each slot, (N, 2), in m.
     :param receiver_advantage_db: of its receiver; by default the largest that an eavesdropper of
         the scenario has.
+    :param times: as for guaranteed_rates.
     """
     positions, powers = checked_flight(scenario, positions, powers)
     shape = (powers.shape[1], 2)
@@ -110,7 +112,7 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
                  else 10.0 ** (checked_real('receiver_advantage_db', receiver_advantage_db,
                                             *RANGES['receiver_advantage_db']) / 10.0))
     leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
-    return ground_rates(scenario, positions, powers) - leak
+    return ground_rates(scenario, positions, powers, times) - leak
 
 
 def checked_flight(scenario: Scenario, positions: Array, powers: Array) -> tuple[Array, Array]:

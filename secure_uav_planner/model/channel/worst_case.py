@@ -11,7 +11,6 @@ from .rates import (
     checked_flight, combine_leaks, compute_rate, find_receivers, ground_rates, guaranteed_rates)
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
-from ...mission.tracks import ReceiverPlaces
 from ...mission.validation import checked_array, checked_kind
 
 MOST_SECTORS = 50000

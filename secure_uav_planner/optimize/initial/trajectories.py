@@ -21,8 +21,9 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
     Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
     The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn, or
-    above where these are at half time if they move. A UAV without the time to reach its hovering place flies towards it and turns back at the last
-    moment that still reaches the goal. Flights go around obstacles and keep their separation.
+    above where these are at half time if they move. A UAV without the time to reach its hovering
+    place flies towards it and turns back at the last moment that still reaches the goal. Flights
+    go around obstacles and keep their separation.
 
     :param check: called now and then in a search for flights around obstacles; what it raises is
         passed on.

@@ -1,0 +1,211 @@
+"""Receivers that move, in the planner: odometry, the largest speed, the horizon, and replans."""
+
+import math
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from ros_client import (
+    node_here, node_process, PATIENCE, pose_message, stamp_at, values_of, wait_for)
+from secure_uav_planner import Plan, solve
+from secure_uav_planner.model import channel
+from simulation import Simulation
+from test_tracks import drive
+
+NOISE = 5.0  # m along each axis, of measurements
+PERIOD = 0.5  # s apart.
+
+
+def odometry(x, y, velocity, stamp, variance=0.0, velocity_variance=0.0):
+    """Return an odometry in the frame of the map with round covariances."""
+    message = pose_message(Odometry, x, y, stamp=stamp)
+    message.child_frame_id = 'map'
+    message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, velocity)
+    for axis in (0, 7):
+        message.pose.covariance[axis] = float(variance)
+        message.twist.covariance[axis] = float(velocity_variance)
+    return message
+
+
+def send_odometry(client, topic, *values, **options):
+    """Send an odometry until the planner knows one of this topic."""
+    publisher, status = client.publisher(Odometry, topic), client.status_of('planner')
+
+    def known():
+        publisher.publish(odometry(*values, client.now(), **options))
+        time.sleep(0.1)
+        return status and values_of(status[-1])[f'pose_age.{topic}'] != 'none'
+    wait_for(known, what=topic)
+
+
+class Filter:
+    """A Kalman filter of a receiver that drives straight on: measurements at PERIOD."""
+
+    def __init__(self, first):
+        self.state = np.array([first, np.zeros(2)])  # Position and velocity, axes in columns.
+        self.covariance = np.diag([NOISE**2, 15.0**2])
+
+    def add(self, measured):
+        step = np.array([[1.0, PERIOD], [0.0, 1.0]])
+        self.state = step @ self.state
+        self.covariance = step @ self.covariance @ step.T
+        gain = self.covariance[:, 0] / (self.covariance[0, 0] + NOISE**2)
+        self.state = self.state + np.outer(gain, measured - self.state[0])
+        self.covariance = self.covariance - np.outer(gain, self.covariance[0])
+
+
+@pytest.mark.parametrize('speed', [5.0, 10.0])
+@pytest.mark.parametrize('sends_odometry', [True, False], ids=['odometry', 'poses'])
+def test_a_driving_eavesdropper_never_learns_more_than_was_promised(
+        client, tmp_path, speed, sends_odometry):
+    duration, file, rng = 120.0, tmp_path / 'plan.json', np.random.default_rng(1)
+    half, begin, lead = speed * duration / 2, 20.0, 3.0
+    began, sent, plans = [], [], []
+
+    def place(now):
+        """Return where it is; the flight begins when it has been observed for a while."""
+        return np.array([200.0, -half + speed * (now - 1000.0 - begin)])
+
+    with node_process(
+            'planner', use_sim_time='true', duration=duration, slots=120, confidence=0.9999,
+            replan_period=5.0, replan_lead=lead, plan_file=str(file), objective='guaranteed',
+            **{f'{uav}.max_acceleration': 2.0 for uav in ('uav1', 'uav2')}):
+        with Simulation(client, place, speedup=6) as simulation:
+            status = client.listen(DiagnosticStatus, 'planner/status')
+            client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp())
+            kind, topic = (Odometry, 'odom') if sends_odometry else (
+                PoseWithCovarianceStamped, 'pose')
+            publisher = client.publisher(kind, f'eavesdropper/{topic}')
+            filtered = Filter(place(simulation.now) + NOISE * rng.standard_normal(2))
+
+            def observe():
+                while len(sent) * PERIOD < simulation.now - 1000.0:
+                    at = 1000.0 + len(sent) * PERIOD
+                    measured = place(at) + NOISE * rng.standard_normal(2)
+                    filtered.add(measured)
+                    sent.append(at)
+                    (x, y), velocity = filtered.state
+                    variance, velocity_variance = np.diag(filtered.covariance)
+                    if sends_odometry:
+                        message = odometry(x, y, velocity, stamp_at(at), variance,
+                                           velocity_variance)
+                    else:
+                        message = pose_message(kind, *measured, stamp=stamp_at(at))
+                        message.pose.covariance[0] = message.pose.covariance[7] = NOISE**2
+                    publisher.publish(message)
+                client.send_pose('ground_node/pose', 0, 0, stamp=simulation.stamp(),
+                                 until_known=False)
+                if file.exists():
+                    plan = Plan.load(file)
+                    if not plans or plan.identity != plans[-1].identity:
+                        plans.append(plan)
+
+            def observed():
+                observe()
+                return simulation.now >= 1000.0 + begin
+            wait_for(observed, what='the estimate')
+            assert client.call('planner/plan').success
+            began.append(simulation.now)
+
+            def ended():
+                observe()
+                return simulation.now > began[0] + duration
+            wait_for(ended, patience=10 * PATIENCE, what='the end of the mission')
+            values = values_of(status[-1])
+
+    first, last = plans[0], plans[-1]
+    times = first.start_ns * 1e-9 + first.times[1:-1]
+    truth = np.array([place(at) for at in times])
+    # A slot is flown by the last plan, and promised for by the plan that settled it.
+    settled = np.full(len(times), 0)
+    for number, (before, after) in enumerate(zip(plans, plans[1:]), start=1):
+        changed = np.flatnonzero((before.positions != after.positions).any(axis=(0, 2))[1:-1]
+                                 | (before.powers != after.powers).any(axis=0))
+        if changed.size:
+            settled[changed[0]:] = number
+    promised = np.array([plans[number].guaranteed_rates[slot]
+                         for slot, number in enumerate(settled)])
+    achieved = np.maximum(channel.secrecy_rates(
+        last.scenario, last.positions, last.powers, truth), 0.0)
+    broken = int((achieved < promised - 1e-9).sum())
+    hindsight = solve(drive(first.scenario, speed, 0.0), objective='guaranteed')
+    print(f'{speed:g} m/s by {"odometry" if sends_odometry else "poses"}: promised '
+          f'{promised.mean():.3f}, achieved {achieved.mean():.3f}, in hindsight '
+          f'{hindsight.rate:.3f} bit/s/Hz, {values["replans"]} replans, {broken} slots broken')
+    assert int(values['replans']) >= 10
+    if sends_odometry:
+        assert broken == 0
+        assert promised.mean() > 0
+        assert float(values['plan.promised_until']) <= 121.0
+
+
+def test_odometry_gives_a_track_and_the_status_says_until_when_it_holds(client, tmp_path):
+    file = tmp_path / 'plan.json'
+    with node_here('planner', duration=120.0, slots=60, plan_file=str(file),
+                   prediction_horizon=30.0):
+        client.send_pose('ground_node/pose', 0, 0)
+        send_odometry(client, 'eavesdropper/odom', 200, -100, (0.0, 3.0), variance=4.0,
+                      velocity_variance=0.04)
+        assert client.call('planner/plan').success
+        plan = Plan.load(file)
+        status = client.status_of('planner')
+        wait_for(lambda: 'plan.promised_until' in values_of(status[-1]))
+        until = float(values_of(status[-1])['plan.promised_until'])
+        assert float(values_of(status[-1])['pose_age.eavesdropper/odom']) >= 0
+    track = plan.scenario.eavesdroppers[0].track
+    (t0, x0, y0, r0), (t1, x1, y1, r1) = track
+    scale = math.sqrt(-2 * math.log(0.05))
+    assert (x0, y0, x1) == (200.0, -100.0, 200.0)
+    assert (y1 - y0) / (t1 - t0) == pytest.approx(3.0)
+    assert r0 == pytest.approx(2 * scale) and (r1 - r0) / (t1 - t0) == pytest.approx(0.2 * scale)
+    assert t0 <= 0 and t1 == pytest.approx(30.0, abs=2.0) and until == pytest.approx(t1)
+
+
+def test_a_largest_speed_lets_the_disc_of_a_pose_grow(client, tmp_path):
+    file = tmp_path / 'plan.json'
+    with node_here('planner', duration=120.0, slots=60, plan_file=str(file),
+                   **{'eavesdropper.max_speed': 0.5}):
+        client.send_pose('ground_node/pose', 0, 0)
+        client.send_estimate('eavesdropper/pose', 200, 0)
+        assert client.call('planner/plan').success
+        (t0, x0, y0, r0), (t1, x1, y1, r1) = Plan.load(file).scenario.eavesdroppers[0].track
+    assert (x0, y0) == (x1, y1) == (200.0, 0.0) and r0 == 10.0
+    assert r1 - r0 == pytest.approx(0.5 * (t1 - t0)) and t1 > 120.0
+
+
+def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(client):
+    with node_here('planner', duration=120.0, slots=60, replan_period=1000.0, replan_lead=3.0,
+                   prediction_horizon=200.0):
+        status = client.status_of('planner')
+        client.send_pose('ground_node/pose', 0, 0)
+        send_odometry(client, 'eavesdropper/odom', 200, -100, (0.0, 3.0), variance=1.0)
+        assert client.call('planner/plan').success
+        time.sleep(1.0)
+        assert values_of(status[-1])['replans'] == '0'
+        send_odometry(client, 'eavesdropper/odom', 230, -100, (3.0, 0.0), variance=1.0)
+        wait_for(lambda: values_of(status[-1])['replans'] != '0', what='a replan')
+
+
+@pytest.mark.parametrize('fields, reason', [
+    ({'velocity': (0.0, 2000.0)}, 'twist.linear is 2000 m/s; it must be at most 1000 m/s'),
+    ({'velocity': (0.0, math.nan)}, 'twist.linear.y is nan'),
+    ({'variance': -1.0}, 'the covariance must be symmetric'),
+    ({'velocity_variance': math.inf}, 'the covariance has values that are not finite')])
+def test_bad_odometry_of_a_receiver_is_refused_and_the_last_estimate_stands(
+        client, capfd, fields, reason):
+    with node_here('planner', duration=120.0, slots=60):
+        client.send_pose('ground_node/pose', 0, 0)
+        send_odometry(client, 'eavesdropper/odom', 200, 0, (0.0, 0.0))
+        velocity = fields.pop('velocity', (0.0, 0.0))
+        client.publisher(Odometry, 'eavesdropper/odom').publish(
+            odometry(100, 0, velocity, client.now(), **fields))
+        output = []
+
+        def refused():
+            output.append(capfd.readouterr().err)
+            return reason in ''.join(output)
+        wait_for(refused, what=reason)
+        assert client.call('planner/plan').success
