@@ -4,14 +4,17 @@ from dataclasses import replace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.patches import Circle
 import numpy as np
 from oracle import disc_at, ground_node_at, sampled_leaks
 import pytest
 from secure_uav_planner import assess, Scenario, solve, upper_bound, World
+from secure_uav_planner.assessment.draws import places as draw_places
 from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.scenario import Eavesdropper
 from secure_uav_planner.model.channel import (
     ground_rates, guaranteed_rates, worst_case_places, worst_case_rates)
+from secure_uav_planner.output import page
 from strategies import missions, random_powers
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -195,3 +198,39 @@ def test_a_wrong_knot_of_a_file_is_named_with_its_line(driving, tmp_path):
     line = text[:text.index('[60.0, 5.0')].count('\n') + 1
     with pytest.raises(ScenarioError, match=rf':{line}: ground_node_track\[1\] has the time'):
         Scenario.load(path)
+
+
+def test_an_assessment_draws_offsets_that_keep_their_share_of_the_radius():
+    scenario = drive(Scenario.paper(120, slots=40), 5.0)
+    half = scenario.duration / 2
+    scenario = replace(scenario, eavesdroppers=(replace(scenario.eavesdroppers[0], track=(
+        (0.0, 200.0, -300.0, 5.0), (half, 200.0, 0.0, 20.0), (120.0, 300.0, 0.0, 20.0))),))
+    plan = solve(scenario, objective='guaranteed')
+    found = assess(plan, draws=50, seed=4)
+    times = plan.times[1:-1]
+    centres, radii = disc_at(scenario.eavesdroppers[0], times)
+    first = next(draw_places(scenario, World(), 50, 4))[0]
+    shares = (first - centres[0]) / radii[0]
+    wanted = np.array([
+        np.maximum(plain_rates(
+            replace(scenario, eavesdroppers=(Eavesdropper((0, 0), track=tuple(
+                (time, *(centre + radius * share), 0.0) for time, centre, radius in zip(
+                    times.tolist(), centres, radii.tolist()))),)),
+            plan.positions[:, 1:-1], plan.powers, times), 0.0).mean() for share in shares])
+    np.testing.assert_allclose(found.rates, wanted, rtol=1e-9)
+
+
+def test_the_page_moves_the_discs_and_pictures_show_the_way(driving, tmp_path):
+    plan = solve(driving, objective='guaranteed')
+    content = page._Content(plan)
+    for point in (0, 60, 121):
+        disc = next(trace for trace, *_ in content.frame_traces(point)
+                    if trace.name == "eavesdropper's disc")
+        centres, radii = disc_at(driving.eavesdroppers[0], plan.times[[point]])
+        away = np.hypot(np.array(disc.x) - centres[0, 0], np.array(disc.y) - centres[0, 1])
+        np.testing.assert_allclose(away, radii[0], atol=1e-9)
+    page.save_page(plan, tmp_path / 'plan.html')
+    for figure in (plan.plot(), driving.plot()):
+        circles = [patch for patch in figure.axes[0].patches if isinstance(patch, Circle)]
+        assert {tuple(patch.center) for patch in circles} == {
+            (200.0, -300.0), (200.0, 0.0), (200.0, 300.0)}

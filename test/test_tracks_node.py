@@ -5,13 +5,16 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from mcap.reader import make_reader
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
 from ros_client import (
     node_here, node_process, PATIENCE, pose_message, stamp_at, values_of, wait_for)
-from secure_uav_planner import Plan, solve
+from secure_uav_planner import Plan, Scenario, solve
 from secure_uav_planner.model import channel
+from secure_uav_planner.ros.messages import markers
 from simulation import Simulation
 from test_tracks import drive
 
@@ -209,3 +212,18 @@ def test_bad_odometry_of_a_receiver_is_refused_and_the_last_estimate_stands(
             return reason in ''.join(output)
         wait_for(refused, what=reason)
         assert client.call('planner/plan').success
+
+
+def test_recordings_move_the_receivers_and_markers_show_their_ways(tmp_path):
+    scenario = drive(Scenario.paper(120, slots=30))
+    plan = solve(scenario, objective='guaranteed')
+    ways = [marker for marker in markers(plan, 'map').markers if marker.ns == 'track']
+    assert [(way.points[0].y, way.points[-1].y) for way in ways] == [(-300.0, 300.0)]
+    plan.save_mcap(tmp_path / 'plan.mcap')
+    with (tmp_path / 'plan.mcap').open('rb') as file:
+        places = [(message.log_time, deserialize_message(
+            message.data, PoseWithCovarianceStamped).pose.pose.position.y)
+            for _, channel, message in make_reader(file).iter_messages()
+            if channel.topic == '/eavesdropper/pose']
+    assert len(places) == 32
+    assert places[15][1] == pytest.approx(0.0) and places[-1][1] == 300.0

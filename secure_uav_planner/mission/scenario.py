@@ -255,7 +255,7 @@ class Scenario:
         'uavs', 'peak_power', 'Limits P_peak of the powers of each slot, (U,) in W.')
 
     def receivers_at(self, times: ArrayLike) -> ReceiverPlaces:
-        """Return where the receivers are at times (K,) in s from point 0."""
+        """Return the ReceiverPlaces at times (K,) in s from point 0."""
         times = checked_array('times', times, (None,))
         ground = (np.broadcast_to(self.ground_node, (len(times), 2))
                   if self.ground_node_track is None else
@@ -291,19 +291,20 @@ class Scenario:
             eve.track for eve in self.eavesdroppers)) if track is not None]
         return min([(self.slots + 1) * self.slot_duration, *ends])
 
-    def with_receivers(self, other: 'Scenario', delay: float = 0.0) -> 'Scenario':
+    def with_receivers(self, source: 'Scenario', delay: float = 0.0) -> 'Scenario':
         """
-        Return this scenario with the ground node and the eavesdroppers of another one.
+        Return this scenario with the ground node and the eavesdroppers of a source.
 
-        :param delay: time in s from the other one's point 0 to point 0 of this one.
+        :param source: a Scenario.
+        :param delay: time in s from point 0 of the source to point 0 of this one.
         """
-        checked_kind('other', other, Scenario)
+        checked_kind('source', source, Scenario)
         checked_real('delay', delay)
         return replace(
-            self, ground_node=other.ground_node,
-            ground_node_track=shift_track(other.ground_node_track, delay),
+            self, ground_node=source.ground_node,
+            ground_node_track=shift_track(source.ground_node_track, delay),
             eavesdroppers=tuple(replace(eve, track=shift_track(eve.track, delay))
-                                for eve in other.eavesdroppers))
+                                for eve in source.eavesdroppers))
 
     @cached_property
     def max_step(self) -> Array:

@@ -12,7 +12,7 @@ from ...mission.validation import checked_array, checked_kind, checked_real, RAN
 
 
 def find_receivers(scenario: Scenario, slots: int, times: Array | None = None) -> ReceiverPlaces:
-    """Return where the receivers are at times (N,) in s, by default at the points of N slots."""
+    """Return the ReceiverPlaces at times (N,) in s, by default at the points of N slots."""
     if times is None and slots == scenario.slots:
         return scenario.receivers
     return scenario.receivers_at(
