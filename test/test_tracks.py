@@ -14,7 +14,6 @@ from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.scenario import Eavesdropper
 from secure_uav_planner.model.channel import (
     ground_rates, guaranteed_rates, worst_case_places, worst_case_rates)
-from secure_uav_planner.output import page
 from strategies import missions, random_powers
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -221,6 +220,8 @@ def test_an_assessment_draws_offsets_that_keep_their_share_of_the_radius():
 
 
 def test_the_page_moves_the_discs_and_pictures_show_the_way(driving, tmp_path):
+    pytest.importorskip('plotly')
+    from secure_uav_planner.output import page
     plan = solve(driving, objective='guaranteed')
     content = page._Content(plan)
     for point in (0, 60, 121):

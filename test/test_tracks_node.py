@@ -6,7 +6,6 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from mcap.reader import make_reader
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -224,6 +223,7 @@ def test_bad_odometry_of_a_receiver_is_refused_and_the_last_estimate_stands(
 
 
 def test_recordings_move_the_receivers_and_markers_show_their_ways(tmp_path):
+    reader = pytest.importorskip('mcap.reader')
     scenario = drive(Scenario.paper(120, slots=30))
     plan = solve(scenario, objective='guaranteed')
     ways = [marker for marker in markers(plan, 'map').markers if marker.ns == 'track']
@@ -232,7 +232,7 @@ def test_recordings_move_the_receivers_and_markers_show_their_ways(tmp_path):
     with (tmp_path / 'plan.mcap').open('rb') as file:
         places = [(message.log_time, deserialize_message(
             message.data, PoseWithCovarianceStamped).pose.pose.position.y)
-            for _, channel, message in make_reader(file).iter_messages()
+            for _, channel, message in reader.make_reader(file).iter_messages()
             if channel.topic == '/eavesdropper/pose']
     assert len(places) == 32
     assert places[15][1] == pytest.approx(0.0) and places[-1][1] == 300.0
