@@ -14,6 +14,8 @@ from secure_uav_planner.errors import OptionError, ScenarioError
 from secure_uav_planner.mission.scenario import Eavesdropper
 from secure_uav_planner.model.channel import (
     ground_rates, guaranteed_rates, worst_case_places, worst_case_rates)
+from secure_uav_planner.plan.playback import Playback
+from secure_uav_planner.plan.tracking import AchievedRates
 from strategies import missions, random_powers
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -131,6 +133,14 @@ def test_rates_along_the_curve_move_the_receivers_in_continuous_time(driving):
         powers = np.repeat(plan.powers[:, [n - 1]], len(shares), axis=1)
         means.append(plain_rates(driving, plan.curve.at(times).positions, powers, times).mean())
     np.testing.assert_allclose(plan.curve_rates, np.maximum(means, 0), atol=1e-4)
+
+
+def test_rates_so_far_count_receivers_where_they_are_then(driving):
+    plan = solve(driving, objective='guaranteed')
+    playback, achieved = Playback(plan), AchievedRates()
+    for time in np.arange(0.0, 121.0, 0.25).tolist():
+        achieved.add(playback, time, playback.at(time).positions)
+    assert achieved.rates == pytest.approx((plan.curve_rate, plan.curve_rate), abs=0.01)
 
 
 def test_a_constant_track_is_the_same_as_no_track():

@@ -199,11 +199,12 @@ class AchievedRates:
         elapsed = min(time, inside[1]) - max(last, inside[0])
         if elapsed <= 0:
             return
-        moment = playback.at(min(time, inside[1] - 1e-6 * scenario.slot_duration))
+        time = min(time, inside[1] - 1e-6 * scenario.slot_duration)
+        moment = playback.at(time)
         both = np.stack([positions, moment.positions], axis=1)
         rates = channel.guaranteed_rates(
             scenario, np.pad(both, ((0, 0), (1, 1), (0, 0))),
-            np.stack([moment.powers] * 2, axis=1))
+            np.stack([moment.powers] * 2, axis=1), times=np.full(2, time))
         self._sums += elapsed * np.array([1.0, *np.maximum(rates, 0.0)])
 
     @property
