@@ -7,7 +7,7 @@ which other kinds are drawn does not change it. NumPy promises the bits of PCG64
 same within a version; they have not changed from NumPy 1.26 to the newest, which a test pins.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import math
 
 import numpy as np
@@ -30,24 +30,21 @@ def places(scenario: Scenario, world: World, draws: int, seed: int) -> Iterator[
     In a draw, an eavesdropper keeps its angle and its share of the radius around its track.
     """
     rng, shape = stream(seed, _PLACES), (draws, len(scenario.eavesdroppers), 2)
-    numbers = rng.standard_normal(shape) if world.place == 'normal' else (
-        None if world.place == 'fixed' else rng.random(shape))
-    times = np.arange(1.0, scenario.slots + 1) * scenario.slot_duration
-    centres = scenario.receivers_at(world.speed_factor * times).centres
+    laws: dict[str, Callable[..., Array]] = {'normal': rng.standard_normal, 'fixed': np.zeros}
+    numbers = laws.get(world.place, rng.random)(shape)
+    centres = scenario.receivers_at(world.speed_factor * scenario.times[1:-1]).centres
     if world.positions is not None:
         centres = np.broadcast_to(np.array(world.positions)[:, None], centres.shape)
-    offsets, before = np.zeros(shape), None
+    before = None
     for centre, radii in zip(
             centres.swapaxes(0, 1), scenario.receivers.radii.T, strict=True):
         if before is None or not np.array_equal(radii, before):
-            offsets, before = _draw_offsets(world, radii, numbers, offsets), radii
+            offsets, before = _scale_offsets(world, radii, numbers), radii
         yield np.moveaxis(centre + offsets, 1, 0)
 
 
-def _draw_offsets(world: World, radii: Array, numbers: Array | None, zero: Array) -> Array:
-    """Return the offsets from the centres of discs with radii (E,), (D, E, 2) in m."""
-    if numbers is None:
-        return zero
+def _scale_offsets(world: World, radii: Array, numbers: Array) -> Array:
+    """Return the offsets of drawn numbers (D, E, 2) in discs with radii (E,), likewise in m."""
     if world.place == 'normal':
         roots = np.stack([world.deviations(radius) for radius in radii.tolist()])
         return np.einsum('eij,dej->dei', roots, numbers)

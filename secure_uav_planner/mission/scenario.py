@@ -234,6 +234,11 @@ class Scenario:
         """Length of a slot, t_s = T / N, in s."""
         return self.duration / self.slots
 
+    @property
+    def times(self) -> Array:
+        """Time of every point from point 0, (N+2,) in s."""
+        return np.arange(self.slots + 2.0) * self.slot_duration
+
     @cached_property
     def reference_snr(self) -> float:
         """SNR at 1 m and 1 W, beta_0 / sigma^2, linear."""
@@ -268,8 +273,7 @@ class Scenario:
     @cached_property
     def receivers(self) -> ReceiverPlaces:
         """Where the receivers are at the points of the N slots; read-only."""
-        times = np.arange(1.0, self.slots + 1) * self.slot_duration
-        return ReceiverPlaces(*map(read_only, self.receivers_at(times)))
+        return ReceiverPlaces(*map(read_only, self.receivers_at(self.times[1:-1])))
 
     @cached_property
     def landmarks(self) -> Array:
@@ -279,17 +283,20 @@ class Scenario:
             self.starts, self.goals, receivers.ground_node, *receivers.centres]))
 
     @property
+    def _tracks(self) -> list[Track]:
+        tracks = self.ground_node_track, *(eve.track for eve in self.eavesdroppers)
+        return [track for track in tracks if track is not None]
+
+    @property
     def has_tracks(self) -> bool:
         """Whether any receiver moves."""
-        return self.ground_node_track is not None or any(
-            eve.track is not None for eve in self.eavesdroppers)
+        return bool(self._tracks)
 
     @property
     def predicted_until(self) -> float:
         """Time in s from point 0 at which the first track ends, at most that of the flight."""
-        ends = [track[-1][0] for track in (self.ground_node_track, *(
-            eve.track for eve in self.eavesdroppers)) if track is not None]
-        return min([(self.slots + 1) * self.slot_duration, *ends])
+        return min([(self.slots + 1) * self.slot_duration,
+                    *(track[-1][0] for track in self._tracks)])
 
     def with_receivers(self, source: 'Scenario', delay: float = 0.0) -> 'Scenario':
         """

@@ -101,9 +101,11 @@ def _ring(outer, inner):
                            ring.exterior.coords[:1]])
 
 
-def flight_times(scenario):
-    """Return the times of all points of a flight, (N+2,) in s."""
-    return np.arange(scenario.slots + 2) * scenario.slot_duration
+def list_ways(scenario, times):
+    """Return the way (K, 2) in m and the colour of each receiver that moves, at times (K,)."""
+    ground, centres, _ = scenario.receivers_at(times)
+    ways = [(ground, GROUND_NODE), *((way, EAVESDROPPER) for way in centres)]
+    return [(way, color) for way, color in ways if np.ptp(way, axis=0).any()]
 
 
 def shown_discs(scenario):

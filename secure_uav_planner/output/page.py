@@ -7,8 +7,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from .drawing import (
-    altitude_label, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_obstacle, label_position, map_extent,
-    MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label, receiver_label, uav_color)
+    altitude_label, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_obstacle, label_position, list_ways,
+    map_extent, MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label, receiver_label, uav_color)
 from ..mission.files import atomic_file
 from ..model import channel
 
@@ -83,12 +83,10 @@ class _Content:
         plan, times = self.plan, self.plan.times.tolist()
         for trace in _airspace_traces(plan.scenario):
             yield trace, 1, 1
-        if plan.scenario.has_tracks:
-            for way, color in ((self.receivers.ground_node, GROUND_NODE), *(
-                    (way, EAVESDROPPER) for way in self.receivers.centres)):
-                yield _scatter(way, mode='lines', showlegend=False, hoverinfo='skip',
-                               line={'color': color, 'width': 1, 'dash': 'dash'}), 1, 1
-        else:
+        for way, color in list_ways(plan.scenario, plan.times):
+            yield _scatter(way, mode='lines', showlegend=False, hoverinfo='skip',
+                           line={'color': color, 'width': 1, 'dash': 'dash'}), 1, 1
+        if not plan.scenario.has_tracks:
             yield from self._receiver_traces(0)
         for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
             yield _scatter(  # Wider than the UAVs at these points.

@@ -17,8 +17,8 @@ import numpy as np
 import shapely
 
 from .drawing import (
-    add_legend, altitude_label, EAVESDROPPER, energy_label, flight_times, GEOFENCE, GROUND_NODE,
-    is_obstacle, label_position, map_extent, MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label,
+    add_legend, altitude_label, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE, is_obstacle,
+    label_position, list_ways, map_extent, MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label,
     receiver_label, shown_discs, style_axes, uav_color)
 from ..mission import OBJECTIVES
 
@@ -185,8 +185,7 @@ def _escape(text):
 def draw_ground(axes, scenario):
     """Draw zones, fence, eavesdroppers and the ground node."""
     _draw_airspace(axes, scenario)
-    if scenario.has_tracks:
-        _draw_tracks(axes, scenario)
+    _draw_tracks(axes, scenario)
     for eve, name, discs in zip(
             scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario)):
         for disc in discs:
@@ -202,13 +201,11 @@ def draw_ground(axes, scenario):
 
 def _draw_tracks(axes, scenario):
     """Draw the ways of receivers that move, with an arrow at the end."""
-    ground, centres, _ = scenario.receivers_at(flight_times(scenario))
-    for way, color in ((ground, GROUND_NODE), *((way, EAVESDROPPER) for way in centres)):
-        if np.ptp(way, axis=0).any():
-            axes.plot(*way.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2)
-            moved = np.flatnonzero((way != way[-1]).any(axis=1))[-1]
-            axes.annotate('', way[-1], way[moved], zorder=6,
-                          arrowprops={'arrowstyle': '-|>', 'color': color})
+    for way, color in list_ways(scenario, scenario.times):
+        axes.plot(*way.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2)
+        moved = np.flatnonzero((way != way[-1]).any(axis=1))[-1]
+        axes.annotate('', way[-1], way[moved], zorder=6,
+                      arrowprops={'arrowstyle': '-|>', 'color': color})
 
 
 def _draw_ends(axes, index, start, goal):

@@ -157,7 +157,7 @@ class Plan:
     @property
     def times(self) -> Array:
         """Time of every point from the start, (N+2,) in s."""
-        return np.arange(self.scenario.slots + 2.0) * self.scenario.slot_duration
+        return self.scenario.times
 
     @cached_property
     def guaranteed_rates(self) -> Array:

@@ -30,7 +30,8 @@ from ..mission.polygons import convex_parts, offset_polygon, Vertices
 from ..mission.scenario import Scenario
 from ..output.autopilots import rotation, Setpoint, Vector
 from ..output.drawing import (
-    EAVESDROPPER, GEOFENCE, GROUND_NODE, label_position, MARGIN, NO_FLY_ZONE, uav_color)
+    EAVESDROPPER, GEOFENCE, GROUND_NODE, label_position, list_ways, MARGIN, NO_FLY_ZONE,
+    uav_color)
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 
@@ -224,12 +225,9 @@ def markers(plan: Plan, frame_id: str) -> MarkerArray:
         marks += [_marker('eavesdropper', index, Marker.CYLINDER, EAVESDROPPER,
                           (across, across, 1.0), (*eve.position, 0.5), opacity=0.5),
                   _label(200 + index, name, (*eve.position, 2 * size), EAVESDROPPER)]
-    ground, centres, _ = scenario.receivers_at(plan.times[points])
-    for index, (way, color) in enumerate([
-            (ground, GROUND_NODE), *((way, EAVESDROPPER) for way in centres)]):
-        if np.ptp(way, axis=0).any():
-            marks.append(_marker('track', index, Marker.LINE_STRIP, color, (1.0, 0.0, 0.0),
-                                 points=[(x, y, 0.5) for x, y in way.tolist()]))
+    marks += [_marker('track', index, Marker.LINE_STRIP, color, (1.0, 0.0, 0.0),
+                      points=[(x, y, 0.5) for x, y in way.tolist()])
+              for index, (way, color) in enumerate(list_ways(scenario, plan.times[points]))]
     return MarkerArray(markers=[_stamped(marker, frame_id, stamp_at(plan))
                                 for marker in (*marks, *_airspace(scenario))])
 

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from .poses import PoseBook
-from .topics import GROUND_NODE_TOPIC
+from .topics import member_topics
 from ..errors import brief, describe_error, PlanningError, StoppedError
 from ..plan.plan import Iteration, Plan
 from ..plan.results import Bound
@@ -135,11 +135,10 @@ def status_values(state: State, progress: Iteration | None, is_solving: bool, po
             values |= {'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)}
         if plan.scenario.has_tracks:
             values['plan.promised_until'] = plan.scenario.predicted_until
-    names = [*settings['eavesdroppers'], *settings['uavs']]
-    for topic in [GROUND_NODE_TOPIC, *(f'{name}/pose' for name in names),
-                  *(f'{name}/odom' for name in ('ground_node', *names))]:
-        pose = poses.get(topic)
-        values[f'pose_age.{topic}'] = 'none' if pose is None else pose.age(now)
+    for name in ('ground_node', *settings['eavesdroppers'], *settings['uavs']):
+        for topic in member_topics(name):
+            pose = poses.get(topic)
+            values[f'pose_age.{topic}'] = 'none' if pose is None else pose.age(now)
     return values
 
 

@@ -35,8 +35,6 @@ OVERRIDABLE = QoSOverridingOptions([
     QoSPolicyKind.DURABILITY])
 """Set at the start by parameters `qos_overrides.<topic>.<publisher|subscription>.<policy>`."""
 
-GROUND_NODE_TOPIC = 'ground_node/pose'
-
 
 class Topic(NamedTuple):
     """What a topic carries, and how."""
@@ -52,7 +50,7 @@ TOPICS = {
     ('planner', 'sub'): {
         'plan_time': Topic(TimeReference, SENSOR, 'to what time of which plan the flight has '
                            'come, from a follower'),
-        GROUND_NODE_TOPIC: Topic(PoseStamped, SENSOR, 'the position of the ground node'),
+        'ground_node/pose': Topic(PoseStamped, SENSOR, 'the position of the ground node'),
         'ground_node/odom': Topic(Odometry, SENSOR, 'optional: where a ground node that moves is '
                                   'and how fast; used before its pose'),
         '<eavesdropper>/pose': Topic(

@@ -83,17 +83,22 @@ def _by_chunks(examine: Callable[[Scenario, Array, Array, Array, Array], tuple[A
     """Return leaks and places of all slots, examined in chunks of slots that fit into caches."""
     size = max(1, _AT_ONCE // (len(scenario.eavesdroppers) * len(powers)))
     receivers = find_receivers(scenario, powers.shape[1], times)
+    centres, radii = receivers.centres.swapaxes(0, 1), receivers.radii.T
+    chunks = (slice(first, first + size) for first in range(0, powers.shape[1], size))
     leaks, places = zip(*(
-        examine(scenario, *(values[:, first:first + size] for values in (
-            receivers.centres, receivers.radii, uav_positions, powers)))
-        for first in range(0, powers.shape[1], size)), strict=True)
+        examine(scenario, centres[chunk], radii[chunk], uav_positions[:, chunk], powers[:, chunk])
+        for chunk in chunks), strict=True)
     return np.concatenate(leaks), np.concatenate(places)
 
 
 def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions: Array,
                   powers: Array) -> tuple[Array, Array]:
-    """Return the leaks and places of leak_maximisers in some slots, (N, E) and (N, E, 2)."""
-    centres, radii = centres.swapaxes(0, 1), radii.T
+    """
+    Return the leaks and places of leak_maximisers in some slots, (N, E) and (N, E, 2).
+
+    :param centres: of the discs, (N, E, 2) in m.
+    :param radii: likewise, (N, E) in m.
+    """
     offsets = uav_positions[:, :, None] - centres
     leaks = np.zeros(offsets.shape[1:3])
     places = np.zeros((*leaks.shape, 2))
@@ -112,8 +117,11 @@ def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_position
 
 def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions: Array,
                  powers: Array) -> tuple[Array, Array]:
-    """Return an upper bound of the leak of each slot, (N,), and the worst place, (N, 2)."""
-    centres, radii = centres.swapaxes(0, 1), radii.T
+    """
+    Return an upper bound of the leak of each slot, (N,), and the worst place, (N, 2).
+
+    :param centres: as radii, those of _likely_leaks.
+    """
     offsets = uav_positions[:, :, None] - centres
     most = _guaranteed_leaks(scenario, radii, offsets, powers)
     leaks = combine_leaks(most) if scenario.colluding else most.max(axis=1)
