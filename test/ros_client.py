@@ -34,11 +34,12 @@ from secure_uav_planner.ros.client import connect
 from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
 from secure_uav_planner.ros.process import run_node
 from secure_uav_planner.ros.topics import LATCHED
+from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
 
 DEFAULTS = {name: spec.default for specs in (
     PLANNER, uav_parameters('uav1', 0), uav_parameters('uav2', 1),
-    eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()}
+    eavesdropper_parameters('eavesdropper')) for name, spec in specs.items()} | {'tracks': {}}
 PATIENCE = 120.0
 ASK_AGAIN = 5.0  # s without an answer
 IDLE = 60  # s without a solve; the planner is idle while it still evaluates a plan, too
@@ -292,6 +293,29 @@ class Client:
         messages = []
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
+
+    def follow(self, now=time.time):
+        """
+        Report on plan_time, as a follower does that flies each plan by its stamps.
+
+        :param now: returns the time in s.
+        """
+        statuses = self.listen(DiagnosticStatus, 'planner/status')
+        reports = self.node.create_publisher(TimeReference, 'plan_time', 10)
+        flown = []  # The plan in flight, or the first: its stamp and its identity.
+
+        def report():
+            for values in map(values_of, statuses[-1:]):
+                if 'plan.identity' in values:
+                    newest = float(values['plan.stamp']), values['plan.identity']
+                    if not flown or newest[0] <= now():
+                        flown[:] = newest
+            if flown:
+                message = TimeReference(source=f'{flown[1]} /tester',
+                                        time_ref=stamp_at(max(now(), flown[0])))
+                message.header.stamp = stamp_at(now())
+                reports.publish(message)
+        self.node.create_timer(0.05, report)
 
     def publisher(self, kind, topic, qos=None):
         """Return the publisher of a topic, once it has a subscriber."""

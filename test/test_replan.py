@@ -27,6 +27,7 @@ def test_a_mission_replanned_twenty_times_is_one_flight_and_keeps_the_secret(cli
             client.send_estimate('eavesdropper/pose', *where(0), stamp=simulation.stamp())
             assert client.call('planner/plan').success
             began.append(simulation.now)
+            client.follow(lambda: simulation.now)
 
             def arrived():
                 client.send_pose(
@@ -65,6 +66,7 @@ def test_a_replan_leaves_what_has_been_flown_as_it_was(client):
                    slots=120):
         paths, powers = received(client)
         client.plan_paper()
+        client.follow()
         wait_for(lambda: all(paths + powers))
         sent = time.time()
         client.send_estimate('eavesdropper/pose', 170, 30)
@@ -83,6 +85,7 @@ def test_a_replan_is_not_made_while_nothing_moves_and_is_made_every_period(clien
     with node_here('planner', replan_distance=5.0, duration=120.0, slots=60):
         paths, _ = received(client)
         client.plan_paper()
+        client.follow()
         wait_for(lambda: paths[0])
         client.send_estimate('eavesdropper/pose', 203, 0)
         time.sleep(1.0)
@@ -99,5 +102,6 @@ def test_a_changed_error_radius_is_a_reason_to_plan_again(client):
         client.send_pose('ground_node/pose', 0, 0)
         client.send_estimate('eavesdropper/pose', 200, 0, variance=16.0)
         assert client.call('planner/plan').success
+        client.follow()
         client.send_estimate('eavesdropper/pose', 200, 0, variance=100.0)
         wait_for(lambda: len(paths[0]) == 2)

@@ -14,7 +14,7 @@ from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.messages import plan_time
 from secure_uav_planner.ros.plan_tracking import PlanTracking
 from secure_uav_planner.ros.poses import PoseBook
-from secure_uav_planner.ros.scenarios import check_in_time, Replanning
+from secure_uav_planner.ros.scenarios import Replanning
 from secure_uav_planner.ros.settings import objective_from
 
 START = 1000  # of the plan, in s
@@ -24,6 +24,9 @@ class Bench:
     """
     A plan in flight, poses, and the replans that are due.
 
+    :ivar late: s by which the flight, as its follower reports it, is later than its stamps; None
+        for a test that reports itself.
+    :ivar solving: s from the moment at which a replan is due until its plan is ready.
     :ivar published: new plans, each with the time in s at which it takes effect.
     """
 
@@ -33,22 +36,30 @@ class Bench:
         self.tracking = PlanTracking(self.poses)
         self.tracking.add_plan(plan, START)
         self.published, self.refused = [], []
-        self.now_ns = 0  # At which a new plan is ready.
+        self.late, self.solving = 0.0, 0.0
         self.replanning = Replanning(self.poses, self.tracking)
 
     def replan(self, last, now, **settings):
         settings = {**DEFAULTS, 'replan_lead': 5.0, **settings}
+        if self.late is not None:
+            report(self, now - 0.25 - START)
+            report(self, now - START)
         remainder = self.replanning.find_due(last, settings, now)
         if remainder is None:
             return
+        self.replanning.begin(now)
         try:
             rejoin = remainder.find_rejoin()
             plan = rejoin.splice(solve(
                 rejoin.scenario, method=settings['method'], objective=objective_from(settings),
                 initial=rejoin.tail, time_limit=remainder.time_limit))
-            check_in_time(rejoin, self.tracking.flight(self.now_ns * 1e-9))
+            ready = now + self.solving
+            if self.late is not None:
+                report(self, ready - 0.25 - START)
+                report(self, ready - START)
+            remainder.check_in_time(rejoin, self.tracking.flight(ready), ready)
         except PlanningError as error:
-            self.replanning.note_failure()
+            self.replanning.fail(remainder)
             self.refused.append(error)
         else:
             self.published.append((plan, rejoin.effect))
@@ -57,7 +68,7 @@ class Bench:
         self.poses.take(topic, pose_message(kind, x, y), 'map', now)
 
     def check(self, time, eavesdropper=(200.0, 0.0), offset=None, **settings):
-        """Check at a time of the plan in s; the offset in m is that of the first UAV."""
+        """Check at a time of the clock in s from START; the offset in m is the first UAV's."""
         now = START + time
         self.add_pose(PoseStamped, 'ground_node/pose', 0, 0, now)
         self.add_pose(PoseWithCovarianceStamped, 'eavesdropper/pose', *eavesdropper, now)
@@ -65,6 +76,13 @@ class Bench:
             place = Playback(self.plan).at(time).positions[0] + offset
             self.add_pose(Odometry, 'uav1/odom', *place, now)
         self.replan(self.plan, now, **settings)
+
+
+def report(bench, clock, time=None):
+    """Add a report of the time of the plan at a time of the clock, in s from START."""
+    message = plan_time(bench.plan, max(0.0, clock - bench.late) if time is None else time,
+                        stamp_at(START + clock))
+    bench.tracking.add_report(message, START + clock)
 
 
 @pytest.fixture(scope='module')
@@ -98,7 +116,8 @@ def test_a_uav_that_cannot_be_met_does_not_prevent_a_replan_for_an_eavesdropper(
     bench.check(100.0, (160.0, 0.0), (60.0, 0.0), replan_distance=5.0)
     (replan, effect), = bench.published
     assert effect == 105.0 and len(bench.refused) == 1
-    assert replan.scenario.eavesdroppers[0].position == (160.0, 0.0)
+    # The slots flown keep the disc that they were flown by.
+    assert replan.scenario.receivers.centres[0, :, 0].tolist() == 35 * [200.0] + 5 * [160.0]
     assert (replan.positions[:, :36] == plan.positions[:, :36]).all()
 
 
@@ -116,7 +135,7 @@ def test_a_uav_whose_odometry_is_stale_counts_as_on_its_plan(bench, plan):
 @pytest.mark.parametrize('late', [False, True])
 def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
     # It fails before the solver begins, or the plan comes when it is to take effect no more.
-    bench.now_ns = (START + 1000) * 10**9 if late else 0
+    bench.solving = 1000.0 if late else 0.0
     wrong = {} if late else {'method': 'alternating', 'objective': 'worst_case'}
     # A lead that a loaded machine keeps, too.
     moved = {'eavesdropper': (160.0, 0.0), 'replan_distance': 5.0, 'replan_lead': 40.0, **wrong}
@@ -125,20 +144,14 @@ def test_after_a_failure_a_move_on_the_ground_waits_for_the_lead(bench, late):
         assert len(bench.refused) == failures, time
     assert all(isinstance(error, LateError if late else OptionError) for error in bench.refused)
     # A new plan, as of a request, ends the wait.
-    bench.replanning.note_plan(START + 70.3)
-    bench.now_ns = 0
+    bench.replanning.end(START + 70.3)
+    bench.solving = 0.0
     bench.check(70.4, (160.0, 0.0), replan_distance=5.0, replan_lead=40.0)
     assert len(bench.published) == 1 and len(bench.refused) == 2
 
 
-def report(bench, clock, time):
-    """Add a report of the time of the plan at a time of the clock, in s."""
-    message = plan_time(bench.plan, time, stamp_at(START + clock))
-    bench.tracking.add_report(message, START + clock)
-
-
 def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(bench, plan):
-    settings = {**DEFAULTS, 'replan_deviation': 5.0}
+    bench.late, settings = None, {**DEFAULTS, 'replan_deviation': 5.0}
     for clock in np.arange(0.0, 60.0, 0.25):
         # Released 4 s late, and held at 30 s.
         time = min(max(0.0, clock - 4.0), 30.0)
@@ -153,9 +166,7 @@ def test_a_flight_that_began_later_or_was_paused_is_no_reason_to_plan_again(benc
 
 
 def test_a_replan_of_a_later_flight_takes_effect_by_the_time_of_its_plan(bench, plan):
-    for clock in (39.5, 40.0):
-        report(bench, clock, clock - 7.0)
-    bench.now_ns = (START + 41) * 10**9
+    bench.late, bench.solving = 7.0, 1.0
     bench.check(40.0, (160.0, 0.0), replan_distance=5.0)
     (replan, effect), = bench.published
     assert effect == 39.0  # The point at or after 33 + 5 s.
@@ -164,7 +175,8 @@ def test_a_replan_of_a_later_flight_takes_effect_by_the_time_of_its_plan(bench, 
 
 def test_the_flight_of_a_silent_follower_stands_still(bench):
     for clock in (39.5, 40.0):
-        report(bench, clock, clock)
+        report(bench, clock)
+    bench.late = None
     assert bench.tracking.flight(START + 40.5).rate == 1.0
     silent = bench.tracking.flight(START + 50.0)
     assert silent.rate == 0.0 and not silent.is_reported
@@ -173,21 +185,18 @@ def test_the_flight_of_a_silent_follower_stands_still(bench):
 
 
 def test_however_many_plans_wait_the_plan_in_flight_is_tracked(bench, plan):
-    for reported in (False, True):
-        for number in range(20):
-            if reported:
-                report(bench, 40.0 + number, 40.0 + number)
-            bench.tracking.add_plan(
-                replace(plan, start_ns=plan.start_ns + (60 + number) * 10**9), START + 40 + number)
-            assert bench.tracking.flight(START + 40 + number).playback.plan is plan
+    for number in range(20):
+        report(bench, 40.0 + number)
+        bench.tracking.add_plan(
+            replace(plan, start_ns=plan.start_ns + (60 + number) * 10**9), START + 40 + number)
+        assert bench.tracking.flight(START + 40 + number).playback.plan is plan
 
 
 def test_where_a_replan_is_not_adopted_the_next_continues_the_plan_in_flight(bench, plan):
     refused = replace(plan, powers=plan.powers * 0.9)
     bench.tracking.add_plan(refused, START + 5.0)
     for clock in (7.0, 8.0, 9.95, 10.0):
-        report(bench, clock, clock)
-    bench.now_ns = (START + 10) * 10**9
+        report(bench, clock)
     assert bench.tracking.flight(START + 10.0).playback.plan is plan
     bench.add_pose(PoseStamped, 'ground_node/pose', 0, 0, START + 10.0)
     bench.add_pose(PoseWithCovarianceStamped, 'eavesdropper/pose', 200.0, 0.0, START + 10.0)
@@ -198,7 +207,7 @@ def test_where_a_replan_is_not_adopted_the_next_continues_the_plan_in_flight(ben
 
 @pytest.mark.parametrize('left, refusals', [(0.1, 1), (0.3, 0)])
 def test_a_replan_that_comes_too_late_for_its_follower_is_refused(bench, left, refusals):
-    bench.now_ns = round((START + 12.0 - left) * 1e9)  # It takes effect at 12 s.
+    bench.solving = 7.0 - left  # It takes effect at 12 s.
     bench.check(5.0, replan_period=1.0)
     assert len(bench.refused) == refusals and len(bench.published) == 1 - refusals
     assert all(isinstance(error, LateError) for error in bench.refused)

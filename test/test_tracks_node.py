@@ -112,6 +112,7 @@ def test_a_driving_eavesdropper_never_learns_more_than_was_promised(
             wait_for(observed, what='the estimate')
             assert client.call('planner/plan').success
             began.append(simulation.now)
+            client.follow(lambda: simulation.now)
 
             def ended():
                 observe()
@@ -194,6 +195,7 @@ def test_an_eavesdropper_that_turns_leaves_its_disc_and_is_planned_for_again(cli
         client.send_pose('ground_node/pose', 0, 0)
         send_odometry(client, 'eavesdropper/odom', 200, -100, (0.0, 3.0), variance=1.0)
         assert client.call('planner/plan').success
+        client.follow()
         time.sleep(1.0)
         assert values_of(status[-1])['replans'] == '0'
         send_odometry(client, 'eavesdropper/odom', 230, -100, (3.0, 0.0), variance=1.0)

@@ -17,7 +17,7 @@ from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
 from .tracks import (
-    checked_track, interpolate, ReceiverPlaces, shift_track, split_ground_node, Track)
+    checked_track, interpolate, join_tracks, ReceiverPlaces, shift_track, split_ground_node, Track)
 from .validation import (
     Array, checked_array, checked_fields, checked_kind, checked_members, checked_number,
     checked_point, checked_real, make_unique, Point, RANGES, read_only, set_checked)
@@ -292,12 +292,6 @@ class Scenario:
         """Whether any receiver moves."""
         return bool(self._tracks)
 
-    @property
-    def predicted_until(self) -> float:
-        """Time in s from point 0 at which the first track ends, at most that of the flight."""
-        return min([(self.slots + 1) * self.slot_duration,
-                    *(track[-1][0] for track in self._tracks)])
-
     def with_receivers(self, source: 'Scenario', delay: float = 0.0) -> 'Scenario':
         """
         Return this scenario with the ground node and the eavesdroppers of a source.
@@ -312,6 +306,31 @@ class Scenario:
             ground_node_track=shift_track(source.ground_node_track, delay),
             eavesdroppers=tuple(replace(eve, track=shift_track(eve.track, delay))
                                 for eve in source.eavesdroppers))
+
+    def continue_receivers(self, updated: 'Scenario', point: int) -> 'Scenario':
+        """
+        Return an updated scenario with its receivers after a point, and those of this one before.
+
+        :param updated: a Scenario with the same point 0.
+        :param point: index of the last point at which the receivers of this scenario count.
+        """
+        if point == 0:
+            return updated
+        step = self.slot_duration
+        (ground, *tracks), (new_ground, *new_tracks) = self._knots, updated._knots
+        joined = [join_tracks(old, new, point * step, step)
+                  for old, new in zip(tracks, new_tracks, strict=True)]
+        return replace(
+            updated, ground_node_track=join_tracks(ground, new_ground, point * step, step),
+            eavesdroppers=tuple(replace(eve, track=track) for eve, track in zip(
+                updated.eavesdroppers, joined, strict=True)))
+
+    @property
+    def _knots(self) -> list[Track]:
+        """Tracks of the ground node and the eavesdroppers; a single knot for one that stands."""
+        return [self.ground_node_track or ((0.0, *self.ground_node),),
+                *(eve.track or ((0.0, *eve.position, eve.error_radius),)
+                  for eve in self.eavesdroppers)]
 
     @cached_property
     def max_step(self) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from .validation import Array, RANGES
 from ..errors import quote, ScenarioError
 
-MAX_KNOTS = 1000
+MAX_KNOTS = 10_000
 """The most knots of a track."""
 
 MAX_SPEED = 1000.0
@@ -85,6 +85,27 @@ def interpolate(track: Track, times: Array) -> Array:
     """Return the place, and the radius if the track has one, at times (K,) in s, (K, 2 or 3)."""
     knots = np.array(track)
     return np.stack([np.interp(times, knots[:, 0], column) for column in knots.T[1:]], axis=-1)
+
+
+def join_tracks(before: Track, after: Track, time: float, step: float) -> Track | None:
+    """
+    Return the track that leaves one at a time in s and is on another from a step in s later on.
+
+    A jump that is faster than a receiver may be begins earlier.
+
+    :param before: a track, or a single knot for a receiver that stands.
+    :param after: likewise.
+    :return: None for a receiver that stands before and after in the same place.
+    """
+    if before == after:
+        return after if len(after) > 1 else None
+    joined, = interpolate(after, np.array([time + step]))
+    left, = interpolate(before, np.array([time]))
+    jump = float(np.hypot(*(joined - left)[:2]))
+    begin = min(time, time + step - 1.001 * jump / MAX_SPEED)
+    left, = interpolate(before, np.array([begin]))
+    return (*(knot for knot in before if knot[0] < begin), (begin, *left.tolist()),
+            (time + step, *joined.tolist()), *(knot for knot in after if knot[0] > time + step))
 
 
 def shift_track(track: Track | None, seconds: float) -> Track | None:

@@ -53,7 +53,8 @@ class Rejoin:
 
     def splice(self, replan: Plan) -> Plan:
         """Return the plan of the whole mission that ends with a plan for the scenario."""
-        return self.plan.continued(self.point, replan, (self.positions, self.powers))
+        return self.plan.continued(
+            self.point, replan, (self.positions, self.powers), self.first)
 
 
 def find_first_point(scenario: Scenario, time: float) -> int:

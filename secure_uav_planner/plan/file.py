@@ -36,6 +36,7 @@ def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
         'start_ns': plan.start_ns,
         'objective': plan.objective,
         'bound': None if plan.bound is None else plan.bound.to_dict(),
+        'promised_until': plan.promised_until,
         'guaranteed_rate': plan.guaranteed_rate,
         **({'worst_case_rate': plan.worst_case_rate} if evaluate else {}),
     }

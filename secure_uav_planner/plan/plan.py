@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from . import file
-from .results import Bound, Iteration, Status, STATUS_TEXTS, STATUSES
+from .results import Bound, Iteration, Promise, Status, STATUS_TEXTS, STATUSES
 from ..errors import OptionError, PlanError, quote
 from ..mission import make_view, Objective, OBJECTIVES
 from ..mission.kinematics import clip_norm
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _LAST_SECOND = 2**31 - 1  # The last of a builtin_interfaces/Time.
+_ROUNDING = 1e-9  # Of a time, in slots.
 
 __all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE',
            'Plan', 'STATUSES', 'STATUS_TEXTS', 'Status']
@@ -48,6 +49,8 @@ class Plan:
     :param start_ns: time of point 0 in ns on the clock of the followers, or None if not set.
     :param objective: the objective that the method maximised.
     :param bound: a Bound of the scenario by upper_bound, or None.
+    :param promised_until: time in s from point 0 until which estimates of the receivers were
+        predicted, so that its rates are a promise; None for the whole flight.
     :raises PlanError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
         and limit; or for another field with a wrong value.
     """
@@ -62,6 +65,7 @@ class Plan:
     start_ns: int | None = None
     objective: Objective = 'guaranteed'
     bound: Bound | None = None
+    promised_until: float | None = None
 
     def __post_init__(self) -> None:
         self._check_kinds()
@@ -94,11 +98,15 @@ class Plan:
             raise PlanError(f'history is {quote(self.history)}; it must be a tuple of Iterations',
                             ('history',))
         object.__setattr__(self, 'history', tuple(self.history))
-        if (isinstance(self.solve_time, bool)
-                or not isinstance(self.solve_time, (int, float, np.integer))
-                or not abs(self.solve_time) < 1e300):
-            raise PlanError(f'solve_time is {quote(self.solve_time)}; it must be a finite number '
-                            'in s', ('solve_time',))
+        for name, value in (('solve_time', self.solve_time),
+                            ('promised_until', self.promised_until)):
+            if value is None and name == 'promised_until':
+                continue
+            if (isinstance(value, bool) or not isinstance(value, (int, float, np.number))
+                    or not abs(value) < 1e300):
+                raise PlanError(f'{name} is {quote(value)}; it must be a finite number in s',
+                                (name,))
+            object.__setattr__(self, name, float(value))
 
     def _check_start(self, start_ns: object) -> None:
         last = (_LAST_SECOND - math.ceil(self.times[-1])) * 10**9
@@ -221,6 +229,15 @@ class Plan:
         return (f'{self.scenario.channel.rate_name(self.bound.objective)} '
                 f'{self.bound.claim(self)}')
 
+    @property
+    def promise(self) -> Promise:
+        """Slots whose rates are promised, and their mean rates; all of a plan without a limit."""
+        last = self.scenario.slots
+        if self.promised_until is not None:
+            last = min(last, math.floor(
+                self.promised_until / self.scenario.slot_duration + _ROUNDING))
+        return Promise(self, max(0, last))
+
     def with_bound(self, bound: Bound | None) -> 'Plan':
         """
         Return this plan with a bound, which is saved and shown with it.
@@ -266,19 +283,22 @@ class Plan:
                 self.scenario.with_receivers(self.scenario, point * step),
                 uavs=uavs, slots=slots, duration=slots * step),
             positions=self.positions[:, point:], powers=self.powers[:, point:], history=(),
-            bound=None,
+            bound=None, promised_until=_shift(self.promised_until, -point * step),
             start_ns=(None if self.start_ns is None else
                       self.start_ns + round(point * step * 1e9)))
 
     def continued(self, point: int, tail: 'Plan',
-                  beginning: tuple[Array, Array] | None = None) -> 'Plan':
+                  beginning: tuple[Array, Array] | None = None,
+                  first: int | None = None) -> 'Plan':
         """
         Return this plan up to a point, followed by another plan of the rest of the mission.
 
         :param point: index of the tail's first point, as passed to tail.
         :param tail: a Plan of the mission of tail(point), perhaps with other eavesdroppers.
         :param beginning: positions and powers up to the point, if they are not this plan's.
-        :return: a Plan of the whole mission with the tail's eavesdroppers and ground node.
+        :param first: the last point at which the receivers of this plan count, by default `point`;
+            those of the tail count after it.
+        :return: a Plan of the whole mission.
         """
         self._check_point(point)
         checked_kind('tail', tail, Plan)
@@ -287,12 +307,14 @@ class Plan:
             positions, powers = (
                 checked_array('beginning', values, (len(powers), None, *rest))
                 for values, rest in zip(checked_kind('beginning', beginning, tuple), ((2,), ())))
+        delay = point * self.scenario.slot_duration
         return replace(
-            tail, scenario=self.scenario.with_receivers(
-                tail.scenario, -point * self.scenario.slot_duration),
+            tail, scenario=self.scenario.continue_receivers(
+                self.scenario.with_receivers(tail.scenario, -delay),
+                point if first is None else first),
             positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
             powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
-            start_ns=self.start_ns, bound=None)
+            start_ns=self.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay))
 
     def _check_point(self, point: int) -> None:
         if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
@@ -357,6 +379,10 @@ class Plan:
         return file.read_plan(path, cls)
 
 
+def _shift(time: float | None, seconds: float) -> float | None:
+    return None if time is None else time + seconds
+
+
 def _values(plan: Plan) -> tuple[Any, ...]:
     return tuple(getattr(plan, field.name) for field in fields(plan))
 
@@ -368,7 +394,7 @@ def _positive_part(rates: Array) -> Array:
 
 def _checked_array(field: str, value: Any, shape: tuple[int, ...]) -> Array:
     try:
-        array = read_only(value)
+        array = read_only(np.asarray(value) + 0.0)  # Without -0.0, whose bytes differ.
     except (TypeError, ValueError, OverflowError) as error:
         raise PlanError(
             f'{field} must be an array of numbers: {str(error)[:200]}', (field,)) from None

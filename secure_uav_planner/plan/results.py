@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, get_args, Literal, TypeAlias
+from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING, TypeAlias
 
 from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
-from ..mission.scenario import Scenario
+from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_choice, checked_kind
+
+if TYPE_CHECKING:
+    from .plan import Plan
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
                             'numerical_trouble']
@@ -52,6 +55,46 @@ class Iteration:
     def guaranteed_rate(self) -> float:
         """Rate under its name of version 0.1."""
         return self.rate
+
+
+class Promise(NamedTuple):
+    """
+    The first slots of a plan, whose rates are promised.
+
+    :ivar slots: their number.
+    """
+
+    plan: Plan
+    slots: int
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether the promise ends before the plan."""
+        return self.slots < self.plan.scenario.slots
+
+    @property
+    def guaranteed_rate(self) -> float:
+        """Mean guaranteed rate of the slots in bit/s/Hz; 0 without any."""
+        return self._mean(self.plan.guaranteed_rates)
+
+    @property
+    def worst_case_rate(self) -> float:
+        """Mean worst-case rate of the slots, likewise."""
+        return self._mean(self.plan.worst_case_rates)
+
+    @property
+    def curve_rate(self) -> float:
+        """Mean guaranteed rate along the curve, likewise."""
+        return self._mean(self.plan.curve_rates)
+
+    @property
+    def text(self) -> str:
+        """Suffix of a rate in messages: until when it is promised, if not in the whole flight."""
+        return (f' until {self.plan.promised_until:.1f} s, as far as receivers are predicted'
+                if self.is_partial else '')
+
+    def _mean(self, rates: Array) -> float:
+        return float(rates[:self.slots].mean()) if self.slots else 0.0
 
 
 BOUND_STATUSES = ('converged', 'time_limit', 'cancelled')

@@ -34,18 +34,13 @@ class Flight(NamedTuple):
 
     :ivar time: present time of the plan, in s from point 0.
     :ivar rate: of that time; 1 is real time, 0 is a hold.
-    :ivar source: of the time: the 'reports' of a follower, their 'silence', or the 'stamps'.
+    :ivar is_reported: whether the follower reports that now; after a silence the time stands.
     """
 
     playback: Playback
     time: float
     rate: float
-    source: str
-
-    @property
-    def is_reported(self) -> bool:
-        """Whether a follower reports the time."""
-        return self.source == 'reports'
+    is_reported: bool = True
 
     @property
     def state(self) -> str:
@@ -60,6 +55,22 @@ class Flight(NamedTuple):
     def is_under_way(self) -> bool:
         """Whether the flight has begun and not ended."""
         return self.state in ('flying', 'held')
+
+
+class PlanClock(NamedTuple):
+    """The time of a plan from its point 0 at a time of the clock, in s, and its rate."""
+
+    time: float
+    clock: float
+    rate: float = 1.0
+
+    def to_plan(self, clock: float) -> float:
+        """Return the time of the plan at a time of the clock."""
+        return self.time + self.rate * (clock - self.clock)
+
+    def to_clock(self, time: float) -> float:
+        """Return the time of the clock at a time of the plan; the rate must not be 0."""
+        return self.clock + (time - self.time) / self.rate
 
 
 class MeasuredState(NamedTuple):

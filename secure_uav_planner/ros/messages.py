@@ -56,6 +56,12 @@ def plan_time(plan: Plan, seconds: float, stamp: Stamp, follower: str = '') -> T
                     follower, stamp)
 
 
+def read_plan_time(message: TimeReference) -> tuple[str, str]:
+    """Return the plan and the follower in a report, both by name."""
+    identity, _, follower = message.source.partition(' ')
+    return identity, follower or message.header.frame_id
+
+
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:
     """Return a Pose from metres and radians, counter-clockwise from x (REP-103)."""
     message = Pose()
@@ -204,9 +210,11 @@ def diagnostic_status(name: str, level: bytes, summary: str, values: Mapping[str
                 for key, value in values.items()])
 
 
-def markers(plan: Plan, frame_id: str) -> MarkerArray:
-    """Return paths, ground node, eavesdroppers' discs, zones, fence and margin."""
+def markers(plan: Plan, frame_id: str, time: float = 0.0) -> MarkerArray:
+    """Return paths, receivers at a time of the plan in s, zones, fence and margin."""
     scenario = plan.scenario
+    ground, centres, radii = scenario.receivers_at([time])
+    ground_node = ground[0].tolist()
     points = np.unique(np.linspace(
         0, scenario.slots + 1, min(scenario.slots + 2, _MOST_POINTS)).astype(int))
     marks = [Marker(action=Marker.DELETEALL)]
@@ -217,14 +225,15 @@ def markers(plan: Plan, frame_id: str) -> MarkerArray:
                   _label(index, uav.name, (*uav.start, uav.altitude), uav_color(index))]
     size = 0.1 * min(uav.altitude for uav in scenario.uavs)
     marks += [_marker('ground_node', 0, Marker.CYLINDER, GROUND_NODE, (size, size, size),
-                      (*scenario.ground_node, size / 2)),
-              _label(100, 'ground node', (*scenario.ground_node, 2 * size), GROUND_NODE)]
-    for index, (eve, name) in enumerate(
-            zip(scenario.eavesdroppers, scenario.eavesdropper_names, strict=True)):
-        across = 2 * max(eve.error_radius, size / 4)
+                      (*ground_node, size / 2)),
+              _label(100, 'ground node', (*ground_node, 2 * size), GROUND_NODE)]
+    for index, (name, centre, radius) in enumerate(zip(
+            scenario.eavesdropper_names, centres[:, 0].tolist(), radii[:, 0].tolist(),
+            strict=True)):
+        across = 2 * max(radius, size / 4)
         marks += [_marker('eavesdropper', index, Marker.CYLINDER, EAVESDROPPER,
-                          (across, across, 1.0), (*eve.position, 0.5), opacity=0.5),
-                  _label(200 + index, name, (*eve.position, 2 * size), EAVESDROPPER)]
+                          (across, across, 1.0), (*centre, 0.5), opacity=0.5),
+                  _label(200 + index, name, (*centre, 2 * size), EAVESDROPPER)]
     marks += [_marker('track', index, Marker.LINE_STRIP, color, (1.0, 0.0, 0.0),
                       points=[(x, y, 0.5) for x, y in way.tolist()])
               for index, (way, color) in enumerate(list_ways(scenario, plan.times[points]))]
@@ -232,19 +241,24 @@ def markers(plan: Plan, frame_id: str) -> MarkerArray:
                                 for marker in (*marks, *_airspace(scenario))])
 
 
-def plan_messages(plan: Plan, frame_id: str) -> Iterator[tuple[str, Any]]:
-    """Yield the topic and the message of each part of a plan."""
+def plan_messages(plan: Plan, frame_id: str, time: float = 0.0) -> Iterator[tuple[str, Any]]:
+    """Yield the topic and the message of each part of a plan; see markers."""
     for index, uav in enumerate(plan.scenario.uavs):
         yield f'{uav.name}/path', path(plan, index, frame_id)
         yield f'{uav.name}/power', power(plan, index)
         yield f'{uav.name}/trajectory', trajectory(plan, index, frame_id)
-    yield '~/markers', markers(plan, frame_id)
+    yield '~/markers', markers(plan, frame_id, time)
 
 
-def serialize_plan(plan: Plan, frame_id: str) -> dict[str, bytes]:
-    """Evaluate a plan and return its messages by topic; it takes seconds for 20,000 slots."""
+def serialize_plan(plan: Plan, frame_id: str, time: float = 0.0) -> dict[str, bytes]:
+    """
+    Evaluate a plan and return its messages by topic; it takes seconds for 20,000 slots.
+
+    :param time: as for markers.
+    """
     plan.evaluate()
-    return {topic: serialize_message(message) for topic, message in plan_messages(plan, frame_id)}
+    return {topic: serialize_message(message)
+            for topic, message in plan_messages(plan, frame_id, time)}
 
 
 def setpoint_messages(scenario: Scenario, moment: Moment, frame_id: str, stamp: Stamp

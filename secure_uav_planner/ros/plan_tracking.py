@@ -1,26 +1,32 @@
-"""The plan in flight: to what time of it the flight has come, and where the UAVs are then."""
+"""
+The plan in flight: its progress in plan time, where the UAVs are then, and what it promises.
+
+Only the reports of a follower on `plan_time` say that a plan is flown.
+"""
 
 from collections import deque
 from collections.abc import Mapping
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from sensor_msgs.msg import TimeReference
 
-from .messages import nanoseconds
+from .messages import nanoseconds, read_plan_time
 from .poses import PoseBook
-from ..errors import LateError, quote
+from ..errors import LateError, quote, SupersededError
 from ..mission.scenario import Array
 from ..plan.plan import Plan
 from ..plan.playback import Playback
-from ..plan.tracking import AchievedRates, deviation, Flight, MeasuredState
+from ..plan.tracking import AchievedRates, deviation, Flight, MeasuredState, PlanClock
 
 _MOST_PLANS = 8  # That are kept for the reports of a follower.
 _MEMORY = 2.0  # s for which reports are kept, for odometry that comes later.
 _SILENCE = 1.0  # s without a report after which the time of the plan stands still.
 _SAME_TIME = 0.01  # s
 _STEADY = 0.03  # Largest change of a constant rate in half a second.
+_ROUNDING = 1e-6  # s
+_PUNCTUAL = 0.1  # s by which a flight may leave the clock that its receivers are predicted for.
 ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
 
 
@@ -87,94 +93,176 @@ class _Reports:
         return time + rate * min(since, _SILENCE), rate if self.is_current(clock_ns) else 0.0
 
 
+class _UnknownFlight(NamedTuple):
+    """
+    The last report about a plan that this planner does not have.
+
+    :ivar time: of the report, in s.
+    :ivar plan_ns: the time of the plan.
+    :ivar is_flying: whether that has advanced since the report before.
+    """
+
+    identity: str
+    time: float
+    plan_ns: int
+    is_flying: bool
+
+
+class _Promise:
+    """
+    Until when a flight of a plan has the rates of the plan.
+
+    :ivar clock: of the plan, for which its receivers are predicted.
+    :ivar begin: time of the plan in s from which they count.
+    :ivar is_dated: whether they move by estimates, so that a late flight leaves them.
+    :ivar end: of the promise in s from point 0, infinite if it lasts as long as the flight.
+    :ivar last_end: likewise, of the plan that was flown before, up to `begin`.
+    """
+
+    def __init__(self, plan: Plan, clock: PlanClock, begin: float) -> None:
+        self.clock, self.begin, self.last_end = clock, begin, math.inf
+        self.is_dated = plan.promised_until is not None
+        self.end = math.inf
+        if plan.promised_until is not None and plan.promised_until < plan.times[-1] - _ROUNDING:
+            self.end = plan.promised_until
+
+    def lateness(self, flight: Flight, now: float) -> float:
+        """Return the time in s by which a flight is later than the clock of the receivers."""
+        late = self.clock.to_plan(now) - flight.time
+        return max(0.0, late) if flight.state == 'waiting' else late
+
+
 class PlanTracking:
     """
-    Tracks the flight of the last plans.
+    Tracks the flight of the last plans by the reports of its follower.
 
-    A follower reports the time of the plan that it flies; without reports, the last plan is flown
-    by its stamps. Of several followers the first one under way counts, until it ends or is silent.
-    Settings are the values of the planner's parameters by name, and `now` is the node's time in s.
+    Of several followers the first one under way counts, until it ends or is silent. Settings are
+    the values of the planner's parameters by name, and `now` is the node's time in s.
     """
 
     def __init__(self, poses: PoseBook) -> None:
         self._poses = poses
         self._plans: dict[str, Playback] = {}
-        self._reports: _Reports | None = None
+        self._promises: dict[str, _Promise] = {}  # Of these plans.
         self._published_ns = 0  # The newest plan.
-        self._unknown_plan: tuple[str, float] | None = None  # With the time of its last report.
-        self._ignored: tuple[str, float] | None = None  # A further follower, likewise.
-        self._last_arrival = -math.inf, 0.0  # Of a report, in s, and its age then.
         self._track = AchievedRates()
+        self.forget_reports()
 
-    def add_plan(self, plan: Plan, now: float) -> None:
-        """Track a plan that is published now; it supersedes those that have not begun."""
+    def forget_reports(self) -> None:
+        """Forget the reports of followers: after a jump of the clock they are of another time."""
+        self._reports: _Reports | None = None
+        self._unknown: _UnknownFlight | None = None
+        self._ignored: tuple[str, float] | None = None  # A further follower, and its last report.
+        self._last_arrival = -math.inf, 0.0  # Of a report, in s, and its age then.
+
+    def add_plan(self, plan: Plan, now: float, clock: PlanClock | None = None,
+                 begin: float = -math.inf) -> None:
+        """
+        Track a plan that is published now.
+
+        :param clock: the one that its receivers are predicted for, by default that of its start.
+        :param begin: the time of the plan in s from which these count, in a replan.
+        """
+        promise = _Promise(plan, clock or PlanClock(0.0, plan.start_ns * 1e-9), begin)
+        flight = self.flight(now)
+        if flight is not None and flight.playback.plan.start_ns == plan.start_ns:
+            last = self._promises[flight.playback.plan.identity]
+            promise.last_end = min(last.end, last.last_end if flight.time < last.begin else begin)
         reported = self._reports.identity if self._reports else None
-        begun = [identity for identity, playback in self._plans.items() if now > (
-            playback.plan.start_ns * 1e-9 + playback.begin) and identity != reported]
-        kept = {reported, *begun[1 - _MOST_PLANS:]} - {plan.identity}
-        self._plans = {identity: playback for identity, playback in self._plans.items()
-                       if identity in kept}
-        self._plans[plan.identity] = Playback(plan)
+        kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
+        for record, new in ((self._plans, Playback(plan)), (self._promises, promise)):
+            for identity in {*record} - kept:
+                del record[identity]
+            record[plan.identity] = new
         self._published_ns = round(now * 1e9)
 
     def add_report(self, message: TimeReference, now: float) -> None:
         """Use the report of a follower that arrived at a time in s."""
         clock, plan = nanoseconds(message.header.stamp), nanoseconds(message.time_ref)
         self._last_arrival = now, now - clock * 1e-9
-        follower, last = message.header.frame_id, self._reports
-        if message.source not in self._plans:
-            self._unknown_plan = message.source, clock * 1e-9
+        identity, follower = read_plan_time(message)
+        last = self._reports
+        if identity not in self._plans:
+            before = self._unknown
+            self._unknown = _UnknownFlight(
+                identity, clock * 1e-9, plan, before is not None and (
+                    before.identity == identity and plan > before.plan_ns))
             return
         if last and follower != last.follower and abs(clock - last.last_ns) <= _SILENCE * 1e9 and (
                 self._is_under_way(last.identity, last.plan_ns)
-                or not self._is_under_way(message.source, plan)):
+                or not self._is_under_way(identity, plan)):
             self._ignored = follower, clock * 1e-9
             return
-        if last is None or (last.follower, last.identity) != (follower, message.source):
+        if last is None or (last.follower, last.identity) != (follower, identity):
             # A follower that passes from one plan to the next does not stop.
             rate = 0.0 if last is None else last.at(clock, 0)[1]
-            self._reports = _Reports(follower, message.source, rate)
+            self._reports = _Reports(follower, identity, rate)
         self._reports.add(clock, plan)
 
     def _is_under_way(self, identity: str, plan_ns: int) -> bool:
         playback = self._plans.get(identity)
         return playback is not None and Flight(
-            playback, (plan_ns - playback.plan.start_ns) * 1e-9, 0.0, 'reports').is_under_way
+            playback, (plan_ns - playback.plan.start_ns) * 1e-9, 0.0).is_under_way
 
     def flight(self, now: float) -> Flight | None:
-        """Return the Flight at a time, or None before any plan."""
-        if not self._plans:
-            return None
-        newest, now_ns = next(reversed(self._plans.values())), round(now * 1e9)
-        reports = self._reports
+        """Return the Flight at a time, or None before any report on a plan."""
+        reports, now_ns = self._reports, round(now * 1e9)
         reported = reports and self._plans.get(reports.identity)
+        if not reported:
+            return None
+        newest = next(reversed(self._plans.values()))
         # A new plan of the same flight is flown at the same time, as soon as it is adopted.
-        is_same = reported and newest.plan.start_ns == reported.plan.start_ns
-        if not reported or not (is_same or reports.is_current(now_ns)):
-            return self._flight_by_stamps(now)
-        is_adopted = newest is reported or (
+        is_adopted = newest.plan.start_ns == reported.plan.start_ns and (
             reports.last_ns - self._published_ns <= ADOPTION_GRACE * 1e9)
-        return Flight(newest if is_same and is_adopted else reported,
-                      *reports.at(now_ns, reported.plan.start_ns),
-                      'reports' if reports.is_current(now_ns) else 'silence')
+        return Flight(newest if is_adopted else reported,
+                      *reports.at(now_ns, reported.plan.start_ns), reports.is_current(now_ns))
 
-    def _flight_by_stamps(self, now: float) -> Flight:
-        """Return the flight of the last plan that has begun, or else of the newest."""
-        flights = [Flight(playback, now - playback.plan.start_ns * 1e-9, 1.0, 'stamps')
-                   for playback in reversed(self._plans.values())]
-        return next((flight for flight in flights if flight.state != 'waiting'), flights[0])
+    # The promise
 
-    def _plan_time(self, flight: Flight, then: float) -> float:
-        """Return the time of the flight's plan at an earlier time, both in s."""
-        start_ns = flight.playback.plan.start_ns
-        if flight.source == 'stamps':
-            return then - start_ns * 1e-9
-        return self._reports.at(round(then * 1e9), start_ns)[0]
+    def promised_until(self, plan: Plan) -> float:
+        """Return the time in s from point 0 until which the rates of a plan are promised."""
+        return min(self._promises[plan.identity].end, float(plan.times[-1]))
+
+    def check_promise(self, now: float) -> None:
+        """End the promise of a plan for good whose flight is late for its receivers."""
+        flight = self.flight(now)
+        if flight is not None and flight.is_reported and flight.state != 'ended':
+            promise = self._promises[flight.playback.plan.identity]
+            if promise.is_dated and abs(promise.lateness(flight, now)) > _PUNCTUAL:
+                promise.end = min(promise.end, flight.time)
+
+    def promise_ends(self, flight: Flight, ahead: float) -> bool:
+        """Return True if the promise to a flight ends within a time in s."""
+        return self._promises[flight.playback.plan.identity].end < flight.time + ahead
+
+    def _promise_problems(self, flight: Flight, now: float) -> list[str]:
+        plan = flight.playback.plan
+        promise = self._promises[plan.identity]
+        late = promise.lateness(flight, now)
+        if flight.state == 'ended':
+            return []
+        if promise.end <= flight.time:
+            reason = ('the receivers that move are predicted no further'
+                      if abs(late) <= _PUNCTUAL else
+                      f'the flight is {abs(late):.1f} s {"later" if late > 0 else "earlier"} than '
+                      'the receivers that move are predicted for')
+            return [f'the promise of plan {plan.identity} ended at {promise.end:.1f} s: {reason}; '
+                    'plan again']
+        if promise.last_end <= flight.time < promise.begin:
+            return [f'the promise ended at {promise.last_end:.1f} s; that of plan '
+                    f'{plan.identity} begins at {promise.begin:.1f} s']
+        return []
+
+    # Time
+
+    def is_steady(self, now: float) -> bool:
+        """Return False while a follower slows down or speeds up."""
+        return not self._reports or not self._reports.is_current(round(now * 1e9)) or (
+            self._reports.is_steady())
 
     def check_steady(self, now: float) -> None:
         """Raise a LateError while a follower slows down or speeds up."""
-        if self._reports and self._reports.is_current(round(now * 1e9)) and (
-                not self._reports.is_steady()):
+        if not self.is_steady(now):
             raise LateError('the flight is slowing down or speeding up at the moment; '
                             'ask again when it goes on evenly, or stands')
 
@@ -185,7 +273,15 @@ class PlanTracking:
 
     def unknown_plan(self, now: float) -> str | None:
         """Return the identity of a plan in flight that is not of this planner, or None."""
-        return _recent(self._unknown_plan, now)
+        unknown = self._unknown
+        return unknown.identity if unknown and 0 <= now - unknown.time <= _SILENCE else None
+
+    def check_known(self, now: float) -> None:
+        """Raise a SupersededError while a follower flies a plan that this planner lacks."""
+        if self.unknown_plan(now) is not None and self._unknown.is_flying:
+            raise SupersededError(
+                f'a follower flies plan {self._unknown.identity}, which this planner does not '
+                'have; end that flight first, as by ~/pause and ~/reset of the replay')
 
     def states(self, flight: Flight | None, settings: Mapping[str, Any], now: float
                ) -> list[MeasuredState | None]:
@@ -199,7 +295,8 @@ class PlanTracking:
         pose = self._poses.usable_pose(name, settings, now)
         if pose is None:
             return None
-        time = self._plan_time(flight, pose.time) if flight else pose.time
+        time = pose.time if flight is None else self._reports.at(
+            round(pose.time * 1e9), flight.playback.plan.start_ns)[0]
         if flight is None or pose.velocity is None:
             return MeasuredState(time, pose.position, pose.velocity)
         u, v = pose.velocity
@@ -237,6 +334,11 @@ class PlanTracking:
         problems = self._follower_problems(now)
         if flight is None:
             return problems, {}
+        problems += self._promise_problems(flight, now)
+        silence = now - self._last_arrival[0]
+        if flight.is_under_way and silence > _SILENCE:
+            problems.append(
+                f'the follower {quote(self._reports.follower)} is silent for {silence:.0f} s')
         distances = self.distances(settings, now)
         problems += [f'{name} is {distance:.1f} m from its plan, beyond the track_tolerance of '
                      f'{most:g} m' for name, distance in distances.items()
@@ -246,10 +348,10 @@ class PlanTracking:
         late = now - newest.plan.start_ns * 1e-9 - newest.begin
         if newest is not flight.playback and late > ADOPTION_GRACE:
             problems.append(f'plan {newest.plan.identity} is not flown: the follower has not '
-                            f'taken it up and flies {flight.playback.plan.identity}')
+                            f'adopted it and flies {flight.playback.plan.identity}')
         return problems, {
             'track.plan': flight.playback.plan.identity, 'track.time': flight.time,
-            'track.state': flight.state if flight.is_reported else f'{flight.state} by stamps',
+            'track.state': flight.state if flight.is_reported else f'{flight.state}, silent',
             **{f'track.distance.{name}': distances.get(name, 'none')
                for name in settings['uavs']},
             'track.rate': rates[0], 'track.planned_rate': rates[1]}
@@ -257,13 +359,13 @@ class PlanTracking:
     def _follower_problems(self, now: float) -> list[str]:
         problems, unknown = [], self.unknown_plan(now)
         if unknown is not None:
-            problems.append(f'the follower flies plan {unknown}, which this planner does not '
-                            'know: it takes up no other before its ~/pause and ~/reset')
-        ignored = _recent(self._ignored, now)
-        if ignored is not None:
+            problems.append(f'the follower plays plan {unknown}, which this planner does not '
+                            'have: it adopts a new plan only after its ~/pause and ~/reset')
+        ignored, time = self._ignored or ('', -math.inf)
+        if 0 <= now - time <= _SILENCE:
             problems.append(
-                f'two followers report on plan_time: {quote(self._reports.follower)} counts and '
-                f'{quote(ignored)} does not; let one of them fly')
+                f'two followers report on plan_time: following {quote(self._reports.follower)}, '
+                f'ignoring {quote(ignored)}; stop one')
         received, age = self._last_arrival
         if now - received <= _SILENCE < abs(age):
             problems.append(
@@ -271,12 +373,6 @@ class PlanTracking:
                 f'{"past" if age > 0 else "future"} and do not count: the clocks of the hosts '
                 'differ; synchronise them (NTP or PTP)')
         return problems
-
-
-def _recent(noted: tuple[str, float] | None, now: float) -> str | None:
-    """Return the name of what was noted at a time in s, unless that is long ago."""
-    name, time = noted or ('', -math.inf)
-    return name if 0 <= now - time <= _SILENCE else None
 
 
 def check_continuation(before: Flight | None, now: Flight | None, elapsed: float) -> None:

@@ -12,6 +12,7 @@ from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+import math
 from pathlib import Path
 import threading
 import time
@@ -29,7 +30,7 @@ from .plan_tracking import check_continuation, PlanTracking
 from .poses import Frames, Message, PoseBook
 from .process import run_node
 from .scenarios import (
-    check_in_time, explain_infeasible, Remainder, Replanning, scenario_from, StartTime)
+    explain_infeasible, make_request, Remainder, Replanning, StartTime)
 from .settings import check_mission_parameters, Settings
 from .solver import Job, Result, SolverThread
 from .status import level_and_text, log_at, State, status_values
@@ -39,7 +40,7 @@ from ..errors import brief, BusyError, describe_error, PlanFileError, PlanningEr
 from ..optimize.initial import is_similar
 from ..optimize.rejoin import Rejoin
 from ..plan.plan import Plan
-from ..plan.tracking import Flight
+from ..plan.tracking import Flight, PlanClock
 
 _CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.
 _DISCOVERY = 3.0  # s that nodes of one host took at most to discover each other.
@@ -57,6 +58,7 @@ class Planner(Node):
         self._uavs = self._settings['uavs']
         self._poses = PoseBook(Frames(self).transform)
         self._warnings: dict[str, set[str]] = {}  # About the poses of each topic.
+        self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
         self._state = State()
         # Queues of the state thread: the newest pose of each topic and the reports of followers,
@@ -70,6 +72,8 @@ class Planner(Node):
         self._closed = False
         self._discovery_deadline = 0.0  # Of a restored plan's follower, by time.monotonic.
         self._replanning = Replanning(self._poses, self._tracking)
+        self._replan_problem = ''
+        self._last_check = -math.inf  # Time of the node's clock in s.
         self._make_interface()
         self._restore()
         self._publish_status()
@@ -178,25 +182,28 @@ class Planner(Node):
         """Start the solve of a request."""
         began, now_ns = time.monotonic(), self._now_ns()
         settings, now = self._settings.snapshot(), now_ns * 1e-9
-        flight = self._flight(now)
-        start = StartTime.from_settings(settings, now_ns, flight)
-        limit = start.time_limit(settings['time_limit'] or None)
         try:
             self._tracking.check_steady(now)
-            scenario = scenario_from(
+            self._tracking.check_known(now)
+            flight = self._flight(now)
+            start = StartTime.from_settings(settings, now_ns, flight)
+            limit = start.time_limit(settings['time_limit'] or None)
+            request = make_request(
                 settings, self._poses, start, self._tracking.states(flight, settings, now),
                 flight)
         except Exception as error:
             self._reply(False, self._refuse(error))
             return
-        last = self._state.plan
+        self._log_notes(request.receivers.notes)
+        scenario, last = request.scenario, self._state.plan
         initial = last if last and is_similar(scenario, last.scenario) else None
 
         def work(job: Job) -> tuple[Plan, dict[str, bytes]]:
             left = None if limit is None else max(
                 _SHORTEST_SOLVE, limit - (time.monotonic() - began))
             plan = job.solve(scenario, settings, left, initial)
-            plan = replace(plan, start_ns=start.point_0_ns(self._now_ns()))
+            plan = replace(plan, start_ns=start.point_0_ns(self._now_ns()),
+                           promised_until=request.receivers.promised_until)
             return plan, messages.serialize_plan(plan, settings['frame_id'])
 
         def finish(result: Result) -> None:
@@ -205,7 +212,8 @@ class Planner(Node):
                 start.check_in_time(self._now_ns())
                 self._tracking.check_steady(self._now())
                 check_continuation(flight, self._flight(self._now()), self._now() - now)
-                text = self._publish_plan(plan, outgoing, 'plans')
+                self._publish_plan(plan, outgoing, request.clock)
+                text = self._announce('plans')
             except Exception as error:
                 self._reply(False, self._refuse(error))
                 return
@@ -214,9 +222,16 @@ class Planner(Node):
                          f'{flight.state}')
             unknown = self._tracking.unknown_plan(self._now())
             self._reply(True, text + (
-                '' if unknown is None else f'; the follower flies another plan, {unknown}'))
+                '' if unknown is None else f'; the follower has another plan, {unknown}'))
 
         self._start(work, finish, 'cancelled')
+
+    def _log_notes(self, notes: Mapping[str, str]) -> None:
+        """Log what is to be said of receivers when it changes."""
+        for receiver, note in notes.items():
+            if self._notes.get(receiver) != note:
+                self.get_logger().warning(note)
+        self._notes = {**notes}
 
     def _start(self, work: Callable[[Job], Any], finish: Callable[[Result], None], cancelled: str
                ) -> None:
@@ -229,17 +244,9 @@ class Planner(Node):
         self._publish_status()
 
     def _flight(self, now: float) -> Flight | None:
-        """Return the flight that a new plan continues, or None."""
+        """Return the flight that a new plan continues, or None without a follower's reports."""
         flight = self._tracking.flight(now)
-        if flight is None or flight.is_reported:
-            return flight
-        # A follower that could report, and never did, has not begun.
-        reports = self._tracking.has_reports or not self.count_publishers('plan_time')
-        # A subscriber may fly by the stamps.
-        is_followed = any(publisher.get_subscription_count()
-                          for topic, publisher in self._outputs.items()
-                          if topic.endswith(('/path', '/trajectory')))
-        return flight if flight.state == 'flying' and is_followed and reports else None
+        return flight if flight is not None and flight.is_reported else None
 
     def _on_cancel(self) -> tuple[bool, str]:
         self._run_queued()  # It cancels an earlier request in the queue, too.
@@ -258,39 +265,59 @@ class Planner(Node):
     # Replanning
 
     def _on_check(self) -> None:
-        self._run_queued()
         settings, now = self._settings.snapshot(), self._now()
+        if now < self._last_check:
+            self._tracking.forget_reports()
+        self._last_check = now
+        self._run_queued()
         self._tracking.observe(settings, now)
+        self._tracking.check_promise(now)
         flight = self._tracking.flight(now)
         if flight is not None and flight.state == 'ended':
             self._state.end_flight()
         if self._solver.is_solving or self._state.plan is None or self._closed:
             return
-        remainder = self._replanning.find_due(self._state.plan, settings, now)
+        try:
+            remainder = self._replanning.find_due(self._state.plan, settings, now)
+            self._replan_problem = ''
+        except PlanningError as error:
+            problem = f'the rest of the mission cannot be planned again: {brief(error)}'
+            if problem != self._replan_problem:
+                self.get_logger().warning(problem)
+            self._replan_problem = problem
+            return
         if remainder is not None:
             self._replan(remainder, settings)
 
     def _replan(self, remainder: Remainder, settings: Mapping[str, Any]) -> None:
         """Start the solve of a replan."""
-        def work(job: Job) -> tuple[Plan, Rejoin, dict[str, bytes]]:
+        def work(job: Job) -> tuple[Plan, Rejoin, float, dict[str, bytes]]:
             rejoin = remainder.find_rejoin()
-            plan = rejoin.splice(
-                job.solve(rejoin.scenario, settings, remainder.time_limit, rejoin.tail))
-            return plan, rejoin, messages.serialize_plan(plan, settings['frame_id'])
+            plan = replace(
+                rejoin.splice(
+                    job.solve(rejoin.scenario, settings, remainder.time_limit, rejoin.tail)),
+                promised_until=remainder.receivers.promised_until)
+            begin = (rejoin.first + 1) * plan.scenario.slot_duration
+            return plan, rejoin, begin, messages.serialize_plan(
+                plan, settings['frame_id'], begin)
 
         def finish(result: Result) -> None:
             try:
-                plan, rejoin, outgoing = result()
-                check_in_time(rejoin, self._tracking.flight(self._now()))
+                plan, rejoin, begin, outgoing = result()
+                now = self._now()
+                remainder.check_in_time(rejoin, self._tracking.flight(now), now)
             except Exception as error:
-                self._replanning.note_failure()
+                self._replanning.fail(remainder)
                 self._refuse(error, is_replan=True)
                 return
-            if plan.identity != self._state.plan.identity:
-                self._publish_plan(plan, outgoing, 'replans')
-            else:  # The same flight, perhaps with receivers that have moved.
-                self._keep_plan(plan)
+            is_new = plan.identity != self._state.plan.identity
+            # Also where the flight is the same: its receivers may have moved.
+            self._publish_plan(plan, outgoing, remainder.clock, begin)
+            if is_new:
+                self._announce('replans')
 
+        self._log_notes(remainder.receivers.notes)
+        self._replanning.begin(remainder.now)
         self._start(work, finish, 'the replan was cancelled')
 
     # Publishing
@@ -305,32 +332,39 @@ class Planner(Node):
             if [uav.name for uav in plan.scenario.uavs] != self._uavs or plan.start_ns is None:
                 raise PlanFileError(f'{file} is not a plan for {", ".join(self._uavs)}')
             outgoing = messages.serialize_plan(plan, self._settings['frame_id'])
-            self._publish_plan(plan, outgoing, 'plans', is_restored=True)
-            if self._tracking.flight(self._now()).state != 'ended':
-                self._discovery_deadline = time.monotonic() + _DISCOVERY
+            self._publish_plan(plan, outgoing, is_restored=True)
+            self._announce('plans', 'restored: ')
+            self._discovery_deadline = time.monotonic() + _DISCOVERY
         except Exception as error:
             describe = brief if isinstance(error, (PlanningError, OSError)) else describe_error
             self.get_logger().warning(f'plan_file: {describe(error)}; it is not published')
 
-    def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes], count: str,
-                      is_restored: bool = False) -> str:
-        """Publish a plan, increase a count, and return the summary of the plan in one line."""
+    def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes],
+                      clock: PlanClock | None = None, begin: float = -math.inf,
+                      is_restored: bool = False) -> None:
+        """
+        Publish a plan, track it and save it.
+
+        :param clock: as for PlanTracking.add_plan.
+        :param begin: likewise.
+        """
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)
-        self._state.count(count, 'restored: ' if is_restored else '')
-        self._keep_plan(plan)
+        now = self._now()
+        self._state.keep(plan)
+        self._tracking.add_plan(plan, now, clock, begin)
+        self._replanning.end(now, begin)
         if not is_restored:
             self._save(plan)
+        self._publish_status()
+
+    def _announce(self, count: str, prefix: str = '') -> str:
+        """Increase a count for the last plan; log and return its summary in one line."""
+        self._state.count(count, prefix)
         outcome = self._state.outcome
         log_at(self.get_logger(), outcome.level, outcome.text)
-        return outcome.text
-
-    def _keep_plan(self, plan: Plan) -> None:
-        """Make a plan the last one, which is tracked and replanned."""
-        self._state.keep(plan)
-        self._tracking.add_plan(plan, self._now())
-        self._replanning.note_plan(self._now())
         self._publish_status()
+        return outcome.text
 
     def _prove_bound(self) -> None:
         """Start the proof of the last plan's bound, if there is none and it is enabled."""
@@ -371,15 +405,26 @@ class Planner(Node):
         self._solver.run(save)
 
     def _status_message(self) -> DiagnosticStatus:
-        now, settings = self._now(), self._settings.snapshot()
+        now, settings, plan = self._now(), self._settings.snapshot(), self._state.plan
         is_solving = self._solver.is_solving
         progress = self._solver.job.progress if is_solving else None
         problems, tracks = self._tracking.report(settings, now)
         level, text = level_and_text(
-            self._state.outcome, [*self._poses.problems(settings, now), *problems], progress)
+            self._state.outcome, [
+                *self._poses.problems(settings, now), *problems,
+                *filter(None, [self._replan_problem, self._find_namesake()])], progress)
+        if plan is not None and plan.scenario.has_tracks:
+            tracks['plan.promised_until'] = self._tracking.promised_until(plan)
         return messages.diagnostic_status(
             self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
             status_values(self._state, progress, is_solving, self._poses, settings, now) | tracks)
+
+    def _find_namesake(self) -> str:
+        """Return a warning of another node of this name, or an empty string."""
+        own = (self.get_name(), self.get_namespace())
+        count = self.get_node_names_and_namespaces().count(own)
+        return f'{count} nodes are named {self.get_fully_qualified_name()}; stop one' if (
+            count > 1) else ''
 
     def _publish_status(self) -> None:
         self._outputs['~/status'].publish(self._status_message())
@@ -387,9 +432,7 @@ class Planner(Node):
     def _publish_diagnostics(self) -> None:
         self._run_queued()
         now, status = self._now(), self._status_message()
-        flight = self._tracking.flight(now)
-        if flight is not None and flight.is_reported or (
-                self._tracking.distances(self._settings.snapshot(), now)):
+        if self._tracking.flight(now) is not None:
             self._outputs['~/status'].publish(status)
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()

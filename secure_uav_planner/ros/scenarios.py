@@ -1,8 +1,8 @@
 """
 Problems for the solver, from parameters, poses and the flight.
 
-A request plans a new mission, which begins at a StartTime; Replanning finds when the remainder of
-the mission in flight is due to be planned again.
+A request plans a new mission, which begins at a StartTime; Replanning says when and why the
+remainder of the mission in flight is due to be planned again.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,25 +10,23 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from .parameters import SCENARIO_FIELDS
-from .plan_tracking import PlanTracking
-from .poses import error_radius, KnownPose, PoseBook
+from .plan_tracking import check_continuation, PlanTracking
+from .poses import PoseBook
+from .receivers import has_moved, predict_receivers, Receivers, REPLAN_REASONS
 from .settings import airspace_from, channel_from, uav_from
 from ..errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
-from ..mission.tracks import Track
+from ..optimize.incumbent import silence_losing_slots
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ..plan.plan import Plan
-from ..plan.tracking import Flight, MeasuredState, predict_state, start_from_state
+from ..plan.tracking import Flight, MeasuredState, PlanClock, predict_state, start_from_state
 
 # s between a solve and the effect of its plan; at most half of the available time.
 _PLAN_RESERVE, _REPLAN_RESERVE = 1.0, 0.5
-_SHORTEST_TRACK = 1.0  # s
-_DELIVERY = 0.2  # s from the publication of a replan until the follower has it.
-_REASONS = ('period', 'distance', 'deviation')
+_EFFECT_SLOTS = 1.5  # From the lead to the first point that can change, at most.
+_DELIVERY = 0.2  # s from the publication of a plan until the follower has it.
 
 
 @dataclass(frozen=True)
@@ -79,29 +77,45 @@ class StartTime:
         return (self.effect_ns if self.delay else now_ns) + round(self.lead_in * 1e9)
 
     def check_in_time(self, now_ns: int) -> None:
-        """Raise a LateError if the time at which the plan takes effect has passed."""
-        if self.delay and now_ns > self.effect_ns:
-            raise LateError('the new plan came after the moment it was to take effect; a longer '
-                            'start_delay gives it more time, and in flight a longer replan_lead')
+        """Raise a LateError if a follower would get the plan after the time of its effect."""
+        if self.delay and now_ns + _DELIVERY * 1e9 > self.effect_ns:
+            raise LateError('the new plan came too late for the moment it was to take effect; a '
+                            'longer start_delay gives it more time, and in flight a longer '
+                            'replan_lead')
 
 
-def scenario_from(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
-                  states: Sequence[MeasuredState | None], flight: Flight | None) -> Scenario:
+class Request(NamedTuple):
     """
-    Return the Scenario of a new mission, which begins where the UAVs will be.
+    A new mission, which is to be planned.
+
+    :param clock: of its plan, for which its receivers are predicted.
+    :param receivers: its Receivers.
+    """
+
+    scenario: Scenario
+    clock: PlanClock
+    receivers: Receivers
+
+
+def make_request(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
+                 states: Sequence[MeasuredState | None], flight: Flight | None) -> Request:
+    """
+    Return the Request of a new mission, which begins where the UAVs will be.
 
     :param states: the measured state of each UAV, in the time of the flight or else of the
         clock; None for a UAV that is on the flight's plan, or at its start without a flight.
     :param flight: the Flight that the mission continues, or None.
     :raises PlanningError: if poses cannot be used, or for a mission that cannot be flown.
     """
-    poses.check(settings, start.asked_ns * 1e-9)
+    asked = start.asked_ns * 1e-9
+    poses.check(settings, asked)
     uavs = [_with_start_state(uav_from(settings, name), index, state, settings, start, flight)
             for index, (name, state) in enumerate(
                 zip(settings['uavs'], states, strict=True))]
-    point_0 = start.point_0_ns(start.asked_ns) * 1e-9
-    return _scenario(settings, uavs, _receivers(
-        settings, poses, start.asked_ns * 1e-9, PlanClock(0.0, point_0, 1.0)))
+    clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9)
+    end = settings['duration'] * (settings['slots'] + 1) / settings['slots']
+    receivers = predict_receivers(settings, poses, asked, clock, end)
+    return Request(_scenario(settings, uavs, receivers.fields), clock, receivers)
 
 
 def explain_infeasible(settings: Mapping[str, Any]) -> str:
@@ -124,14 +138,18 @@ def _scenario(settings: Mapping[str, Any], uavs: Sequence[Uav], receivers: Mappi
 def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
                       settings: Mapping[str, Any], start: StartTime, flight: Flight | None
                       ) -> Uav:
-    """Return a UAV that starts in its state at the effect of the plan."""
+    """
+    Return a UAV that starts in its state at the effect of the plan.
+
+    In a flight under way, that is its planned state. A UAV that waits or has ended, or of which
+    only odometry is known, starts where it is measured, or predicted if the plan begins later.
+    """
     if state is None and (flight is None or flight.state == 'waiting'):
         return uav
     time = start.effect_ns * 1e-9 if flight is None else flight.time + flight.rate * start.ahead
-    is_reported = flight is not None and flight.is_reported
-    if state is None or is_reported and flight.is_under_way:
+    if state is None or flight is not None and flight.is_under_way:
         start_state = _planned_state(uav, index, flight, time)
-    elif is_reported or start.delay:
+    elif flight is not None or start.delay:
         start_state = predict_state(
             state, time, uav.max_acceleration, flight and flight.playback, index,
             settings['track_tolerance'])
@@ -158,117 +176,38 @@ def _planned_state(uav: Uav, index: int, flight: Flight, time: float) -> tuple[P
     return (x, y), (u, v)
 
 
-def update_receivers(scenario: Scenario, settings: Mapping[str, Any], poses: PoseBook, now: float,
-                     flight: Flight) -> Scenario:
-    """Return the scenario with the present estimates of the ground node and the eavesdroppers."""
-    poses.check(settings, now, with_uavs=False)
-    return replace(scenario, **_receivers(
-        settings, poses, now, PlanClock(flight.time, now, flight.rate)))
-
-
-def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> bool:
-    """
-    Return True if a receiver is not where a plan expects it at a time in s from point 0.
-
-    So it is if it is more than a distance in m away, or if it moves and is outside its disc; or
-    if a radius has changed by a tenth of the distance. That of one that moves may have become
-    smaller, since a prediction grows with time.
-    """
-    (old_ground,), old_centres, old_radii = before.receivers_at([time])
-    (ground,), centres, radii = now.receivers_at([time])
-    moving = np.array([old.track is not None or new.track is not None for old, new in zip(
-        before.eavesdroppers, now.eavesdroppers, strict=True)])
-    moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
-    grown = (radii - old_radii)[:, 0]
-    is_left = moving & (moves > old_radii[:, 0])
-    if not distance:
-        return bool(is_left.any())
-    return bool(math.dist(old_ground, ground) > distance or (
-        is_left | (moves > distance)
-        | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())
-
-
-class PlanClock(NamedTuple):
-    """The time of a plan from its point 0 at a time of the clock, in s, and its rate."""
-
-    time: float
-    clock: float
-    rate: float
-
-    def to_plan(self, clock: float) -> float:
-        """Return the time of the plan at a time of the clock."""
-        return self.time + self.rate * (clock - self.clock)
-
-
-def _receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, clock: PlanClock
-               ) -> dict[str, Any]:
-    """Return the ground node and the eavesdroppers by the fields of Scenario."""
-    until = max(now, clock.clock) + _horizon(settings)
-    eavesdroppers = []
-    for name in settings['eavesdroppers']:
-        pose = poses.usable_pose(name, settings, now, True)
-        radius = (error_radius(pose.covariance, settings['confidence'])
-                  if pose.covariance.any() else settings[f'{name}.error_radius'])
-        eavesdroppers.append(Eavesdropper(
-            pose.position, radius, name, settings[f'{name}.receiver_advantage_db'],
-            _predict(pose, radius, settings[f'{name}.max_speed'], settings['confidence'], until,
-                     clock)))
-    ground = poses.usable_pose('ground_node', settings, now, True)
-    track = _predict(ground, 0.0, 0.0, settings['confidence'], until, clock)
-    return {'ground_node': ground.position, 'eavesdroppers': tuple(eavesdroppers),
-            'ground_node_track': track and tuple(knot[:3] for knot in track)}
-
-
-def _horizon(settings: Mapping[str, Any]) -> float:
-    """Return for how long receivers are predicted in s."""
-    if settings['prediction_horizon']:
-        return float(settings['prediction_horizon'])
-    if any(settings[f'replan_{reason}'] for reason in _REASONS):
-        return float(settings['replan_period'] + 2 * settings['replan_lead'])
-    return float(settings['duration'] * (settings['slots'] + 2) / settings['slots'])
-
-
-def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float, until: float,
-             clock: PlanClock) -> Track | None:
-    """
-    Return the track of a receiver from its measurement to a time of the clock; None if it stands.
-
-    With a max_speed it may go anywhere from where it was measured. Otherwise it goes straight on.
-    As a message does not say how position and velocity correlate, the root of the covariance of
-    the place after t s is at most that of the position plus t times that of the velocity.
-    """
-    x, y = 0.0, 0.0
-    growth = max_speed
-    if not max_speed:
-        if pose.velocity_covariance is None:
-            return None
-        x, y = pose.velocity
-        growth = error_radius(pose.velocity_covariance, confidence)
-        if not (x or y or growth):
-            return None
-    duration = max(until - pose.time, _SHORTEST_TRACK)
-    return tuple((clock.to_plan(pose.time + age), pose.position[0] + age * x,
-                  pose.position[1] + age * y, radius + age * growth) for age in (0.0, duration))
-
-
 class Remainder(NamedTuple):
     """
     The remainder of a mission, which is to be planned again.
 
-    :param plan: the plan in flight.
+    :param flight: of the plan, when it became due.
+    :param now: the time of the clock then, in s.
     :param first: the first point of its path that may change.
     :param updated: its scenario with the present receivers.
+    :param receivers: these, as predicted.
     :param must_meet: raise an error if the UAVs cannot be met where they will be; otherwise the
         new plan then begins on the plan in flight.
     """
 
-    plan: Plan
+    flight: Flight
+    now: float
     first: int
     states: Sequence[MeasuredState | None]
     updated: Scenario
+    receivers: Receivers
     must_meet: bool
     tolerance: float
     time_limit: float
+
+    @property
+    def plan(self) -> Plan:
+        """Plan in flight."""
+        return self.flight.playback.plan
+
+    @property
+    def clock(self) -> PlanClock:
+        """Clock of the plan, for which the receivers are predicted."""
+        return PlanClock(self.flight.time, self.now, self.flight.rate)
 
     def find_rejoin(self) -> Rejoin:
         """Return the beginning of the replan, or raise an InfeasibleMissionError."""
@@ -281,61 +220,88 @@ class Remainder(NamedTuple):
             return find_rejoin(self.plan, self.first, [None] * len(self.states), self.tolerance,
                                self.updated)
 
+    def check_in_time(self, rejoin: Rejoin, flight: Flight | None, now: float) -> None:
+        """Raise an error if its plan comes too late for the flight, or for another flight."""
+        if flight is None or flight.playback.plan is not self.plan:
+            raise SupersededError('replan: another plan came in between')
+        check_continuation(self.flight, flight, now - self.now)
+        if flight.time + _DELIVERY * flight.rate > rejoin.effect:
+            raise LateError('replan: the new plan came after the moment it was to take effect; '
+                            'a longer replan_lead gives it more time')
+
 
 class Replanning:
-    """Finds when the remainder of the mission is due to be planned again; times in s."""
+    """
+    When and why the remainder of the mission is due to be planned again; times in s.
+
+    `find_due` only asks; `begin` and `end` note what follows.
+    """
 
     def __init__(self, poses: PoseBook, tracking: PlanTracking) -> None:
         self._poses, self._tracking = poses, tracking
         self._last_planned = -math.inf
-        self._has_failed = False  # The last replan that was due.
-        self._was_due = False
+        self._has_failed = False  # The last replan that was due, not only useful.
+        self._counts_from = -math.inf  # Time of the plan from which its present receivers count.
 
-    def note_plan(self, now: float) -> None:
-        """Begin the next period at a new plan."""
-        self._last_planned, self._has_failed = now, False
+    def begin(self, now: float) -> None:
+        """Note that a plan or a replan is made from now on."""
+        self._last_planned = now
 
-    def note_failure(self) -> None:
-        """Note that the last replan gave no plan."""
-        self._has_failed = self._was_due
+    def end(self, now: float, counts_from: float = -math.inf) -> None:
+        """Note a new plan, in which the present receivers count from a time of the plan on."""
+        self._last_planned, self._has_failed, self._counts_from = now, False, counts_from
+
+    def fail(self, remainder: Remainder) -> None:
+        """Note that the remainder was not planned again."""
+        self._has_failed = not remainder.must_meet
 
     def find_due(self, last: Plan, settings: Mapping[str, Any], now: float) -> Remainder | None:
-        """Return the remainder of the mission if it is due to be planned again, or None."""
-        if not any(settings[f'replan_{reason}'] for reason in _REASONS):
+        """
+        Return the remainder of the mission if it is due to be planned again, or None.
+
+        :raises PlanningError: if the receivers cannot be predicted.
+        """
+        if not any(settings[f'replan_{reason}'] for reason in REPLAN_REASONS):
             return None
         flight = self._tracking.flight(now)
-        if flight is None or not flight.rate:
+        if flight is None or not flight.rate or not self._tracking.is_steady(now):
             return None
         plan = flight.playback.plan
         if plan.start_ns != last.start_ns:
             return None  # The last plan has not begun.
         lead = settings['replan_lead']
         first = find_first_point(plan.scenario, flight.time + lead * flight.rate)
-        if first >= plan.scenario.slots:
-            return None  # The mission ends before a new plan could take effect.
-        try:
-            updated = update_receivers(plan.scenario, settings, self._poses, now, flight)
-        except PlanningError:
-            return None  # Poses are missing or too old; the diagnostics report it.
-        is_due = self._is_due(plan, updated, settings, now, flight.time)
+        if first >= plan.scenario.slots or self._poses.problems(settings, now, with_uavs=False):
+            return None  # The mission ends before; or poses are missing, which the status tells.
+        receivers = predict_receivers(
+            settings, self._poses, now, PlanClock(flight.time, now, flight.rate),
+            flight.playback.duration)
+        updated = replace(plan.scenario, **receivers.fields)
+        is_due = self._is_due(flight, updated, settings, now)
         if not is_due and not (flight.state == 'flying' and self._deviates(settings, now)):
             return None
-        self._last_planned, self._was_due = now, is_due
-        states = self._tracking.states(flight, settings, now)
-        return Remainder(plan, first, states, updated, not is_due, settings['track_tolerance'],
-                         lead - min(_REPLAN_RESERVE, lead / 2))
+        return Remainder(
+            flight, now, first, self._tracking.states(flight, settings, now), updated, receivers,
+            not is_due, settings['track_tolerance'], lead - min(_REPLAN_RESERVE, lead / 2))
 
-    def _is_due(self, plan: Plan, updated: Scenario, settings: Mapping[str, Any], now: float,
-                time: float) -> bool:
-        """Return True if the period is over, or a receiver is not where the plan expects it."""
+    def _is_due(self, flight: Flight, updated: Scenario, settings: Mapping[str, Any], now: float
+                ) -> bool:
+        """Return True after the period, at the end of a promise, or if a receiver has moved."""
         period, distance = settings['replan_period'], settings['replan_distance']
         since = now - self._last_planned  # Negative after the clock has jumped back.
         if period and not 0 <= since < period:
             return True
-        # After a failure, and where receivers are predicted, a move waits for the lead.
-        waits = (self._has_failed or updated.has_tracks) and 0 <= since < settings['replan_lead']
-        return bool((distance or period) and not waits and has_moved(
-            plan.scenario, updated, time, distance))
+        # After a failure, and where receivers are predicted, the rest waits for the lead.
+        lead = settings['replan_lead']
+        if (self._has_failed or updated.has_tracks) and 0 <= since < lead:
+            return False
+        slot = flight.playback.plan.scenario.slot_duration
+        if self._tracking.promise_ends(
+                flight, (lead + _DELIVERY) * flight.rate + _EFFECT_SLOTS * slot):
+            return True
+        return bool((distance or period) and has_moved(
+            flight.playback.plan.scenario, updated, max(flight.time, self._counts_from),
+            distance))
 
     def _deviates(self, settings: Mapping[str, Any], now: float) -> bool:
         """Return True if a UAV is too far from its plan, and has had the lead to come back."""
@@ -344,12 +310,3 @@ class Replanning:
             return False
         return any(distance > most and settings[f'{name}.use_pose']
                    for name, distance in self._tracking.distances(settings, now).items())
-
-
-def check_in_time(rejoin: Rejoin, flight: Flight | None) -> None:
-    """Raise an error if a replan comes too late for the flight, or after another plan."""
-    if flight is None or flight.playback.plan is not rejoin.plan:
-        raise SupersededError('replan: another plan came in between')
-    if flight.time + _DELIVERY * flight.rate > rejoin.effect:
-        raise LateError('replan: the new plan came after the moment it was to take effect; '
-                        'a longer replan_lead gives it more time')

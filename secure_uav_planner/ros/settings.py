@@ -51,7 +51,7 @@ class Settings:
                      lambda values: {})) -> None:
         self._specs: dict[str, Spec] = {}
         self._check = check
-        self._values: dict[str, Any] = {}
+        self._values: dict[str, Any] = {'tracks': {}}  # Of the mission file, by receiver.
         self._node = node
         self._mission_values: dict[str, Any] = {}
         self._declare(specs)
@@ -73,6 +73,7 @@ class Settings:
                 name, self._values[name], spec.descriptor(), ignore_override=True)
             if name == 'mission_file' and value:  # It is declared first.
                 self._mission_values = load_mission(value)
+                self._values['tracks'] = self._mission_values.pop('tracks')
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
@@ -186,13 +187,18 @@ def load_mission(file: str) -> dict[str, Any]:
 
 
 def mission_values(mission: Scenario) -> dict[str, Any]:
-    """Return the values of a mission by the names of parameters, and fields that are none."""
+    """Return the values of a mission by the names of parameters, and its tracks by receiver."""
     data = asdict(mission)
+    tracks = {'ground_node': data.pop('ground_node_track'),
+              **{name: eve.pop('track') for name, eve in zip(
+                  mission.eavesdropper_names, data['eavesdroppers'], strict=True)}}
     names = {'uavs': [uav.name for uav in mission.uavs],
              'eavesdroppers': list(mission.eavesdropper_names),
              'no_fly_zones': [name.replace(' ', '_') for name in mission.zone_names]}
     members = {kind: data.pop(kind) for kind in names}
-    values = names | dict(_flatten(data)) | {'channel.los_numbers': []}
+    values = names | dict(_flatten(data)) | {
+        'channel.los_numbers': [],
+        'tracks': {name: track for name, track in tracks.items() if track is not None}}
     for kind, fields in members.items():
         for name, member in zip(names[kind], fields, strict=True):
             values |= _flatten(member, f'{name}.')

@@ -80,12 +80,13 @@ class State:
 def plan_summary(plan: Plan, bound: Bound | None) -> str:
     """Return a summary of a plan in one line, without any position."""
     near, name = closest_approach_text(plan), plan.scenario.channel.rate_name
+    promise = plan.promise
     return (f'{brief(plan.method, 60)} plan of {plan.scenario.slots} slots: '
-            f'{name("guaranteed")} {plan.guaranteed_rate:.4f}, '
-            f'{name("worst_case")} {plan.worst_case_rate:.4f} bit/s/Hz, '
+            f'{name("guaranteed")} {promise.guaranteed_rate:.4f}, '
+            f'{name("worst_case")} {promise.worst_case_rate:.4f} bit/s/Hz{promise.text}, '
             f'{plan.solve_time:.2f} s, '
             f'{_iterations(plan)} iterations, {plan.message}; along the curve '
-            f'{plan.curve_rate:.4f}' + (f'; {near}' if near else '')
+            f'{promise.curve_rate:.4f}' + (f'; {near}' if near else '')
             + ('' if bound is None else f'; {bound.claim(plan)}'))
 
 
@@ -94,17 +95,18 @@ def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
     """
     Return the level of the planner's status and a text that explains it.
 
-    ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or the
-    last request was refused, or its plan has not converged or lets UAVs come close without a
-    separation. OK: none of these. During a solve, its progress replaces the last outcome. STALE
-    is not used, because tools take it for a node that has stopped reporting.
+    ERROR: a solve failed. WARN: planning is not possible now, or a UAV is off its plan, or a
+    promise has ended, or the last request was refused, or its plan has not converged or lets UAVs
+    come close without a separation. OK: none of these. During a solve, its progress replaces the
+    last outcome. STALE is not used, because tools take it for a node that has stopped reporting.
     """
-    texts = [str(problem) for problem in problems]
+    level, text = outcome.level, outcome.text
     if progress is not None:
-        texts.insert(0, f'solving: iteration {progress.number}, {progress.rate:.4f} bit/s/Hz')
-    elif outcome.level != DiagnosticStatus.OK or not problems:
-        return outcome.level, outcome.text
-    return DiagnosticStatus.WARN if problems else DiagnosticStatus.OK, '; '.join(texts)
+        level = DiagnosticStatus.OK
+        text = f'solving: iteration {progress.number}, {progress.rate:.4f} bit/s/Hz'
+    if problems:
+        level = max(level, DiagnosticStatus.WARN)
+    return level, '; '.join(map(str, [*problems, text]))
 
 
 def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
@@ -133,8 +135,6 @@ def status_values(state: State, progress: Iteration | None, is_solving: bool, po
             'plan.age': now - plan.start_ns * 1e-9, **plan_values(plan)}
         if state.bound is not None:
             values |= {'plan.bound': state.bound.rate, 'plan.claim': state.bound.claim(plan)}
-        if plan.scenario.has_tracks:
-            values['plan.promised_until'] = plan.scenario.predicted_until
     for name in ('ground_node', *settings['eavesdroppers'], *settings['uavs']):
         for topic in member_topics(name):
             pose = poses.get(topic)
@@ -144,9 +144,10 @@ def status_values(state: State, progress: Iteration | None, is_solving: bool, po
 
 def plan_values(plan: Plan) -> dict[str, Any]:
     """Return rates, clearances, energies and the solve of a plan by key of the status."""
-    return {'plan.guaranteed_rate': plan.guaranteed_rate, 'plan.curve_rate': plan.curve_rate,
+    promise = plan.promise
+    return {'plan.guaranteed_rate': promise.guaranteed_rate, 'plan.curve_rate': promise.curve_rate,
             **closest_approach_values(plan), **_energy_values(plan),
-            'plan.worst_case_rate': plan.worst_case_rate,
+            'plan.worst_case_rate': promise.worst_case_rate,
             'plan.method': brief(plan.method, 60), 'plan.objective': plan.objective,
             'plan.status': plan.status, 'plan.iterations': _iterations(plan),
             'plan.solve_time': plan.solve_time}

@@ -1,0 +1,140 @@
+"""
+The receivers of a mission, from their estimates and the tracks of the mission file.
+
+An estimate is predicted from its measurement to a horizon in the time of the clock; a track of the
+mission file holds in the time of the plan. A fresh estimate counts before such a track.
+"""
+
+from collections.abc import Mapping
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .poses import error_radius, KnownPose, PoseBook
+from ..mission.scenario import Eavesdropper, Scenario
+from ..mission.tracks import Track
+from ..plan.tracking import PlanClock
+
+_SHORTEST_TRACK = 1.0  # s
+
+REPLAN_REASONS = ('period', 'distance', 'deviation')
+"""Why a replan may be due, as in the parameters `replan_<reason>`."""
+
+
+class Receivers(NamedTuple):
+    """
+    The receivers of a mission.
+
+    :ivar fields: the ground node and the eavesdroppers by the fields of Scenario.
+    :ivar promised_until: time of the plan in s until which estimates are predicted, or None where
+        no receiver moves by an estimate.
+    :ivar notes: what an operator should know of each receiver, by its name.
+    """
+
+    fields: dict[str, Any]
+    promised_until: float | None
+    notes: dict[str, str]
+
+
+def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, clock: PlanClock,
+                      end: float) -> Receivers:
+    """
+    Predict the receivers until a horizon, but not beyond the flight.
+
+    :param now: time of the clock in s.
+    :param clock: of the plan, whose rate is not 0.
+    :param end: of the flight, in s from point 0.
+    :raises ScenarioError: for a track whose values are out of range.
+    """
+    until = min(max(now, clock.clock) + _horizon(settings), clock.to_clock(end))
+    confidence, eavesdroppers, notes = settings['confidence'], [], {}
+    moving = []
+    for name in settings['eavesdroppers']:
+        pose, track = poses.usable_pose(name, settings, now, True), settings['tracks'].get(name)
+        advantage = settings[f'{name}.receiver_advantage_db']
+        if pose is None:
+            notes[name] = f'{name} moves on its track in the mission file'
+            eavesdroppers.append(Eavesdropper(
+                track[0][1:3], track[0][3], name, advantage, track))
+            continue
+        if track is not None:
+            notes[name] = f'the estimate of {name} counts, and not its track in the mission file'
+        radius = (error_radius(pose.covariance, confidence)
+                  if pose.covariance.any() else settings[f'{name}.error_radius'])
+        speed = settings[f'{name}.max_speed']
+        if speed and pose.velocity is not None and math.hypot(*pose.velocity) > speed:
+            notes[name] = (f'{name}.max_speed is {speed:g} m/s and the odometry of {name} has more; '
+                           'that counts')
+        predicted = _predict(pose, radius, speed, confidence, until, clock)
+        moving.append(predicted)
+        eavesdroppers.append(Eavesdropper(pose.position, radius, name, advantage, predicted))
+    ground, track = poses.usable_pose('ground_node', settings, now, True), settings['tracks'].get(
+        'ground_node')
+    if ground is None:
+        notes['ground_node'] = 'the ground node moves on its track in the mission file'
+        position = track[0][1:3]
+    else:
+        position, track = ground.position, _predict(ground, 0.0, 0.0, confidence, until, clock)
+        moving.append(track)
+        track = track and tuple(knot[:3] for knot in track)
+    return Receivers(
+        {'ground_node': position, 'eavesdroppers': tuple(eavesdroppers),
+         'ground_node_track': track},
+        clock.to_plan(until) if any(moving) else None, notes)
+
+
+def _horizon(settings: Mapping[str, Any]) -> float:
+    """Return for how long receivers are predicted in s."""
+    if settings['prediction_horizon']:
+        return float(settings['prediction_horizon'])
+    if any(settings[f'replan_{reason}'] for reason in REPLAN_REASONS):
+        # Until a replan can take effect that is begun a period, or a lead, later.
+        slot = settings['duration'] / settings['slots']
+        return float(settings['replan_period'] + 2 * (settings['replan_lead'] + slot))
+    return math.inf
+
+
+def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float, until: float,
+             clock: PlanClock) -> Track | None:
+    """
+    Return the track of a receiver from its measurement to a time of the clock; None if it stands.
+
+    With a max_speed it may go anywhere from where it was measured, at that speed or at its
+    measured one if that is larger. Otherwise it goes straight on. As a message does not say how
+    position and velocity correlate, the root of the covariance of the place after t s is at most
+    that of the position plus t times that of the velocity.
+    """
+    velocity, growth = (0.0, 0.0), 0.0
+    if pose.velocity_covariance is not None:
+        velocity, growth = pose.velocity, error_radius(pose.velocity_covariance, confidence)
+    if max_speed:
+        speed = math.hypot(*velocity)
+        velocity, growth = (0.0, 0.0), speed + growth if speed > max_speed else max_speed
+    if not (any(velocity) or growth):
+        return None
+    duration = max(until - pose.time, _SHORTEST_TRACK)
+    return tuple((clock.to_plan(pose.time + age), pose.position[0] + age * velocity[0],
+                  pose.position[1] + age * velocity[1], radius + age * growth)
+                 for age in (0.0, duration))
+
+
+def has_moved(before: Scenario, now: Scenario, time: float, distance: float) -> bool:
+    """
+    Return True if a receiver is not where a plan expects it at a time in s from point 0.
+
+    So it is if it is more than a distance in m away, or if it moves and is outside its disc; or
+    if a radius has changed by a tenth of the distance. That of one that moves may have become
+    smaller, since a prediction grows with time.
+    """
+    (old_ground,), old_centres, old_radii = before.receivers_at([time])
+    (ground,), centres, radii = now.receivers_at([time])
+    moving = np.array([eve.track is not None for eve in now.eavesdroppers])
+    moves = np.linalg.norm(centres - old_centres, axis=-1)[:, 0]
+    grown = (radii - old_radii)[:, 0]
+    is_left = moving & (moves > old_radii[:, 0])
+    if not distance:
+        return bool(is_left.any())
+    return bool(math.dist(old_ground, ground) > distance or (
+        is_left | (moves > distance)
+        | (np.where(moving, grown, np.abs(grown)) > 0.1 * distance)).any())
