@@ -14,10 +14,12 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
-from ros_client import Client, node_here, pose_message, values_of, wait_for
+from ros_client import (
+    Client, DEFAULTS, node_here, pose_message, stamp_at, values_of, wait_for)
 from scipy.spatial.transform import Rotation
 from secure_uav_planner.errors import PoseError, WrongFrameError
-from secure_uav_planner.ros.poses import error_radius, Frames, PoseBook, transform_message
+from secure_uav_planner.ros.frames import Frames, transform_message
+from secure_uav_planner.ros.poses import error_radius, PoseBook
 from secure_uav_planner.ros.topics import LATCHED
 
 
@@ -127,7 +129,8 @@ def kept_x(*poses):
     """Return x of the pose that is kept of (stamp in s, time of arrival in s, x in m)."""
     book = PoseBook()
     for stamp, now, x in poses:
-        book.take('uav1/pose', pose_message(PoseStamped, x, 0, stamp=Time(sec=stamp)), 'map', now)
+        message = pose_message(PoseStamped, x, 0, stamp=Time(sec=stamp))
+        book.take('uav1/pose', message, DEFAULTS, now)
     return book.get('uav1/pose').position[0]
 
 
@@ -143,6 +146,129 @@ def test_an_older_pose_that_comes_later_does_not_replace_a_newer_one():
     [(100, 100.1, 1.0), *[(97 + second, 100.0 + second, 2.0) for second in range(1, 5)]]])
 def test_after_a_clock_was_set_back_poses_count_again(poses):
     assert kept_x(*poses) == 2.0
+
+
+def odometry(x, stamp, covariance=None, twist_covariance=None):
+    message = pose_message(Odometry, x, 0, stamp=stamp_at(stamp))
+    message.pose.covariance = message.pose.covariance if covariance is None else covariance
+    if twist_covariance is not None:
+        message.twist.covariance = twist_covariance
+    return message
+
+
+def estimate(x, stamp=100.0, covariance=None):
+    message = pose_message(PoseWithCovarianceStamped, x, 0, stamp=stamp_at(stamp))
+    if covariance is not None:
+        message.pose.covariance = covariance
+    return message
+
+
+def test_odometry_counts_until_a_pose_is_a_second_fresher():
+    settings, book = {**DEFAULTS, 'pose_timeout': 0.0}, PoseBook()
+    book.take('uav1/odom', odometry(1.0, 100.0), settings, 100.0)
+    for stamp, x in ((100.1, 1.0), (100.9, 1.0), (101.1, 2.0), (107.4, 2.0)):
+        book.take('uav1/pose', pose_message(PoseStamped, 2.0, 0, stamp=stamp_at(stamp)), settings,
+                  stamp)
+        assert book.usable_pose('uav1', settings, stamp).position[0] == x, stamp
+    book.take('uav1/odom', odometry(3.0, 107.0), settings, 107.5)
+    assert book.usable_pose('uav1', {**settings, 'pose_timeout': 5.0}, 112.2).position[0] == 2.0
+    assert book.usable_pose('uav1', settings, 1e6).position[0] == 3.0
+
+
+@pytest.mark.parametrize('timeout', [0.0, 5.0])
+def test_what_came_before_the_clock_was_set_back_is_forgotten(timeout):
+    settings, book = {**DEFAULTS, 'pose_timeout': timeout}, PoseBook()
+    book.take('uav1/odom', odometry(1.0, 600.0), settings, 600.0)
+    book.take('eavesdropper/pose', estimate(200.0, 600.0), settings, 600.0)
+    with pytest.raises(PoseError):
+        book.take('ground_node/pose', pose_message(PoseStamped, math.nan, 0), settings, 600.0)
+    assert book.usable_pose('uav1', settings, 599.95) is not None  # Rounding, and no jump.
+    assert book.usable_pose('uav1', settings, 100.0) is None
+    with pytest.raises(PoseError, match='no pose has come on eavesdropper/pose since the clock'):
+        book.check(settings, 100.0)
+    # One that waited in the queue.
+    book.take('uav1/odom', odometry(1.0, 600.0), settings, 100.1, arrived=600.1)
+    assert book.usable_pose('uav1', settings, 100.2) is None
+    book.take('uav1/odom', odometry(2.0, 100.2), settings, 100.3)
+    assert book.usable_pose('uav1', settings, 102.3).age(102.3) == pytest.approx(2.1)
+
+
+def block(xx, yy, xy=0.0, yx=None, rest=0.0):
+    """Return the 36 values of a covariance with a block of x and y; the others are the rest."""
+    matrix = np.full((6, 6), float(rest))
+    matrix[:2, :2] = [[xx, xy], [xy if yx is None else yx, yy]]
+    return matrix.ravel()
+
+
+SMALL = 1e-3
+NO_COVARIANCES = [block(-1, -1), block(-1, -1, rest=1e6), block(1, -SMALL, rest=1e9),
+                  block(1e6, -0.5), block(1, 1, 2), block(SMALL, SMALL, 0, SMALL, rest=1e9),
+                  block(math.nan, 1), block(1, 1, math.inf), block(math.inf, math.inf)]
+TOO_LARGE = [block(1e16, 1e16), block(1e14, 1)]
+
+
+@pytest.mark.parametrize('covariance', [*NO_COVARIANCES, *TOO_LARGE])
+def test_a_covariance_that_is_none_or_too_large_is_refused_and_the_last_estimate_ages(covariance):
+    book = PoseBook()
+    reason = 'must be finite, symmetric and positive semidefinite|error radius of .*; it must be'
+    book.take('eavesdropper/odom', odometry(1.0, 100.0), DEFAULTS, 100.0)
+    for message in (odometry(2.0, 101.0, covariance),
+                    odometry(2.0, 101.0, twist_covariance=covariance)):
+        with pytest.raises(PoseError, match=reason):
+            book.take('eavesdropper/odom', message, DEFAULTS, 101.0)
+        with pytest.raises(PoseError, match=reason):
+            book.take('eavesdropper/pose', estimate(2.0, 101.0, covariance), DEFAULTS, 101.0)
+    assert book.usable_pose('eavesdropper', DEFAULTS, 101.0, True).position[0] == 1.0
+    problems = '; '.join(map(str, book.problems(DEFAULTS, 111.0)))
+    assert 'eavesdropper/odom is 11.0 s old' in problems and 'newer ones were refused' in problems
+    assert 'the last pose on eavesdropper/pose was refused: the covariance of x' in problems
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_only_the_covariance_of_x_and_y_counts_and_rounding_does_not(seed):
+    rng = np.random.default_rng(seed)
+    sides = rng.normal(size=(2, rng.integers(1, 3))) * 10.0**rng.uniform(-6, 6)
+    used = (sides @ sides.T).astype(np.float32).astype(float)
+    covariance = block(0, 0, rest=rng.choice([-1.0, 1e300, math.nan, math.inf]))
+    covariance.reshape(6, 6)[:2, :2] = used
+    book = PoseBook()
+    book.take('eavesdropper/pose', estimate(200.0, covariance=covariance), DEFAULTS, 100.0)
+    kept = book.get('eavesdropper/pose')
+    assert (kept.covariance == used).all()
+    assert kept.radius('eavesdropper', DEFAULTS) == pytest.approx(error_radius(used, 0.95))
+    book.take('eavesdropper/pose', estimate(200.0, covariance=block(0, 0, rest=5.0)), DEFAULTS,
+              100.0)
+    assert book.get('eavesdropper/pose').radius('eavesdropper', DEFAULTS) == 10.0
+
+
+def test_an_estimate_that_a_higher_confidence_makes_too_large_is_not_planned_with():
+    settings, book = {**DEFAULTS, 'pose_timeout': 0.0}, PoseBook()
+    book.take('eavesdropper/pose', estimate(200.0, covariance=block(1e13, 1e13)), settings, 100.0)
+    assert book.usable_pose('eavesdropper', settings, 100.0, True) is not None
+    settings['confidence'] = 0.9999
+    problems = '; '.join(map(str, book.problems(settings, 100.0)))
+    assert 'on eavesdropper/pose, the covariance of x and y gives an error radius of' in problems
+
+
+def remarks(*xs, covariance=None, **settings):
+    """Return what is said about an eavesdropper that was at x, in m, second after second."""
+    book, settings = PoseBook(), {**DEFAULTS, **settings}
+    return [remark for second, x in enumerate(xs) if (remark := book.take(
+        'eavesdropper/pose', estimate(x, second, covariance), settings, float(second)))]
+
+
+def test_of_an_eavesdropper_that_sends_poses_and_leaves_its_disc_it_is_said_once_what_to_do():
+    remark, = remarks(*range(0, 200, 5))
+    assert 'eavesdropper has left its disc' in remark and 'counts as standing' in remark
+    assert 'publish its odometry on eavesdropper/odom or set eavesdropper.max_speed' in remark
+    assert not remarks(*range(0, 200, 5), **{'eavesdropper.max_speed': 5.0})
+    assert not remarks(0, 50, 0, 50, 50, 0)  # Single errors, and no motion.
+    # Its estimate wanders in a disc of 24 m, which the covariance gives.
+    assert not remarks(*range(0, 45, 3), covariance=block(100.0, 100.0))
+    settings, book = DEFAULTS, PoseBook()
+    for second in range(40):
+        book.take('eavesdropper/odom', odometry(5.0 * second, second), settings, second)
+        assert not book.take('eavesdropper/pose', estimate(5.0 * second, second), settings, second)
 
 
 # Poses of other frames
@@ -208,7 +334,7 @@ def test_the_velocity_of_a_uav_is_the_same_seen_from_either_frame(child):
     message.child_frame_id = child
     set_fields(message.twist.twist.linear, velocity)
     book = PoseBook(lambda message, frame_id: transform_message(message, transform, frame_id))
-    book.take('uav1/odom', message, 'map', 1.0)
+    book.take('uav1/odom', message, DEFAULTS, 1.0)
     expected = {'base_link': (turn * facing).apply(velocity), 'odom': turn.apply(velocity),
                 'map': velocity}[child]
     np.testing.assert_allclose(book.get('uav1/odom').velocity, expected[:2], atol=1e-9)
@@ -218,7 +344,7 @@ def test_a_transformed_pose_counts_in_its_new_frame_only():
     transform, turn, shift = random_transform(np.random.default_rng(1))
     book = PoseBook(lambda message, frame_id: transform_message(message, transform, frame_id))
     message, place, _, _ = random_message(PoseStamped, np.random.default_rng(2))
-    book.take('uav1/pose', message, 'map', 5.0)
+    book.take('uav1/pose', message, DEFAULTS, 5.0)
     kept = book.get('uav1/pose')
     np.testing.assert_allclose((*kept.position, kept.height), turn.apply(place) + shift)
     for frame_id, problem in (('map', type(None)), ('odom', WrongFrameError)):
@@ -237,7 +363,7 @@ def test_a_transform_that_is_no_rotation_or_not_finite_is_refused(broken):
     transform.translation.x = math.inf
     book = PoseBook(lambda message, frame_id: transform_message(message, transform, frame_id))
     with pytest.raises(PoseError, match='position.x is inf'):
-        book.take('eavesdropper/pose', message, 'map', 1.0)
+        book.take('eavesdropper/pose', message, DEFAULTS, 1.0)
 
 
 def test_a_listener_that_failed_is_made_again_at_the_next_pose(monkeypatch):

@@ -65,7 +65,7 @@ class Bench:
             self.published.append((plan, rejoin.effect))
 
     def add_pose(self, kind, topic, x, y, now):
-        self.poses.take(topic, pose_message(kind, x, y), 'map', now)
+        self.poses.take(topic, pose_message(kind, x, y), DEFAULTS, now)
 
     def check(self, time, eavesdropper=(200.0, 0.0), offset=None, **settings):
         """Check at a time of the clock in s from START; the offset in m is the first UAV's."""

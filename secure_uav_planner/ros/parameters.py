@@ -297,7 +297,7 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
     return {
         f'{name}.error_radius': Spec(
             _PAPER.eavesdroppers[0].error_radius,
-            'Error radius epsilon in m, used where the covariance of the pose is zero.',
+            'Error radius epsilon in m, used where the covariance of x and y is zero.',
             RANGES['error_radius']),
         f'{name}.max_speed': Spec(
             0.0, 'How fast it can be in m/s, in any direction: its error radius then grows by so '

@@ -25,9 +25,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import TimeReference
 
 from . import messages
+from .frames import Frames, Message
 from .parameters import PLANNER, planner_member_parameters
 from .plan_tracking import check_continuation, PlanTracking
-from .poses import Frames, Message, PoseBook
+from .poses import PoseBook
 from .process import run_node
 from .scenarios import (
     explain_infeasible, make_request, Remainder, Replanning, StartTime)
@@ -134,15 +135,12 @@ class Planner(Node):
 
     def _take_pose(self, topic: str, message: Message, arrived: float) -> None:
         """Keep a valid pose; warn once of each reason to refuse one."""
-        is_first, member = self._poses.get(topic) is None, topic.partition('/')[0]
-        is_uav = member in self._uavs
-        origin = self._settings[f'{member}.origin'] if is_uav else (0.0, 0.0, 0.0)
+        is_first = self._poses.get(topic) is None
         warnings = self._warnings.setdefault(topic, set())
         try:
             # With simulated time, a pose can arrive before the clock has come to its stamp.
-            self._poses.take(
-                topic, message, self._settings['frame_id'], self._now(), origin, arrived,
-                is_receiver=not is_uav)
+            remark = self._poses.take(
+                topic, message, self._settings.snapshot(), self._now(), arrived)
         except PoseError as error:
             reason = brief(error)
             if reason not in warnings and len(warnings) < _MOST_WARNINGS:
@@ -150,6 +148,8 @@ class Planner(Node):
                 self.get_logger().warning(f'{topic}: {reason}; it is not used')
         else:
             warnings.clear()
+            if remark:
+                self.get_logger().warning(remark)
             if is_first:
                 self._publish_status()
 
