@@ -229,6 +229,10 @@ def test_check_and_plan_warn_of_uavs_that_come_close(tmp_path, capsys):
     (['show', str(ROOT / 'docs' / 'plan.png')], 'plan.png is not a plan: it is not text in UTF-8'),
     (['node', 'flyer'], "there is no node 'flyer'; there are planner, relay, replay"),
     (['node', 'planer'], "there is no node 'planer'; did you mean planner?"),
+    (['node', 'planner', 'mission.yaml'], "the node planner has no argument 'mission.yaml'; did "
+     'you mean --ros-args -p mission_file:=mission.yaml?'),
+    (['node', 'replay', 'rate:=5'], 'did you mean --ros-args -p rate:=5?'),
+    (['node', 'relay', '-p', 'stack:=px4'], 'did you mean --ros-args -p stack:=px4?'),
     (['fly'], "there is no command 'fly'; there are plan, check, new")])
 def test_bad_input_is_one_line_and_status_2(tmp_path, monkeypatch, capsys, arguments, reason):
     monkeypatch.chdir(tmp_path)
@@ -254,6 +258,13 @@ def test_a_wrong_option_is_one_line_with_the_allowed_values_and_status_2(
         main(arguments)
     [line] = capsys.readouterr().err.splitlines()
     assert error.value.code == 2 and reason in line and line.endswith(' --help')
+
+
+def test_a_node_with_help_is_not_run(capsys):
+    with pytest.raises(SystemExit) as error:
+        main(['node', 'planner', '--help'])
+    printed = ' '.join(capsys.readouterr().out.split())
+    assert error.value.code == 0 and '`--ros-args -p mission_file:=mission.yaml`' in printed
 
 
 def limit_file_size():

@@ -77,11 +77,15 @@ def test_a_planner_killed_in_a_solve_publishes_its_last_plan_again(client, file)
 
 
 def test_a_plan_file_that_cannot_be_written_does_not_keep_the_plan_back(client, tmp_path):
-    with node_here('planner', plan_file=tmp_path / 'no' / 'plan.json', **SHORT) as process:
+    folder = tmp_path / 'out'
+    folder.mkdir()
+    with node_here('planner', plan_file=folder / 'plan.json', **SHORT) as process:
+        folder.rmdir()
         client.plan_paper()
         with Client('latecomer') as late:
             assert len(whole(late)['uav1/path'].poses) == 32
-        assert any('[ERROR]' in line and 'plan_file' in line for line in process.lines)
+        [line] = [line for line in process.lines if '[ERROR]' in line]
+        assert f"No such file or directory: '{folder}/plan.json'; the plan is published" in line
 
 
 def test_replay_flies_on_when_the_planner_is_killed(client):

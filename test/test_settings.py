@@ -65,6 +65,13 @@ def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):
         capfd, 'planner', uavs=[])
 
 
+@pytest.mark.parametrize('file', ['no/plan.json', '~/plan.json'])
+def test_a_plan_file_in_a_folder_that_is_not_there_is_refused_at_the_start(capfd, tmp_path, file):
+    path = file if file.startswith('~') else tmp_path / file
+    assert f'parameter plan_file: {path} must be in a folder that is there' in refusal(
+        capfd, 'planner', plan_file=path)
+
+
 @given(scenarios())
 def test_the_values_that_stand_for_a_mission_give_the_same_mission(scenario):
     values = {name: spec.default for name, spec in PLANNER.items()} | mission_values(scenario)

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import (
-    MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError, quote,
+    brief, MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError, quote,
     ScenarioError, StoppedError)
 from ..mission import METHODS, OBJECTIVES, PLACES
 from ..mission.propagation import ENVIRONMENTS
@@ -63,7 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             setattr(sys, name, open(os.devnull, 'w', encoding='utf-8'))
     try:
         if argv[:1] == ['node'] and len(argv) > 1 and not argv[1].startswith('-'):
-            return _run_node(argv[1], argv[2:])
+            _check_name('node', argv[1], NODES)
+            if not {'-h', '--help'} & {*argv[2:3]}:
+                return _run_node(argv[1], argv[2:])
         if argv and not argv[0].startswith('-'):
             _check_name('command', argv[0], (*_COMMANDS, 'node'))
         parser = make_parser()
@@ -120,8 +122,13 @@ def _print_error(text: str) -> None:
 
 
 def _run_node(name: str, arguments: list[str]) -> int:
-    """Run a node in this process; the arguments are for ROS."""
-    _check_name('node', name, NODES)
+    """Run a node in this process; the arguments are for ROS, which ignores others."""
+    if arguments and arguments[0] != '--ros-args':
+        first = arguments[0]
+        hint = (arguments if first.startswith('-') else ['-p', first] if ':=' in first else
+                ['-p', f'mission_file:={first}'])
+        raise OptionError(f'the node {name} has no argument {quote(first)}; did you mean '
+                          f'--ros-args {brief(" ".join(hint), 200)}?')
     try:
         import_module(f'..ros.{name}', __package__).main([sys.argv[0], *arguments])
     except ModuleNotFoundError as error:
@@ -300,6 +307,7 @@ def make_parser() -> argparse.ArgumentParser:
     node = commands.add_parser(
         'node', help='run a node, where there is no `ros2 run`', usage=f'{NAME} node '
         f'{{{",".join(NODES)}}} [--ros-args ...]', description='Run a node of this package. What '
-        'follows its name is for ROS, as with `ros2 run secure_uav_planner <node>`.')
+        'follows its name is for ROS, as with `ros2 run secure_uav_planner <node>`, such as '
+        '`--ros-args -p mission_file:=mission.yaml`.')
     node.add_argument('node', choices=NODES)
     return parser

@@ -51,7 +51,7 @@ def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[N
         yield
     except OSError as error:
         if error.errno is not None and error.filename in (None, part and os.fspath(part)):
-            error.filename, error.filename2 = os.fspath(path), None
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from None
         raise
 
 

@@ -32,7 +32,7 @@ from .poses import PoseBook
 from .process import run_node
 from .scenarios import (
     explain_infeasible, make_request, Remainder, Replanning, StartTime)
-from .settings import check_mission_parameters, Settings
+from .settings import check_mission_parameters, check_plan_file, Settings
 from .solver import Job, Result, SolverThread
 from .status import level_and_text, log_at, State, status_values
 from .topics import publishers, serve, subscribe, TOPICS
@@ -56,6 +56,7 @@ class Planner(Node):
         super().__init__('planner', **options)
         self._settings = Settings(
             self, PLANNER, check_mission_parameters, planner_member_parameters)
+        check_plan_file(self._settings.snapshot())
         self._uavs = self._settings['uavs']
         self._poses = PoseBook(Frames(self).transform)
         self._warnings: dict[str, set[str]] = {}  # About the poses of each topic.

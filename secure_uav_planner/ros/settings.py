@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 import difflib
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,6 +123,16 @@ def check_mission_parameters(values: Mapping[str, Any]) -> None:
         uav_from(values, name)
     airspace_from(values)
     channel_from(values)
+
+
+def check_plan_file(values: Mapping[str, Any]) -> None:
+    """Raise a ParameterError if the folder of the plan_file is not there."""
+    file = values['plan_file']
+    if file and not Path(file).parent.is_dir():
+        meaning = '; ~ does not stand for a folder here' if file.startswith('~') else ''
+        raise ParameterError(
+            f'parameter plan_file: {brief(file)} must be in a folder that is there{meaning}',
+            ('plan_file',))
 
 
 def objective_from(values: Mapping[str, Any]) -> Objective:
