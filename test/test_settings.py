@@ -1,6 +1,8 @@
 """Parameters of nodes: what a start accepts, what is checked when, and what comes back."""
 
+from collections import Counter
 from itertools import count
+import math
 
 import city
 from hypothesis import given
@@ -10,7 +12,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from ros_client import Client, node_process, refusal, wait_for_line
 from secure_uav_planner.errors import ParameterError
-from secure_uav_planner.ros.parameters import PLANNER, SCENARIO_FIELDS, Spec
+from secure_uav_planner.ros.parameters import (
+    eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, SCENARIO_FIELDS, Spec,
+    uav_parameters, zone_parameters)
 from secure_uav_planner.ros.settings import (
     airspace_from, load_mission, mission_values, Settings, uav_from)
 from secure_uav_planner.ros.topics import LATCHED, OVERRIDABLE
@@ -53,6 +57,60 @@ def test_what_rclpy_declares_for_a_topic_is_no_reason_to_check_all_values(node):
 def test_a_wrong_value_is_refused_with_what_is_allowed(name, value, allowed):
     with pytest.raises(ParameterError, match=f'^{name} is .*; it must be .*{allowed}'):
         SPECS[name].convert(name, value)
+
+
+ANYTHING = [
+    math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, -0.0, 0.5, 0, 1, -1, 2**62, -2**62, True,
+    False, '', 'a', 'nan', 'off', 'x' * 300, [b'a'], [''], ['a', 'a'], ['a' * 101], [True],
+    [math.nan], [math.nan] * 2, [math.inf] * 3, [1e308] * 3, [0.0] * 2, [1, 2, 3], [0.0] * 6,
+    [0.0] * 1000]
+
+
+def edges(spec):
+    """Return the values at, just inside and just outside the limits and lengths of a Spec."""
+    numbers = [number for limit in spec.limits or () for number in (
+        limit, math.nextafter(limit, math.inf), math.nextafter(limit, -math.inf))]
+    if spec.length is None or isinstance(spec.default, str):
+        return [*numbers, *(spec.choices or ())]
+    return [count * [value] for count in {*spec.length, spec.length[1] + 1}
+            for value in numbers or ['a']]
+
+
+def test_each_parameter_of_each_node_is_judged_alike_at_the_start_and_at_run_time(node):
+    specs = [*PLANNER.items(), *uav_parameters('uav1', 0).items(), *REPLAY.items(), *RELAY.items(),
+             *eavesdropper_parameters('eve').items(), *zone_parameters('zone').items(),
+             *relay_parameters('uav1', 0).items()]
+    judged = Counter()
+    for name, spec in specs:
+        if name == 'mission_file' or spec.read_only:
+            continue
+        usable = [0.0, 1.0] * 3 if name == 'zone.vertices' else spec.default
+        node._parameter_overrides = {name: rclpy.Parameter(name, value=usable)}
+        running = Settings(node, {name: spec}, lambda values: None)
+        for value in [*ANYTHING, *edges(spec)]:
+            given = rclpy.Parameter(name, value=value)
+            node._parameter_overrides = {'start': rclpy.Parameter('start', value=value)}
+            try:
+                started = Settings(node, {'start': spec}, lambda values: None)
+                expected = started['start']
+                node.remove_on_set_parameters_callback(started._on_set)
+                node.undeclare_parameter('start')
+            except ParameterError as error:
+                assert 'start is ' in str(error) and len(str(error)) < 1000
+                expected = None
+            result, = node.set_parameters([given])
+            assert result.successful == (expected is not None), (name, value, result.reason)
+            if expected is None:
+                assert name in result.reason and len(result.reason) < 1000
+            else:
+                assert repr(running[name]) == repr(expected), (name, value)
+                numbers = expected if isinstance(expected, list) else [expected]
+                assert spec.limits is None or all(
+                    spec.limits[0] <= number <= spec.limits[1] for number in numbers)
+            judged[result.successful] += 1
+        node.remove_on_set_parameters_callback(running._on_set)
+        node.undeclare_parameter(name)
+    assert min(judged.values()) > 500, judged
 
 
 def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):
