@@ -26,6 +26,8 @@ import rclpy
 from ros_client import (
     Client, memory_settles, node_process, output_of, pose_message, seconds, values_of, wait_for)
 from secure_uav_planner.ros.parameters import PLANNER, uav_parameters
+from secure_uav_planner.ros.topics import TOPICS
+from sensor_msgs.msg import TimeReference
 from simulation import DEEP
 from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -257,6 +259,53 @@ def test_thousands_of_messages_to_the_planner():
     counts = fuzz_planner(40, Random(), **{
         'messages': 2000, 'parameter sets': 300, 'plan done': 1, 'plan refused': 1})
     print(f'\nplanner: {dict(counts)}')
+
+
+def fill(message, number, text):
+    """Set all floats and texts of a message, and all stamps to the earliest; return it."""
+    for field, kind in message.get_fields_and_field_types().items():
+        if kind == 'string':
+            setattr(message, field, text)
+        elif kind.startswith('double'):
+            setattr(message, field, 36 * [number] if kind.endswith(']') else number)
+        elif kind in ('int32', 'uint32'):
+            setattr(message, field, -2**31 if kind == 'int32' else 2**32 - 1)
+        else:
+            fill(getattr(message, field), number, text)
+    return message
+
+
+SUBSCRIBED = {topic.replace('<uav>', 'uav1').replace('<eavesdropper>', 'eavesdropper'): entry.kind
+              for (node, direction), topics in TOPICS.items()
+              if (node, direction) == ('planner', 'sub') for topic, entry in topics.items()}
+
+
+@pytest.mark.parametrize('topic', SUBSCRIBED)
+def test_abnormal_messages_of_a_topic_are_a_warning_each_and_every_call_is_answered(
+        client, planner, topic):
+    kind = SUBSCRIBED[topic]
+    client.send_paper()
+    publisher = client.publisher(kind, topic)
+    for message in (kind(), *(fill(kind(), number, text) for number, text in (
+            (1.7e308, 'map'), (math.nan, 'map'), (-math.inf, 'map'), (0.0, 'x' * 10**5)))):
+        before = len(planner.lines)
+
+        def refused():
+            publisher.publish(message)
+            time.sleep(0.02)
+            return kind is TimeReference or len(planner.lines) > before
+        wait_for(refused, what=f'a warning of {message}'[:500])
+        for _ in range(5):
+            refused()
+        answer = client.call('planner/plan')
+        assert answer.message and len(answer.message) < 2000
+        lines = [line for line in planner.lines[before:] if f'{topic}: ' in line]
+        assert len(lines) == (kind is not TimeReference), lines
+        assert all('[WARN]' in line and line.endswith('it is not used\n') and len(line) < 600
+                   for line in lines)
+    assert not any('Traceback' in line or '[ERROR]' in line for line in planner.lines)
+    client.set_parameters('planner', uav1__use_pose=False)
+    client.plan_paper()
 
 
 @pytest.mark.parametrize('node', ['planner', 'replay'])

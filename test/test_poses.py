@@ -224,6 +224,20 @@ def test_a_covariance_that_is_none_or_too_large_is_refused_and_the_last_estimate
     assert 'the last pose on eavesdropper/pose was refused: the covariance of x' in problems
 
 
+def test_answer_and_status_say_why_the_poses_of_a_topic_are_refused(client, planner):
+    client.send_pose('ground_node/pose', 0, 0)
+    publisher = client.publisher(PoseWithCovarianceStamped, 'eavesdropper/pose')
+    status = client.status_of('planner')
+    reason = 'the last pose on eavesdropper/pose was refused: the covariance of x and y is [[-1.0'
+
+    def told():
+        publisher.publish(estimate(200.0, covariance=block(-1, -1, rest=1e6)))
+        answer = client.call('planner/plan')
+        return reason in answer.message and 'no pose' not in answer.message
+    wait_for(told, what='the reason')
+    wait_for(lambda: reason in status[-1].message, what='the reason in the status')
+
+
 @given(seed=st.integers(0, 2**32 - 1))
 def test_only_the_covariance_of_x_and_y_counts_and_rounding_does_not(seed):
     rng = np.random.default_rng(seed)
