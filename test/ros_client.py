@@ -7,7 +7,6 @@ of its nodes; see conftest.py.
 """
 
 from contextlib import contextmanager
-from functools import partial
 import gc
 from importlib import import_module
 import os
@@ -22,6 +21,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import numpy as np
 from processes import environment, ROOT
 import pytest
+from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
@@ -30,7 +30,7 @@ from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from rclpy.time import Time
-from secure_uav_planner.ros.client import connect
+from secure_uav_planner.ros.client import make_clients
 from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
 from secure_uav_planner.ros.process import run_node
 from secure_uav_planner.ros.topics import LATCHED
@@ -435,8 +435,10 @@ class Client:
 
     def _service(self, service, kind):
         if service not in self._services:
-            self._services[service] = connect(
-                self.node, kind, service, partial(self._answer, again=0.2))
+            client, later = make_clients(self.node, kind, service)
+            self._answer(lambda: later.call_async(GetParameters.Request()),
+                         f'the service {service}', again=0.2)
+            self._services[service] = client
         client = self._services[service]
         wait_for(client.service_is_ready, what=f'the service {service}')
         return client

@@ -1,15 +1,21 @@
 """The client for programs in Python, and the examples that use it, with real nodes."""
 
+from dataclasses import replace
 import os
 import subprocess
 import sys
 import threading
+import time
 
+from nav_msgs.msg import Path
 from processes import environment, ROOT
 import pytest
 from ros_client import node_here, node_process, wait_for
 from secure_uav_planner import Scenario
 from secure_uav_planner.ros.client import ClientError, SecurePlanner
+from secure_uav_planner.ros.topics import LATCHED
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 
 @pytest.fixture
@@ -51,9 +57,118 @@ def test_a_solve_is_cancelled_from_another_thread_or_at_the_timeout():
         with pytest.raises(ClientError, match='cancelled'):
             planner.plan()
         thread.join()
-        with pytest.raises(TimeoutError):
+        with pytest.raises(TimeoutError, match='planner/plan did not answer within 0.5 s'):
             planner.plan(timeout=0.5)
         wait_for(lambda: planner.status['state'] == 'idle', what='the end of the solve')
+
+
+def test_a_deadline_holds_where_no_planner_is_and_names_what_is_missing():
+    with SecurePlanner() as planner:
+        began = time.monotonic()
+        with pytest.raises(TimeoutError, match='service planner/plan did not come within 0.5 s'):
+            planner.plan(timeout=0.5)
+        # However busy the machine: not the 120 s of other waits, nor a cancel after them.
+        assert time.monotonic() - began < 60.0
+
+
+def test_a_planner_that_is_killed_in_a_solve_ends_the_call_at_its_deadline_and_not_the_next_one():
+    with SecurePlanner() as planner:
+        with node_process('planner', duration=900.0, slots=20000, time_limit=0.0) as process:
+            planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
+            killer = threading.Thread(target=lambda: (
+                planner.wait_until(lambda: planner.status.get('state') == 'solving'),
+                process.kill()))
+            killer.start()
+            with pytest.raises(TimeoutError, match='planner/plan did not answer within 5 s'):
+                planner.plan(timeout=5.0)
+            killer.join()
+        with node_process('planner', duration=120.0, slots=40):
+            planner.status.clear()
+            planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
+            assert planner.plan().scenario.slots == 40
+
+
+def test_a_call_that_waits_is_refused_within_on_status_and_an_error_there_ends_one_call():
+    refusals, errors = [], [ValueError('the first')]
+
+    def on_status(_):
+        if errors and planner.status['state'] == 'solving':
+            raise errors.pop()
+        try:
+            planner.plan()
+        except ClientError as error:
+            refusals.append(str(error))
+
+    with node_here('planner', duration=120.0, slots=40, pose_timeout=0.0), \
+            SecurePlanner(Scenario.paper(120.0, slots=40), on_status=on_status) as planner:
+        planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
+        assert refusals and 'it must be in another thread' in refusals[0]
+        with pytest.raises(ClientError, match='a callback failed: ValueError: the first') as error:
+            planner.plan()
+        assert isinstance(error.value.__cause__, ValueError)
+        planner.wait_until(lambda: planner.status['state'] == 'idle')
+        assert planner.plan() is planner.last_plan
+
+
+def test_messages_of_a_stranger_that_make_no_plan_end_no_call(planner):
+    strangers = [planner.node.create_publisher(kind, f'uav{number}/{topic}', LATCHED)
+                 for number in (1, 2) for topic, kind in (
+                     ('path', Path), ('power', Float64MultiArray),
+                     ('trajectory', MultiDOFJointTrajectory))]
+    for publisher in strangers:
+        publisher.publish(publisher.msg_type())
+    planner.wait_until(planner.knows_poses, repeat=planner.send_poses)
+    for publisher in strangers:
+        planner.node.destroy_publisher(publisher)
+    assert planner.plan() is planner.last_plan is not None
+
+
+def test_outside_of_the_block_and_when_it_is_left_every_call_is_an_error_of_the_package():
+    planner = SecurePlanner()
+    calls = [planner.plan, planner.start, planner.send_poses, planner.cancel,
+             lambda: planner.wait_until(lambda: True), lambda: planner.node,
+             lambda: planner.send_odometry('uav1', (0.0, 0.0), (0.0, 0.0))]
+
+    def check():
+        for call in calls:
+            with pytest.raises(ClientError, match='connected only within its block'):
+                call()
+    check()
+    errors = []
+
+    def wait():
+        try:
+            planner.plan()
+        except Exception as error:
+            errors.append(error)
+    with planner:
+        threads = [threading.Thread(target=wait) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.2)
+    for thread in threads:
+        thread.join()
+    assert [type(error) for error in errors] == [ClientError] * 3
+    check()
+
+
+def test_a_receiver_that_moves_is_planned_for_by_its_odometry_and_known_in_the_plan():
+    track = ((0.0, -50.0, 0.0), (100.0, 50.0, 0.0))
+    scenario = replace(Scenario.paper(120.0, slots=40), ground_node_track=track)
+    with node_here('planner', duration=120.0, slots=40, pose_timeout=0.0), \
+            SecurePlanner(scenario) as planner:
+        def send():
+            planner.send_pose('ground_node', (0.0, 0.0))
+            planner.send_odometry('eavesdropper', (200.0, 0.0), (0.0, 3.0), 2.0, 0.1)
+            planner.send_pose('uav1', (90.0, 490.0))
+            planner.send_odometry('uav2', (95.0, 495.0), (0.0, 0.0))
+        planner.wait_until(lambda: planner.knows_poses('uav1/pose', 'uav2/odom'), repeat=send)
+        plan = planner.plan()
+        assert 'plan.promised_until' in planner.status
+        assert plan.positions[:, 0].tolist() == [[90.0, 490.0], [95.0, 495.0]]
+        assert plan.scenario.ground_node_track == track
+        with pytest.raises(ClientError, match="there is no member 'eve'; there are ground_node, "):
+            planner.send_pose('eve', (0.0, 0.0))
 
 
 def test_it_works_in_a_namespace():

@@ -1,8 +1,8 @@
 """
-Plan again in flight whenever the estimate of the eavesdropper has moved.
+Plan for an eavesdropper that drives, and again in flight every few seconds.
 
-With `replan_distance` the planner plans the rest of the mission again, and the replay continues
-with the new plan without a jump of its setpoints.
+Its odometry says where it is and how fast. The planner predicts its disc from that until the next
+replan takes effect, and the replay continues with each new plan without a jump of its setpoints.
 """
 
 import time
@@ -10,24 +10,30 @@ import time
 from secure_uav_planner import Scenario
 from secure_uav_planner.ros.client import node_process, SecurePlanner
 
-SPEED = 4.0  # m/s, of the eavesdropper along y
+VELOCITY = (0.0, 4.0)  # m/s, of the eavesdropper
 MISSION = ['-p', 'duration:=120.0', '-p', 'slots:=120']
-REPLANS = ['-p', 'replan_distance:=10.0', '-p', 'replan_lead:=3.0']
+REPLANS = ['-p', 'replan_period:=5.0', '-p', 'replan_lead:=3.0', '-p', 'confidence:=0.9999']
 
 
 def main(seconds=20.0):
-    """Fly for some seconds while the estimate moves, and print each new plan."""
+    """Fly for some seconds while the eavesdropper drives, and print each new plan."""
     with node_process('planner', [*MISSION, *REPLANS]), node_process('replay', []), \
             SecurePlanner(Scenario.paper(120.0)) as planner:
-        planner.wait_until(planner.knows_poses, 'a planner that knows all poses',
-                           planner.send_poses)
+        began = time.monotonic()
+
+        def observe():
+            planner.send_ground_node((0.0, 0.0))
+            place = (200.0, -100.0 + VELOCITY[1] * (time.monotonic() - began))
+            planner.send_odometry('eavesdropper', place, VELOCITY, deviation=2.0,
+                                  velocity_deviation=0.1)  # m and m/s
+
+        planner.wait_until(planner.knows_poses, 'a planner that knows all poses', observe)
         plan = planner.plan()
         print(f'{plan.identity}: worst case {plan.worst_case_rate:.3f} bit/s/Hz')
         planner.start()
         started = time.monotonic()
         while (elapsed := time.monotonic() - started) < seconds:
-            planner.send_ground_node((0.0, 0.0))
-            planner.send_estimate('eavesdropper', (200.0, SPEED * elapsed))
+            observe()
             if planner.last_plan is not plan:
                 plan = planner.last_plan
                 print(f'{plan.identity}: replan {planner.status["replans"]} at {elapsed:.1f} s, '

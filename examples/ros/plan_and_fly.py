@@ -5,9 +5,7 @@ The planner starts from the poses of the UAVs, which a localisation publishes; h
 does. The replay then streams setpoints, 20 times as fast as real time.
 """
 
-from geometry_msgs.msg import PoseStamped
 from secure_uav_planner import Scenario
-from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.client import node_process, SecurePlanner
 
 POSITIONS = {'uav1': (80.0, 480.0), 'uav2': (130.0, 510.0)}  # m
@@ -19,14 +17,10 @@ def main():
     with node_process('planner', mission), \
             node_process('replay', ['-p', 'speed:=20.0']), \
             SecurePlanner(Scenario.paper(130.0)) as planner:
-        poses = {name: planner.node.create_publisher(PoseStamped, f'{name}/pose', 10)
-                 for name in POSITIONS}
-
         def localise():
             planner.send_poses()
-            for name, publisher in poses.items():
-                publisher.publish(messages.pose_stamped(
-                    'map', planner.node.get_clock().now().to_msg(), *POSITIONS[name], 100.0, 0.0))
+            for name, position in POSITIONS.items():
+                planner.send_pose(name, position)
 
         planner.wait_until(lambda: planner.knows_poses(*(f'{name}/pose' for name in POSITIONS)),
                            'a planner that knows all poses', localise)

@@ -5,15 +5,10 @@ It uses their topics and services like any other program. `node_process` starts 
 of its own, and `isolated` keeps them from other ROS programs.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
-import os
-from pathlib import Path
-import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
 from typing import Any
@@ -21,12 +16,15 @@ from typing import Any
 from builtin_interfaces.msg import Time as Stamp
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.client import Client
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import TimeReference
@@ -34,17 +32,20 @@ from std_srvs.srv import Trigger
 
 from . import messages
 from .assembly import Assembly
-from .topics import LATCHED, STREAM, TOPICS
-from ..errors import PlanningError
+from .local import free_domain, isolated, node_process
+from .topics import LATCHED, member_topics, STREAM, TOPICS
+from ..errors import describe_error, PlanningError, quote
 from ..mission.scenario import Point, Scenario
 from ..plan.plan import Plan
 
-_RECEPTION = ('ground_node', 'eavesdroppers', 'reference_snr_db', 'channel', 'colluding')
-_REPEAT = 0.2  # s
-_PATIENCE = 120.0  # s
+__all__ = ('ClientError', 'free_domain', 'isolated', 'make_clients', 'node_process',
+           'SecurePlanner')
 
-# Linux assigns the ports of these domains to no program. Tests and users have lower domains.
-_DOMAINS = range(215, 233)
+_RECEIVER_FIELDS = ('ground_node', 'eavesdroppers', 'ground_node_track', 'reference_snr_db',
+                    'channel', 'colluding')
+_REPEAT = 0.2  # s
+_TIMEOUT = 120.0  # s
+_MOST_FAILURES = 20  # Of callbacks, which are kept for the calls that wait.
 
 
 class ClientError(PlanningError, RuntimeError, code='client'):
@@ -56,7 +57,9 @@ class SecurePlanner:
     Asks the planner for plans and has the replay fly them.
 
     It is a context manager, within which it is part of the ROS graph; its messages arrive in a
-    thread of its own.
+    thread of its own, the client's. Calls wait for messages, and so must be in another thread. A
+    call raises the first error of its own: that of `on_status` while it waits, or a ClientError
+    when the block is left meanwhile.
 
     :param scenario: the mission of the nodes, by default the paper's: the names of its members,
         and the positions of the receivers for send_poses.
@@ -75,28 +78,33 @@ class SecurePlanner:
         self.status: dict[str, str] = {}
         self.last_plan: Plan | None = None
         self.plan_time: TimeReference | None = None
+        self._receivers = ('ground_node', *self.scenario.eavesdropper_names)
         self._namespace, self._on_status = namespace, on_status
-        self._services: dict[str, Client] = {}
+        self._node: Node | None = None
+        self._thread: threading.Thread | None = None
         self._arrived = threading.Condition()
         self._stop = threading.Event()
-        self._callback_error: Exception | None = None
 
     def __enter__(self) -> 'SecurePlanner':
+        self._services: dict[str, tuple[Client, Client]] = {}
+        self._publishers: dict[str, Publisher] = {}
+        self._failures: deque[tuple[float, Exception]] = deque(maxlen=_MOST_FAILURES)
+        self._plan_problem = ''  # Why the last messages make no plan.
+        self._stop.clear()
         self._context = Context()
         rclpy.init(context=self._context, args=[])
-        self.node = rclpy.create_node(
+        self._node = rclpy.create_node(
             'client', context=self._context, namespace=self._namespace)
         self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._ground_node = self.node.create_publisher(PoseStamped, 'ground_node/pose', STREAM)
-        self._estimates = {
-            name: self.node.create_publisher(PoseWithCovarianceStamped, f'{name}/pose', STREAM)
-            for name in self.scenario.eavesdropper_names}
+        self._executor.add_node(self._node)
+        for name in self._receivers:  # Discovery takes time.
+            for kind in (Odometry, self._pose_kind(name)):
+                self._publisher(name, kind)
         self._assembly = Assembly(self.names, lambda topic: True)
         for topic, (kind, *_) in TOPICS['replay', 'sub'].items():
             for name in self.names:
                 member_topic = topic.replace('<uav>', name)
-                self.node.create_subscription(
+                self._node.create_subscription(
                     kind, member_topic, partial(self._take, member_topic), LATCHED, raw=True)
         self.receive(DiagnosticStatus, 'planner/status', self._take_status, LATCHED)
         self.receive(TimeReference, 'plan_time', self._take_plan_time)
@@ -105,28 +113,44 @@ class SecurePlanner:
         return self
 
     def __exit__(self, *_: object) -> None:
+        node, self._node = self.node, None
         self._stop.set()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
         self._executor.shutdown()
-        self.node.destroy_node()
+        node.destroy_node()
         rclpy.try_shutdown(context=self._context)
+
+    @property
+    def node(self) -> Node:
+        """Return the client's own node, or raise a ClientError outside of the block."""
+        if self._node is None:
+            raise ClientError('the client is connected only within its block, '
+                              '`with SecurePlanner() as planner:`')
+        return self._node
 
     # Services
 
-    def plan(self, timeout: float = _PATIENCE) -> Plan:
+    def plan(self, timeout: float = _TIMEOUT) -> Plan:
         """
         Ask for a plan now, and return the Plan that the planner publishes.
 
         :param timeout: s after which the solve is cancelled.
         :raises ClientError: with the planner's reason for a refusal.
+        :raises TimeoutError: without a plan within the timeout.
         """
-        before = self.last_plan
+        until, before = time.monotonic() + timeout, self.last_plan
+        cancel, _ = self._clients('planner/cancel')  # Discovery takes time.
+        answer = self._send('planner/plan', timeout)
         try:
-            self.call('planner/plan', timeout)
-        except TimeoutError:
-            self.cancel()
-            raise
-        self.wait_until(lambda: self.last_plan is not before, 'the plan')
+            self._wait(answer.done, until,
+                       lambda: f'planner/plan did not answer within {timeout:g} s')
+        finally:
+            if not answer.done() and not self._stop.is_set():
+                cancel.call_async(Trigger.Request())
+        self._message('planner/plan', answer)
+        self._wait(lambda: self.last_plan is not before, until,
+                   lambda: f'the plan did not come within {timeout:g} s{self._plan_problem}')
         assert self.last_plan is not None
         return self.last_plan
 
@@ -148,17 +172,26 @@ class SecurePlanner:
         """End the setpoints; the newest plan waits at its start."""
         return self.call('replay/reset')
 
+    # Poses
+
     def send_poses(self, stamp: Stamp | None = None) -> None:
         """Publish the scenario's positions of the receivers, by default stamped now."""
         self.send_ground_node(self.scenario.ground_node, stamp)
         for name, eavesdropper in zip(
-                self._estimates, self.scenario.eavesdroppers, strict=True):
+                self._receivers[1:], self.scenario.eavesdroppers, strict=True):
             self.send_estimate(name, eavesdropper.position, stamp=stamp)
 
     def send_ground_node(self, position: Point, stamp: Stamp | None = None) -> None:
         """Publish the position of the ground node, (x, y) in m."""
-        self._ground_node.publish(
-            messages.pose_stamped('map', stamp or self._stamp(), *position, 0.0, 0.0))
+        self.send_pose('ground_node', position, stamp)
+
+    def send_pose(self, name: str, position: Point, stamp: Stamp | None = None) -> None:
+        """Publish the position of a UAV or of a receiver, (x, y) in m."""
+        if self._pose_kind(name) is PoseStamped:
+            self._publisher(name, PoseStamped).publish(messages.pose_stamped(
+                'map', stamp or self._stamp(), *position, 0.0, 0.0))
+        else:
+            self.send_estimate(name, position, stamp=stamp)
 
     def send_estimate(self, name: str, position: Point, deviation: float = 0.0,
                       stamp: Stamp | None = None) -> None:
@@ -171,18 +204,34 @@ class SecurePlanner:
         estimate = PoseWithCovarianceStamped()
         estimate.header.frame_id, estimate.header.stamp = 'map', stamp or self._stamp()
         estimate.pose.pose = messages.pose(*position, 0.0, 0.0)
-        estimate.pose.covariance[0] = estimate.pose.covariance[7] = float(deviation)**2
-        self._estimates[name].publish(estimate)
+        _set_deviation(estimate.pose.covariance, deviation)
+        self._publisher(name, PoseWithCovarianceStamped).publish(estimate)
+
+    def send_odometry(self, name: str, position: Point, velocity: Point, deviation: float = 0.0,
+                      velocity_deviation: float = 0.0, stamp: Stamp | None = None) -> None:
+        """
+        Publish where a receiver or a UAV is, (x, y) in m, and how fast, (x, y) in m/s.
+
+        :param deviation: standard deviation of the position along each axis in m; see
+            send_estimate.
+        :param velocity_deviation: likewise of the velocity, in m/s.
+        """
+        message = messages.odometry(
+            'map', 'map', stamp or self._stamp(), (*position, 0.0), 0.0, velocity)
+        _set_deviation(message.pose.covariance, deviation)
+        _set_deviation(message.twist.covariance, velocity_deviation)
+        self._publisher(name, Odometry).publish(message)
 
     def knows_poses(self, *topics: str) -> bool:
-        """Return True if the planner has the poses of all receivers, and of topics."""
-        return all(self.status.get(f'pose_age.{topic}', 'none') != 'none' for topic in (
-            'ground_node/pose', *(f'{name}/pose' for name in self._estimates), *topics))
+        """Return True if the planner has a pose or odometry of all receivers, and topics."""
+        return all(any(self.status.get(f'pose_age.{topic}', 'none') != 'none' for topic in either)
+                   for either in (*map(member_topics, self._receivers),
+                                  *([topic] for topic in topics)))
 
     # Waiting and receiving
 
     def wait_until(self, condition: Callable[[], object], what: str = 'the condition',
-                   repeat: Callable[[], object] = lambda: None, timeout: float = _PATIENCE
+                   repeat: Callable[[], object] = lambda: None, timeout: float = _TIMEOUT
                    ) -> None:
         """
         Wait until a condition is true, which is asked after each message.
@@ -190,53 +239,103 @@ class SecurePlanner:
         :param repeat: called at the beginning and every 0.2 s.
         :raises TimeoutError: after the timeout in s.
         """
-        until, repeated = time.monotonic() + timeout, 0.0
-        while not condition():
-            if self._callback_error is not None:
-                raise ClientError('a message cannot be used') from self._callback_error
-            now = time.monotonic()
-            if now > until:
-                raise TimeoutError(f'{what} did not come within {timeout:g} s')
-            if now - repeated > _REPEAT:
-                repeated = now
-                repeat()
-            with self._arrived:
-                self._arrived.wait(0.05)
+        self._wait(condition, time.monotonic() + timeout,
+                   lambda: f'{what} did not come within {timeout:g} s', repeat)
 
-    def call(self, service: str, timeout: float = _PATIENCE) -> str:
+    def call(self, service: str, timeout: float = _TIMEOUT) -> str:
         """
         Call a service of the nodes, once it is there; return its message.
 
         :raises ClientError: if it fails, with its message.
         :raises TimeoutError: without an answer within the timeout in s.
         """
-        if service not in self._services:
-            self._services[service] = connect(self.node, Trigger, service, self._ask)
-        future = self._services[service].call_async(Trigger.Request())
-        self.wait_until(future.done, f'the answer of {service}', timeout=timeout)
-        if not future.result().success:
-            raise ClientError(f'{service}: {future.result().message}')
-        message: str = future.result().message
-        return message
+        until = time.monotonic() + timeout
+        answer = self._send(service, timeout)
+        self._wait(answer.done, until, lambda: f'{service} did not answer within {timeout:g} s')
+        return self._message(service, answer)
 
     def receive(self, kind: Any, topic: str, call: Callable[..., object],
                 qos: QoSProfile = STREAM) -> None:
         """Call a function with each message of a topic, in the client's thread."""
         self.node.create_subscription(kind, topic, call, qos)
 
-    def _ask(self, request: Callable[[], Future], what: str) -> None:
-        answers: list[Future] = []
-        self.wait_until(lambda: any(answer.done() for answer in answers), what,
-                        lambda: answers.append(request()))
+    def _clients(self, service: str) -> tuple[Client, Client]:
+        node = self.node
+        if service not in self._services:
+            self._services[service] = make_clients(node, Trigger, service)
+        return self._services[service]
+
+    def _send(self, service: str, timeout: float) -> Future:
+        """Send a request to a service, once it is there, and return the future of its answer."""
+        until, answers = time.monotonic() + timeout, list[Future]()
+        client, later = self._clients(service)
+        # At each call, since the node may have been started again.
+        self._wait(
+            lambda: any(answer.done() for answer in answers), until, lambda: (
+                f'the service {service} did not come within {timeout:g} s; is the node '
+                f'{service.rpartition("/")[0]} running, with the namespace and the ROS_DOMAIN_ID '
+                'of this program?'),
+            lambda: answers.append(later.call_async(GetParameters.Request())))
+        return client.call_async(Trigger.Request())
+
+    @staticmethod
+    def _message(service: str, answer: Future) -> str:
+        """Return the message of an answer, or raise it as a ClientError if it is a refusal."""
+        message: str = answer.result().message
+        if not answer.result().success:
+            raise ClientError(f'{service}: {message}')
+        return message
+
+    def _wait(self, condition: Callable[[], object], until: float, late: Callable[[], str],
+              repeat: Callable[[], object] = lambda: None) -> None:
+        """Wait for a condition until a time of time.monotonic; late returns what is not there."""
+        if threading.current_thread() is self._thread:
+            raise ClientError("this call waits for messages, which arrive in the client's thread, "
+                              'that of on_status; it must be in another thread')
+        began, repeated = time.monotonic(), 0.0
+        while self.node and not condition():
+            failure = next((error for at, error in [*self._failures] if at >= began), None)
+            if failure is not None:
+                raise ClientError(
+                    f'a callback failed: {describe_error(failure)}') from failure
+            now = time.monotonic()
+            if now > until:
+                raise TimeoutError(late())
+            if now - repeated > _REPEAT:
+                repeated = now
+                with suppress(InvalidHandle):  # The block has just been left.
+                    repeat()
+            with self._arrived:
+                self._arrived.wait(0.05)
+
+    def _pose_kind(self, name: str) -> type[PoseStamped] | type[PoseWithCovarianceStamped]:
+        members = *self._receivers, *self.names
+        if name not in members:
+            raise ClientError(f'there is no member {quote(name)}; there are {", ".join(members)}')
+        return PoseWithCovarianceStamped if name in self._receivers[1:] else PoseStamped
+
+    def _publisher(self, name: str, kind: Any) -> Publisher:
+        """Return the publisher of poses or odometry of a member."""
+        node, topic = self.node, f'{name}/{"odom" if kind is Odometry else "pose"}'
+        if kind not in (Odometry, self._pose_kind(name)):
+            raise ClientError(f'{name} is no eavesdropper')
+        if topic not in self._publishers:
+            self._publishers[topic] = node.create_publisher(kind, topic, STREAM)
+        return self._publishers[topic]
 
     def _stamp(self) -> Stamp:
         return self.node.get_clock().now().to_msg()
 
     def _take(self, topic: str, message: bytes) -> None:
-        self._assembly.take(topic, message, time.monotonic_ns())
-        if self._assembly.is_whole():
-            self.last_plan, _ = self._assembly.plan(**{
-                field: getattr(self.scenario, field) for field in _RECEPTION})
+        """Take a message of a plan; others may publish what makes none."""
+        try:
+            self._assembly.take(topic, message, time.monotonic_ns())
+            if self._assembly.is_whole():
+                self.last_plan, _ = self._assembly.plan(**{
+                    field: getattr(self.scenario, field) for field in _RECEIVER_FIELDS})
+                self._plan_problem = ''
+        except Exception as error:
+            self._plan_problem = f'; the messages make none: {describe_error(error)}'
 
     def _take_plan_time(self, message: TimeReference) -> None:
         self.plan_time = message
@@ -246,78 +345,28 @@ class SecurePlanner:
         self._on_status(message)
 
     def _spin(self) -> None:
+        node = self.node
         while not self._stop.is_set():
             try:
                 self._executor.spin_once(timeout_sec=0.05)
             except Exception as error:
-                self._callback_error = error
+                self._failures.append((time.monotonic(), error))
+                node.get_logger().error(f'a callback failed: {describe_error(error)}')
             with self._arrived:
                 self._arrived.notify_all()
 
 
-def connect(node: Node, kind: Any, service: str,
-            ask: Callable[[Callable[[], Future], str], object]) -> Client:
+def _set_deviation(covariance: Any, deviation: float) -> None:
+    """Set the variances of x and y in the 36 values of a covariance."""
+    covariance[0] = covariance[7] = float(deviation)**2
+
+
+def make_clients(node: Node, kind: Any, service: str) -> tuple[Client, Client]:
     """
-    Return the client of a service, once the server has discovered it.
+    Return the client of a service, and one whose answer tells that the first can be used.
 
     A server drops its answer to an undiscovered client. It discovers clients in their order, so
-    that its answer to a later one tells that it has discovered this one.
-
-    :param ask: called with a request and its name; repeats the request until there is an answer.
+    that its answer to the later one, of the parameters, tells that it has discovered the first.
     """
-    client = node.create_client(kind, service)
-    later = node.create_client(GetParameters, f'{service.rpartition("/")[0]}/get_parameters')
-    ask(lambda: later.call_async(GetParameters.Request()), f'the service {service}')
-    return client
-
-
-@contextmanager
-def isolated(out: Path) -> Iterator[None]:
-    """Keep the ROS graph on this host and logs in the folder, unless variables are set."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
-    if 'ROS_DOMAIN_ID' in os.environ:
-        yield
-        return
-    with free_domain() as domain:
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        yield
-
-
-@contextmanager
-def free_domain() -> Iterator[int]:
-    """Reserve a domain that has no participant, or raise an OSError if all are in use."""
-    first = os.getpid() % len(_DOMAINS)
-    for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
-        port = 7400 + 250 * domain
-        with socket.socket(type=socket.SOCK_STREAM) as reserved, \
-                socket.socket(type=socket.SOCK_DGRAM) as probe:
-            try:
-                # DDS uses UDP only. Demos reserve a domain by binding the TCP port of this number.
-                reserved.bind(('127.0.0.1', port))
-                # The first participant of a domain binds this UDP port.
-                probe.bind(('', port + 10))
-            except OSError:
-                continue
-            probe.close()
-            yield domain
-            return
-    raise OSError(f'the domains {_DOMAINS[0]} to {_DOMAINS[-1]} are taken; '
-                  'set ROS_DOMAIN_ID to another one')
-
-
-@contextmanager
-def node_process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
-    """Run a node in its own process, and stop it with SIGINT, like Ctrl-C."""
-    started = subprocess.Popen(
-        [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],
-        start_new_session=True)
-    try:
-        yield started
-    finally:
-        started.send_signal(signal.SIGINT)
-        try:
-            started.wait(timeout=5)
-        except subprocess.TimeoutExpired:
-            started.kill()
-            started.wait()
+    return node.create_client(kind, service), node.create_client(
+        GetParameters, f'{service.rpartition("/")[0]}/get_parameters')

@@ -1,0 +1,65 @@
+"""Nodes as processes of a program, kept from other ROS programs."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import socket
+import subprocess
+import sys
+
+# Linux assigns the ports of these domains to no program. Tests and users have lower domains.
+_DOMAINS = range(215, 233)
+
+
+@contextmanager
+def isolated(out: Path) -> Iterator[None]:
+    """Keep the ROS graph on this host and logs in the folder, unless variables are set."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_LOG_DIR', str((out / 'log').resolve()))
+    if 'ROS_DOMAIN_ID' in os.environ:
+        yield
+        return
+    with free_domain() as domain:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        yield
+
+
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """Reserve a domain that has no participant, or raise an OSError if all are in use."""
+    first = os.getpid() % len(_DOMAINS)
+    for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
+        port = 7400 + 250 * domain
+        with socket.socket(type=socket.SOCK_STREAM) as reserved, \
+                socket.socket(type=socket.SOCK_DGRAM) as probe:
+            try:
+                # DDS uses UDP only. Demos reserve a domain by binding the TCP port of this number.
+                reserved.bind(('127.0.0.1', port))
+                # The first participant of a domain binds this UDP port.
+                probe.bind(('', port + 10))
+            except OSError:
+                continue
+            probe.close()
+            yield domain
+            return
+    raise OSError(f'the domains {_DOMAINS[0]} to {_DOMAINS[-1]} are taken; '
+                  'set ROS_DOMAIN_ID to another one')
+
+
+@contextmanager
+def node_process(name: str, parameters: Sequence[str]) -> Iterator['subprocess.Popen[bytes]']:
+    """Run a node in its own process, and stop it with SIGINT, like Ctrl-C."""
+    started = subprocess.Popen(
+        [sys.executable, '-m', f'secure_uav_planner.ros.{name}', '--ros-args', *parameters],
+        start_new_session=True)
+    try:
+        yield started
+    finally:
+        started.send_signal(signal.SIGINT)
+        try:
+            started.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            started.kill()
+            started.wait()
