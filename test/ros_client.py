@@ -24,7 +24,7 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
@@ -99,8 +99,11 @@ def refusal(capfd, name, **parameters):
     """Start a node in this process; return the line with the reason why it cannot start."""
     kind = getattr(import_module(f'secure_uav_planner.ros.{name}'), name.title())
     capfd.readouterr()
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     with pytest.raises(SystemExit) as ended:
         run_node(kind, _ros_args(parameters))
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
     assert ended.value.code == 1
     del ended  # Its traceback holds the node, and with that its place in DDS.
     gc.collect()
@@ -148,7 +151,7 @@ def node_here(name, **parameters):
     context, local = Context(), _LocalProcess(name)
     _note(local)
     rclpy.init(context=context, args=_ros_args(parameters))
-    executor = MultiThreadedExecutor(4, context=context)
+    executor = SingleThreadedExecutor(context=context)
     with _logged_in(local.lines):
         node = kind(context=context)
         full_name = node.get_fully_qualified_name()

@@ -52,7 +52,7 @@ def test_a_node_starts_without_the_parts_of_scipy_that_few_missions_need():
 
 
 BLOCKED = """
-import ctypes, signal, sys, threading
+import ctypes, os, signal, sys, threading
 from rclpy.node import Node
 from secure_uav_planner.ros.process import run_node
 
@@ -61,7 +61,7 @@ class Blocked(Node):
         super().__init__('blocked')
         if sys.argv[1] == 'callback':
             self.create_timer(0.01, self.block)
-        threading.Timer(0.5, signal.raise_signal, [signal.SIGINT]).start()
+        threading.Timer(0.5, os.kill, [os.getpid(), signal.SIGINT]).start()
 
     def block(self):
         threading.Event().wait()
@@ -81,6 +81,49 @@ run_node(Blocked, args=[])
 def test_a_node_ends_after_a_signal_whatever_hangs(place, status):
     ended = subprocess.run([sys.executable, '-c', BLOCKED, place], timeout=PATIENCE)
     assert ended.returncode == status
+
+
+BUSY = """
+import os, signal, time
+from rclpy.executors import Executor
+from rclpy.node import Node
+from secure_uav_planner.ros.process import run_node
+
+class Busy(Node):
+    def __init__(self):
+        super().__init__('busy')
+        self.calls = self.polls = 0
+        for _ in range(2):
+            self.create_timer(0.01, self.work)
+        poll = Executor.wait_for_ready_callbacks
+        def count(*args, **options):
+            self.polls += 1
+            return poll(*args, **options)
+        Executor.wait_for_ready_callbacks = count
+
+    def work(self):
+        time.sleep(0.02)
+        self.calls += 1
+        if self.calls == 100:
+            print(self.polls, flush=True)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    def close(self):
+        return True
+
+run_node(Busy, args=[])
+"""
+
+
+def test_an_executor_polls_no_more_often_than_callbacks_run_however_long_they_take():
+    ended = subprocess.run(
+        [sys.executable, '-c', BUSY], stdout=subprocess.PIPE, text=True, timeout=PATIENCE)
+    assert ended.returncode == 0 and int(ended.stdout) < 200
+
+
+def test_a_signal_as_soon_as_a_node_says_that_it_is_ready_ends_it_cleanly():
+    program = BUSY.replace('self.calls = self.polls = 0', 'os.kill(os.getpid(), signal.SIGTERM)')
+    assert subprocess.run([sys.executable, '-c', program], timeout=PATIENCE).returncode == 0
 
 
 def test_a_wrong_command_line_is_named():

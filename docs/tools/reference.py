@@ -33,8 +33,8 @@ def interfaces() -> list[Interface]:
         node, direction, name, f'{topic.kind.__module__.split(".")[0]}/msg/{topic.kind.__name__}',
         describe_qos(topic.qos), topic.meaning)
         for (node, direction), topics in TOPICS.items() for name, topic in topics.items()]
-    rows += [Interface(node, 'srv', name, 'std_srvs/srv/Trigger', '', meaning)
-             for (node, name), meaning in SERVICES.items()]
+    rows += [Interface(node, 'srv', name, f'std_srvs/srv/{service.kind.__name__}', '',
+                       service.meaning) for (node, name), service in SERVICES.items()]
     for name, stack in STACKS.items():
         rows += [Interface('relay', 'pub', f'<vehicle>/{topic}', f'{stack.package}/msg/{kind}',
                            describe_qos(STREAM), f'with `stack` {name}')

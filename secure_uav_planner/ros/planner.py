@@ -8,13 +8,10 @@ their results to it; `~/plan` waits in a group of its own.
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, InvalidStateError
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 import math
 from pathlib import Path
-import threading
 import time
 from typing import Any
 
@@ -22,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.task import Future
 from sensor_msgs.msg import TimeReference
 
 from . import messages
@@ -69,8 +67,8 @@ class Planner(Node):
         self._new_reports: deque[tuple[TimeReference, float]] = deque()
         self._posted: deque[Callable[[], None]] = deque()
         self._solver = SolverThread(self._post, self._publish_status)
-        self._request = threading.Lock()  # Held while ~/plan waits for its answer.
-        self._answer: 'Future[tuple[bool, str]]' = Future()
+        self._answer: Future | None = None  # To the request that waits.
+        self._checked = Future()  # Done at the next check.
         self._closed = False
         self._discovery_deadline = 0.0  # Of a restored plan's follower, by time.monotonic.
         self._replanning = Replanning(self._poses, self._tracking)
@@ -88,7 +86,7 @@ class Planner(Node):
         state, inputs = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
         self._wake = self.create_guard_condition(self._run_queued, callback_group=state)
         self._outputs = publishers(self, TOPICS['planner', 'pub'], self._uavs)
-        # A waiting ~/plan occupies one of the executor's threads, and never more than one.
+        # A second ~/plan is answered while the first waits.
         serve(self, {'~/plan': self._on_plan}, ReentrantCallbackGroup())
         serve(self, {'~/cancel': self._on_cancel}, state)
         # Both timers continue when simulated time stands still.
@@ -156,27 +154,26 @@ class Planner(Node):
 
     # Planning on request
 
-    def _on_plan(self) -> tuple[bool, str]:
-        """Wait for the answer of the state thread."""
-        if not self._request.acquire(blocking=False):
-            busy = BusyError('a solve is under way')
-            self._post(lambda: self._refuse(busy))
-            return False, str(busy)
+    async def _on_plan(self) -> tuple[bool, str]:
+        """Wait for the answer, while the executor runs other callbacks."""
+        if self._answer is not None and not self._answer.done():
+            return False, self._refuse(BusyError('a solve is under way'))
+        self._answer = answer = Future()
         try:
-            self._answer = answer = Future()
             while time.monotonic() < self._discovery_deadline and not (
-                    self._tracking.has_reports or self._closed):
-                time.sleep(_CHECK_PERIOD)
-            if self._closed:
-                return False, 'the planner is stopping'
-            self._post(self._plan)
-            return answer.result()
+                    self._tracking.has_reports or answer.done()):
+                await self._checked
+            self._run_queued()
+            if not answer.done():
+                self._plan()
+            return await answer
         finally:
-            self._request.release()
+            if self._answer is answer:
+                self._answer = None
 
     def _reply(self, success: bool, text: str) -> None:
         """Answer the request, unless it has been answered."""
-        with suppress(InvalidStateError):
+        if self._answer is not None and not self._answer.done():
             self._answer.set_result((success, text))
 
     def _plan(self) -> None:
@@ -271,6 +268,8 @@ class Planner(Node):
             self._tracking.forget_reports()
         self._last_check = now
         self._run_queued()
+        self._checked.set_result(None)
+        self._checked = Future()
         self._tracking.observe(settings, now)
         self._tracking.check_promise(now)
         flight = self._tracking.flight(now)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 import gc
-import inspect
 import os
 import signal
 import sys
@@ -11,14 +10,13 @@ import time
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import MultiThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 
 from ..errors import brief, describe_error, PlanningError
 
-_THREADS = 4
 _LAST_ANSWERS = 0.3  # s
 _LONGEST_END = 5  # s after a signal; DDS may wait for processes that have died.
 _AFTER_FAILURE = 0.01  # s
@@ -31,6 +29,11 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
     :param make_node: returns the node. Its method close() stops all work and returns True if none
         is left. The text of a PlanningError is quote to the user.
     """
+    stop = threading.Event()
+    # rclpy's own signal handlers race with the executor's wait set; an event does not.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    threading.Thread(target=_end_in_time, args=(stop,), daemon=True).start()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
@@ -44,11 +47,6 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
         rclpy.try_shutdown()
         sys.exit(1)
     gc.freeze()  # A collection takes 0.1 s less without the imported modules.
-    stop = threading.Event()
-    # rclpy's own signal handlers race with the executor's wait set; an event does not.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    threading.Thread(target=_end_in_time, args=(stop,), daemon=True).start()
     finished, failure = _spin(node, stop)
     signal.alarm(2 * _LONGEST_END)  # Ends the process where C++ hangs and no thread runs.
     if failure is not None:
@@ -71,7 +69,8 @@ def _end_in_time(stop: threading.Event) -> None:
 
 
 def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None]:
-    executor = MultiThreadedExecutor(num_threads=_THREADS)
+    # A multi-threaded one polls each task until its thread has begun it, and keeps the GIL from it.
+    executor = SingleThreadedExecutor()
     executor.add_node(node)
 
     def spin_once(timeout: float) -> Exception | None:
@@ -94,15 +93,5 @@ def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None
     until = time.monotonic() + _LAST_ANSWERS
     while failure is None and time.monotonic() < until:
         spin_once(0.05)
-    _shut_down(executor)
+    executor.shutdown(timeout_sec=0)
     return finished, failure
-
-
-def _shut_down(executor: MultiThreadedExecutor) -> None:
-    """Shut down an executor after its threads have ended; no callback then outlives the node."""
-    if 'wait_for_threads' in inspect.signature(executor.shutdown).parameters:
-        executor.shutdown(wait_for_threads=True)
-    else:
-        # rclpy up to 7.1.6, as in the wheels, has no public way; ros2/rclpy#1309 adds one.
-        executor._executor.shutdown(wait=True)
-        executor.shutdown(timeout_sec=0)

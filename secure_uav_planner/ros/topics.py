@@ -1,8 +1,9 @@
 """The nodes' topics and services: their names, types, quality of service and meanings."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from inspect import isawaitable
+from typing import Any, NamedTuple, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -15,9 +16,11 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64, Float64MultiArray
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
+
+from ..errors import describe_error
 
 SENSOR = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT,
                     durability=DurabilityPolicy.VOLATILE)
@@ -102,14 +105,30 @@ TOPICS = {
 }
 """Every Topic by its node and direction, but for those of the relay's stacks."""
 
+
+
+class Service(NamedTuple):
+    """What a service is for, by its type."""
+
+    kind: type
+    meaning: str
+
+
 SERVICES = {
-    ('planner', '~/plan'): 'plan now; the answer is a summary, or the reason for a refusal',
-    ('planner', '~/cancel'): 'stop the solve that is under way',
-    ('replay', '~/start'): 'fly the plan at its time, or go on after a pause',
-    ('replay', '~/pause'): 'slow down, hold the setpoint and continue to stream it',
-    ('replay', '~/reset'): 'end the setpoints; the newest plan waits at its start',
+    ('planner', '~/plan'): Service(
+        Trigger, 'plan now; the answer is a summary, or the reason for a refusal'),
+    ('planner', '~/cancel'): Service(Trigger, 'stop the solve that is under way'),
+    ('replay', '~/start'): Service(Trigger, 'fly the plan at its time, or go on after a pause'),
+    ('replay', '~/pause'): Service(
+        Trigger, 'slow down, hold the setpoint and continue to stream it, with powers of zero'),
+    ('replay', '~/reset'): Service(
+        Trigger, 'end the setpoints; the newest plan waits at its start'),
+    ('relay', '~/enable'): Service(
+        SetBool, 'whether setpoints are passed on; after false nothing is sent, until true'),
 }
-"""What every service of a node does; each is a std_srvs/Trigger."""
+"""Every Service by its node and name; the answer of each is success and message."""
+
+Answer: TypeAlias = tuple[bool, str]
 
 
 def publishers(node: Node, topics: Mapping[str, Topic], uavs: Sequence[str]
@@ -137,16 +156,29 @@ def subscribe(node: Node, topics: Mapping[str, Topic], callback: Callable[[str, 
         for name, topic in _named(topics, {'<uav>': uavs, '<eavesdropper>': eavesdroppers})}
 
 
-def serve(node: Node, actions: Mapping[str, Callable[[], tuple[bool, str]]],
+def serve(node: Node, actions: Mapping[str, Callable[..., Answer | Awaitable[Answer]]],
           group: CallbackGroup) -> None:
-    """Offer services, each by its name; what an action returns is success and message."""
+    """
+    Offer services.
+
+    :param actions: by name; each is called with the fields of a request, and returns success and
+        message, or is a coroutine. The answer to an error is its text.
+    """
+    kinds = {name: kind for (_, name), (kind, _) in SERVICES.items()}
     for name, action in actions.items():
-        node.create_service(Trigger, name, partial(_answer, action), callback_group=group)
+        node.create_service(
+            kinds[name], name, partial(_answer, node, action), callback_group=group)
 
 
-def _answer(action: Callable[[], tuple[bool, str]], _: Trigger.Request,
-            response: Trigger.Response) -> Trigger.Response:
-    response.success, response.message = action()
+async def _answer(node: Node, action: Callable[..., Answer | Awaitable[Answer]], request: Any,
+                  response: Any) -> Any:
+    try:
+        result = action(*(getattr(request, field)
+                          for field in request.get_fields_and_field_types()))
+        response.success, response.message = await result if isawaitable(result) else result
+    except Exception as error:
+        response.success, response.message = False, describe_error(error)
+        node.get_logger().error(f'a request failed: {response.message}')
     return response
 
 
