@@ -1,5 +1,6 @@
 """What the relay passes on: setpoints that continue each other, and begin where the vehicle is."""
 
+from dataclasses import replace
 from itertools import pairwise
 import math
 
@@ -10,7 +11,9 @@ from secure_uav_planner.errors import OptionError
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.ros.guard import Guard, Limits
 
-LIMITS = Limits(max_speed=10.0, max_jump=1.0, start_tolerance=5.0, timeout=1.0)
+LIMITS = Limits(max_speed=10.0, max_acceleration=2.0, max_jump=1.0, start_tolerance=0.0,
+                timeout=1.0)
+CHECKED = replace(LIMITS, start_tolerance=5.0)
 SECOND = 10**9
 STEP = SECOND // 20
 
@@ -20,10 +23,10 @@ def at(x, now, **motion):
     return Setpoint('map', now, (x, 0.0, 100.0), 0.3, **motion)
 
 
-def passes(guard, setpoint, now=None):
+def passes(guard, setpoint, now=None, limits=LIMITS):
     """Return whether a setpoint is passed on."""
     try:
-        guard.take(setpoint, setpoint.time_ns if now is None else now, LIMITS)
+        guard.take(setpoint, setpoint.time_ns if now is None else now, limits)
     except OptionError:
         return False
     return True
@@ -84,6 +87,15 @@ def test_a_velocity_beyond_the_limit_is_refused_in_any_place_and_the_last_place_
     assert not passes(Guard(), at(x, later, velocity=(14.1, 0.0, 0.0)))
 
 
+@pytest.mark.parametrize('limits, most', [
+    (LIMITS, 2.01), (replace(LIMITS, max_acceleration=0.0), 32.0)])
+def test_an_acceleration_beyond_the_limit_or_that_leads_to_a_jump_is_refused(limits, most):
+    guard, x, now = streamed()
+    later = now + STEP
+    assert not passes(guard, at(x, later, acceleration=(0.0, most + 0.1, 0.0)), limits=limits)
+    assert passes(guard, at(x, later, acceleration=(0.0, most - 0.1, 0.0)), limits=limits)
+
+
 def test_a_stream_that_stays_away_is_never_followed_and_one_that_comes_back_is():
     guard, x, now = streamed()
     for number in range(1, 200):
@@ -116,22 +128,28 @@ def test_a_stream_that_is_silent_is_held_then_ends_and_another_may_begin_elsewhe
     assert passes(guard, at(x + 300.0, now + 2 * SECOND))
 
 
-def test_a_stream_begins_where_the_vehicle_is_where_that_is_known():
+def test_a_stream_begins_where_the_vehicle_is_and_not_before_that_is_known():
     guard = Guard()
+
+    def begins(x, now, reason):
+        with pytest.raises(OptionError, match=reason):
+            guard.take(at(x, now), now, CHECKED)
+        assert guard.hold(now + SECOND) is None  # No place has passed that could be held.
+        return True
+
+    assert begins(0.0, SECOND, 'the position of the vehicle is not known, so start_tolerance')
     guard.note_position((100.0, 0.0, 98.0), SECOND)
-    with pytest.raises(OptionError, match='it is 100.0 m from the vehicle and start_tolerance is '
-                                          '5 m'):
-        guard.take(at(0.0, SECOND), SECOND, LIMITS)
-    assert guard.hold(2 * SECOND) is None  # No place has passed that could be held.
-    assert passes(guard, at(104.0, SECOND))
-    # After a jump as well.
-    assert not passes(guard, at(300.0, SECOND + STEP))
-    guard.note_position((301.0, 0.0, 100.0), SECOND + STEP)
-    assert passes(guard, at(300.0, SECOND + 2 * STEP))
+    assert begins(0.0, SECOND, 'it is 100.0 m from the vehicle and start_tolerance is 5 m')
     # What a vehicle has reported long ago says nothing.
-    guard = Guard()
-    guard.note_position((100.0, 0.0, 100.0), SECOND)
-    assert passes(guard, at(0.0, 3 * SECOND))
+    assert begins(104.0, 3 * SECOND, 'the position of the vehicle is not known')
+    assert passes(guard, at(104.0, SECOND), limits=CHECKED)
+    # After a jump as well.
+    assert not passes(guard, at(300.0, SECOND + STEP), limits=CHECKED)
+    guard.note_position((301.0, 0.0, 100.0), SECOND + STEP)
+    assert passes(guard, at(300.0, SECOND + 2 * STEP), limits=CHECKED)
+    # After it was told to be quiet, too.
+    guard.forget_stream()
+    assert not passes(guard, at(330.0, SECOND + 3 * STEP), limits=CHECKED)
 
 
 @pytest.mark.parametrize('age, words', [

@@ -19,6 +19,7 @@ from ros_client import (
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
+from std_srvs.srv import SetBool
 from strategies import with_uavs
 from test_security import policy_of, used
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -172,7 +173,7 @@ def test_mavros_gets_position_velocity_acceleration_and_yaw_and_its_odometry_is_
     kind = packages('mavros_msgs', 'PositionTarget')
     targets = client.listen(kind, 'uav2/mavros/setpoint_raw/local', 1000)
     odometry = client.listen(Odometry, 'uav2/odom', 10)
-    with node_here('relay', stack='mavros', uav2__origin='[1.0, 2.0, 3.0]'):
+    with node_here('relay', start_tolerance=0.0, stack='mavros', uav2__origin='[1.0, 2.0, 3.0]'):
         source = Source(client, 'uav2')
         source.until(lambda: targets)
         target = targets[0]
@@ -232,7 +233,7 @@ def test_px4_gets_ned_and_a_stream_that_stops_is_held_without_speed_and_then_end
                             'px4_1/fmu/in/trajectory_setpoint', 1000)
     modes = client.listen(packages('px4_msgs', 'OffboardControlMode'),
                           'px4_1/fmu/in/offboard_control_mode', 1000)
-    with node_here('relay', stack='px4', vehicles='[px4_1, px4_2]',
+    with node_here('relay', start_tolerance=0.0, stack='px4', vehicles='[px4_1, px4_2]',
                    setpoint_timeout=3.0) as process:
         source = Source(client, 'uav1')
         assert not modes  # Nothing keeps PX4 in a mode that nobody flies in.
@@ -300,11 +301,12 @@ def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packag
     targets = client.listen(packages('as2_msgs', 'TrajectorySetpoints'),
                             'drone0/motion_reference/trajectory', 1000)
     odometry = client.listen(Odometry, 'uav1/odom', 10)
-    with node_here('relay', stack='aerostack2', vehicles='[drone0, drone1]',
+    with node_here('relay', start_tolerance=0.0, stack='aerostack2', vehicles='[drone0, drone1]',
                    frame_id='earth'):
         source = Source(client, 'uav1')
+        source.message.header.frame_id = 'earth'
         source.until(lambda: targets)
-        assert targets[0].header.frame_id == 'map' and targets[0].header.stamp in source.stamps
+        assert targets[0].header.frame_id == 'earth' and targets[0].header.stamp in source.stamps
         point, = targets[0].setpoints
         assert numbers(point.position) == [10.0, 20.0, 30.0]
         assert (point.twist.x, point.twist.y) == (3.0, 4.0)
@@ -326,7 +328,8 @@ def test_aerostack2_gets_one_point_and_its_pose_and_twist_become_odometry(packag
 def test_a_setpoint_that_is_invalid_or_jumps_is_refused_with_throttled_warnings(packages, client):
     targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
                             'uav1/mavros/setpoint_raw/local', 1000)
-    with node_here('relay', stack='mavros', setpoint_timeout=60.0) as process:
+    with node_here('relay', start_tolerance=0.0, stack='mavros', setpoint_timeout=60.0,
+                   uav1__max_acceleration=2.0) as process:
         source = Source(client, 'uav1')
 
         def until_said(text):
@@ -348,6 +351,15 @@ def test_a_setpoint_that_is_invalid_or_jumps_is_refused_with_throttled_warnings(
         point.velocities[0].linear.x = 500.0
         until_said('a setpoint of uav1 is not relayed: it has 500.0 m/s, and max_jump and')
         point.velocities[0].linear.x = 3.0
+        point.accelerations[0].linear.z = 500.0
+        until_said('a setpoint of uav1 is not relayed: it has 500 m/s^2, and max_acceleration ')
+        point.accelerations[0].linear.z = 0.0
+        source.message.joint_names = ['uav2']
+        until_said("joint_names is ['uav2']; it must be ['uav1'], or empty")
+        source.message.joint_names = []
+        source.message.header.frame_id = 'odom'
+        until_said("frame_id is 'odom'; it must be 'map'")
+        source.message.header.frame_id = 'map'
         # A jump, such as that of another source, 400 m away: the last place is held.
         source.place.x = 410.0
         until_said('a setpoint of uav1 is not relayed: it is 400.0 m from the last one')
@@ -360,6 +372,45 @@ def test_a_setpoint_that_is_invalid_or_jumps_is_refused_with_throttled_warnings(
         assert sum('is not relayed' in line for line in process.lines) < 40
 
 
+def test_a_stream_is_relayed_from_where_odometry_says_that_the_vehicle_is_and_unless_disabled(
+        packages, client):
+    targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
+                            'uav1/mavros/setpoint_raw/local', 1000)
+    with node_here('relay', stack='mavros', setpoint_timeout=60.0) as process:
+        source, odometry = Source(client, 'uav1'), Odometry()
+        publisher = client.publisher(Odometry, 'uav1/mavros/local_position/odom')
+        odometry.pose.pose.orientation.w = 1.0
+
+        def stands_at(x):
+            place = odometry.pose.pose.position
+            place.x, place.y, place.z = x, 20.0, 30.0
+            publisher.publish(odometry)
+            return True
+
+        def says(text):
+            return any(text in line for line in process.lines)
+
+        source.until(lambda: says('the position of the vehicle is not known, so start_tolerance'))
+        source.until(lambda: stands_at(30.0) and says('it is 20.0 m from the vehicle'))
+        assert not targets
+        source.until(lambda: stands_at(11.0) and targets)
+
+        def enable(is_enabled):
+            assert client.call('relay/enable', SetBool, SetBool.Request(data=is_enabled)).success
+
+        enable(False)
+        count = len(targets)
+        until = time.monotonic() + 1.0
+        source.until(lambda: time.monotonic() > until)
+        assert len(targets) <= count + 1
+        stands_at(30.0)
+        enable(True)
+        source.until(lambda: sum('it is 20.0 m from the vehicle' in line
+                                 for line in process.lines) > 1)
+        assert len(targets) <= count + 1
+        source.until(lambda: stands_at(11.0) and len(targets) > count + 1)
+
+
 def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(
         packages, client, tmp_path):
     scenario = with_uavs(Scenario.paper(slots=16), goal=(100.0, 460.0), max_acceleration=4.0)
@@ -367,7 +418,8 @@ def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(
     targets = client.listen(packages('mavros_msgs', 'PositionTarget'),
                             'uav1/mavros/setpoint_raw/local', 1000)
     # However slow this machine is, the stream has not ended in between.
-    with node_process('relay', stack='mavros', setpoint_timeout=60.0) as relay, \
+    with node_process('relay', start_tolerance=0.0, stack='mavros',
+                      setpoint_timeout=60.0) as relay, \
             node_process('replay', plan_file=tmp_path / 'plan.json') as replay:
         assert client.call('replay/start').success
         wait_for(lambda: targets and targets[-1].velocity.y < -5.0)

@@ -58,13 +58,21 @@ def used(client, node):
 
 @pytest.fixture(scope='module')
 def graph():
-    """Return what both nodes use once discovery has settled, simulated time included."""
+    """Return what both nodes use once discovery has settled, in all of their settings together."""
     with Client() as client, \
             node_process('planner', use_sim_time='true'), \
-            node_process('replay', use_sim_time='true'):
+            node_process('replay', use_sim_time='true'), \
+            node_process('replay', '-r', '__node:=vehicles', vehicle_odometry='true'):
         def known():
             names = client.node.get_node_names()
-            return all(node in names for node in NODES)
+            return all(node in names for node in (*NODES, 'vehicles'))
+
+        def used_together():
+            both = {node: used(client, node) for node in (*NODES, 'vehicles')}
+            for key, names in both.pop('vehicles').items():
+                names = [name.replace('/vehicles/', '/replay/') for name in names]
+                both['replay'][key] = sorted({*both['replay'][key], *names})
+            return both
 
         wait_for(known, what='discovery of both nodes')
         policy = {node: policy_of(node) for node in NODES}
@@ -73,7 +81,7 @@ def graph():
         def settled():
             nonlocal found, since
             client.send_pose('uav1/pose', 0.0, 0.0, frame_id='elsewhere', until_known=False)
-            now = {node: used(client, node) for node in NODES}
+            now = used_together()
             if now != found:
                 found, since = now, time.monotonic()
             # As it should be it has to stay for a while only; else a slow machine may discover on.

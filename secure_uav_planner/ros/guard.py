@@ -14,6 +14,8 @@ Setpoints at 20 to 30 Hz came at most 0.16 s late on a machine with ten times it
 them at more than 2 Hz.
 """
 
+_ROUNDING = 0.01  # m/s^2
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -21,13 +23,16 @@ class Limits:
     The limits of a stream of setpoints.
 
     :param max_speed: of the UAV in m/s.
+    :param max_acceleration: of the UAV in m/s^2; 0 for what max_jump allows.
     :param max_jump: m by which a setpoint may be farther from the last than that, or lead farther
         until the last place is held.
-    :param start_tolerance: m from the vehicle to the first setpoint of a stream.
+    :param start_tolerance: m from the vehicle to the first setpoint of a stream; 0 if that may be
+        anywhere.
     :param timeout: age of a setpoint in s, and time without one, beyond which a stream has ended.
     """
 
     max_speed: float
+    max_acceleration: float
     max_jump: float
     start_tolerance: float
     timeout: float
@@ -54,23 +59,26 @@ class Guard:
                               f'and setpoint_timeout is {limits.timeout:g} s')
         last = self._last if _within(self._last_arrived, now, limits.timeout) else None
         self._last_arrived = now
-        # Until the place is held, a velocity must not lead farther than a jump.
-        speed = math.hypot(*setpoint.velocity or ())
-        most = limits.max_speed + limits.max_jump / _PATIENCE
-        if speed > most:
-            raise OptionError(f'it has {speed:.1f} m/s, and max_jump and max_speed allow '
-                              f'{most:.1f} m/s')
-        problem = _explain_jump(last, setpoint, limits) if last is not None else ''
-        if self._vehicle and _within(self._vehicle[1], now, limits.timeout) and (
-                problem or last is None):
-            # A stream may begin at the vehicle, also after a jump.
-            distance = math.dist(setpoint.position, self._vehicle[0])
-            problem = '' if distance <= limits.start_tolerance else problem or (
-                f'it is {distance:.1f} m from the vehicle and start_tolerance is '
-                f'{limits.start_tolerance:g} m')
+        _check_motion(setpoint, limits)
+        if last is None:
+            problem = self._explain_start(setpoint, now, limits) if limits.start_tolerance else ''
+        else:
+            problem = _explain_jump(last, setpoint, limits)
+            if problem and limits.start_tolerance and not (
+                    self._explain_start(setpoint, now, limits)):
+                problem = ''  # Another stream begins, at the vehicle.
         if problem:
             raise OptionError(problem)
         self._last, self._last_passed = setpoint, now
+
+    def _explain_start(self, setpoint: Setpoint, now: int, limits: Limits) -> str:
+        """Return the reason why a stream cannot begin with a setpoint, or an empty string."""
+        if self._vehicle is None or not _within(self._vehicle[1], now, limits.timeout):
+            return 'the position of the vehicle is not known, so start_tolerance cannot be checked'
+        distance = math.dist(setpoint.position, self._vehicle[0])
+        return '' if distance <= limits.start_tolerance else (
+            f'it is {distance:.1f} m from the vehicle and start_tolerance is '
+            f'{limits.start_tolerance:g} m')
 
     def hold(self, now: int) -> Setpoint | None:
         """Return the last setpoint without motion, if none has passed for a moment."""
@@ -78,16 +86,37 @@ class Guard:
             return None
         return self._last.hold(now)
 
+    def forget_stream(self) -> None:
+        """Let the next setpoint begin a stream."""
+        self._last = None
+
     def has_ended(self, now: int, limits: Limits) -> bool:
         """Forget a stream that has ended; return True if it has just ended."""
         if self._last is None or _within(self._last_arrived, now, limits.timeout):
             return False
-        self._last = None
+        self.forget_stream()
         return True
 
 
 def _within(then: int, now: int, seconds: float) -> bool:
     return abs(now - then) * 1e-9 <= seconds
+
+
+def _check_motion(setpoint: Setpoint, limits: Limits) -> None:
+    """Raise an OptionError for a velocity or an acceleration beyond the limits."""
+    # Until the place is held, neither must lead farther than a jump.
+    speed = math.hypot(*setpoint.velocity or ())
+    most = limits.max_speed + limits.max_jump / _PATIENCE
+    if speed > most:
+        raise OptionError(f'it has {speed:.1f} m/s, and max_jump and max_speed allow '
+                          f'{most:.1f} m/s')
+    acceleration = math.hypot(*setpoint.acceleration or ())
+    if limits.max_acceleration:
+        name, most = 'max_acceleration allows', limits.max_acceleration + _ROUNDING
+    else:
+        name, most = 'max_jump allows', 2 * limits.max_jump / _PATIENCE**2
+    if acceleration > most:
+        raise OptionError(f'it has {acceleration:.3g} m/s^2, and {name} {most:.3g} m/s^2')
 
 
 def _explain_jump(last: Setpoint, setpoint: Setpoint, limits: Limits) -> str:

@@ -368,8 +368,8 @@ RELAY = {
     'stack': Spec('mavros', 'Whose messages to publish.', choices=tuple(STACKS), read_only=True),
     'vehicles': Spec([], 'Namespaces of the vehicles, one for each UAV; empty for the names of '
                      'the UAVs.', length=(0, MAX_MEMBERS), read_only=True),
-    'frame_id': Spec('map', 'Frame of the plan, and so of the odometry that is published.',
-                     length=(0, LONGEST_FRAME)),
+    'frame_id': Spec('map', 'Frame of the plan, and so of the setpoints that are relayed and of '
+                     'the odometry that is published.', length=(0, LONGEST_FRAME)),
     'publish_odometry': Spec(True, 'Publish where the vehicles are, as their autopilots report '
                              'it, in the frame of the plan.', read_only=True),
     'setpoint_timeout': Spec(1.0, 'Age in s beyond which a setpoint is not relayed; also the time '
@@ -377,9 +377,10 @@ RELAY = {
     'max_jump': Spec(1.0, 'Distance in m by which a setpoint may be farther from the last one '
                      'relayed than <uav>.max_speed allows since then, or its velocity may lead '
                      'farther in 0.25 s; beyond it, the last place is held.', (0.0, 1e7)),
-    'start_tolerance': Spec(5.0, 'Largest distance in m of a vehicle whose odometry is known from '
-                            'the first setpoint that is relayed to it, and from one after a jump.',
-                            (0.01, 1e7)),
+    'start_tolerance': Spec(5.0, 'Largest distance in m of a vehicle, by its odometry, from the '
+                            'first setpoint that is relayed to it, and from one after a jump; '
+                            'nothing is relayed before that is known. 0 for a vehicle without '
+                            'odometry: its first setpoint is not checked.', (0.0, 1e7)),
 }
 """Parameters of the relay that do not belong to one UAV."""
 
@@ -390,7 +391,11 @@ def relay_parameters(name: str, index: int) -> dict[str, Spec]:
         f'{name}.origin': Spec(
             [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
             'plan in m; often where it was switched on.', RANGES['coordinate'], length=(3, 3)),
-        f'{name}.max_speed': uav_parameters(name, index)[f'{name}.max_speed']}
+        f'{name}.max_speed': uav_parameters(name, index)[f'{name}.max_speed'],
+        f'{name}.max_acceleration': Spec(
+            NO_LIMIT, 'Largest acceleration in m/s^2 that a setpoint may have; 0 for what '
+            'max_jump allows: to lead no farther in 0.25 s.',
+            (NO_LIMIT, RANGES['max_acceleration'][1]))}
 
 
 def relay_member_parameters(values: Mapping[str, Any]) -> dict[str, Spec]:

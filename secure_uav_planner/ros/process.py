@@ -69,7 +69,7 @@ def _end_in_time(stop: threading.Event) -> None:
 
 
 def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None]:
-    # A multi-threaded one polls each task until its thread has begun it, and keeps the GIL from it.
+    # A multi-threaded one polls tasks until their threads begin, and keeps the GIL from these.
     executor = SingleThreadedExecutor()
     executor.add_node(node)
 

@@ -19,8 +19,9 @@ from .messages import fill_message, message_class, read_setpoint
 from .parameters import RELAY, relay_member_parameters
 from .process import run_node
 from .settings import Settings
-from .topics import OVERRIDABLE, publishers, SENSOR, STREAM, subscribe, timer_clock, TOPICS
-from ..errors import brief, ParameterError, PlanningError, PoseError, quote
+from .topics import (
+    Answer, OVERRIDABLE, publishers, SENSOR, serve, STREAM, subscribe, timer_clock, TOPICS)
+from ..errors import brief, OptionError, ParameterError, PlanningError, PoseError, quote
 from ..output.autopilots import rotation, Stack, STACKS, Vector
 
 _HOLD_PERIOD = 0.1  # s
@@ -37,6 +38,7 @@ class Relay(Node):
         self._stack = STACKS[self._settings['stack']]
         self._kinds = _message_classes(self._settings['stack'], self._stack)
         rotation((0.0, 0.0, 0.0, 1.0))  # It imports SciPy before the first setpoint.
+        self._is_enabled = True
         self._guard_by_uav = {name: Guard() for name in uavs}
         # A logger for each UAV, so that throttling one does not hide the warnings about another.
         self._loggers = {name: self.get_logger().get_child(name) for name in uavs}
@@ -48,8 +50,12 @@ class Relay(Node):
                   uavs)
         for name, vehicle in zip(uavs, self._settings['vehicles'] or uavs, strict=True):
             self._connect(name, vehicle)
+        serve(self, {'~/enable': self._on_enable}, self.default_callback_group)
         self.create_timer(_HOLD_PERIOD, self._on_timer, clock=timer_clock(self))
         self._settings.warn_of_unknown()
+        if not self._settings['start_tolerance']:
+            self.get_logger().warning(
+                'start_tolerance is 0: the first setpoint is relayed wherever the vehicle is')
         self.get_logger().info(brief(
             f'ready: relays the setpoints of {", ".join(uavs)} to {self._settings["stack"]}'))
 
@@ -71,12 +77,28 @@ class Relay(Node):
         return self.get_clock().now().nanoseconds
 
     def _limits(self, name: str) -> Limits:
-        return Limits(self._settings[f'{name}.max_speed'], self._settings['max_jump'],
-                      self._settings['start_tolerance'], self._settings['setpoint_timeout'])
+        return Limits(*(self._settings[key] for key in (
+            f'{name}.max_speed', f'{name}.max_acceleration', 'max_jump', 'start_tolerance',
+            'setpoint_timeout')))
+
+    def _on_enable(self, is_enabled: bool) -> Answer:
+        self._is_enabled = is_enabled
+        for guard in self._guard_by_uav.values():
+            guard.forget_stream()
+        return True, ('setpoints are passed on' if is_enabled else
+                      'nothing is sent until ~/enable is called with true')
 
     def _on_setpoint(self, topic: str, message: MultiDOFJointTrajectory) -> None:
+        if not self._is_enabled:
+            return
         name, now = topic.partition('/')[0], self._now
         try:
+            if message.joint_names not in ([], [name]):
+                raise OptionError(f'joint_names is {quote(message.joint_names)}; it must be '
+                                  f'{quote([name])}, or empty')
+            if message.header.frame_id != self._settings['frame_id']:
+                raise OptionError(f'frame_id is {quote(message.header.frame_id)}; it must be '
+                                  f'{quote(self._settings["frame_id"])}')
             # Guarded in the vehicle's frame, so that a change of the origin counts as a jump, too.
             setpoint = read_setpoint(message).shift_origin(self._settings[f'{name}.origin'])
             fields = self._stack.fields(setpoint, now)
