@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, optimize, Plan, Scenario, Uav)
-from secure_uav_planner.errors import InfeasibleMissionError, PlanError
+from secure_uav_planner.errors import InfeasibleMissionError, PlanError, TimeLimitError
 from secure_uav_planner.mission.kinematics import Vehicle
 from secure_uav_planner.model.grid import Grid
+from secure_uav_planner.model.least_effort import least_effort
+from secure_uav_planner.optimize.initial.feasibility import check_durations
 from strategies import scenarios, with_uavs
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.
@@ -64,8 +66,8 @@ def test_every_plan_keeps_its_limits_by_an_independent_measure(scenario):
 @given(scenarios(max_uavs=1), st.floats(0, 1))
 def test_the_flight_of_least_effort_uses_no_more_than_another(scenario, share):
     plan = fly_hover_fly(scenario)
-    effort, flight = scenario.uavs[0].vehicle.least_effort(
-        scenario.slots, scenario.slot_duration)
+    effort, flight = least_effort(
+        scenario.uavs[0].vehicle, scenario.slots, scenario.slot_duration)
     positions = scenario.starts[0] + flight
     assert np.allclose(positions[-1], scenario.goals[0])
     replace(plan, positions=np.concatenate(
@@ -86,13 +88,63 @@ def test_an_infeasible_mission_names_the_uav_its_limits_and_the_shortest_duratio
     replace(limit_paper(200, 2.0), duration=102.99, slots=102)
     slow = Uav('a', (0.0, 0.0), (300.0, 0.0), 100.0, 10.0, max_acceleration=0.5,
                start_velocity=(-9.0, 3.0), goal_velocity=None)
-    scenario = replace(Scenario.paper(), uavs=(slow,), duration=200.0, slots=50)
+    scenario = replace(Scenario.paper(), uavs=(slow,), duration=30.0, slots=50)
     with pytest.raises(InfeasibleMissionError) as error:
-        replace(scenario, duration=30.0)
+        fly_hover_fly(scenario)
     shortest = float(str(error.value).split('at least ')[1].split(' s')[0])
-    assert replace(scenario, duration=shortest).efforts[0] <= 1 + 1e-9
+    assert fly_hover_fly(replace(scenario, duration=shortest))
     with pytest.raises(InfeasibleMissionError):
-        replace(scenario, duration=shortest - 0.01)
+        fly_hover_fly(replace(scenario, duration=shortest - 0.01))
+
+
+def random_vehicles(rng):
+    """Return UAVs of very different speeds, accelerations, distances and end velocities."""
+    def velocity(speed):
+        angle, share = rng.uniform(0, 2 * np.pi), rng.choice([1.0, 10**rng.uniform(-6, 0)])
+        moving = float(share * speed * np.cos(angle)), float(share * speed * np.sin(angle))
+        return [None, (0.0, 0.0), moving, moving][rng.integers(4)]
+
+    for number in range(rng.integers(1, 4)):
+        speed, size = 10**rng.uniform(-2, 4), 10**rng.uniform(-1, 5)
+        yield Uav(f'uav{number}', tuple(rng.normal(0, size, 2)), tuple(rng.normal(0, size, 2)),
+                  100.0, speed, start_velocity=velocity(speed), goal_velocity=velocity(speed),
+                  max_acceleration=None if rng.random() < 0.2 else 10**rng.uniform(-5, 4))
+
+
+def test_the_duration_that_a_refusal_names_suffices_for_all_uavs_of_any_legal_mission():
+    rng, refused = np.random.default_rng(7), 0
+    for _ in range(150):
+        fields = {'uavs': tuple(random_vehicles(rng)), 'duration': 10**rng.uniform(-2, 5),
+                  'slots': int(rng.choice([1, 2, 5, 20, 150]))}
+        try:
+            fly_hover_fly(replace(Scenario.paper(1e4), **fields))
+        except InfeasibleMissionError as error:
+            texts = [str(item) for item in (error, *error.further)]
+            if 'none of up to' in texts[0]:
+                continue
+            named = [float(text.split('at least ')[1].split(' s')[0]) for text in texts]
+            assert named[0] > fields['duration'] and max(named) == named[0]
+            assert fly_hover_fly(replace(Scenario.paper(1e4), **{**fields, 'duration': named[0]}))
+            refused += 1
+    assert refused > 90
+
+
+def test_a_search_for_the_time_that_a_uav_needs_ends_with_the_time_limit():
+    def check():
+        calls.append(None)
+        if len(calls) == most:
+            raise TimeLimitError('late')
+
+    scenario = replace(limit_paper(200, 2.0, start_velocity=(0.0, -5.0)), duration=102.0)
+    calls, most = [], None
+    with pytest.raises(InfeasibleMissionError, match='uav1 needs at least .* s'):
+        check_durations(scenario, check)
+    for last, error, text in ((1, TimeLimitError, 'late'),
+                              (len(calls) // 2, InfeasibleMissionError, 'uav1 needs longer')):
+        scenario = replace(scenario, duration=scenario.duration + 0.01)  # Not asked for yet.
+        calls, most = [], last
+        with pytest.raises(error, match=text):
+            check_durations(scenario, check)
 
 
 def test_a_plan_that_accelerates_too_much_is_refused_with_the_place():
@@ -126,7 +178,7 @@ def test_a_curve_with_other_slots_keeps_its_ends_and_nearly_its_acceleration(sce
 
 def test_a_hundred_times_as_many_slots_change_a_smooth_flight_by_little():
     vehicle = Vehicle((0.0, -1000.0), 10.0, 2.0, (0.0, 0.0), (0.0, 0.0))
-    coarse, fine = (vehicle.least_effort(slots, 200.0 / slots)[0] for slots in (200, 20000))
+    coarse, fine = (least_effort(vehicle, slots, 200.0 / slots)[0] for slots in (200, 20000))
     assert coarse == pytest.approx(fine, rel=0.02)
 
 

@@ -1,6 +1,7 @@
 """Cone programs: signals while Clarabel runs, and its failures."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 import queue
@@ -15,9 +16,12 @@ import clarabel
 import numpy as np
 import pytest
 from scipy.sparse import csc_array
-from secure_uav_planner.errors import NumericalError, StoppedError
-from secure_uav_planner.mission.cone_program import solve_cone_program
+from secure_uav_planner import NoFlyZone, Plan, Scenario
+from secure_uav_planner.errors import StoppedError
 from secure_uav_planner.mission.kinematics import Vehicle
+from secure_uav_planner.model.cone_program import solve_cone_program
+from secure_uav_planner.model.least_effort import least_effort
+from strategies import with_uavs
 
 WAIT = 120.0
 # The least x_0 with |(x_1, x_2)| <= x_0 and x_1 >= 1.
@@ -87,7 +91,21 @@ def test_an_exception_of_the_check_ends_the_solve_in_any_thread():
              else solve(check=check))
 
 
-def test_a_failure_of_the_solver_is_an_error_and_no_flight(monkeypatch):
+def test_missions_and_plans_are_made_without_the_solver(monkeypatch):
+    monkeypatch.setattr(clarabel, 'DefaultSolver', None)
+    scenario = with_uavs(Scenario.paper(200.0, slots=10000), max_acceleration=2.0,
+                         start_velocity=(0.0, -5.0), goal_velocity=(0.0, -5.0))
+    fence = ((-400.0, -800.0), (600.0, -800.0), (600.0, 800.0), (-400.0, 800.0))
+    scenario = replace(scenario, reference_snr_db=79.0, geofence=fence, no_fly_zones=(
+        NoFlyZone(((300.0, -50.0), (350.0, -50.0), (350.0, 50.0), (300.0, 50.0))),))
+    straight = np.linspace(scenario.starts, scenario.goals, scenario.slots + 2, axis=1)
+    with_flight = replace(scenario, uavs=tuple(replace(
+        uav, max_speed=20.0, max_acceleration=1e6) for uav in scenario.uavs))
+    plan = Plan(with_flight, straight, np.zeros((2, scenario.slots)))
+    assert plan.tail(100).scenario.slots == 9900
+
+
+def test_where_the_solver_fails_a_flight_of_little_acceleration_has_the_effort(monkeypatch):
     healthy = clarabel.DefaultSettings
 
     def hasty():
@@ -96,5 +114,7 @@ def test_a_failure_of_the_solver_is_an_error_and_no_flight(monkeypatch):
         return settings
 
     monkeypatch.setattr(clarabel, 'DefaultSettings', hasty)
-    with pytest.raises(NumericalError):
-        Vehicle((100.0, 0.0), 10.0, 1.0, (0.0, 5.0)).least_effort(20, 1.0)
+    effort, points = least_effort(Vehicle((100.0, 0.0), 10.0, 1.0, (0.0, 5.0)), 20, 1.0)
+    changes = np.diff(np.concatenate([[[0.0, -5.0]], points]), n=2, axis=0)
+    assert effort == pytest.approx(np.linalg.norm(changes, axis=1).max()) and effort < 1
+    assert points[[0, -1]].tolist() == [[0.0, 0.0], [100.0, 0.0]]

@@ -1,5 +1,5 @@
 """
-Feasibility of a single flight, and the flight that stays farthest from its limits.
+Straight flights of a single UAV, and the shortest duration of a flight.
 
 Points q[0..N+1] are the control points of a uniform quadratic B-spline whose slots last `step`
 seconds. Its velocities are the moves w[n] = (q[n+1] - q[n]) / step, n = 0..N, with w[-1] and
@@ -7,17 +7,20 @@ w[N+1] given by the velocities at the ends; its acceleration in a slot is (w[n] 
 The effort of a flight is its largest speed or acceleration as a share of the limit.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
-import scipy
 
-from .cone_program import solve_cone_program
-from ..errors import NumericalError
+from .validation import Array, RANGES
+from ..errors import round_up
 
-_ACCURACY = 1e-9
+EFFORT_TOLERANCE = 1e-9
+"""Largest effort above 1 of a flight that counts as one within the limits, for rounding."""
+
+_MOST_STEPS = 100
+_MOST_NAMED = 20  # Durations that are tried after rounding; the last is twice the first.
 
 
 @dataclass(frozen=True)
@@ -38,39 +41,32 @@ class Vehicle:
     start_velocity: tuple[float, float] | None = None
     goal_velocity: tuple[float, float] | None = None
 
-    def least_effort(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
-        """
-        Return the least effort of a flight, and its points (N+2, 2) in m from the start.
+    @property
+    def is_straight(self) -> bool:
+        """Whether a straight flight has the least effort; a velocity at an end may bend it."""
+        return math.isinf(self.max_acceleration) or all(
+            velocity in (None, (0.0, 0.0))
+            for velocity in (self.start_velocity, self.goal_velocity))
 
-        If the effort is above 1, no flight of N slots of `step` seconds keeps the limits.
-
-        :raises NumericalError: if the solver fails.
-        """
-        if math.isinf(self.max_acceleration) or all(
-                velocity in (None, (0.0, 0.0))
-                for velocity in (self.start_velocity, self.goal_velocity)):
-            return self._straight(slots, step)
-        return self._solve_cone_program(slots, step)
-
-    def shortest_step(self, slots: int) -> float:
-        """Return the shortest slot in s with which a flight of N slots is feasible."""
-        distance = math.hypot(*self.displacement)
+    def straight_effort(self, slots: int, step: float) -> float:
+        """Return the least effort of a straight flight of N slots of `step` seconds."""
+        moves, speed = slots + 1, self.max_speed
         if math.isinf(self.max_acceleration):
-            return distance / ((slots + 1) * self.max_speed)
-        high = max(distance / ((slots + 1) * self.max_speed), 1e-9)
-        while self.least_effort(slots, high)[0] > 1:
-            high *= 2
-        low = high / 2
-        while high - low > 1e-7 * high:
-            middle = (low + high) / 2
-            if self.least_effort(slots, middle)[0] <= 1:
-                high = middle
+            longest = moves * speed
+        else:
+            # Sums of the speeds that are reached after 1, 2, ... slots from rest, at most V.
+            gain = self.max_acceleration * step
+            rests = sum(velocity is not None
+                        for velocity in (self.start_velocity, self.goal_velocity))
+            if rests == 2:
+                half, odd = divmod(moves, 2)
+                longest = 2 * _sum_speeds(half, gain, speed) + odd * min(speed, (half + 1) * gain)
             else:
-                low = middle
-        return high
+                longest = _sum_speeds(moves, gain, speed) if rests else moves * speed
+        return math.hypot(*self.displacement) / (longest * step)
 
-    def _straight(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
-        """Return the flight whose moves are all the same share of the longest allowed ones."""
+    def fly_straight(self, slots: int, step: float) -> Array:
+        """Return a flight whose moves are all the same share of the longest, (N+2, 2) in m."""
         count = np.arange(slots + 1.0)
         most = np.full(slots + 1, self.max_speed)
         if not math.isinf(self.max_acceleration):
@@ -80,57 +76,64 @@ class Vehicle:
             if self.goal_velocity is not None:
                 most = np.minimum(most, (slots + 1 - count) * gain)
         share = np.append(0.0, np.cumsum(most)) / most.sum()
-        effort = math.hypot(*self.displacement) / (most.sum() * step)
-        return effort, share[:, None] * np.array(self.displacement)
+        return np.asarray(share[:, None] * np.array(self.displacement))
 
-    def _solve_cone_program(self, slots: int, step: float) -> tuple[float, NDArray[np.float64]]:
-        """
-        Return the flight of least effort, by a second-order cone program.
 
-        It minimises the effort r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step.
-        """
-        moves, top = slots + 1, self.max_speed
-        given, first = self._with_ends(np.zeros((moves, 2)))
-        change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(given) - 1, len(given)))
-        vectors = scipy.sparse.vstack([
-            scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(given), moves, k=-first)])
-        constants = np.concatenate([np.zeros((moves, 2)), np.diff(given / top, axis=0)])
-        cones = len(constants)
-        limits = np.where(np.arange(cones) < moves, 1.0, self.max_acceleration * step / top)
-        unit = max(1.0, math.hypot(*self.displacement))
-        both = scipy.sparse.identity(2)
-        rows = scipy.sparse.bmat([
-            [None, scipy.sparse.kron(np.full((1, moves), step * top / unit), both)],
-            [scipy.sparse.csr_matrix(-limits[:, None]), None],
-            [None, -scipy.sparse.kron(vectors, both)]], format='csr')
-        right = np.concatenate([
-            np.array(self.displacement) / unit, np.zeros(cones), constants.ravel()])
-        # The displacement, then for every cone its limit times r and its vector.
-        number = 2 + np.arange(cones)
-        order = np.append([0, 1], np.stack(
-            [number, cones + 2 * number - 2, cones + 2 * number - 1], axis=1))
-        size = 1 + 2 * moves
-        solution = solve_cone_program(
-            scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows[order], right[order],
-            equalities=2, accuracy=_ACCURACY)
-        if solution is None:
-            raise NumericalError(f'no flight of least effort was found for {self}')
-        velocities = solution[1:].reshape(-1, 2) * top
-        # The displacement is nearly right: the moves share the rest.
-        missing = np.array(self.displacement) - velocities.sum(axis=0) * step
-        velocities = velocities + missing / (moves * step)
-        changes = np.linalg.norm(np.diff(self._with_ends(velocities)[0], axis=0), axis=1)
-        effort = max(np.linalg.norm(velocities, axis=1).max() / top,
-                     changes.max(initial=0.0) / (self.max_acceleration * step))
-        points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
-        points[-1] = self.displacement
-        return float(effort), points
+def _sum_speeds(moves: int, gain: float, speed: float) -> float:
+    """Return the sum of min(speed, gain * n) over n = 1..moves."""
+    rising = min(moves, int(speed / gain))
+    return gain * rising * (rising + 1) / 2 + (moves - rising) * speed
 
-    def _with_ends(self, velocities: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-        """Add the given end velocities; return all, and the index of the first move's."""
-        before, after = (np.zeros((0, 2)) if velocity is None else np.array([velocity])
-                         for velocity in (self.start_velocity, self.goal_velocity))
-        return np.concatenate([before, velocities, after]), len(before)
+
+def find_shortest_duration(effort: Callable[[float], float], duration: float,
+                           accuracy: float = 1e-9, guess: float = math.inf,
+                           longest: float = RANGES['duration'][1]) -> float | None:
+    """
+    Return a duration in s with an effort of at most 1, close to the shortest, or None.
+
+    It is rounded up to six digits, and its own effort has been asked for. The search is regula
+    falsi on logarithms (Dowell and Jarratt, "A modified regula falsi method for computing the root
+    of an equation", 1971).
+
+    :param effort: the least effort by the duration in s.
+    :param duration: at which it is above 1.
+    :param accuracy: largest ratio, minus 1, of the answer and a duration that is too short, before
+        rounding.
+    :param guess: a duration that may be just enough.
+    :param longest: beyond which none is tried.
+    """
+    low, below = duration, _log(effort(duration))
+    high = min(2 * duration, max(guess, duration * (1 + accuracy)), longest)
+    while (above := _log(effort(high))) > 0:
+        if high >= longest:
+            return None
+        low, below, high = high, above, min(2 * high, longest)
+    kept = 0.0
+    for _ in range(_MOST_STEPS):
+        if high <= low * (1 + accuracy):
+            break
+        middle = low * (high / low)**(below / (below - above))
+        if not low < middle < high:
+            break
+        value = _log(effort(middle))
+        if value > 0:
+            low, below, above = middle, value, above / (2 if kept > 0 else 1)
+        else:
+            high, above, below = middle, value, below / (2 if kept < 0 else 1)
+        kept = 1.0 if value > 0 else -1.0
+    named = round_up(high)
+    for power in range(_MOST_NAMED):
+        if named > longest:
+            break
+        if effort(named) <= 1:
+            return named
+        named = round_up(named * (1 + 1e-6 * 2**power))
+    return None
+
+
+def _log(effort: float) -> float:
+    """Return the logarithm of an effort; one of 0 or of no number counts as a large one."""
+    return math.log(min(max(effort, 1e-6), 1e6)) if effort == effort else math.log(1e6)
 
 
 def clip_norm(x: float, y: float, most: float) -> tuple[float, float]:

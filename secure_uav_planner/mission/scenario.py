@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 import math
+from operator import itemgetter
 import os
 from typing import Any, TYPE_CHECKING
 
@@ -13,20 +14,20 @@ from numpy.typing import ArrayLike
 
 from . import make_view
 from .files import checked_path
+from .kinematics import EFFORT_TOLERANCE, find_shortest_duration
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
+from .refusals import raise_all, refuse_slow_uavs
 from .tracks import (
     checked_track, interpolate, join_tracks, ReceiverPlaces, shift_track, split_ground_node, Track)
 from .validation import (
     Array, checked_array, checked_fields, checked_kind, checked_members, checked_number,
     checked_point, checked_real, make_unique, Point, RANGES, read_only, set_checked)
-from ..errors import InfeasibleMissionError, prefix_place, quote, ScenarioError
+from ..errors import prefix_place, quote, round_down, ScenarioError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_EFFORT_TOLERANCE = 1e-9
 
 POSITION_TOLERANCE = 1e-6
 """Largest violation of a limit by a place in m, for rounding."""
@@ -87,8 +88,9 @@ class Scenario:
     :param ground_node_track: of a ground node that moves, its place at 2 to 1000 times: (t, x, y)
         each, as in the track of an Eavesdropper. Then ground_node becomes that at point 0.
     :raises ScenarioError: naming the field, its value and what is allowed.
-    :raises InfeasibleMissionError: for a mission that cannot be flown, naming the UAV and its
-        shortest duration.
+    :raises InfeasibleMissionError: where the straight line from start to goal takes longer than
+        the duration, naming the UAV and its shortest duration. Whether a mission can be flown is
+        a question for solve.
     """
 
     ground_node: Point
@@ -129,10 +131,7 @@ class Scenario:
         if not isinstance(self.colluding, bool):
             raise ScenarioError(f'colluding is {quote(self.colluding)}; it must be true or false',
                                 ('colluding',))
-        problems = [*self._check_size(), *self._check_ends(), *self._check_durations()]
-        if problems:
-            problems[0].further = tuple(problems[1:])
-            raise problems[0]
+        raise_all([*self._check_size(), *self._check_ends(), *self._check_durations()])
 
     def _check_size(self) -> Iterator[ScenarioError]:
         """Yield the errors of names and of the number of variables."""
@@ -150,27 +149,34 @@ class Scenario:
 
     def _check_ends(self) -> Iterator[ScenarioError]:
         """Yield the errors of the ends of flights: zones, fence and separation."""
+        close, fence = [], None
+        try:
+            fence = self.keep_in
+        except ScenarioError as error:
+            yield error
         for field in ('start', 'goal'):
             # The curve may leave its first and last control point by its bend. The start of the
             # tail of a plan may itself violate a limit by rounding.
             slacks = [2 * POSITION_TOLERANCE + uav.bend_at(field, self.slot_duration)
                       for uav in self.uavs]
             for number, slack in enumerate(slacks):
-                yield from self._check_end(number, field, slack)
-            close = []
+                yield from self._check_end(number, field, slack, fence)
             for (first, slack1), (second, slack2) in combinations(zip(self.uavs, slacks), 2):
                 distance = math.hypot(math.dist(getattr(first, field), getattr(second, field)),
                                       first.altitude - second.altitude)
                 if distance < self.keep_apart - slack1 - slack2:
-                    close.append((distance, first.name, second.name))
-            if close:
-                distance, *names = min(close)
-                yield ScenarioError(
-                    f'separation{self.margin_text} is {self.keep_apart:g} m; it must be at most '
-                    f'{distance:g} m, the distance between the {field}s of {" and ".join(names)}',
-                    ('separation',))
+                    close.append((distance, field, first.name, second.name))
+        if close:
+            distance, field, *names = min(close, key=itemgetter(0))
+            most = round_down(max(distance - 2 * self.tracking_margin, 0.0))
+            margin = f'{self.margin_text[1:]} ' if self.tracking_margin else ''
+            yield ScenarioError(
+                f'separation is {self.separation:g} m; {margin}it must be at most {most:g} m, the '
+                f'distance between the {field}s of {" and ".join(names)}'
+                + (' less twice the margin' if margin else ''), ('separation',))
 
-    def _check_end(self, number: int, field: str, slack: float) -> Iterator[ScenarioError]:
+    def _check_end(self, number: int, field: str, slack: float, fence: Vertices | None
+                   ) -> Iterator[ScenarioError]:
         """Yield the errors of the start or the goal of a UAV: zones and fence."""
         uav = self.uavs[number]
         place = getattr(uav, field)
@@ -180,21 +186,27 @@ class Scenario:
                     f'{uav.name}.{field} is {quote(place)} at {uav.altitude:g} m, inside '
                     f'{name}{self.margin_text}; it must be outside all no_fly_zones',
                     ('uavs', number, field))
-        if self.keep_in is not None and depth(self.keep_in, place) < -slack:
+        if fence is not None and depth(fence, place) < -slack:
             yield ScenarioError(
                 f'{uav.name}.{field} is {quote(place)}, outside the geofence{self.margin_text}; '
                 'it must be inside', ('uavs', number, field))
 
     def _check_durations(self) -> Iterator[ScenarioError]:
-        """Yield an error for each UAV that needs more time from start to goal."""
-        for uav, effort in zip(self.uavs, self.efforts, strict=True):
-            if effort > 1 + _EFFORT_TOLERANCE:
-                shortest = uav.vehicle.shortest_step(self.slots) * self.slots
-                yield InfeasibleMissionError(
-                    f'duration is {self.duration:g} s; {uav.name} needs at least '
-                    f'{math.ceil(shortest * 1000) / 1000:g} s from start to goal at '
-                    f'{uav.limits_text}',
-                    ('duration',))
+        """
+        Yield an error for each UAV that needs more time for the straight line.
+
+        Where a velocity at an end leads a UAV away from it, optimize.initial asks for all of them.
+        """
+        if not all(uav.vehicle.is_straight for uav in self.uavs):
+            return
+
+        def measure_effort(uav: Uav, duration: float) -> float:
+            return uav.vehicle.straight_effort(self.slots, duration / self.slots)
+
+        yield from refuse_slow_uavs(self.duration, (
+            (uav, find_shortest_duration(partial(measure_effort, uav), self.duration))
+            for uav in self.uavs
+            if not measure_effort(uav, self.duration) <= 1 + EFFORT_TOLERANCE))
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.
@@ -391,12 +403,6 @@ class Scenario:
         """Suffix of the name of a limit in messages: the tracking_margin, if there is one."""
         margin = self.tracking_margin
         return f' with the tracking_margin of {margin:g} m' if margin else ''
-
-    @cached_property
-    def efforts(self) -> Array:
-        """Least efforts of the UAVs' flights, as shares of their limits, (U,); see Vehicle."""
-        return read_only([uav.vehicle.least_effort(self.slots, self.slot_duration)[0]
-                          for uav in self.uavs])
 
     @cached_property
     def end_velocities(self) -> Array:

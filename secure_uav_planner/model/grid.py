@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from .channel.links import FreeSpace, make_links
 from .curve import complete_end_moves, evaluate_spline
+from .least_effort import find_least_efforts
 from ..mission.scenario import Array, Scenario
 
 _SHORT = 0.25  # Share of a mission's extent beyond which no distance is short.
@@ -25,17 +26,22 @@ class Grid:
 
     :param scenario: whose flight it is; the flight's length stays the scenario's.
     :param slots: N on this grid.
-    :param fixed: UAVs whose positions are not variables, (U,).
+    :param is_fixed: whether no positions are variables.
     """
 
     scenario: Scenario
     slots: int
-    fixed: NDArray[np.bool_]
+    is_fixed: bool = False
 
     @classmethod
     def of(cls, scenario: Scenario) -> 'Grid':
-        """Return the grid of a scenario's own slots; a UAV with no slack is fixed."""
-        return cls(scenario, scenario.slots, scenario.efforts > 1 - _NO_SLACK)
+        """Return the grid of a scenario's own slots."""
+        return cls(scenario, scenario.slots)
+
+    @cached_property
+    def fixed(self) -> NDArray[np.bool_]:
+        """Whether the positions of each UAV are no variables, as without slack, (U,)."""
+        return self.is_fixed | (find_least_efforts(self.scenario) > 1 - _NO_SLACK)
 
     def with_slots(self, slots: int) -> 'Grid':
         """Return the same flight divided into another number of slots."""

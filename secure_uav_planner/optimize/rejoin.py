@@ -15,8 +15,9 @@ import numpy as np
 
 from .incumbent import silence_losing_slots
 from ..errors import InfeasibleMissionError, PlanError, ScenarioError
-from ..mission.kinematics import clip_norm
+from ..mission.kinematics import clip_norm, EFFORT_TOLERANCE
 from ..mission.scenario import Array, Point, Scenario, Uav
+from ..model.least_effort import find_least_efforts, least_effort
 from ..plan.plan import Plan
 from ..plan.playback import Playback
 from ..plan.tracking import deviation, MeasuredState, predict_return
@@ -111,6 +112,11 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
             uavs[index], start=_to_point(path[-1]), start_velocity=clip_norm(
                 *_to_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
     scenario = replace(tail.scenario, uavs=tuple(uavs)).with_receivers(updated, point * step)
+    late = [uav.name for uav, effort in zip(uavs, find_least_efforts(scenario), strict=True)
+            if not effort <= 1 + EFFORT_TOLERANCE]
+    if late:
+        raise InfeasibleMissionError(f'{" and ".join(late)} cannot reach the goal in the '
+                                     f'{scenario.duration:g} s that are left')
     powers = plan.powers[:, :point].copy()
     if point > first:
         times: Array = np.arange(first + 1.0, point + 1) * step
@@ -172,8 +178,8 @@ class _Return:
             vehicle = replace(vehicle, goal_velocity=_to_point(2 * move / self._step))
         if math.hypot(*vehicle.displacement) > (slots + 1) * self._step * vehicle.max_speed:
             return None
-        effort, points = vehicle.least_effort(slots, self._step)
-        if effort > 1:
+        effort, points = least_effort(vehicle, slots, self._step)
+        if not effort <= 1:
             return None
         return np.concatenate([self._path[:self._first], begin + points, end[1:]])
 

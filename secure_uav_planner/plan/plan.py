@@ -20,7 +20,7 @@ from ..mission.validation import checked_array, checked_kind
 from ..model import channel
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
-from ..model.limits import build_limits
+from ..model.limits import check_limits
 from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
 
 if TYPE_CHECKING:
@@ -83,8 +83,7 @@ class Plan:
         if self.start_ns is not None:
             self._check_start(self.start_ns)
         self._check_ends()
-        for limit in build_limits(self.scenario):
-            limit.check(self.positions, self.powers)
+        check_limits(self.scenario, self.positions, self.powers)
         self.clearance.check()
 
     def _check_kinds(self) -> None:

@@ -32,6 +32,13 @@ def build_limits(scenario: Scenario, grid: Grid | None = None) -> tuple[Limit, .
     return tuple(limit(scenario, grid) for limit in LIMITS if limit.applies_to(scenario))
 
 
+def check_limits(scenario: Scenario, positions: Array, powers: Array) -> None:
+    """Raise a PlanError if a plan breaks a limit, but those of lines; see Limit.check."""
+    for limit in LIMITS:
+        if not issubclass(limit, LineLimit) and limit.applies_to(scenario):
+            limit(scenario).check(positions, powers)
+
+
 @lru_cache(maxsize=4)
 def _get_limits(scenario: Scenario) -> tuple[Limit, ...]:
     """Return the limits on the scenario's own grid, cached: every iterate is repaired by them."""
@@ -82,5 +89,5 @@ def is_clear(scenario: Scenario, positions: Array,
 
 
 __all__ = ['AccelerationLimit', 'AveragePower', 'FenceLimit', 'LIMITS', 'Limit', 'PeakPower',
-           'SeparationLimit', 'SpeedLimit', 'ZoneLimit', 'build_limits', 'is_clear', 'is_open',
-           'repair', 'repair_powers']
+           'SeparationLimit', 'SpeedLimit', 'ZoneLimit', 'build_limits', 'check_limits',
+           'is_clear', 'is_open', 'repair', 'repair_powers']

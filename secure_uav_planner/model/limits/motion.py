@@ -15,8 +15,12 @@ from numpy.typing import NDArray
 from .base import Limit
 from ..grid import Grid
 from ..kernel import core
-from ...errors import PlanError
+from ..least_effort import least_effort
+from ...errors import PlanError, round_down
 from ...mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
+
+
+_ROUNDING = 1e-15  # Of differences of points, as a share of their coordinates.
 
 
 class NormLimit(Limit):
@@ -66,8 +70,9 @@ class NormLimit(Limit):
     def check(self, positions: Array, powers: Array) -> None:
         """Check every difference of a plan; see Limit."""
         lengths = self._lengths(positions)
+        tolerance = max(POSITION_TOLERANCE, _ROUNDING * np.abs(positions).max())
         for uav, (length, most) in enumerate(zip(lengths, self.longest.tolist(), strict=True)):
-            if length.max() > most + POSITION_TOLERANCE:
+            if length.max() > most + tolerance:
                 raise PlanError(self._describe_excess(
                     uav, int(length.argmax()), float(length.max())))
 
@@ -119,7 +124,7 @@ class SpeedLimit(NormLimit):
 
     def _describe_excess(self, uav: int, point: int, value: float) -> str:
         return (f'{self.scenario.uavs[uav].name} moves {value:.9g} m after point {point}; '
-                f'at most {self.longest[uav]:.9g} m are allowed')
+                f'at most {round_down(self.longest[uav], 9):.9g} m are allowed')
 
     def differences(self, positions: Array) -> Array:
         """Return the moves, (U, N+1, 2)."""
@@ -153,8 +158,9 @@ class AccelerationLimit(NormLimit):
 
     def _describe_excess(self, uav: int, point: int, value: float) -> str:
         square = self.grid.slot_duration**2
+        most = round_down(self.longest[uav] / square, 9)
         return (f'{self.scenario.uavs[uav].name} accelerates by {value / square:.9g} m/s^2 at '
-                f'point {point}; at most {self.longest[uav] / square:.9g} m/s^2 are allowed')
+                f'point {point}; at most {most:.9g} m/s^2 are allowed')
 
     def differences(self, positions: Array) -> Array:
         """Return the second differences, (U, N+2, 2)."""
@@ -169,8 +175,8 @@ def reference_flight(grid: Grid) -> Array:
 
 @lru_cache(maxsize=64)
 def _reference_flight(scenario: Scenario, slots: int) -> Array:
-    step = Grid.of(scenario).with_slots(slots).slot_duration
+    step = Grid(scenario, slots).slot_duration
     flights = np.stack([
-        uav.start + uav.vehicle.least_effort(slots, step)[1] for uav in scenario.uavs])
+        uav.start + least_effort(uav.vehicle, slots, step)[1] for uav in scenario.uavs])
     flights[:, -1] = scenario.goals
     return read_only(flights)

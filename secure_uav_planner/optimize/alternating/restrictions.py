@@ -14,11 +14,11 @@ import warnings
 import cvxpy as cp
 import numpy as np
 
-from ...mission.cone_program import is_solver_failure
 from ...mission.scenario import Array, Scenario
 from ...model.channel import (
     ground_gains, ground_squared_distances, guaranteed_gains, guaranteed_squared_distances)
 from ...model.channel.links import FreeSpace, make_link
+from ...model.cone_program import is_solver_failure
 
 _LOG = logging.getLogger(__name__)
 

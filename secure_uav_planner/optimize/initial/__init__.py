@@ -2,8 +2,8 @@
 Initial trajectories, from which the methods start.
 
 `visibility_graph` finds routes around obstacles, `flights` flies along them, `projection` moves
-flights strictly inside all limits, `infeasibility` says why there are none, and `trajectories`
-calls these in turn.
+flights strictly inside all limits, `feasibility` asks whether there are flights and says why not,
+and `trajectories` calls these in turn.
 """
 
 from .flights import build_flights, fly_around

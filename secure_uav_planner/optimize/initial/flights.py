@@ -9,9 +9,22 @@ import numpy as np
 from .visibility_graph import Check, find_routes, MOST_ROUTES, VisibilityGraph
 from ...mission.kinematics import Vehicle
 from ...mission.scenario import Array, Scenario, Uav
+from ...model.least_effort import least_effort
 from ...model.limits import is_open, repair
 
 _TURNS = 25  # Places on the way out at which a UAV may turn back.
+
+
+def list_hovering_places(scenario: Scenario) -> Array:
+    """
+    Return the hovering places of fly-hover-fly, (U, 2) in m.
+
+    The transmitter hovers above the ground node, the jammers above the eavesdroppers in turn, or
+    above where these are at half time if they move.
+    """
+    ground, eves, _ = scenario.receivers_at([scenario.duration / 2])
+    jammers = np.arange(len(scenario.uavs) - 1)
+    return np.concatenate([ground, eves[jammers % len(eves), 0]])
 
 
 def build_flights(scenario: Scenario, hover: Array,
@@ -85,8 +98,8 @@ def fly_direct(scenario: Scenario, index: int, route: int = 0) -> Array | None:
     graph, [routes] = find_routes(
         scenario, index, (np.array(uav.start), np.array(uav.goal)), 1 + route)
     if graph is None:
-        return uav.start + uav.vehicle.least_effort(
-            scenario.slots, scenario.slot_duration)[1] if route == 0 else None
+        return uav.start + least_effort(
+            uav.vehicle, scenario.slots, scenario.slot_duration)[1] if route == 0 else None
     if len(routes) <= route:
         return None
     length = _measure_length(routes[route])
@@ -109,7 +122,7 @@ def _spread_effort(uav: Uav, length: float, scenario: Scenario) -> Array:
     """Return the distances flown along a route with the least effort, (N+2,) in m."""
     vehicle = Vehicle((length, 0.0), uav.max_speed, uav.vehicle.max_acceleration,
                       start_velocity=(0.0, 0.0), goal_velocity=(0.0, 0.0))
-    return vehicle.least_effort(scenario.slots, scenario.slot_duration)[1][:, 0]
+    return np.asarray(vehicle.fly_straight(scenario.slots, scenario.slot_duration)[:, 0])
 
 
 def _turn_back(graph: VisibilityGraph, out: Array, goal: Array,
@@ -175,7 +188,7 @@ def _fly_hover_fly(scenario: Scenario, uav: Uav, place: Array) -> Array:
                    for velocity in (uav.start_velocity, uav.goal_velocity))
     begin, end = start + first * (width - 1) / 2, goal - last * (width - 1) / 2
     if width > slots or math.dist(begin, end) > (slots + 2 - width) * step:
-        return start + uav.vehicle.least_effort(slots, duration)[1]
+        return start + least_effort(uav.vehicle, slots, duration)[1]
     moves = np.concatenate([
         np.tile(first, (width - 1, 1)),
         np.diff(_fly_straight(begin, end, place, step, slots + 1 - width), axis=0),

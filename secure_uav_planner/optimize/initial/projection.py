@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 import scipy
 
 from .visibility_graph import Check
-from ...mission.cone_program import solve_cone_program
 from ...mission.scenario import Array, Scenario
+from ...model.cone_program import solve_cone_program
 from ...model.grid import Grid, resample_flights
+from ...model.least_effort import find_least_efforts
 from ...model.limits import build_limits, is_clear
 from ...model.limits.lines import LineLimit, Lines
 from ...model.limits.motion import NormLimit, reference_flight
@@ -113,7 +114,7 @@ class _Projection:
         limits = build_limits(scenario, grid)
         self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
         self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
-        self._efforts = 1 - share * np.maximum(1 - scenario.efforts, 0.0)
+        self._efforts = 1 - share * np.maximum(1 - find_least_efforts(scenario, check), 0.0)
         self._step = float(np.median(grid.steps)) / grid.length
 
     def solve(self, positions: Array, opposite: bool = False,

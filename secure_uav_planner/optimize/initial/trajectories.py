@@ -1,14 +1,13 @@
 """Initial trajectories and powers: fly-hover-fly of Section IV, or those of an earlier plan."""
 
 from functools import lru_cache
-from itertools import chain
 
 import numpy as np
 
-from .flights import build_flights, generate_direct_flights
-from .infeasibility import raise_infeasibility
+from .feasibility import check_durations, find_flights
+from .flights import build_flights, list_hovering_places
 from .projection import find_flights_near
-from .visibility_graph import Check, find_free_places
+from .visibility_graph import Check
 from ...errors import OptionError
 from ...mission.scenario import Array, Scenario
 from ...model.grid import resample, resample_flights
@@ -29,14 +28,12 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
         passed on.
     :raises InfeasibleMissionError: when no flights are found that keep the limits.
     """
-    ground, eves, _ = scenario.receivers_at([scenario.duration / 2])
-    jammers = np.arange(len(scenario.uavs) - 1)
-    hover = np.concatenate([ground, eves[jammers % len(eves), 0]])
+    check_durations(scenario, check)
     if is_open(scenario):
-        return build_flights(scenario, hover)
+        return build_flights(scenario, list_hovering_places(scenario))
     cache = _get_cache(scenario)
     if not cache:
-        cache.append(_search_flights(scenario, hover, check))
+        cache.append(find_flights(scenario, check))
     return cache[0].copy()
 
 
@@ -44,16 +41,6 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
 def _get_cache(_scenario: Scenario) -> list[Array]:
     """Return the list that holds the flights of a scenario once they are found."""
     return []
-
-
-def _search_flights(scenario: Scenario, hover: Array, check: Check) -> Array:
-    places = find_free_places(scenario, hover, check)
-    wanted = build_flights(scenario, places, check=check)
-    for flights in chain([wanted], generate_direct_flights(scenario, check)):
-        feasible = find_flights_near(scenario, flights, check)
-        if feasible is not None:
-            return feasible
-    raise_infeasibility(scenario, check)
 
 
 def constant_powers(scenario: Scenario, transmitting: float = 1.0,
@@ -96,10 +83,12 @@ def adapt_plan(scenario: Scenario, plan: Plan,
 
     :param check: as for fly_hover_fly_positions.
     :raises OptionError: when the number of UAVs differs.
+    :raises InfeasibleMissionError: as for fly_hover_fly_positions.
     """
     if len(plan.scenario.uavs) != len(scenario.uavs):
         raise OptionError(f'initial is a plan for {len(plan.scenario.uavs)} UAVs; '
                           f'it must be one for {len(scenario.uavs)}')
+    check_durations(scenario, check)
     positions = resample_flights(plan.positions, scenario.slots)
     share = np.linspace(0, 1, scenario.slots + 2)
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]

@@ -113,7 +113,7 @@ def improve_powers(stepper: Stepper, least: float = 0.0) -> Status:
     """
     incumbent = stepper.incumbent
     incumbent.try_less_jamming()
-    stepper.grid = replace(stepper.grid, fixed=np.ones_like(stepper.grid.fixed))
+    stepper.grid = replace(stepper.grid, is_fixed=True)
     grid = stepper.grid.with_slots(min(stepper.grid.slots, COARSE_SLOTS))
     levels = [constant_powers(incumbent.scenario, 1.0, share) for share in _LEVELS]
     barrier = stepper.build_barrier(grid, np.array([

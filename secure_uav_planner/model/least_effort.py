@@ -1,0 +1,151 @@
+"""The flights that stay farthest from the limits of speed and acceleration; see kinematics."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+import math
+
+import numpy as np
+import scipy
+
+from .cone_program import solve_cone_program
+from ..mission.kinematics import Vehicle
+from ..mission.scenario import Scenario
+from ..mission.validation import Array, read_only
+
+_ACCURACY = 1e-9
+
+
+def least_effort(vehicle: Vehicle, slots: int, step: float,
+                 check: Callable[[], None] = lambda: None) -> tuple[float, Array]:
+    """
+    Return the least effort of a flight, and its points (N+2, 2) in m from the start, read-only.
+
+    If the effort is above 1, no flight of N slots of `step` seconds keeps the limits. Then it may
+    be larger than that of a flight that exceeds them least.
+
+    :param check: called in the search; what it raises is passed on.
+    """
+    return _find_flight(_Question(vehicle, slots, step, check))
+
+
+def find_least_efforts(scenario: Scenario, check: Callable[[], None] = lambda: None) -> Array:
+    """Return the least efforts of the flights of a scenario, (U,)."""
+    slots = scenario.slots
+    step = scenario.slot_duration * (slots + 1) / (slots + 1)  # Rounded as that of a Grid.
+    return np.array([least_effort(uav.vehicle, slots, step, check)[0] for uav in scenario.uavs])
+
+
+@dataclass(frozen=True)
+class _Question:
+    vehicle: Vehicle
+    slots: int
+    step: float
+    check: Callable[[], None] = field(compare=False)  # Answers do not depend on it.
+
+
+@lru_cache(maxsize=64)
+def _find_flight(question: _Question) -> tuple[float, Array]:
+    vehicle, slots, step = question.vehicle, question.slots, question.step
+    if vehicle.is_straight:
+        return (vehicle.straight_effort(slots, step),
+                read_only(vehicle.fly_straight(slots, step)))
+    program = _EffortProgram(vehicle, slots, step)
+    smooth = program.minimise_acceleration()
+    least = program.solve(question.check) if program.bound_effort() <= 1 + 1e-6 else None
+    best = min([smooth] if least is None else [least, smooth], key=program.measure_effort)
+    points = np.concatenate([np.zeros((1, 2)), np.cumsum(best, axis=0) * step])
+    points[-1] = vehicle.displacement
+    return program.measure_effort(best), read_only(points)
+
+
+class _EffortProgram:
+    """
+    The second-order cone program of the least effort of a flight with given end velocities.
+
+    It minimises the effort r subject to |w[n]| <= r V and |w[n] - w[n-1]| <= r a step over the
+    velocities w, (N+1, 2) in m/s, whose sum is that of the displacement.
+    """
+
+    def __init__(self, vehicle: Vehicle, slots: int, step: float) -> None:
+        self._vehicle, self._moves, self._step = vehicle, slots + 1, step
+        self._ends = [np.zeros((0, 2)) if velocity is None else np.array([velocity])
+                      for velocity in (vehicle.start_velocity, vehicle.goal_velocity)]
+        self._sum: Array = np.array(vehicle.displacement) / step
+        self._gain = vehicle.max_acceleration * step
+
+    def measure_effort(self, velocities: Array) -> float:
+        """Return the effort of a flight."""
+        changes = np.diff(self._with_ends(velocities), axis=0)
+        return float(max(_lengths(velocities).max() / self._vehicle.max_speed,
+                         _lengths(changes).max(initial=0.0) / self._gain))
+
+    def minimise_acceleration(self) -> Array:
+        """Return the flight of the least sum of squared accelerations, a closed form."""
+        base, weights = self._smooth_parts()
+        return base + weights[:, None] * ((self._sum - base.sum(axis=0)) / weights.sum())
+
+    def bound_effort(self) -> float:
+        """Return a lower bound of the effort, by the distance that accelerations must make up."""
+        moves, (base, _) = self._moves, self._smooth_parts()
+        missing = math.hypot(*(self._sum - base.sum(axis=0)))
+        given = [*map(len, self._ends)]
+        if sum(given) == 1:
+            needed = missing / (moves * (moves + 1) / 2)
+        else:
+            slope = _lengths(self._ends[1] - self._ends[0])[0] / (moves + 1)
+            # A difference from the line between both velocities is largest in the middle.
+            needed = max(slope, missing / ((moves + 1)**2 / 4) - slope)
+        return float(max(math.hypot(*self._sum) / (moves * self._vehicle.max_speed),
+                         needed / self._gain))
+
+    def solve(self, check: Callable[[], None]) -> Array | None:
+        """Return the velocities of the flight of least effort, or None if Clarabel has none."""
+        moves, top, first = self._moves, self._vehicle.max_speed, len(self._ends[0])
+        given = self._with_ends(np.zeros((moves, 2)))
+        change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(len(given) - 1, len(given)))
+        vectors = scipy.sparse.vstack([
+            scipy.sparse.identity(moves), change @ scipy.sparse.eye(len(given), moves, k=-first)])
+        constants = np.concatenate([np.zeros((moves, 2)), np.diff(given / top, axis=0)])
+        cones = len(constants)
+        limits = np.where(np.arange(cones) < moves, 1.0, self._gain / top)
+        distance = self._sum * self._step
+        unit = max(1.0, math.hypot(*distance))
+        both = scipy.sparse.identity(2)
+        rows = scipy.sparse.bmat([
+            [None, scipy.sparse.kron(np.full((1, moves), self._step * top / unit), both)],
+            [scipy.sparse.csr_matrix(-limits[:, None]), None],
+            [None, -scipy.sparse.kron(vectors, both)]], format='csr')
+        right = np.concatenate([distance / unit, np.zeros(cones), constants.ravel()])
+        # The displacement, then for every cone its limit times r and its vector.
+        number = 2 + np.arange(cones)
+        order = np.append([0, 1], np.stack(
+            [number, cones + 2 * number - 2, cones + 2 * number - 1], axis=1))
+        size = 1 + 2 * moves
+        solution = solve_cone_program(
+            scipy.sparse.csc_matrix((size, size)), np.eye(1, size)[0], rows[order], right[order],
+            equalities=2, accuracy=_ACCURACY, check=check)
+        if solution is None or not np.isfinite(solution).all():
+            return None
+        velocities = solution[1:].reshape(-1, 2) * top
+        # The displacement is nearly right: the moves share the rest.
+        return np.asarray(velocities + (self._sum - velocities.sum(axis=0)) / moves)
+
+    def _smooth_parts(self) -> tuple[Array, Array]:
+        """Return velocities on the line between those at the ends, and the weights of a change."""
+        moves, (start, goal) = self._moves, self._ends
+        number = np.arange(1.0, moves + 1)
+        if len(start) and len(goal):
+            share = number[:, None] / (moves + 1)
+            return start + share * (goal - start), number * (moves + 1 - number)
+        weights = number * (2 * moves + 1 - number) / 2
+        return (np.repeat(start, moves, axis=0), weights) if len(start) else (
+            np.repeat(goal, moves, axis=0), weights[::-1])
+
+    def _with_ends(self, velocities: Array) -> Array:
+        """Return the velocities with those given at the ends, (N+1 to N+3, 2)."""
+        return np.concatenate([self._ends[0], velocities, self._ends[1]])
+
+
+def _lengths(vectors: Array) -> Array:
+    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]))

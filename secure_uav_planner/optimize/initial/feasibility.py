@@ -1,0 +1,233 @@
+"""Whether a mission can be flown: first flights, or the reasons why there are none."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+from itertools import chain
+import math
+from typing import NamedTuple, NoReturn
+
+import shapely
+
+from .flights import build_flights, fly_direct, generate_direct_flights, list_hovering_places
+from .projection import find_flights_near
+from .visibility_graph import Check, find_free_places
+from ...errors import InfeasibleMissionError, TimeLimitError
+from ...mission.kinematics import EFFORT_TOLERANCE, find_shortest_duration
+from ...mission.refusals import raise_all, refuse_duration, refuse_slow_uavs
+from ...mission.scenario import Array, Scenario, Uav
+from ...mission.validation import RANGES
+from ...model.airspace import GEOFENCE, get_airspace
+from ...model.least_effort import find_least_efforts, least_effort
+from ...model.limits import SeparationLimit
+
+_SHARE = 0.05  # Of its slack that a flight must leave to count.
+_LONGEST = 2**8  # Ratio of the durations that are tried and the mission's.
+_ACCURACY = 1e-6  # Of durations that the limits of speed and acceleration ask for,
+_ACCURACY_AROUND = 2e-4  # and of those around obstacles.
+_COARSE_SLOTS = 100  # Of the grid on which a duration is found first,
+_COARSE_ERROR = 1e-3  # with this error.
+
+
+def check_durations(scenario: Scenario, check: Check) -> None:
+    """
+    Raise an error unless all UAVs have the time from start to goal, as if each were alone.
+
+    :param check: called now and then; what it raises is passed on, as everywhere here.
+    :raises InfeasibleMissionError: of the slowest UAV, naming a duration with which all have it;
+        `further` are the errors of the rest. None is named where check raises TimeLimitError in
+        the search for it.
+    """
+    efforts = find_least_efforts(scenario, check)
+    slow = [uav for uav, effort in zip(scenario.uavs, efforts, strict=True)
+            if not effort <= 1 + EFFORT_TOLERANCE]
+    if not slow:
+        return
+    try:
+        shortest = [_find_shortest_alone(scenario, uav, check) for uav in slow]
+        if None not in shortest:
+            slowest = max(range(len(slow)), key=lambda index: shortest[index] or 0.0)
+            # With velocities at the ends, more time is not always easier.
+            shortest[slowest] = _find_duration(
+                lambda duration: max(_measure_effort(scenario, uav, duration, check)
+                                     for uav in scenario.uavs),
+                shortest[slowest] or 0.0, accuracy=_ACCURACY)
+    except TimeLimitError:
+        shortest = [math.nan] * len(slow)
+    raise_all(refuse_slow_uavs(scenario.duration, zip(slow, shortest, strict=True)))
+
+
+def find_flights(scenario: Scenario, check: Check) -> Array:
+    """
+    Return flights (U, N+2, 2) in m that keep all limits, near fly-hover-fly where they can be.
+
+    :raises InfeasibleMissionError: where none are found, naming the UAVs, the obstacles or limits,
+        and a duration with which flights are found; `further` are the errors of more UAVs. None
+        is named where check raises TimeLimitError in the search for it.
+    """
+    flights = _search_flights(scenario, check)
+    if flights is None:
+        _raise_infeasibility(scenario, check)
+    return flights
+
+
+def _measure_effort(scenario: Scenario, uav: Uav, duration: float, check: Check,
+                    slots: int | None = None) -> float:
+    """Return the least effort of a UAV in another duration, and in a flight of other slots."""
+    slots = slots or scenario.slots
+    time = duration * (scenario.slots + 1) / scenario.slots
+    return least_effort(uav.vehicle, slots, time / (slots + 1), check)[0]
+
+
+def _find_shortest_alone(scenario: Scenario, uav: Uav, check: Check) -> float | None:
+    """Return a duration in which a UAV has the time, close to the shortest, or None."""
+    guess = math.inf
+    if scenario.slots > _COARSE_SLOTS and not uav.vehicle.is_straight:
+        guess = find_shortest_duration(
+            lambda duration: _measure_effort(scenario, uav, duration, check, _COARSE_SLOTS),
+            scenario.duration, _COARSE_ERROR) or math.inf
+    return find_shortest_duration(
+        lambda duration: _measure_effort(scenario, uav, duration, check), scenario.duration,
+        _ACCURACY, guess * (1 + _COARSE_ERROR))
+
+
+def _find_duration(effort: Callable[[float], float], duration: float, **options: float
+                   ) -> float | None:
+    """Return a duration if its effort is at most 1, or else as find_shortest_duration does."""
+    return (duration if effort(duration) <= 1 else
+            find_shortest_duration(effort, duration, **options))
+
+
+def _search_flights(scenario: Scenario, check: Check) -> Array | None:
+    """Return flights near fly-hover-fly, or else near the direct ones, or None."""
+    places = find_free_places(scenario, list_hovering_places(scenario), check)
+    wanted = build_flights(scenario, places, check=check)
+    for flights in chain([wanted], generate_direct_flights(scenario, check)):
+        feasible = find_flights_near(scenario, flights, check)
+        if feasible is not None:
+            return feasible
+    return None
+
+
+def _search_direct_flights(scenario: Scenario, check: Check) -> Array | None:
+    """Return flights from start to goal that are well inside all limits, or None."""
+    for flights in generate_direct_flights(scenario, check):
+        feasible = find_flights_near(scenario, flights, check, _SHARE)
+        if feasible is not None:
+            return feasible
+    return None
+
+
+def _find_duration_around(scenario: Scenario, duration: float, check: Check,
+                          search: Callable[[Scenario, Check], Array | None]) -> float | None:
+    """Return a duration of at least the given one in which a search finds flights, or None."""
+    longest = min(_LONGEST * scenario.duration, RANGES['duration'][1])
+
+    @cache
+    def measure_effort(duration: float) -> float:
+        longer = replace(scenario, duration=duration)
+        has_time = (find_least_efforts(longer, check) <= 1 + EFFORT_TOLERANCE).all()
+        return 0.5 if has_time and search(longer, check) is not None else 2.0
+
+    # From rest to rest, a longer flight is always easier.
+    if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
+            and measure_effort(longest) > 1):
+        return None
+    return _find_duration(measure_effort, duration, accuracy=_ACCURACY_AROUND, longest=longest)
+
+
+class _Problem(NamedTuple):
+    """
+    Why a UAV has no flight even if it is alone.
+
+    :ivar shortest: a duration in s with which it has one, NaN for an unknown one, infinite for
+        none.
+    :ivar text: the way that it takes in that duration, or else the whole reason.
+    """
+
+    uav: Uav
+    number: int
+    shortest: float
+    text: str
+
+    def describe(self, duration: float) -> InfeasibleMissionError:
+        """Return the error, for the mission's duration in s."""
+        if math.isinf(self.shortest):
+            return InfeasibleMissionError(self.text, ('uavs', self.number))
+        return refuse_duration(duration, self.uav, self.shortest, self.text)
+
+
+def _raise_infeasibility(scenario: Scenario, check: Check) -> NoReturn:
+    """Raise the reason why no flights were found; see find_flights."""
+    problems: list[_Problem] = []
+    try:
+        for number in range(len(scenario.uavs)):
+            problems += _find_problems(scenario, number, check)
+    except TimeLimitError:
+        if not problems:
+            raise
+    problems.sort(key=lambda problem: -problem.shortest)
+    least = problems[0].shortest if problems else scenario.duration
+    errors = []
+    if math.isfinite(least):
+        # What each UAV needs alone may not be enough for all.
+        try:
+            enough = _find_duration_around(scenario, least, check, _search_flights)
+        except TimeLimitError:
+            enough = None
+            problems = [problem._replace(shortest=math.nan) for problem in problems]
+        if not problems or enough != least and not math.isnan(problems[0].shortest):
+            errors.append(_refuse_all(scenario, enough))
+    raise_all([*errors, *(problem.describe(scenario.duration) for problem in problems)])
+    raise AssertionError('there is at least one error')
+
+
+def _refuse_all(scenario: Scenario, enough: float | None) -> InfeasibleMissionError:
+    """Return the error of UAVs that cannot fly together; a duration in s may be enough."""
+    names = ' and '.join(uav.name for uav in scenario.uavs)
+    kept = {field: text for field, text, applies in (
+        ('separation', f'keep the separation of {scenario.separation:g} m',
+         SeparationLimit.applies_to(scenario)),
+        ('geofence', f'stay inside {GEOFENCE}', scenario.geofence is not None),
+        ('no_fly_zones', 'avoid the no-fly zones', scenario.no_fly_zones)) if applies}
+    more = '' if enough is None else f'; with a duration of {enough:g} s, some were'
+    return InfeasibleMissionError(
+        f'duration is {scenario.duration:g} s; no flights of {names} were found that '
+        f'{" and ".join(kept.values())}{more}', (next(iter(kept)),))
+
+
+def _find_problems(scenario: Scenario, number: int, check: Check) -> Iterator[_Problem]:
+    """Yield the reason why a UAV has no flight even if it is alone, if so."""
+    uav = scenario.uavs[number]
+    alone = replace(scenario, uavs=(uav,), separation=0.0)
+    names = _name_obstacles(alone)
+    if fly_direct(alone, 0) is None:
+        yield _Problem(uav, number, math.inf, (
+            f'no way leads {uav.name} from start to goal: {names} is in its way'))
+    elif (names or scenario.geofence is not None) and (
+            _search_direct_flights(alone, check) is None):
+        around = f' around {names}' if names else ''
+        if scenario.geofence is not None and GEOFENCE not in names:
+            around += f' inside {GEOFENCE}'
+        try:
+            shortest = _find_duration_around(
+                alone, scenario.duration, check, _search_direct_flights)
+        except TimeLimitError:
+            searched = 'in the time for the search'
+        else:
+            searched = 'however long'
+            if shortest is not None:
+                yield _Problem(uav, number, shortest, around)
+                return
+        yield _Problem(uav, number, math.inf, (
+            f'no flight was found that takes {uav.name} from start to goal{around} '
+            f'at {uav.limits_text}, {searched}'))
+
+
+def _name_obstacles(scenario: Scenario) -> str:
+    """Return the names of the obstacles that the straight line crosses, or of all if none."""
+    uav, obstacles = scenario.uavs[0], get_airspace(scenario).obstacles[0]
+    line = shapely.LineString([uav.start, uav.goal])
+    crossed = [obstacle for obstacle in obstacles
+               if shapely.Polygon(obstacle.vertices).intersects(line)]
+    return ' or '.join(dict.fromkeys(obstacle.name for obstacle in crossed or obstacles))
