@@ -8,7 +8,6 @@ Programming errors are not among them, so that nobody catches those by mistake.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from decimal import Decimal, ROUND_CEILING, ROUND_FLOOR
 import math
 import reprlib
 from typing import Any, ClassVar, TypeAlias
@@ -69,10 +68,9 @@ class ScenarioError(PlanningError, ValueError, code='invalid_scenario'):
 
 class InfeasibleMissionError(ScenarioError, code='infeasible'):
     """
-    No flight keeps the limits; the text names the least duration of the straight line.
+    No flight keeps the limits; the text names the limits, and a duration with which flights do.
 
-    If the duration is longer, the text names the limit in the way and, if flights were found at
-    all, the shortest duration with which they were.
+    It names none where the search for it ended with the time limit, or where there is none.
     """
 
 
@@ -224,23 +222,6 @@ class _Quote(reprlib.Repr):
 
 quote = _Quote().repr
 """Return the text of any value for an error message, cut to a few dozen characters."""
-
-
-def round_up(value: float, digits: int = 6) -> float:
-    """Round a number up to significant digits, so that a lower bound in a message is kept."""
-    return _round(value, digits, ROUND_CEILING)
-
-
-def round_down(value: float, digits: int = 6) -> float:
-    """Round a number down to significant digits, so that an upper bound in a message is kept."""
-    return _round(value, digits, ROUND_FLOOR)
-
-
-def _round(value: float, digits: int, rounding: str) -> float:
-    if not value or not math.isfinite(value):
-        return value
-    exact = Decimal(value)
-    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() + 1 - digits), rounding))
 
 
 def brief(text: object, most: int = 400) -> str:

@@ -125,7 +125,7 @@ def uav(name, start):
 
 
 @pytest.mark.parametrize('fields, reason', [
-    ({'floor': 50.0, 'ceiling': 49.0}, 'tower.floor is 50 m; it must be at most ceiling'),
+    ({'floor': 50.0, 'ceiling': 49.0}, 'tower.floor is 50.0 m; it must be at most ceiling'),
     ({'floor': math.inf}, 'tower.floor is inf'),
     ({'name': 3}, 'zone name is 3'),
     ({'separation': 11.0}, 'at most 10 m, the distance between the starts of uav1 and uav2'),

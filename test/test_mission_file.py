@@ -143,7 +143,7 @@ colluding: maybe
         (21, "c.propulsion.blade_power is '70 W'; it must be a number from 0 to 1e+06, in W, "
          'without its unit'),
         (22, "c.propulsion has no field 'solid'; did you mean solidity?"),
-        (24, 'zone vertices'), (24, 'zone floor is 5 m; it must be at most ceiling'),
+        (24, 'zone vertices'), (24, 'zone floor is 5.0 m; it must be at most ceiling'),
         (25, 'duration is 100 s; b needs at least'),
         (26, 'separation is -3; it must be a number from 0 to 1e+06 m'),
         (27, 'rician_k_db is null'), (28, 'channel.exponent is 7'), (29, "no field 'loss'"),

@@ -1,5 +1,6 @@
 import copy
 from dataclasses import replace
+from itertools import combinations
 import math
 import pickle
 
@@ -7,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import Eavesdropper, errors, PlanningError, Scenario, Uav
-from secure_uav_planner.errors import ScenarioError
+from secure_uav_planner import (
+    Channel, Eavesdropper, errors, NoFlyZone, PlanningError, Scenario, solve, Uav)
+from secure_uav_planner.errors import OptionError, ScenarioError
 
 
 def test_paper_scenario_is_section_iv():
@@ -53,6 +55,54 @@ def test_the_shortest_duration_of_the_error_is_feasible_and_a_shorter_one_is_not
     if shortest > 0.01:
         with pytest.raises(ValueError):
             replace(scenario, duration=shortest - 0.002)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_separation_that_a_refusal_names_is_accepted(seed):
+    rng = np.random.default_rng(seed)
+    size = 10**rng.uniform(-2, 6)
+    uavs = tuple(Uav(f'uav{number}', start, goal, rng.uniform(50, 60), 1e5)
+                 for number, (start, goal) in enumerate(
+                     rng.uniform(0, size, (rng.integers(2, 5), 2, 2))))
+    fields = {'uavs': uavs, 'tracking_margin': float(rng.choice([0.0, rng.uniform(0, size)]))}
+    with pytest.raises(ScenarioError, match='separation is') as error:
+        replace(Scenario.paper(), separation=1e6, **fields)
+    most = float(str(error.value).split('at most ')[1].split(' m')[0])
+    assert replace(Scenario.paper(), separation=most, **fields).separation == most
+    assert most == 0 or most >= 0.9999 * min(
+        math.hypot(math.dist(getattr(one, end), getattr(two, end)), one.altitude - two.altitude)
+        for end in ('start', 'goal') for one, two in combinations(uavs, 2)) - 2 * fields[
+            'tracking_margin'] - 1e-4
+
+
+def test_a_margin_that_leaves_nothing_of_the_fence_does_not_hide_other_errors():
+    wide = ((-400.0, -800.0), (600.0, -800.0), (600.0, 800.0), (-400.0, 800.0))
+    uav = Scenario.paper().uavs[0]
+    with pytest.raises(ScenarioError) as error:
+        replace(Scenario.paper(), geofence=wide, tracking_margin=600.0, uavs=(uav, uav))
+    texts = [str(item) for item in (error.value, *error.value.further)]
+    assert 'must be unique' in texts[0] and texts[1].startswith('tracking_margin is 600 m')
+    assert len(texts) == 2
+
+
+def test_numbers_of_numpy_are_taken_and_what_only_looks_like_numbers_is_named():
+    scenario = replace(Scenario.paper(), colluding=np.bool_(True), duration=np.float32(200),
+                       slots=np.int64(200), ground_node=np.zeros(2, np.float32),
+                       channel=Channel(cautious=np.bool_(False)))
+    assert scenario.colluding is True and scenario.channel.cautious is False
+    for value, named in (({3.0, 4.0}, 'a set'), (b'ab', 'a bytes'), ({0: 1, 1: 2}, '{0: 1, 1: 2}'),
+                         ((True, 1.0), 'True'), (np.array([True, False]), '[True'),
+                         ((1.0, np.ones(1)), '[1.0]'), (np.array(3.0), '3.0')):
+        for make in (lambda value: Eavesdropper(value),
+                     lambda value: Uav('uav', value, (0, 0), 100.0, 10.0),
+                     lambda value: NoFlyZone((value, (9, 9), (0, 9)))):
+            with pytest.raises(ScenarioError, match='two coordinates') as error:
+                make(value)
+            assert named in str(error.value), error.value
+    with pytest.raises(ScenarioError, match='a set; it must be a list of vertices'):
+        NoFlyZone({(0, 0), (0, 9), (9, 9)})
+    with pytest.raises(OptionError, match="is '10'; it must be a number above 0 s"):
+        solve(Scenario.paper(), time_limit='10')
 
 
 def test_the_arrays_of_a_scenario_are_computed_once_and_read_only():

@@ -13,8 +13,7 @@ import math
 
 import numpy as np
 
-from .validation import Array, RANGES
-from ..errors import round_up
+from .validation import Array, RANGES, round_up
 
 EFFORT_TOLERANCE = 1e-9
 """Largest effort above 1 of a flight that counts as one within the limits, for rounding."""

@@ -163,7 +163,7 @@ class Uav:
         if math.hypot(*velocity) > self.max_speed * (1 + _ROUNDING):
             raise ScenarioError(
                 f'{owner}{field} is {quote(velocity)}, {math.hypot(*velocity):g} m/s; it must be '
-                f'at most max_speed, which is {self.max_speed:g} m/s', (field,))
+                f'at most max_speed, which is {quote(self.max_speed)} m/s', (field,))
         return velocity
 
     def bend_at(self, end: str, slot_duration: float) -> float:
@@ -221,8 +221,8 @@ class NoFlyZone:
             object.__setattr__(self, 'ceiling', math.inf)
         set_checked(self, owner, checked_number, 'floor', 'ceiling')
         if self.floor > self.ceiling:
-            raise ScenarioError(f'{owner}floor is {self.floor:g} m; it must be at most ceiling, '
-                                f'which is {self.ceiling:g} m', ('floor',))
+            raise ScenarioError(f'{owner}floor is {quote(self.floor)} m; it must be at most '
+                                f'ceiling, which is {quote(self.ceiling)} m', ('floor',))
 
     def is_at(self, altitude: float, margin: float = 0.0) -> bool:
         """Return True if an altitude in m is from floor to ceiling, within a margin in m."""

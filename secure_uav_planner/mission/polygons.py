@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 import shapely
 
-from .validation import Array, checked_point, Point, read_only
+from .validation import Array, checked_point, is_sequence, name_type, Point, read_only
 from ..errors import quote, ScenarioError
 
 Vertices: TypeAlias = tuple[Point, ...]
@@ -31,9 +31,9 @@ def checked_polygon(owner: str, field: str, values: Any) -> Vertices:
     :raises ScenarioError: for too few or too many vertices, a wrong coordinate, an outline that
         crosses or touches itself, and no area.
     """
-    if isinstance(values, (str, bytes)) or not hasattr(values, '__len__'):
-        raise ScenarioError(f'{owner}{field} is {quote(values)}; it must be a list of vertices '
-                            '(x, y) in m', (field,))
+    if not is_sequence(values):
+        raise ScenarioError(f'{owner}{field} is {quote(values)}{name_type(values)}; it must be a '
+                            'list of vertices (x, y) in m', (field,))
     if len(values) > MAX_VERTICES:
         raise ScenarioError(f'{owner}{field} has {len(values)} vertices; it must have at most '
                             f'{MAX_VERTICES}', (field,))

@@ -5,7 +5,7 @@ import math
 from typing import Any, Literal, TypeAlias
 
 from . import OBJECTIVES
-from .validation import checked_choice, checked_number, set_checked
+from .validation import checked_choice, checked_number, checked_truth, set_checked
 from ..errors import OptionError, quote, ScenarioError
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
@@ -55,9 +55,7 @@ class Channel:
     def __post_init__(self) -> None:
         set_checked(self, 'channel.', checked_number, 'exponent')
         object.__setattr__(self, 'los', _checked_los(self.los))
-        if not isinstance(self.cautious, bool):
-            raise ScenarioError(f'channel.cautious is {quote(self.cautious)}; it must be true or '
-                                'false', ('cautious',))
+        set_checked(self, 'channel.', checked_truth, 'cautious')
         set_checked(self, 'channel.', checked_number, 'rician_k_db', 'outage', optional=True)
         if self.rician_k_db is not None and self.outage is None:
             raise ScenarioError(f'channel.outage is {quote(None)}; it must be a number, as '

@@ -23,8 +23,9 @@ from .tracks import (
     checked_track, interpolate, join_tracks, ReceiverPlaces, shift_track, split_ground_node, Track)
 from .validation import (
     Array, checked_array, checked_fields, checked_kind, checked_members, checked_number,
-    checked_point, checked_real, make_unique, Point, RANGES, read_only, set_checked)
-from ..errors import prefix_place, quote, round_down, ScenarioError
+    checked_point, checked_real, checked_truth, make_unique, Point, RANGES, read_only, round_down,
+    set_checked)
+from ..errors import prefix_place, quote, ScenarioError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -128,9 +129,7 @@ class Scenario:
             raise ScenarioError(
                 f'channel is {quote(self.channel)}; it must be a Channel, such as '
                 "Channel(los='urban')", ('channel',))
-        if not isinstance(self.colluding, bool):
-            raise ScenarioError(f'colluding is {quote(self.colluding)}; it must be true or false',
-                                ('colluding',))
+        set_checked(self, '', checked_truth, 'colluding')
         raise_all([*self._check_size(), *self._check_ends(), *self._check_durations()])
 
     def _check_size(self) -> Iterator[ScenarioError]:

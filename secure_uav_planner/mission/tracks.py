@@ -1,11 +1,11 @@
 """Tracks of receivers that move: knots in time, linear between them and held outside."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .validation import Array, RANGES
+from .validation import Array, is_sequence, name_type, RANGES, to_number
 from ..errors import quote, ScenarioError
 
 MAX_KNOTS = 10_000
@@ -42,18 +42,17 @@ def checked_track(owner: str, field: str, value: Any) -> Track:
     if field == 'track':
         parts['radius'] = 'error_radius'
     names = f'({", ".join(parts)})'
-    if (isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray))
-            or not 2 <= len(value) <= MAX_KNOTS):
-        raise ScenarioError(f'{owner}{field} is {quote(value)}; it must be a list of 2 to '
-                            f'{MAX_KNOTS} knots {names}', (field,))
+    if not is_sequence(value) or not 2 <= len(value) <= MAX_KNOTS:
+        raise ScenarioError(f'{owner}{field} is {quote(value)}{name_type(value)}; it must be a '
+                            f'list of 2 to {MAX_KNOTS} knots {names}', (field,))
     knots = tuple(_checked_knot(owner, field, number, knot, names, parts)
                   for number, knot in enumerate(value))
     for number, (before, knot) in enumerate(zip(knots, knots[1:]), start=1):
         duration = knot[0] - before[0]
         if not duration > 0:
             raise ScenarioError(
-                f'{owner}{field}[{number}] has the time {knot[0]:g} s; it must be after that of '
-                f'the knot before, {before[0]:g} s', (field, number))
+                f'{owner}{field}[{number}] has the time {quote(knot[0])} s; it must be '
+                f'after that of the knot before, {quote(before[0])} s', (field, number))
         distance = float(np.hypot(knot[1] - before[1], knot[2] - before[2]))
         if distance > MAX_SPEED * duration * (1 + 1e-9):
             raise ScenarioError(
@@ -65,19 +64,17 @@ def checked_track(owner: str, field: str, value: Any) -> Track:
 
 def _checked_knot(owner: str, field: str, number: int, knot: Any, names: str,
                   parts: dict[str, str]) -> tuple[float, ...]:
-    try:
-        values = tuple(float(value) for value in knot if not isinstance(value, (bool, str)))
-    except (TypeError, ValueError, OverflowError):
-        values = ()
-    if len(values) != len(parts) or len(values) != len(knot):
-        raise ScenarioError(f'{owner}{field}[{number}] is {quote(knot)}; it must be the numbers '
-                            f'{names}', (field, number))
-    for (name, limits), value in zip(parts.items(), values):
+    if not is_sequence(knot) or len(knot) != len(parts):
+        raise ScenarioError(f'{owner}{field}[{number}] is {quote(knot)}{name_type(knot)}; it must '
+                            f'be the numbers {names}', (field, number))
+    values = tuple(map(to_number, knot))
+    for (name, limits), value, item in zip(parts.items(), values, knot):
         low, high = RANGES[limits]
         if not low <= value <= high:
             unit = 's' if name == 't' else 'm'
-            raise ScenarioError(f'{owner}{field}[{number}] has {name} = {value:g} {unit}; it must '
-                                f'be from {low:g} to {high:g} {unit}', (field, number))
+            raise ScenarioError(
+                f'{owner}{field}[{number}] has {name} = {quote(item)} {unit}; it must be a number '
+                f'from {low:g} to {high:g} {unit}', (field, number))
     return values
 
 

@@ -1,7 +1,8 @@
 """Checks of the fields of a mission, and of the arguments of functions."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import fields, MISSING
+from decimal import Decimal, ROUND_CEILING, ROUND_FLOOR
 import difflib
 import math
 import sys
@@ -150,18 +151,42 @@ def checked_name(owner: str, name: object) -> None:
             f'{owner} name is {quote(name)}; it must be text that is not empty', ('name',))
 
 
-def _number(value: Any) -> float:
-    """Return a number as a float, NaN for anything else, such as its text."""
+def to_number(value: Any) -> float:
+    """Return a number as a float, NaN for anything else, such as its text or a truth value."""
+    kind = getattr(getattr(value, 'dtype', None), 'kind', 'f')  # Of NumPy's numbers and arrays.
+    if (isinstance(value, bool) or kind not in 'fiu' or getattr(value, 'ndim', 0) != 0
+            or not (hasattr(value, '__float__') or hasattr(value, '__index__'))):
+        return math.nan
     try:
-        return math.nan if isinstance(value, (bool, str)) else float(value)
+        return float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
+
+
+def is_sequence(value: object) -> bool:
+    """Return True for lists, tuples, arrays and the like, but not for text, mappings and sets."""
+    return (hasattr(value, '__getitem__') and hasattr(value, '__len__')
+            and not isinstance(value, (str, bytes, bytearray, Mapping))
+            and getattr(value, 'ndim', 1) > 0)
+
+
+def name_type(value: object) -> str:
+    """Return the class of a value that looks like a list of numbers and is none, for messages."""
+    return f', a {type(value).__name__}' if isinstance(value, (Set, bytes, bytearray)) else ''
+
+
+def checked_truth(owner: str, field: str, value: Any) -> bool:
+    """Return value, also one of NumPy's, as a bool, or raise ScenarioError."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ScenarioError(f'{owner}{field} is {quote(value)}; it must be true or false',
+                            (field,))
+    return bool(value)
 
 
 def checked_number(owner: str, field: str, value: Any) -> float:
     """Return value as a float, or raise ScenarioError with field, value and range."""
     low, high = RANGES[field]
-    number = _number(value)
+    number = to_number(value)
     if not low <= number <= high:
         raise ScenarioError(
             f'{owner}{field} is {quote(value)}; it must be a number from {low:g} to {high:g}',
@@ -178,14 +203,11 @@ def checked_point(owner: str, field: str, value: Any, index: int | None = None,
     :param allowed: the description of a right value in messages, before the range and its unit.
     """
     low, high = RANGES['coordinate']
-    try:
-        x, y = map(_number, value)
-    except (TypeError, ValueError):
-        x = y = math.nan
+    x, y = map(to_number, value) if is_sequence(value) and len(value) == 2 else (math.nan,) * 2
     if not (low <= x <= high and low <= y <= high):
         name, place = (field, ()) if index is None else (f'{field}[{index}]', (index,))
-        raise ScenarioError(f'{owner}{name} is {quote(value)}; it must be {allowed} '
-                            f'(x, y) from {low:g} to {high:g} {unit}', (field, *place))
+        raise ScenarioError(f'{owner}{name} is {quote(value)}{name_type(value)}; it must be '
+                            f'{allowed} (x, y) from {low:g} to {high:g} {unit}', (field, *place))
     return (x, y)
 
 
@@ -199,6 +221,23 @@ def make_unique(names: list[str]) -> tuple[str, ...]:
             unique, number = f'{name}{number}', number + 1
         results.append(unique)
     return tuple(results)
+
+
+def round_up(value: float, digits: int = 6) -> float:
+    """Round a number up to significant digits, so that a lower bound in a message is kept."""
+    return _round(value, digits, ROUND_CEILING)
+
+
+def round_down(value: float, digits: int = 6) -> float:
+    """Round a number down to significant digits, so that an upper bound in a message is kept."""
+    return _round(value, digits, ROUND_FLOOR)
+
+
+def _round(value: float, digits: int, rounding: str) -> float:
+    if not value or not math.isfinite(value):
+        return value
+    exact = Decimal(value)
+    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() + 1 - digits), rounding))
 
 
 def checked_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
@@ -217,7 +256,7 @@ def checked_kind(name: str, value: object, kind: type[_Kind]) -> _Kind:
 def checked_real(name: str, value: Any, low: float = -sys.float_info.max,
                  high: float = sys.float_info.max) -> float:
     """Return an argument that is a finite number, or raise OptionError naming it."""
-    number = _number(value)
+    number = to_number(value)
     if not low <= number <= high:
         allowed = f'number from {low:g} to {high:g}' if high < sys.float_info.max else (
             'finite number')
@@ -253,8 +292,8 @@ def checked_callback(name: str, value: object) -> None:
 
 def checked_time_limit(time_limit: Any) -> float | None:
     """Return a time limit in s, or None without one; raise OptionError unless it is above 0."""
-    number = math.inf if time_limit is None else _number(time_limit)
+    number = math.inf if time_limit is None else to_number(time_limit)
     if not number > 0:
-        raise OptionError(f'time_limit is {quote(time_limit)}; it must be above 0 s, or None',
-                          ('time_limit',))
+        raise OptionError(f'time_limit is {quote(time_limit)}; it must be a number above 0 s, or '
+                          'None', ('time_limit',))
     return number if number < math.inf else None

@@ -16,8 +16,9 @@ from .base import Limit
 from ..grid import Grid
 from ..kernel import core
 from ..least_effort import least_effort
-from ...errors import PlanError, round_down
+from ...errors import PlanError
 from ...mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
+from ...mission.validation import round_down
 
 
 _ROUNDING = 1e-15  # Of differences of points, as a share of their coordinates.
