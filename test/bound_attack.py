@@ -19,8 +19,8 @@ def run_search(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
 
 
 def certify_plan(plan, most=400, curved=False):
-    """Return the team and the certificate of a plan's scenario, objective (P2)."""
-    team = Team.of(plan.scenario, EavesdropperSubset.of(plan.scenario, 'guaranteed'), most=most)
+    """Return the team and the certificate of a plan's scenario, for the plan's objective."""
+    team = Team.of(plan.scenario, EavesdropperSubset.of(plan.scenario, plan.objective), most=most)
     search = run_search(team, plan)
     if curved:
         search.add_quadratic_part()
@@ -50,7 +50,8 @@ def slot_rates(team, places, powers):
         ground.append(power * gain / (((place - region.ground)**2).sum(-1) + square))
         leaks.append(power[:, None] * gain * np.exp(region.log_advantages) / (
             distance**2 + square))
-    leak = np.log1p(leaks[0] / (1 + sum(leaks[1:], 0 * leaks[0]))).max(-1)
+    sinr = leaks[0] / (1 + sum(leaks[1:], 0 * leaks[0]))
+    leak = np.log1p(sum(sinr[:, group].max(-1) for group in team.groups))
     return np.log1p(ground[0] / (1 + sum(ground[1:], 0 * ground[0]))) - leak
 
 
@@ -92,7 +93,6 @@ def climb(team, certificate, stage, starts, rng, count, rounds=60):
         places.append(good)
         power = region.peak * np.exp(rng.uniform(-9, 0, count))
         power[rng.random(count) < 0.1] = 0.0
-        power[rng.random(count) < 0.05] = -1e-9
         power[:count // 3] = starts[1][i]
         powers.append(power)
     powers = np.array(powers)
@@ -103,7 +103,7 @@ def climb(team, certificate, stage, starts, rng, count, rounds=60):
                  * rng.normal(0, 0.5, (count, 2)) for region in regions]
         moved = [np.where(region.contains(place + move, index)[:, None], place + move, place)
                  for region, place, move in zip(regions, places, moves)]
-        watts = np.clip(powers * np.exp(size * rng.normal(0, 2, powers.shape)), -1e-9,
+        watts = np.clip(powers * np.exp(size * rng.normal(0, 2, powers.shape)), 0.0,
                         [[region.peak] for region in regions])
         value = lagrangian(team, certificate, stage, moved, watts)
         better = value > best

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from random_cities import random_city_mission
-from secure_uav_planner import Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
+from secure_uav_planner import Channel, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, Uav
 from secure_uav_planner.bound import method, upper_bound
 from secure_uav_planner.bound.method import compute_plain_bound, list_ignored_limits
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
@@ -88,21 +88,22 @@ def test_no_disc_is_left_out_for_places_in_another():
     plan = solve(mission, objective='guaranteed')
     discs, places = (EavesdropperSubset.of(mission, objective)
                      for objective in ('guaranteed', 'worst_case'))
-    leaks = places.compute_leaks(mission, plan.positions, plan.powers)
+    leaks = places.compute_sinrs(mission, plan.positions, plan.powers)
     assert len(discs.owners) == 3 and len(places.owners) == 51
     for most, owners in [(1, 1), (2, 2), (3, 3), (4, 3), (8, 3)]:
-        subset = places.select_loudest(leaks, most)
+        subset = places.select_loudest(leaks, most, most % 2 == 0)
         assert len(subset.places) == most and len(set(subset.owners)) == owners
-        assert (subset.places == places.places[leaks.sum(1).argmax()]).all(1).any()
+        assert (subset.places == places.places[np.log1p(leaks).sum(1).argmax()]).all(1).any()
         distance = np.hypot(*(subset.places - discs.places[subset.owners]).T)
         assert (distance <= discs.radii[subset.owners]).all()
 
 
-def test_a_plan_at_all_tolerances_stays_below():
+@pytest.mark.parametrize('snr', [90.0, 300.0])
+def test_a_plan_at_all_tolerances_stays_below(snr):
     uav = Uav('uav1', (100.0, 0.0), (-100.0, 0.0), 60.0, 20.0, 1.0, 1.0)
     jammer = Uav('uav2', (150.0, 0.0), (150.0, 0.0), 60.0, 1e-6, 1e-3, 1e-3)
     scenario = Scenario((0.0, 0.0), (Eavesdropper((160.0, 0.0)),), (uav, jammer),
-                        200 / 21, 20, 90.0)
+                        200 / 21, 20, snr)
     bound = upper_bound(scenario, objective='guaranteed')
     step = scenario.max_step[0] + 9e-7
     ahead = np.minimum(9e-7 + np.arange(22) * step, 200.0)
@@ -112,7 +113,22 @@ def test_a_plan_at_all_tolerances_stays_below():
     positions[0, :, 0], positions[1, :, 0] = x, 150.0
     powers = np.stack([np.full(20, 1.0 + 9e-10), np.full(20, -9e-10)])
     plan = Plan(scenario, positions, powers)
-    assert plan.guaranteed_rate <= bound.rate
+    assert plan.guaranteed_rate <= bound.rate < 50
+
+
+def test_the_bound_is_close_at_the_highest_snr():
+    plan = solve(replace(PAPER, reference_snr_db=300.0))
+    bound = upper_bound(plan.scenario, objective='guaranteed', plan=plan)
+    assert 0 <= bound.gap(plan) < 0.01
+
+
+@pytest.mark.parametrize('objective', OBJECTIVES)
+def test_colluding_eavesdroppers_are_bounded_nearly_as_closely(objective):
+    scenario = random_mission(4034, jammers=1)
+    plan = solve(replace(scenario, colluding=True), objective=objective)
+    bound = upper_bound(plan.scenario, objective=objective, plan=plan)
+    assert 0 <= bound.gap(plan) < 0.01
+    assert bound.rate < 0.9 * solve(scenario, objective=objective).rate
 
 
 def test_a_silent_plan_is_a_start_too(plan):
@@ -304,7 +320,7 @@ def test_extremes_are_bounded_without_a_warning(scenario):
         for objective in OBJECTIVES:
             bound = upper_bound(scenario, objective=objective, plan=fly_hover_fly(scenario))
             plans = random_plans(scenario, np.random.default_rng(3), 20)
-            assert 0 <= bound.rate
+            assert 0 <= bound.rate < math.inf
             assert not any(rate(plan, objective) > bound.rate
                            for plan in [fly_hover_fly(scenario), *plans])
 
@@ -326,13 +342,16 @@ def test_many_slots_share_stages():
 
 
 def any_mission(seed):
-    """Return a random mission: free, with limits of acceleration, or in a city."""
+    """Return a random mission: free, with limits of acceleration, or in a city; any leak."""
     rng = np.random.default_rng(seed)
     slots = int(rng.integers(3, 13))
+    options = {'colluding': seed % 3 == 0, 'channel': Channel(
+        rician_k_db=10.0, outage=0.3) if seed % 5 == 0 else Channel()}
     if seed % 4 == 3:
         city = random_city_mission(seed, slots=12, slack=float(rng.uniform(0.3, 2.0)))
-        return replace(city, uavs=city.uavs[:2])
+        return replace(city, uavs=city.uavs[:2], **options)
     mission = random_mission(seed, slots=slots, jammers=int(rng.integers(0, 2)))
+    mission = replace(mission, **options)
     if seed % 4 < 2:
         return mission
     # In short slots velocities matter; a UAV may be at rest, moving, or free at its ends.

@@ -12,7 +12,7 @@ import numpy as np
 from .proof.certificate import certify
 from .proof.detours import uses_detours
 from .proof.reachable_set import Team
-from .proof.relaxation import bound_negative_power, EavesdropperSubset, MOST_STAGES, Stages
+from .proof.relaxation import EavesdropperSubset, find_reference_snrs, MOST_STAGES, Stages
 from .search.multipliers import build_multipliers, MultiplierSearch
 from .search.variables import DualPoint, InitialMultipliers
 from ..errors import OptionError, PlanningError
@@ -92,7 +92,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     :return: a Bound.
     :raises OptionError: for an unknown objective, a time limit that is not above 0, a plan of
         another scenario, or a scenario for which nothing is proven: with several jammers,
-        tracks, or another channel than free space without fading.
+        tracks, or another channel than free space, with or without fading.
     """
     started = time.monotonic()
     checked_kind('scenario', scenario, Scenario)
@@ -105,11 +105,9 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         check_plan(plan, scenario)
     run = _Run(started, limit, on_progress)
     run.offer(compute_plain_bound(scenario))
-    # If it is 0 or infinite, no search helps.
-    if 0 < run.rate < math.inf:
-        # A NaN on the way makes a bound infinite, never wrong; see certify.
-        with np.errstate(all='ignore'):
-            _search_multipliers(run, scenario, objective, plan)
+    # A NaN on the way makes a bound infinite, never wrong; see certify.
+    with np.errstate(all='ignore'):
+        _search_multipliers(run, scenario, objective, plan)
     return Bound(scenario, run.rate, objective, list_ignored_limits(scenario),
                  time.monotonic() - started, run.outcome)
 
@@ -119,9 +117,9 @@ def explain_refusal(scenario: Scenario) -> str:
     jammers = len(scenario.uavs) - 1
     if jammers > 1:
         return f'scenario has {jammers} jammers; the proof of upper_bound holds for at most one'
-    if not scenario.channel.is_free_space:
+    if not scenario.channel.is_inverse_square:
         return (f'channel is {scenario.channel}; the proof of upper_bound holds for free space '
-                'without fading only')
+                'only, with or without fading')
     if scenario.has_tracks:
         return 'scenario has tracks; the proof of upper_bound holds for receivers that stand'
     return ''
@@ -129,21 +127,15 @@ def explain_refusal(scenario: Scenario) -> str:
 
 def compute_plain_bound(scenario: Scenario) -> float:
     """
-    Return a bound that needs no search, in bit/s/Hz, perhaps infinite.
+    Return a bound that needs no search, in bit/s/Hz.
 
     No plan does better than with the transmitter above the ground node and no eavesdropper: then
-    log(1 + g p / H^2) in every slot, whose mean is at most that of the mean power. Jammers below
-    zero may lower the noise by the share delta, see relaxation.bound_negative_power.
+    log(1 + g p / H^2) in every slot, whose mean is at most that of the mean power.
     """
-    negative, delta = bound_negative_power(scenario)
-    if not math.isfinite(negative):
-        return math.inf
     uav = scenario.uavs[0]
-    power = uav.average_power + 2 * POWER_TOLERANCE
-    noise = 1.0 - float(delta[1:].sum())
-    log_snr = (math.log(scenario.reference_snr) + math.log(power) - 2 * math.log(uav.altitude)
-               - math.log(noise))
-    return float((np.logaddexp(0.0, log_snr) + negative) / math.log(2.0) * (1 + 1e-12))
+    log_snr = (math.log(find_reference_snrs(scenario)[0, 0])
+               + math.log(uav.average_power + 2 * POWER_TOLERANCE) - 2 * math.log(uav.altitude))
+    return float(np.logaddexp(0.0, log_snr) / math.log(2.0) * (1 + 1e-12))
 
 
 def list_ignored_limits(scenario: Scenario) -> tuple[str, ...]:
@@ -229,8 +221,9 @@ def _search_multipliers(run: _Run, scenario: Scenario, objective: str, plan: Pla
     # A few hundred slots show which eavesdroppers matter.
     sample = np.unique(np.linspace(
         1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
-    subset = subset.select_loudest(subset.compute_leaks(
-        scenario, positions[:, [0, *sample, scenario.slots + 1]], powers[:, sample - 1]), most)
+    sinrs = subset.compute_sinrs(
+        scenario, positions[:, [0, *sample, scenario.slots + 1]], powers[:, sample - 1])
+    subset = subset.select_loudest(sinrs, most, scenario.colluding)
 
     def build_level(stages: int) -> tuple[Team, InitialMultipliers]:
         team = Team.of(scenario, subset, stages)

@@ -72,6 +72,9 @@ class Plan:
         count, slots = len(self.scenario.uavs), self.scenario.slots
         for field, shape in (('positions', (count, slots + 2, 2)), ('powers', (count, slots))):
             object.__setattr__(self, field, _checked_array(field, getattr(self, field), shape))
+        # A power within the tolerance below zero is zero, and never -0.0.
+        object.__setattr__(self, 'powers', read_only(np.where(
+            self.powers < -POWER_TOLERANCE, self.powers, np.maximum(self.powers, 0.0) + 0.0)))
         for name, value, allowed in (('status', self.status, STATUSES),
                                      ('objective', self.objective, OBJECTIVES)):
             if value not in allowed:

@@ -4,7 +4,7 @@ The certificate: from multipliers to a bound, with nothing taken on trust.
 With lemmas 1 to 3 the mean rate, in nats, of every plan is at most
 
     (1/N) [ sum over slots of B + sum over UAVs of Potential.end_cost ] + sum_i lam_i average_i,
-    B   = max over w0 of H(w0) - H(s) + m(w0 - s) + M(w0, v),   s = sum_e v_e, v = v(w0),
+    B   = max over w0 of H(w0) - H(v) + m(w0 - s) + M(w0, v),   s = sum_e v_e, v = v(w0),
     M   = M_0 + M_1,
     M_0 = max over q of w0 A_0(q) - sum_e v_e A_e(q) + potential(q),
     M_1 = max over q, p of -w0 log(1 + b_0(q) p) + sum_e v_e log(1 + b_e(q) p) - lam p
@@ -16,7 +16,7 @@ maximise_power. M_0 and M_1 are bounded by branch and bound (terms.py) at a few 
 Lemma 4. M is a maximum of functions that are linear in (w0, v). So it is convex, and with v
 interpolated linearly between the breakpoints it lies below the chord from breakpoint to
 breakpoint. The entropies and m are known exactly and are therefore taken on PIECES finer pieces:
-there, the convex part -H(s) + m + chord lies below its own chord, and max over w0 of slope w0 +
+there, the convex part -H(v) + m + chord lies below its own chord, and max over w0 of slope w0 +
 H(w0) is attained at w0 = phi'(slope), or at the nearer end of the piece. At w0 = 0 every v is 0.
 """
 
@@ -32,7 +32,6 @@ from .reachable_set import Team
 from .relaxation import margin
 from .terms import Index, Potential, Terms
 from ...mission.validation import Array
-from ...plan.plan import POWER_TOLERANCE
 
 FLOOR = 1e-6
 """Received SNR below which a jammer's power counts by the most that it can do."""
@@ -46,27 +45,35 @@ def sigmoid(z: Array) -> Array:
     return 1.0 / (1.0 + np.exp(-np.clip(z, -700.0, 700.0)))
 
 
-def entropy(weight: Array) -> Array:
+def entropy(*weights: Array) -> Array:
     """
-    Return the binary entropy H(w) = -w log w - (1 - w) log(1 - w), in nats; 0 at 0 and at 1.
+    Entropy H of weights w_1, w_2, .. and of the rest 1 - sum_j w_j of a distribution, in nats.
 
-    Lemma 1. Let z0 be the logarithm of the SINR at the ground node and z_e that at eavesdropper
-    e. phi is convex with phi(z) = max over 0 <= w <= 1 of w z + H(w), attained at w = phi'(z).
-    For every v >= 0 with s = sum_e v_e <= 1,
+    Lemma 1. Let z0 be the logarithm of the SINR at the ground node and z_e that at place e. The
+    places form groups: those of one disc with colluding eavesdroppers, or all of them in one
+    group. The leak is log(1 + sum_j exp(y_j)), y_j being the largest z_e of group j: only the
+    worst place of a disc counts, so places of one disc do not add up. With phi(z) = log(1 + e^z),
 
-        max_e phi(z_e) >= sum_e v_e z_e + H(s),
+        log(1 + sum_j exp(y_j)) = max over w >= 0, sum_j w_j <= 1 of sum_j w_j y_j + H(w),
 
-    because max_e z_e is at least the mean of the z_e with the weights v_e / s, phi increases, and
-    phi(z) >= s z + H(s). Hence, for any choice of v(w0) >= 0 with s(w0) <= w0,
+    attained at w_j = exp(y_j) / (1 + sum_k exp(y_k)), because the logarithm is concave:
+    (1 - sum_j w_j) log(1 / (1 - sum_j w_j)) + sum_j w_j log(exp(y_j) / w_j) is at most the
+    logarithm of the mean. The case of one group is phi(z) = max over w of w z + H(w). For every v
+    >= 0 with s = sum_e v_e <= 1 let H(v) be the entropy of the groups' sums w_j of v. Then
 
-        phi(z0) - max_e phi(z_e)
-            <= max over w0 in [0, 1] of w0 z0 + H(w0) - sum_e v_e(w0) z_e - H(s(w0)).
+        log(1 + sum_j exp(y_j)) >= sum_e v_e z_e + H(v),
+
+    as w_j y_j >= sum of v_e z_e over group j. Hence, for any v(w0) >= 0 with s(w0) <= w0, the
+    rate of a slot is
+
+        phi(z0) - log(1 + sum_j exp(y_j))
+            <= max over w0 in [0, 1] of w0 z0 + H(w0) - sum_e v_e(w0) z_e - H(v(w0)).
 
     z0 and z_e are sums of one term of each UAV, so the bracket is, too: the UAVs separate.
     """
-    weight = np.clip(weight, 0.0, 1.0)
-    rest = 1.0 - weight
-    return -(weight * np.log(np.maximum(weight, 1e-300)) + rest * np.log(np.maximum(rest, 1e-300)))
+    weights = tuple(np.clip(weight, 0.0, 1.0) for weight in weights)
+    rest = np.maximum(1.0 - sum(weights), 0.0)
+    return -np.sum([part * np.log(np.maximum(part, 1e-300)) for part in (*weights, rest)], axis=0)
 
 
 def maximise_power(weight: Array, price: float, peak: float) -> tuple[Array, Array]:
@@ -165,8 +172,8 @@ def certify(team: Team, multipliers: Multipliers,
         team, potential, i, silent[i], stage, weights.ravel(), shares.reshape(-1, shares.shape[2]),
         prices[i], multipliers.incumbents[i].ravel(), tolerances[1:].ravel(), stop)
         for i, potential in enumerate(potentials)], axis=0).reshape(weights.shape)
-    total_silent = np.sum(silent, axis=0) + team.negative
-    pieces = bound_pieces(team, total_silent, joint, weights, shares.sum(-1), prices[0])
+    total_silent = np.sum(silent, axis=0)
+    pieces = bound_pieces(team, total_silent, joint, weights, shares, prices[0])
     slots = np.maximum(total_silent, pieces.max((0, 1)))
     slots = slots + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
     ends = sum(potential.end_cost() for potential in potentials)
@@ -186,7 +193,7 @@ def bound_silence(potential: Potential, price: float, incumbents: Array, toleran
     region = potential.region
     slope, curvature = potential.change
     index = np.arange(len(slope))
-    extra = potential.constant() + price * POWER_TOLERANCE
+    extra = potential.constant()
     spare = margin(region.altitude, potential.magnitude())
     if not potential.is_quadratic and region.detours is None:
         return np.asarray(region.support(slope, index) + extra + spare)
@@ -228,21 +235,18 @@ def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, stage
     Return bounds of M_i at (w0, v) in given stages, (M,).
 
     A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
-    potential is at most `silent`, and the rates' part at most v log(1 + FLOOR) for a positive
-    power and -w0 log(1 - delta) for one of -POWER_TOLERANCE.
+    potential is at most `silent`, and the rates' part at most v log(1 + FLOOR).
     """
     terms, extra = build_terms(team, potential, uav, stage, weights, shares, price)
     least = np.full(len(terms), -np.inf)
     if uav:
-        below = team.delta[uav]
-        least = (silent[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin[stage]
-                 + (-terms.weight * math.log1p(-below) if below < 1 else math.inf))
+        least = silent[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin[stage]
     incumbents = np.maximum(incumbents, least - tolerance) - extra
     return np.asarray(np.maximum(
         terms.bound_maxima(incumbents, tolerance, stop=stop) + extra, least))
 
 
-def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, total: Array,
+def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, shares: Array,
                  price: float) -> Array:
     """
     Return bounds over the pieces of w0, (PIECES, K, G) in nats; see lemma 4.
@@ -250,16 +254,17 @@ def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, total:
     :param silent: bound of all terms in silence, (G,).
     :param joint: bounds of M at the breakpoints, (K, G).
     :param weights: w0 at the breakpoints, (K, G).
-    :param total: s there, (K, G).
+    :param shares: v there, (K, G, E).
     :param price: lam of the transmitter.
     """
     zero = np.zeros((1, len(silent)))
-    weights, total = np.concatenate([zero, weights]), np.concatenate([zero, total])
-    values = np.concatenate([silent[None], joint])
     x = piece_ends()[:, None, None]
-    fine, s, linear = (part[:-1] * (1 - x) + part[1:] * x for part in (weights, total, values))
-    convex = linear - entropy(s) + maximise_power(
-        np.maximum(fine - s, 0.0), price, team.regions[0].peak)[0]
+    fine, linear, *groups = (
+        part[:-1] * (1 - x) + part[1:] * x for part in (
+            np.concatenate([zero, weights]), np.concatenate([silent[None], joint]),
+            *(np.concatenate([zero, total]) for total in team.sum_groups(shares))))
+    convex = linear - entropy(*groups) + maximise_power(
+        np.maximum(fine - sum(groups), 0.0), price, team.regions[0].peak)[0]
     width = fine[1:] - fine[:-1]
     slope = (convex[1:] - convex[:-1]) / np.maximum(width, 1e-300)
     at = np.clip(sigmoid(slope), fine[:-1], fine[1:])

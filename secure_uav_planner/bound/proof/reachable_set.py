@@ -12,9 +12,10 @@ import scipy
 
 from .detours import Detours, find_detours, frame_axes
 from .relaxation import (
-    bound_negative_power, COORDINATE_ROUNDING, EavesdropperSubset, end_tolerance, MOST_STAGES,
+    COORDINATE_ROUNDING, EavesdropperSubset, end_tolerance, find_reference_snrs, MOST_STAGES,
     Stages)
 from ...mission.validation import Array
+from ...model.channel.links import guaranteed_squared_distance
 from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
 
 if TYPE_CHECKING:
@@ -46,11 +47,11 @@ class ReachableSet:
     :param from_start: radius of the disc about the start in every stage, (G,) in units.
     :param to_goal: radius of the disc about the goal in every stage, (G,) in units.
     :param altitude: in units.
-    :param log_gain: logarithm of the SNR at one unit and 1 W.
+    :param log_gain: logarithm of the SNR at the ground node at one unit and 1 W.
     :param ground: the ground node, (2,) in units.
     :param eavesdroppers: centres of the discs, (E, 2) in units.
     :param radii: error radii, (E,) in units.
-    :param log_advantages: logarithms of the eavesdroppers' advantages, (E,).
+    :param log_advantages: of the eavesdroppers' SNR at one unit and 1 W over that, (E,).
     :param transmits: whether this is UAV 0; the others jam.
     :param peak: largest power, tolerance included, in W.
     :param average: largest mean power, tolerance included, in W.
@@ -108,6 +109,7 @@ class ReachableSet:
         ahead = np.concatenate([[0.0], np.cumsum(moves)]) * (1 + 1e-12)
         behind = np.concatenate([np.cumsum(moves[::-1])[::-1], [0.0]]) * (1 + 1e-12)
         frame = (receivers - start) @ axes.T / unit
+        ground, eavesdropper = np.log(find_reference_snrs(scenario)[:, index])
         return cls(
             unit=unit, origin=start, axes=axes, distance=length / unit, step=step / unit,
             steps=np.maximum.reduceat(moves[1:], stages.edges[:-1]) / unit,
@@ -116,10 +118,10 @@ class ReachableSet:
             from_start=(ahead[stages.last] + ends) / unit * (1 + COORDINATE_ROUNDING),
             to_goal=(behind[stages.first] + ends) / unit * (1 + COORDINATE_ROUNDING),
             altitude=uav.altitude / unit,
-            log_gain=float(np.log(scenario.reference_snr) - 2 * np.log(unit)),
+            log_gain=float(ground - 2 * np.log(unit)),
             ground=frame[0], eavesdroppers=frame[1:],
             radii=subset.radii / unit,
-            log_advantages=np.log(subset.advantages),
+            log_advantages=np.log(subset.advantages) + (eavesdropper - ground),
             transmits=index == 0,
             peak=uav.peak_power + POWER_TOLERANCE,
             average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE,
@@ -239,16 +241,14 @@ class ReachableSet:
         Return log(d0^2 + H^2) and log((de^2 + H^2) / a_e) at places (..., 2): (...), (..., E).
 
         a_e is the eavesdropper's advantage, so that log_gain less either is a gain's logarithm.
-        The distances to eavesdroppers are the guarantee's: [d - radius]^+ for the transmitter,
-        d + radius for a jammer.
+        The distances to eavesdroppers are the guarantee's.
         """
         square = self.altitude**2
         ground = np.log(((place - self.ground)**2).sum(-1) + square)
-        distance = np.hypot(place[..., None, 0] - self.eavesdroppers[:, 0],
-                            place[..., None, 1] - self.eavesdroppers[:, 1])
-        distance = (np.maximum(distance - self.radii, 0.0) if self.transmits
-                    else distance + self.radii)
-        return ground, np.log(distance**2 + square) - self.log_advantages
+        squared = guaranteed_squared_distance(
+            ((place[..., None, :] - self.eavesdroppers)**2).sum(-1),
+            -self.radii if self.transmits else self.radii)
+        return ground, np.log(squared + square) - self.log_advantages
 
     def support(self, direction: Array, stage: NDArray[np.integer[Any]]) -> Array:
         """
@@ -299,14 +299,12 @@ class Team:
 
     :param stages: the slots in stages.
     :param regions: of the transmitter, and of the jammer.
-    :param negative: rate of a slot without a transmission by powers below zero, in nats.
-    :param delta: largest size of the negative received SNR of every UAV, (U,).
+    :param groups: of the places whose leaks do not add up, see certificate.entropy.
     """
 
     stages: Stages
     regions: tuple[ReachableSet, ...]
-    negative: float
-    delta: Array
+    groups: tuple[NDArray[np.intp], ...]
 
     @classmethod
     def of(cls, scenario: Scenario, subset: EavesdropperSubset, most: int = MOST_STAGES) -> Team:
@@ -320,7 +318,13 @@ class Team:
         stages = Stages.of(scenario.slots, most)
         regions = tuple(ReachableSet.of(scenario, i, stages, subset)
                         for i in range(len(scenario.uavs)))
-        return cls(stages, regions, *bound_negative_power(scenario))
+        owners = subset.owners if scenario.colluding else np.zeros_like(subset.owners)
+        return cls(stages, regions, tuple(
+            np.flatnonzero(owners == owner) for owner in np.unique(owners)))
+
+    def sum_groups(self, shares: Array) -> list[Array]:
+        """Return the sum of v (..., E) over every group, (...) each."""
+        return [shares[..., group].sum(-1) for group in self.groups]
 
     @property
     def accelerates(self) -> bool:

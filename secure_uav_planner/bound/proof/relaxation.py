@@ -2,9 +2,8 @@
 What the bound gives away: slots share stages, eavesdroppers are left out, tolerances are added.
 
 **Tolerances.** A Plan may exceed a step, or miss its ends in every coordinate, by
-POSITION_TOLERANCE, and exceed every limit of power, the lower one too, by POWER_TOLERANCE. Steps,
-discs and powers are widened by that much. What powers below zero can do is the subject of
-`bound_negative_power`.
+POSITION_TOLERANCE, and exceed every limit of power by POWER_TOLERANCE. Steps, discs and powers are
+widened by that much. A power below zero counts as zero in a Plan.
 
 **Rounding.** Let eps = 2^-52. Lengths are in units of about the mission's extent, so that
 receivers and goals are at coordinates of at most about 2, with an absolute error of a few eps, and
@@ -32,7 +31,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...mission.validation import Array
-from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
+from ...model.channel.links import guaranteed_squared_distance, make_link
+from ...model.channel.rates import compute_sinr
+from ...plan.plan import POSITION_TOLERANCE
 
 if TYPE_CHECKING:
     from ...mission.scenario import Scenario
@@ -107,8 +108,8 @@ class EavesdropperSubset:
     """
     Places of eavesdroppers.
 
-    The leak is the largest over all eavesdroppers, so leaving some out lowers no plan's rate. And
-    the leak to the worst point of a disc is at least that to any chosen point: for problem (P1)
+    No leak falls when an eavesdropper joins, so leaving some out lowers no plan's rate. And the
+    leak to the worst point of a disc is at least that to any chosen point: for problem (P1)
     eavesdroppers without an error radius at chosen points do as well, and with them the
     objectives of (P1) and (P2) are the same.
 
@@ -139,23 +140,21 @@ class EavesdropperSubset:
         owners = np.repeat(np.arange(len(points)), [len(group) for group in points])
         return cls(places, np.zeros(len(places)), scenario.receiver_advantages[owners], owners)
 
-    def compute_leaks(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
+    def compute_sinrs(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
         """
-        Return the leak to every eavesdropper by the guarantee's formula, (E, N) in nats.
+        Return the SINR at every place by the guarantee's formula, (E, N).
 
         :param positions: of a plan, (U, N + 2, 2) in m.
         :param powers: of the plan, (U, N) in W.
         """
-        offset = positions[None, :, 1:-1] - self.places[:, None, None]
-        distance = np.hypot(offset[..., 0], offset[..., 1])
-        distance[:, 0] = np.maximum(distance[:, 0] - self.radii[:, None], 0.0)
-        distance[:, 1:] += self.radii[:, None, None]
-        altitude = np.array([[uav.altitude] for uav in scenario.uavs])
-        snr = scenario.reference_snr * self.advantages[:, None, None]
-        received = snr * np.maximum(powers, 0.0) / (distance**2 + altitude**2)
-        return np.asarray(np.log1p(received[:, 0] / (1.0 + received[:, 1:].sum(1))))
+        squared = ((positions[:, None, 1:-1] - self.places[:, None])**2).sum(-1)
+        edges = np.repeat(self.radii[None, :, None], len(positions), axis=0)
+        edges[0] *= -1
+        link = make_link(scenario, 'eavesdropper', axes=2).for_receivers(self.advantages[:, None])
+        gains = link.gain(guaranteed_squared_distance(squared, edges))
+        return compute_sinr(gains * powers[:, None])
 
-    def select_loudest(self, leaks: Array, most: int) -> EavesdropperSubset:
+    def select_loudest(self, sinrs: Array, most: int, colluding: bool) -> EavesdropperSubset:
         """
         Return at most `most` places, one in every disc before a second one in any.
 
@@ -163,16 +162,20 @@ class EavesdropperSubset:
         largest leak most. A plan may leak little into a disc just because its jammer sees to
         that, so no disc is left out for further places in a disc.
 
-        :param leaks: of the plan, (E, N).
+        :param sinrs: of the plan, (E, N).
+        :param colluding: True if the SINRs of eavesdroppers add up.
         """
         chosen: list[int] = []
-        largest = np.zeros(leaks.shape[1])
-        for _ in range(min(most, len(leaks))):
-            gain = np.maximum(leaks, largest).sum(1)
+        group = self.owners if colluding else np.zeros_like(self.owners)
+        largest = np.zeros((group[-1] + 1, sinrs.shape[1]))
+        for _ in range(min(most, len(sinrs))):
+            rest = largest.sum(0) - largest[group]
+            gain = np.log1p(rest + np.maximum(sinrs, largest[group])).sum(1)
             gain[chosen] = -np.inf
             fresh = ~np.isin(self.owners, self.owners[chosen])
-            chosen.append(int(np.where(fresh | ~fresh.any(), gain, -np.inf).argmax()))
-            largest = np.maximum(largest, leaks[chosen[-1]])
+            best = int(np.where(fresh | ~fresh.any(), gain, -np.inf).argmax())
+            chosen.append(best)
+            largest[group[best]] = np.maximum(largest[group[best]], sinrs[best])
         keep = sorted(chosen)
         return EavesdropperSubset(self.places[keep], self.radii[keep], self.advantages[keep],
                                   self.owners[keep])
@@ -201,26 +204,13 @@ def margin(altitude: float, size: np.ndarray) -> np.ndarray:
     return np.asarray(EPSILON * (200.0 + 10.0 / altitude + size))
 
 
-def bound_negative_power(scenario: Scenario) -> tuple[float, np.ndarray]:
+def find_reference_snrs(scenario: Scenario) -> Array:
     """
-    Return the largest rate of a slot without transmission, by powers below zero, in nats.
+    Reference SNRs of the links to the ground node and to an eavesdropper, (2, U).
 
-    Lemma 7. Let delta_i = POWER_TOLERANCE g a / H_i^2, the largest size of a negative received
-    SNR, a being the largest advantage of an eavesdropper's receiver, or 1 if that is larger.
-    A transmitter below zero makes the SINR at the ground node negative, so r_0 <= 0, and that at
-    an eavesdropper at least -delta_0 / (1 - delta), delta being the sum of the jammers'. Hence the
-    rate is at most -log(1 - delta_0 / (1 - delta)); no more than with a jammer that is
-    off. The other powers are covered where they enter: lam_i p_i >= -lam_i POWER_TOLERANCE, and a
-    jammer's term by its largest value at powers between -POWER_TOLERANCE and a small one. Nothing
-    is bounded where delta reaches 1: the interference plus noise could then be zero.
-
-    :return: that rate, infinite where nothing is bounded, and delta_i, (U,).
+    Without an advantage. Fading with an outage multiplies the gain of each link by a constant, the
+    quantile that counts; no lemma asks how large a link's constant is.
     """
-    altitudes = np.array([uav.altitude for uav in scenario.uavs])
-    delta = np.exp(np.log(POWER_TOLERANCE) + np.log(scenario.reference_snr)
-                   + np.log(max(1.0, scenario.receiver_advantages.max()))
-                   - 2 * np.log(altitudes)) * (1 + 1e-9)
-    jammers = delta[1:].sum()
-    if not jammers < 1 or not delta[0] < 1 - jammers:
-        return np.inf, delta
-    return float(-np.log1p(-delta[0] / (1 - jammers)) * (1 + 1e-9)), delta
+    return np.array([np.broadcast_to(
+        np.ravel(make_link(scenario, kind).reference_snr), len(scenario.uavs))
+        for kind in ('ground_node', 'eavesdropper')])

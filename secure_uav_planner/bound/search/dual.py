@@ -274,18 +274,22 @@ class Dual:
     def _powers(self, v: Array, price: float, size: int, second: bool) -> tuple[
             Array, Array, Array]:
         """Return the entropies and the maximum over the transmit power, with derivatives."""
-        s, peak = v.sum(-1), self.team.regions[0].peak
+        rest, peak = 1 - v.sum(-1), self.team.regions[0].peak
         slack, e = self.slack(v), v.shape[-1]
         value, power = maximise_power(slack, price, peak)
-        value = value - entropy(s) + entropy(self.weight)
+        groups = self.team.sum_groups(v)
+        value = value - entropy(*groups) + entropy(self.weight)
         if not second:
             return value, np.zeros(0), np.zeros(0)
-        grad, hess = np.zeros((len(s), size)), np.zeros((len(s), size, size))
+        grad, hess = np.zeros((len(v), size)), np.zeros((len(v), size, size))
         la = size - len(self.team.regions)
         inner = power < peak * (1 - 1e-12)
-        grad[:, :e] = (np.log(s / (1 - s)) - np.log(power))[:, None]
+        grad[:, :e] = -np.log(power * rest)[:, None]
         grad[:, la] = -power
-        hess[:, :e, :e] = (1 / (s * (1 - s)) + inner / slack)[:, None, None]
+        hess[:, :e, :e] = (1 / rest + inner / slack)[:, None, None]
+        for group, total in zip(self.team.groups, groups):
+            grad[:, group] += np.log(total)[:, None]
+            hess[:, group[:, None], group] += (1 / total)[:, None, None]
         hess[:, :e, la] = hess[:, la, :e] = (inner / price)[:, None]
         hess[:, la, la] = inner * slack / price**2
         return value, grad, hess

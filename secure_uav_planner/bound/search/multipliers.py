@@ -303,7 +303,7 @@ def _find_slacks(team: Team, silent: Array, joint: Array, weights: Array, shares
     :param silent: estimate of all terms where nothing is sent, (G,).
     :param joint: estimate of all terms at the breakpoints, (K, G).
     """
-    value = bound_pieces(team, silent, joint, weights, shares.sum(-1), price)
+    value = bound_pieces(team, silent, joint, weights, shares, price)
     best = np.maximum(silent, value.max((0, 1)))
     slacks = np.concatenate([(best - silent)[None], np.full(weights.shape, np.inf)])
     # A breakpoint lifts the pieces on both sides, in proportion to how near they are.
@@ -314,9 +314,11 @@ def _find_slacks(team: Team, silent: Array, joint: Array, weights: Array, shares
     return slacks
 
 
-def _slot_constant(team: Team, price: float, weight: Array, total: Array) -> Array:
-    """Return the part of a slot's bound that depends on w0 and s alone, m(w0 - s) - H(s)."""
-    return maximise_power(weight - total, price, team.regions[0].peak)[0] - entropy(total)
+def _slot_constant(team: Team, price: float, weight: Array, v: Array) -> Array:
+    """Return the part of a slot's bound that depends on w0 and v alone, m(w0 - s) - H(v)."""
+    slack = np.maximum(weight - v.sum(-1), 0.0)
+    return (maximise_power(slack, price, team.regions[0].peak)[0]
+            - entropy(*team.sum_groups(v)))
 
 
 def _minimise_shares(search: MultiplierSearch, columns: list[Columns],
@@ -346,8 +348,9 @@ def _minimise_shares(search: MultiplierSearch, columns: list[Columns],
                  for (base, leaks), few in zip(parts, chosen)]
 
         def value(x: Array) -> Array:
-            s = np.clip((start + x[:, None] * direction).sum(-1), 0.0, weight)
-            return np.asarray(_slot_constant(team, point.prices[0], weight, s) + sum(
+            constant = _slot_constant(
+                team, point.prices[0], weight, start + x[:, None] * direction)
+            return np.asarray(constant + sum(
                 (base + x[:, None] * slope).max(1) for base, slope in lines))
         return value
 

@@ -230,7 +230,8 @@ class InitialMultipliers:
         z0 = np.log(np.maximum(ground[0] / noise0, 1e-9))
         ze = np.log(np.maximum(leaks[0] / noise, 1e-9))
         weight = np.clip(sigmoid(z0), 0.3, 1 - 1e-6)
-        loudest = sigmoid(ze.max(-1))
+        group = np.array([ze[:, index].max(-1) for index in team.groups]).T
+        loudest = sigmoid(np.logaddexp.reduce(group, -1))
         prices = np.full(len(team.regions), 1e-5)
         prices[0] = 1e-2
         if on.any():
@@ -238,7 +239,11 @@ class InitialMultipliers:
             prices[0] = max(float(np.median(slope[on])), 1e-6)
         slack = prices[0] * np.maximum(watts[0], 0.1 * team.regions[0].average)
         total = np.clip(np.minimum(loudest, weight - slack), 0.05, weight * (1 - 1e-7))
-        share = np.exp(8 * (ze - ze.max(-1, keepdims=True)))
+        share = np.empty_like(ze)
+        for index, largest in zip(team.groups, group.T):
+            near = np.exp(8 * (ze[:, index] - largest[:, None]))
+            share[:, index] = near / near.sum(-1, keepdims=True) * np.exp(
+                largest - group.max(-1))[:, None]
         share = share / share.sum(-1, keepdims=True) + 0.02
         share /= share.sum(-1, keepdims=True)
         return cls(places, watts, weight, total[:, None] * share, prices)
