@@ -64,6 +64,18 @@ def test_missions_with_many_optima_end_near_the_best_known(seed, slots, most, le
     assert solve(scenario).guaranteed_rate > least
 
 
+@pytest.mark.parametrize('x, y, leaves, takes, guaranteed, worst_case', [
+    (-249.5, 86.6, 52.2, 27.5, 1.2505, 1.2859), (-245.8, -55.8, 46.5, 26.3, 1.3966, 1.4169)])
+def test_jammers_of_an_eavesdropper_that_crosses_choose_their_side(
+        x, y, leaves, takes, guaranteed, worst_case):
+    """Where all starts hover where it is at half time, plans are up to 17% worse."""
+    track = (leaves, x, y, 10.0), (leaves + takes, -x, -y, 10.0)
+    scenario = replace(Scenario.paper(110.0, slots=48),
+                       eavesdroppers=(Eavesdropper((x, y), track=track),))
+    assert solve(scenario).rate >= guaranteed
+    assert solve(scenario, objective='worst_case').rate >= worst_case
+
+
 def test_starts_keep_all_limits_and_are_the_same_every_time():
     for scenario in (team(), random_city_mission(3001, 40), random_city_mission(3007, 40)):
         grid = Grid.of(scenario)

@@ -45,22 +45,28 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     The paper's come first, the transmitter above the ground node and the jammers above the
     eavesdroppers in turn; then random places around these, each jammer's around any eavesdropper,
     where links that help have lines of sight, if these count. They rotate and shift with the map.
-    Receivers are where they are at half time.
+    Receivers that move are where they are at half time, in every second start at random times.
     """
     rng = np.random.default_rng(0)
-    (ground,), eavesdroppers, radii = scenario.receivers_at([scenario.duration / 2])
-    eavesdroppers = eavesdroppers[:, 0]
     uavs = len(scenario.uavs)
-    target = rng.integers(len(eavesdroppers), size=(count, uavs))
-    target[0, 1:] = np.arange(uavs - 1) % len(eavesdroppers)
-    targets = eavesdroppers[target]
-    targets[:, 0] = ground
+    times = np.full((count, uavs), scenario.duration / 2)
+    if scenario.has_tracks:
+        # Of each UAV's own: where receivers cross, jammers have a choice of sides.
+        times[1::2] = np.random.default_rng(2).uniform(
+            0.0, scenario.times[-1], times[1::2].shape)
+    grounds, centres, radii = scenario.receivers_at(times.ravel())
+    target = rng.integers(len(centres), size=(count, uavs))
+    target[0, 1:] = np.arange(uavs - 1) % len(centres)
+    ground, eavesdropper = grounds[0], centres[0, 0]
+    at = np.arange(count * uavs).reshape(count, uavs)
+    targets = centres[target, at]
+    targets[:, 0] = grounds[at[:, 0]]
     distances = scenario.altitudes.mean() * _log_uniform(rng, DISTANCE, (count, uavs, 1))
     distances[0] = 0.0
-    x, y = eavesdroppers[0] - ground
+    x, y = eavesdropper - ground
     axes = np.array([[x, y], [-y, x]]) / np.hypot(x, y) if x or y else np.eye(2)
     offsets = distances * rng.normal(size=targets.shape) @ axes
-    errors = radii[target, 0]
+    errors = radii[target, at]
     errors[:, 0] = 0.0
     longest = np.maximum(sight_radii(scenario) - errors, 0.0)
     lengths = np.maximum(np.linalg.norm(offsets, axis=-1), 1e-9)
