@@ -297,26 +297,28 @@ class Client:
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
 
-    def follow(self, now=time.time):
+    def follow(self, now=time.time, late=0.0):
         """
         Report on plan_time, as a follower does that flies each plan by its stamps.
 
         :param now: returns the time in s.
+        :param late: s by which it flies later than the stamps.
         """
         statuses = self.listen(DiagnosticStatus, 'planner/status')
         reports = self.node.create_publisher(TimeReference, 'plan_time', 10)
         flown = []  # The plan in flight, or the first: its stamp and its identity.
 
         def report():
+            clock = now()
             for values in map(values_of, statuses[-1:]):
                 if 'plan.identity' in values:
                     newest = float(values['plan.stamp']), values['plan.identity']
-                    if not flown or newest[0] <= now():
+                    if not flown or newest[0] <= clock:
                         flown[:] = newest
             if flown:
                 message = TimeReference(source=f'{flown[1]} /tester',
-                                        time_ref=stamp_at(max(now(), flown[0])))
-                message.header.stamp = stamp_at(now())
+                                        time_ref=stamp_at(max(clock - late, flown[0])))
+                message.header.stamp = stamp_at(clock)
                 reports.publish(message)
         self.node.create_timer(0.05, report)
 

@@ -42,8 +42,10 @@ class _Reports:
         self._pairs: deque[tuple[int, int]] = deque()  # Clock and plan in ns.
 
     def add(self, clock_ns: int, plan_ns: int) -> None:
-        if self._pairs and clock_ns <= self.last_ns:
+        if self._pairs and clock_ns < self.last_ns:
             self._pairs.clear()  # The clock has jumped back.
+        elif self._pairs and clock_ns == self.last_ns:
+            self._pairs.pop()  # It stands, as simulated time may.
         self._pairs.append((clock_ns, plan_ns))
         while clock_ns - self._pairs[0][0] > _MEMORY * 1e9:
             self._pairs.popleft()
@@ -113,23 +115,18 @@ class _Promise:
     Until when a flight of a plan has the rates of the plan.
 
     :ivar clock: of the plan, for which its receivers are predicted.
-    :ivar begin: time of the plan in s from which they count.
     :ivar is_dated: whether they move by estimates, so that a late flight leaves them.
     :ivar end: of the promise in s from point 0, infinite if it lasts as long as the flight.
-    :ivar last_end: likewise, of the plan that was flown before, up to `begin`.
+    :ivar gaps: before, from the end of the promise of a plan to the begin of the next one's.
     """
 
-    def __init__(self, plan: Plan, clock: PlanClock, begin: float) -> None:
-        self.clock, self.begin, self.last_end = clock, begin, math.inf
+    def __init__(self, plan: Plan, clock: PlanClock) -> None:
+        self.clock = clock
+        self.gaps: list[tuple[float, float]] = []
         self.is_dated = plan.promised_until is not None
         self.end = math.inf
         if plan.promised_until is not None and plan.promised_until < plan.times[-1] - _ROUNDING:
             self.end = plan.promised_until
-
-    def lateness(self, flight: Flight, now: float) -> float:
-        """Return the time in s by which a flight is later than the clock of the receivers."""
-        late = self.clock.to_plan(now) - flight.time
-        return max(0.0, late) if flight.state == 'waiting' else late
 
 
 class PlanTracking:
@@ -163,11 +160,12 @@ class PlanTracking:
         :param clock: the one that its receivers are predicted for, by default that of its start.
         :param begin: the time of the plan in s from which these count, in a replan.
         """
-        promise = _Promise(plan, clock or PlanClock(0.0, plan.start_ns * 1e-9), begin)
+        promise = _Promise(plan, clock or PlanClock(0.0, plan.start_ns * 1e-9))
         flight = self.flight(now)
         if flight is not None and flight.playback.plan.start_ns == plan.start_ns:
             last = self._promises[flight.playback.plan.identity]
-            promise.last_end = min(last.end, last.last_end if flight.time < last.begin else begin)
+            promise.gaps = [gap for gap in (*last.gaps, (last.end, begin))
+                            if max(gap[0], flight.time) < gap[1]]
         reported = self._reports.identity if self._reports else None
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
         for record, new in ((self._plans, Playback(plan)), (self._promises, promise)):
@@ -223,22 +221,29 @@ class PlanTracking:
         """Return the time in s from point 0 until which the rates of a plan are promised."""
         return min(self._promises[plan.identity].end, float(plan.times[-1]))
 
+    def _lateness(self, flight: Flight) -> float:
+        """Return the time in s by which a flight is late for its receivers, by its last report."""
+        clock, start_ns = self._reports.last_ns * 1e-9, flight.playback.plan.start_ns
+        reported = flight._replace(time=(self._reports.plan_ns - start_ns) * 1e-9)
+        late = self._promises[flight.playback.plan.identity].clock.to_plan(clock) - reported.time
+        return max(0.0, late) if reported.state == 'waiting' else late
+
     def check_promise(self, now: float) -> None:
         """End the promise of a plan for good whose flight is late for its receivers."""
         flight = self.flight(now)
         if flight is not None and flight.is_reported and flight.state != 'ended':
             promise = self._promises[flight.playback.plan.identity]
-            if promise.is_dated and abs(promise.lateness(flight, now)) > _PUNCTUAL:
+            if promise.is_dated and abs(self._lateness(flight)) > _PUNCTUAL:
                 promise.end = min(promise.end, flight.time)
 
     def promise_ends(self, flight: Flight, ahead: float) -> bool:
         """Return True if the promise to a flight ends within a time in s."""
         return self._promises[flight.playback.plan.identity].end < flight.time + ahead
 
-    def _promise_problems(self, flight: Flight, now: float) -> list[str]:
+    def _promise_problems(self, flight: Flight) -> list[str]:
         plan = flight.playback.plan
         promise = self._promises[plan.identity]
-        late = promise.lateness(flight, now)
+        late = self._lateness(flight)
         if flight.state == 'ended':
             return []
         if promise.end <= flight.time:
@@ -248,10 +253,8 @@ class PlanTracking:
                       'the receivers that move are predicted for')
             return [f'the promise of plan {plan.identity} ended at {promise.end:.1f} s: {reason}; '
                     'plan again']
-        if promise.last_end <= flight.time < promise.begin:
-            return [f'the promise ended at {promise.last_end:.1f} s; that of plan '
-                    f'{plan.identity} begins at {promise.begin:.1f} s']
-        return []
+        return [f'the promise ended at {end:.1f} s; the next begins at {begin:.1f} s'
+                for end, begin in promise.gaps if end <= flight.time < begin][:1]
 
     # Time
 
@@ -334,7 +337,7 @@ class PlanTracking:
         problems = self._follower_problems(now)
         if flight is None:
             return problems, {}
-        problems += self._promise_problems(flight, now)
+        problems += self._promise_problems(flight)
         silence = now - self._last_arrival[0]
         if flight.is_under_way and silence > _SILENCE:
             problems.append(

@@ -198,7 +198,8 @@ class PoseBook:
         """Return an error for each topic whose pose cannot be used for planning."""
         problems = []
         for name in ('ground_node', *settings['eavesdroppers']):
-            if self.usable_pose(name, settings, now, True) is None:
+            if name not in settings['tracks'] and (
+                    self.usable_pose(name, settings, now, True) is None):
                 problems += self._reasons(name, settings, now, True)
         for name in settings['uavs'] if with_uavs else ():
             if settings[f'{name}.use_pose'] and self.usable_pose(name, settings, now) is None:

@@ -60,9 +60,7 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
             continue
         if track is not None:
             notes[name] = f'the estimate of {name} counts, and not its track in the mission file'
-        radius = (error_radius(pose.covariance, confidence)
-                  if pose.covariance.any() else settings[f'{name}.error_radius'])
-        speed = settings[f'{name}.max_speed']
+        radius, speed = pose.radius(name, settings), settings[f'{name}.max_speed']
         if speed and pose.velocity is not None and math.hypot(*pose.velocity) > speed:
             notes[name] = (f'{name}.max_speed is {speed:g} m/s and the odometry of {name} has more; '
                            'that counts')
