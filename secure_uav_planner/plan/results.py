@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING, TypeAlias
+from typing import Any, get_args, Literal, NamedTuple, TypeAlias
 
 from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_choice, checked_kind
-
-if TYPE_CHECKING:
-    from .plan import Plan
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
                             'numerical_trouble']
@@ -64,7 +61,7 @@ class Promise(NamedTuple):
     :ivar slots: their number.
     """
 
-    plan: Plan
+    plan: Any
     slots: int
 
     @property
