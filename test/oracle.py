@@ -159,8 +159,10 @@ def objective(grid, x, mu, softening):
     Return the sum of the largest leak, smoothed where there are several, less r_0, (...).
 
     :param x: (..., N, U, 3).
+    :param mu: in the grid's unit of rates.
     """
     ground, leaks = rates(grid, x, softening * np.sqrt(mu))
+    mu = mu * grid.rate
     if grid.scenario.colluding and leaks.shape[-1] > 1:
         return np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) - ground + mu
     if leaks.shape[-1] == 1:
@@ -181,7 +183,7 @@ def barrier(grid, x, mu, softening, at=None):
     value = objective(grid, x, mu, softening).sum()
     for values, weight in slacks_at(grid, x, at):
         # Negative slacks count as positive ones: the derivatives are the same.
-        value -= weight * mu * 0.5 * np.log(values**2).sum()
+        value -= weight * mu * grid.rate * 0.5 * np.log(values**2).sum()
     return value
 
 

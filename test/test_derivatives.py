@@ -49,7 +49,7 @@ def test_rates_are_those_of_the_channel_and_variables_are_positions_and_powers(s
     x = grid.variables(positions[:, 1:-1], powers)
     rates = guaranteed_rates(scenario, positions, powers)
     np.testing.assert_allclose(
-        Barrier(grid, x[None], 1.0).rates() / np.log(2), np.maximum(rates, 0).mean(),
+        Barrier(grid, x[None], 1.0).rates() * grid.rate / np.log(2), np.maximum(rates, 0).mean(),
         rtol=1e-9, atol=1e-9)
     ground, leaks = oracle.rates(grid, x)
     leak = (np.log(1 + (np.exp(leaks) - 1).sum(axis=-1)) if scenario.colluding

@@ -15,9 +15,10 @@ from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.model.limits.motion import reference_flight
 from secure_uav_planner.optimize.incumbent import Incumbent
+from secure_uav_planner.optimize.initial import adapt_plan
 from secure_uav_planner.optimize.joint.barrier import Barrier, Stepper
 from secure_uav_planner.optimize.joint.starts import generate_starts
-from strategies import make_crowd, PLACE, rotate_map, scenarios
+from strategies import make_crowd, PLACE, rotate_map, scenarios, with_uavs
 
 solve = partial(optimize.solve, objective='guaranteed')  # (P2), which has reference values.
 
@@ -201,13 +202,50 @@ def move_eavesdropper(scenario, distance):
         replace(eve, position=place), *scenario.eavesdroppers[1:]))
 
 
-def test_a_warm_start_takes_fewer_steps_to_the_same_rate():
-    scenario = Scenario.paper(120)
-    moved = move_eavesdropper(scenario, 5.0)
-    cold = solve(moved, method='joint')
-    warm = solve(moved, method='joint', initial=solve(scenario, method='joint'))
-    assert warm.guaranteed_rate >= cold.guaranteed_rate * (1 - 1e-5)
-    assert len(warm.history) < 0.6 * len(cold.history)
+def test_a_warm_start_is_polished_first_and_as_good_as_one_from_scratch():
+    plan = solve(random_mission(6126, 60))
+    assert len(solve(plan.scenario, initial=plan).history) < 0.4 * len(plan.history)
+    moved = move_eavesdropper(replace(plan.scenario, duration=1.1 * plan.scenario.duration), 30.0)
+    cold, warm = solve(moved), solve(moved, initial=plan)
+    assert warm.rate >= cold.rate and warm.status == 'converged'
+    # As after a time limit, the rate of the warm start is there when the rest is stopped.
+    polished = len(warm.history) - len(cold.history)
+    stopped = solve(moved, initial=plan,
+                    on_iteration=lambda iteration: iteration.number == polished + 5)
+    assert stopped.status == 'cancelled'
+    assert cold.rate > stopped.rate >= warm.history[polished - 1].rate > warm.history[0].rate
+
+
+@pytest.mark.parametrize('slots, least', [(30, 0.99), (75, 0.97), (120, 0.96), (180, 0.95)])
+def test_a_plan_keeps_its_rate_in_other_slots_within_limits_of_acceleration(slots, least):
+    scenario = with_uavs(random_mission(6010, 60), max_acceleration=3.0)
+    plan = solve(scenario)
+    other = replace(scenario, slots=slots,
+                    duration=scenario.times[-1] * slots / (slots + 1))
+    positions, powers = adapt_plan(other, plan)
+    assert Plan(other, positions, powers).guaranteed_rate >= least * plan.rate
+    assert solve(other, initial=plan).rate >= 0.999 * solve(other).rate
+
+
+def test_tolerances_are_relative_where_the_signal_is_weak():
+    """Then rates are proportional to the SNR."""
+    scenario = Scenario.paper(200.0)
+    for snr, near in ((0.0, 1e-3), (-37.0, 1e-6), (-150.0, 1e-6)):
+        weak = replace(scenario, reference_snr_db=snr)
+        for plan in (solve(weak), solve(weak, objective='worst_case')):
+            assert plan.rate / weak.reference_snr == pytest.approx(1.140324e-4, rel=near)
+        assert fly_hover_fly(weak, 'optimised').rate / weak.reference_snr == pytest.approx(
+            1.1297e-4, rel=1e-3)
+
+
+def test_jammers_that_may_have_too_much_power_do_as_well_as_with_less():
+    scenario, rates = random_mission(6205, 60), []
+    for power in (1e-4, 1.0, 1e4):
+        transmitter, *jammers = scenario.uavs
+        uavs = (replace(transmitter, average_power=1e-4, peak_power=4e-4), *(
+            replace(uav, average_power=power, peak_power=4 * power) for uav in jammers))
+        rates.append(solve(replace(scenario, uavs=uavs)).rate)
+    assert min(rates) >= 0.98 * max(rates)  # With 1e4 W it was 0.82.
 
 
 def test_slots_without_power_can_transmit_again():

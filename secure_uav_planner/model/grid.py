@@ -6,6 +6,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .channel import find_rate_scale
 from .channel.links import FreeSpace, make_links
 from .curve import complete_end_moves, evaluate_spline
 from .least_effort import find_least_efforts
@@ -58,6 +59,11 @@ class Grid:
         return self.scenario.average_powers
 
     @cached_property
+    def rate(self) -> float:
+        """Rate that is the unit, in nats; see find_rate_scale."""
+        return find_rate_scale(self.scenario)
+
+    @cached_property
     def origin(self) -> Array:
         """Position of the ground node, (2,) in m."""
         return np.array(self.scenario.ground_node)
@@ -77,6 +83,11 @@ class Grid:
         """Length of a slot of this grid in s: the flight has one move more than slots."""
         scenario = self.scenario
         return scenario.slot_duration * (scenario.slots + 1) / (self.slots + 1)
+
+    @cached_property
+    def times(self) -> Array:
+        """Time of the point of every slot, from point 0, (N,) in s."""
+        return np.arange(1.0, self.slots + 1) * self.slot_duration
 
     @cached_property
     def steps(self) -> Array:
@@ -214,8 +225,7 @@ class Receivers:
     @classmethod
     def of(cls, grid: Grid, lead: float = 0.0) -> 'Receivers':
         """Return the receivers of a grid's scenario for the guarantee; lead as in make_links."""
-        ground, centres, radii = grid.scenario.receivers_at(
-            np.arange(1.0, grid.slots + 1) * grid.slot_duration)
+        ground, centres, radii = grid.scenario.receivers_at(grid.times)
         positions = np.concatenate([ground[None], centres]).swapaxes(0, 1) - grid.origin
         radii = np.insert(radii.T, 0, 0.0, axis=1)
         link = make_links(grid.scenario, grid.length, grid.power, lead)

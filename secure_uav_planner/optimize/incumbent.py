@@ -9,14 +9,14 @@ import numpy as np
 
 from ..errors import StoppedError, TimeLimitError
 from ..mission.scenario import Array, Scenario
-from ..model.channel import guaranteed_rates, worst_case_rates
+from ..model.channel import find_rate_scale, guaranteed_rates, worst_case_rates
 from ..model.limits import is_clear, repair, repair_powers
 from ..plan.plan import Iteration, Objective, Plan, Status
 
 OnIteration: TypeAlias = Callable[[Iteration], object]
 
 _PERIOD = 0.05  # Between calls of the callback where iterations are far apart, in s.
-_NEGLIGIBLE_RATE = 1e-7  # A slot with a lower rate, in bit/s/Hz, is not worth any power.
+_NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.
 _IDLE_SHARE = 1e-3  # A slot with a smaller share of the mean rate carries nothing.
 _JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)  # Of the present power, that try_less_jamming tries.
 
@@ -104,12 +104,13 @@ class Incumbent:
         self.scenario = scenario
         self.objective: Objective = objective
         self.warm = warm
-        self.solver_time = 0.0
+        self.solver_time = 0.0 if parent is None else parent.solver_time
         self.history: list[Iteration] = []
         self.termination = Termination() if termination is None else termination
         self._parent = parent
         self.positions = positions
-        self.powers, self._rates = silence_losing_slots(scenario, positions, powers, objective)
+        self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(scenario)
+        self.powers, self._rates = self._silence_losing_slots(positions, powers)
         self.rate = float(self._rates.mean())
         if parent is None:
             self.report('start')
@@ -133,14 +134,18 @@ class Incumbent:
                 return 0.0
         powers = (self.powers if powers is None else
                   repair_powers(self.scenario, positions, powers))
-        powers, rates = silence_losing_slots(
-            self.scenario, positions, powers, self.objective)
+        powers, rates = self._silence_losing_slots(positions, powers)
         rate = float(rates.mean())
         gain = rate - self.rate
         if not gain > 0:  # also when it is NaN
             return 0.0
         self.positions, self.powers, self._rates, self.rate = positions, powers, rates, rate
         return gain
+
+    def _silence_losing_slots(self, positions: Array, powers: Array) -> tuple[Array, Array]:
+        """Return powers, silent where the rate is negative, and rates, 0 where negligible."""
+        powers, rates = silence_losing_slots(self.scenario, positions, powers, self.objective)
+        return powers, np.where(rates > self._negligible, rates, 0.0)
 
     def try_less_jamming(self) -> None:
         """
@@ -200,7 +205,7 @@ class Incumbent:
     @property
     def useful_powers(self) -> Array:
         """Powers of the present iterate, zero in slots that carry nothing, (U, N) in W."""
-        return np.where(self._rates > _NEGLIGIBLE_RATE, self.powers, 0.0)
+        return np.where(self._rates > 0.0, self.powers, 0.0)
 
     def to_plan(self, method: str, status: Status) -> Plan:
         """Return the iterate as a Plan, in which slots that carry nothing are silent."""

@@ -1,16 +1,17 @@
 """From a scenario to a plan: the two methods by name, and the baselines."""
 
+from contextlib import suppress
 from typing import Any, get_args
 
 from . import joint
 from .incumbent import Incumbent, OnIteration, Termination
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
-from ..errors import format_place, OptionError, Place, quote
+from ..errors import format_place, OptionError, Place, PlanningError, quote
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
 from ..mission.scenario import Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
 from ..model.limits import is_open
-from ..plan.plan import Plan
+from ..plan.plan import Plan, Status
 
 __all__ = ['METHODS', 'Method', 'Power', 'check_objective', 'fly_hover_fly', 'solve']
 
@@ -39,7 +40,8 @@ def solve(scenario: Scenario, method: Method = 'joint',
         second between steps, with the last Iteration, or one of rate 0 before the first.
     :param time_limit: in s; past it the best feasible plan so far is returned.
     :param initial: a Plan to start from, by default fly-hover-fly with constant power. It may be
-        for another scenario with as many UAVs; it is then made feasible in this one.
+        for another scenario with as many UAVs; it is then made feasible in this one, and 'joint'
+        begins from scratch, too, as far as the time limit leaves room.
     :param objective: one of plan.OBJECTIVES: 'worst_case' is the true worst case of problem (P1),
         by 'joint' only, 'guaranteed' the lower bound by formula of problem (P2). By default that
         of the initial plan, if the same method made it, or else 'worst_case' for 'joint' and
@@ -68,12 +70,33 @@ def solve(scenario: Scenario, method: Method = 'joint',
     incumbent = Incumbent(scenario, positions, powers, termination, warm=initial is not None,
                           objective=objective)
     if method == 'joint':
-        return incumbent.to_plan(method, joint.improve(incumbent))
+        status = joint.improve(incumbent)
+        if initial is not None and initial.scenario != scenario:
+            status = _improve_from_scratch(incumbent, status)
+        return incumbent.to_plan(method, status)
     if not incumbent.warm:
         # Powers have local optima: the result is no worse than the baseline with optimised powers.
         joint.optimise_powers(incumbent)
     from .alternating import alternate  # Here, because CVXPY takes a second to import.
     return incumbent.to_plan(method, alternate(incumbent))
+
+
+def _improve_from_scratch(incumbent: Incumbent, status: Status) -> Status:
+    """Improve an Incumbent of a status from scratch; return the status of the better plan."""
+    scenario, termination = incumbent.scenario, incumbent.termination
+    if incumbent.stop_reason() is not None:
+        return status
+    with suppress(PlanningError):  # The plan that there is needs no such flights.
+        cold = Incumbent(
+            scenario, fly_hover_fly_positions(scenario, termination.check),
+            constant_powers(scenario), termination, objective=incumbent.objective,
+            parent=incumbent)
+        cold_status = joint.improve(cold)
+        if cold.stop_reason() is None:
+            cold.try_idle_slots()
+        if incumbent.try_improve(cold.positions, cold.useful_powers) > 0:
+            return cold_status
+    return 'cancelled' if incumbent.stop_reason() == 'cancelled' else status
 
 
 def fly_hover_fly(scenario: Scenario, power: Power = 'constant',

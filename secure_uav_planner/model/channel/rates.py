@@ -115,6 +115,23 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
     return ground_rates(scenario, positions, powers, times) - leak
 
 
+def find_rate_scale(scenario: Scenario) -> float:
+    """
+    Return 1, or where that is less, the largest SNR that the average power can have, in nats.
+
+    So small a SNR is a rate, to which tolerances of rates are relative. It is that at the least
+    distance from the ground node at which the transmitter can be at the time of a point.
+    """
+    times, grounds = scenario.times[1:-1], scenario.receivers.ground_node
+    speed = scenario.max_speeds[0]
+    away = max(0.0, float(np.min(np.maximum(
+        np.linalg.norm(grounds - scenario.starts[0], axis=-1) - speed * times,
+        np.linalg.norm(grounds - scenario.goals[0], axis=-1)
+        - speed * (scenario.times[-1] - times)))))
+    gains = make_link(scenario, 'ground_node').gain(np.full((len(scenario.uavs), 1), away**2))
+    return min(1.0, float(gains[0, 0] * scenario.average_powers[0]))
+
+
 def checked_flight(scenario: Scenario, positions: Array, powers: Array) -> tuple[Array, Array]:
     """Return positions and powers as arrays, or raise OptionError unless they fit a Scenario."""
     count = len(checked_kind('scenario', scenario, Scenario).uavs)

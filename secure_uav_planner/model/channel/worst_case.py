@@ -8,7 +8,8 @@ import numpy as np
 
 from .links import guaranteed_squared_distance, make_link, PathLoss
 from .rates import (
-    checked_flight, combine_leaks, compute_rate, find_receivers, ground_rates, guaranteed_rates)
+    checked_flight, combine_leaks, compute_rate, find_rate_scale, find_receivers, ground_rates,
+    guaranteed_rates)
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 from ...mission.validation import checked_array, checked_kind
@@ -22,7 +23,7 @@ Of 36000 slots of random scenarios, among them all extremes that a Scenario allo
 """
 
 _AT_ONCE = 2**15  # Triples of a slot, an eavesdropper and a UAV, so that arrays fit into caches.
-_ROUNDING = 1e-12  # Of a leak in bit/s/Hz; none is above 150.
+_ROUNDING = 1e-12  # Of a leak in bit/s/Hz, or a share of a small one; none is above 150.
 _SILENT = 1e-100  # Leak in bit/s/Hz up to which a slot is silent.
 
 
@@ -33,9 +34,10 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
 
     A lower bound of R[n] of problem (P1), equation (6), before its [x]^+: a branch and bound over
     the discs proves that no point leaks more than the leak that is subtracted, which is at most
-    1e-6 above the leak at worst_case_places. The bound still holds but is less tight where more
-    than MOST_SECTORS parts of the discs would have to be examined in a slot, or where distances of
-    1e7 m at altitudes of 1e-3 m exhaust the floating-point numbers. Never below guaranteed_rates.
+    1e-6 times find_rate_scale above the leak at worst_case_places. The bound still holds but is
+    less tight where more than MOST_SECTORS parts of the discs would have to be examined in a slot,
+    or where distances of 1e7 m at altitudes of 1e-3 m exhaust the floating-point numbers. Never
+    below guaranteed_rates.
 
     :param times: as for guaranteed_rates.
     """
@@ -58,8 +60,8 @@ def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Ar
     return places
 
 
-def leak_maximisers(scenario: Scenario, uav_positions: Array,
-                    powers: Array) -> tuple[Array, Array]:
+def leak_maximisers(scenario: Scenario, uav_positions: Array, powers: Array,
+                    times: Array | None = None) -> tuple[Array, Array]:
     """
     Return the worst place for each slot and eavesdropper, (E, N, 2) in m, and its leak, (E, N).
 
@@ -69,11 +71,12 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array,
 
     :param uav_positions: in the N slots, (U, N, 2) in m.
     :param powers: (U, N) in W.
+    :param times: as for guaranteed_rates.
     """
     count = len(checked_kind('scenario', scenario, Scenario).uavs)
     powers = np.maximum(checked_array('powers', powers, (count, None)), 0.0)
     uav_positions = checked_array('uav_positions', uav_positions, (*powers.shape, 2))
-    leaks, places = _by_chunks(_likely_leaks, scenario, uav_positions, powers)
+    leaks, places = _by_chunks(_likely_leaks, scenario, uav_positions, powers, times)
     return places.swapaxes(0, 1), leaks.T
 
 
@@ -128,7 +131,8 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
     eves = most.argmax(axis=1)
     places = np.zeros((len(leaks), 2))
     # Where no leak matters, as in a silent slot, the formula is near enough, and the centre.
-    active = np.flatnonzero(leaks > core.TOLERANCE)
+    scale = find_rate_scale(scenario)
+    active = np.flatnonzero(leaks > scale * core.TOLERANCE)
     if active.size:
         discs = _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active])
         # All colluding eavesdroppers count, otherwise the one with the largest leak.
@@ -137,13 +141,14 @@ def _worst_leaks(scenario: Scenario, centres: Array, radii: Array, uav_positions
         slot = np.repeat(np.arange(groups), most.shape[1] // count)
         proven: Array = np.empty(groups)
         disc, place = np.empty(groups, np.int64), np.empty((groups, 2))
-        core.prove_leaks(discs, slot, most[active].ravel(), MOST_SECTORS, core.TOLERANCE / count,
-                         proven, disc, place)
+        core.prove_leaks(discs, slot, most[active].ravel(), MOST_SECTORS,
+                         scale * core.TOLERANCE / count, proven, disc, place)
         grouped = proven.reshape(-1, count)
         worst = np.arange(0, groups, count) + grouped.argmax(axis=1)
         eves[active], places[active] = disc[worst] % most.shape[1], place[worst]
         whole = combine_leaks(grouped) if scenario.colluding else proven
-        leaks[active] = np.minimum(leaks[active], whole + _ROUNDING)
+        leaks[active] = np.minimum(leaks[active], whole + _ROUNDING * np.minimum(
+            np.maximum(scale, whole), 1.0))
     return leaks, centres[np.arange(len(eves)), eves] + places
 
 

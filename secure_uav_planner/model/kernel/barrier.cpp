@@ -61,6 +61,8 @@ Problem make_problem(const py::dict& args) {
     problem.channel = args["channel"].cast<std::shared_ptr<kernel::Channel>>();
     expect(problem.channel->links() == problem.receivers.count * uavs, "channel");
     problem.colluding = args["colluding"].cast<bool>();
+    problem.rate_unit = args["rate_unit"].cast<double>();
+    expect(problem.rate_unit > 0.0, "rate_unit");
     if (!args["places"].is_none())
         problem.places = make_places(problem, args["places"].cast<py::dict>());
     return problem;

@@ -94,13 +94,14 @@ class Barrier:
         """
         Make Newton's method on a barrier function, for starts that it changes in place.
 
-        :param arguments: `slots`, `uavs`, `colluding`, `limits` (list of Limit), `channel`,
-            `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power (U,), `positions` of
-            the receivers (N, K, 2), their `radii`, which the guarantee adds to distances, (N, K),
-            and `places`, None for (P2), or with `followed`, whether they move along with the UAVs,
-            (N, E P), their `offsets` from the centres (N, E P, 2) and the discs' `radii` (N, E P).
+        :param arguments: `slots`, `uavs`, `colluding`, `rate_unit` in nats, `limits` (list of
+            Limit), `channel`, `starts` and `goals` (U, 2), `fixed` UAVs (U,), `peaks` of power
+            (U,), `positions` of the receivers (N, K, 2), their `radii`, which the guarantee adds
+            to distances, (N, K), and `places`, None for (P2), or with `followed`, whether they
+            move along with the UAVs, (N, E P), their `offsets` from the centres (N, E P, 2) and
+            the discs' `radii` (N, E P).
         :param x: powers and positions, (S, N, U, 3).
-        :param mu: barrier parameters, (S,).
+        :param mu: barrier parameters in units of rates, (S,).
         :param finished: set where a start has converged or stalled, (S,).
         """
 

@@ -95,8 +95,8 @@ void divide_by_upper(const double* factor, std::ptrdiff_t columns, int bandwidth
 template <int UAVS>
 class NewtonSystem {
 public:
-    NewtonSystem(std::size_t slots, int uavs, int bandwidth)
-        : slots_(slots), count_(uavs), below_(bandwidth) {
+    NewtonSystem(std::size_t slots, int uavs, int bandwidth, double unit)
+        : slots_(slots), count_(uavs), below_(bandwidth), unit_(unit) {
         const std::size_t n = slots_, v = 3 * count_;
         blocks.resize(n * v * v);
         band.resize((n * v + below_) * (below_ + 1));
@@ -179,7 +179,7 @@ private:
         const std::ptrdiff_t slots = slots_;
         std::fill(convex_.begin(), convex_.end(), 0);
         std::ptrdiff_t left = slots;
-        for (std::ptrdiff_t j = 0; j < slots * V; ++j) band[j * height()] += FIRST_SHIFT;
+        for (std::ptrdiff_t j = 0; j < slots * V; ++j) band[j * height()] += FIRST_SHIFT * unit_;
         std::ptrdiff_t begin = 0;  // The first column that has changed.
         for (int failures = 0; left; ++failures) {
             if (stop) return false;
@@ -207,7 +207,7 @@ private:
                 add_block(n, &blocks[n * V * V]);
             }
         }
-        double scale = 1.0;
+        double scale = unit_;
         for (std::ptrdiff_t j = 0; j < slots * V; ++j)
             scale = std::max(scale, std::fabs(band[j * height()]));
         for (const double shift : SHIFTS) {
@@ -239,6 +239,7 @@ private:
 
     const std::size_t slots_;
     const int count_, below_;
+    const double unit_;  // Of the objective.
     std::vector<double> factor_, right_, space_;
     std::vector<char> convex_;
 };

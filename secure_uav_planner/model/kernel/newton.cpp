@@ -26,7 +26,7 @@ constexpr double DUAL_RANGE = 1e4;  // How far a dual may leave its central valu
 // Newton decrement for each UAV, or this many steps for one mu.
 constexpr double MU_FACTOR = 0.2, MU_POWER = 1.5, CENTRED = 0.5;
 constexpr int PATIENCE = 15;
-// The Newton decrement, or the gain in nats a slot, below which a start has converged.
+// The Newton decrement, or the gain in units of rates a slot, below which a start has converged.
 constexpr double CONVERGED = 0.01, NEGLIGIBLE = 1e-8;
 
 // For numbers of UAVs and channel models as Rates are.
@@ -35,7 +35,7 @@ class PrimalDualNewton final : public Newton {
 public:
     explicit PrimalDualNewton(const Problem& problem)
         : p_(problem), slots_(problem.slots), count_(problem.uavs), rates_(problem),
-          system_(slots_, count_, problem.bandwidth()) {
+          system_(slots_, count_, problem.bandwidth(), problem.rate_unit) {
         const std::size_t size = slots_ * 3 * count_;
         line_sets_.resize(p_.limits.size());
         slopes_.resize(p_.limits.size() + 1);
@@ -53,7 +53,7 @@ public:
     void initialise_duals(Iterate& iterate) override {
         choose_lines(iterate.x, iterate.evaluation);
         find_slacks(iterate.x, iterate.evaluation);
-        const double mu = *iterate.mu;
+        const double mu = find_mu(iterate);
         for (const Slacks& slacks : iterate.evaluation.slacks) {
             iterate.duals.push_back(slacks.values);
             for (double& dual : iterate.duals.back()) dual = mu / dual;
@@ -63,7 +63,7 @@ public:
     }
 
     Outcome take_step(Iterate& iterate, double final_mu, const std::atomic<bool>& stop) override {
-        const double mu = *iterate.mu;
+        const double mu = find_mu(iterate);
         Evaluation& here = iterate.evaluation;
         update_evaluation(iterate);
         if (has_lines_) clip_duals(iterate, here, mu);
@@ -99,14 +99,17 @@ public:
 
     double evaluate(Iterate& iterate, double* gradient, double* hessian) override {
         update_evaluation(iterate);
-        rates_.differentiate(iterate, *iterate.mu, gradient, hessian);
-        add_gradient_of_limits(iterate.evaluation, *iterate.mu, gradient);
+        rates_.differentiate(iterate, find_mu(iterate), gradient, hessian);
+        add_gradient_of_limits(iterate.evaluation, find_mu(iterate), gradient);
         return iterate.evaluation.value;
     }
 
 private:
     int uavs() const { return UAVS ? UAVS : count_; }
     int size() const { return 3 * uavs(); }
+
+    // The barrier parameter in nats.
+    double find_mu(const Iterate& iterate) const { return *iterate.mu * p_.rate_unit; }
 
     // Find the points of flights from start to goal, or of their moves, (N + 2, U, 2).
     void find_path(const double* x, bool with_ends) {
@@ -137,13 +140,13 @@ private:
         Evaluation& here = iterate.evaluation;
         choose_lines(iterate.x, here);
         if (!iterate.is_evaluated) {
-            evaluate_barrier(iterate.x, *iterate.mu, here);
+            evaluate_barrier(iterate.x, find_mu(iterate), here);
             return;
         }
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             if (p_.limits[l]->has_lines())
                 p_.limits[l]->find_slacks(path_.data(), here.slacks[l]);
-        add_lines(*iterate.mu, here);
+        add_lines(find_mu(iterate), here);
     }
 
     void add_logarithms(const Evaluation& here, bool with_lines, LogSum& sum) const {

@@ -39,6 +39,7 @@ struct Problem {
     Receivers receivers;
     std::shared_ptr<const Channel> channel;
     Places places;
+    double rate_unit = 1.0;  // In nats.
     bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
 
     // The number of rows of the Hessian's band below its diagonal.
@@ -87,7 +88,7 @@ struct Evaluation {
 // The iterate of one start.
 struct Iterate {
     double* x = nullptr;        // (N, U, 3), in an array of the caller.
-    double* mu = nullptr;       // Likewise.
+    double* mu = nullptr;       // Likewise, in units of rates.
     bool* finished = nullptr;   // Likewise.
     int steps_at_mu = 0;
     std::vector<Reals> duals;   // Of the slacks of every Limit, and last of the peaks.

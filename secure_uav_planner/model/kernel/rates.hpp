@@ -120,7 +120,7 @@ public:
     // Find the rates at an x, and return their part of the barrier function.
     double evaluate(const double* x, double mu, Evaluation& here) const {
         const int U = uavs(), K = receivers();
-        const double softening = SOFTENING * std::sqrt(mu);
+        const double softening = SOFTENING * std::sqrt(mu / p_.rate_unit);
         const double soft = softening * softening;
         here.squared.resize(slots_ * K * U);
         here.distance.resize(slots_ * K * U);

@@ -10,9 +10,11 @@ from .projection import find_flights_near
 from .visibility_graph import Check
 from ...errors import OptionError
 from ...mission.scenario import Array, Scenario
-from ...model.grid import resample, resample_flights
+from ...model.grid import resample
 from ...model.limits import is_clear, is_open, repair
 from ...plan.plan import Plan
+
+_ROUNDING = 1e-4  # Move in m by which repair makes up for rounding errors.
 
 
 def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> Array:
@@ -79,7 +81,8 @@ def adapt_plan(scenario: Scenario, plan: Plan,
     Return the positions and powers of a plan made feasible for another scenario.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole flight.
-    Where zones, fence or separation allow no flights near those, fly-hover-fly takes their place.
+    What breaks limits moves to the nearest flight that keeps them, or without one that clears
+    zones, fence and separation, to fly-hover-fly.
 
     :param check: as for fly_hover_fly_positions.
     :raises OptionError: when the number of UAVs differs.
@@ -89,13 +92,21 @@ def adapt_plan(scenario: Scenario, plan: Plan,
         raise OptionError(f'initial is a plan for {len(plan.scenario.uavs)} UAVs; '
                           f'it must be one for {len(scenario.uavs)}')
     check_durations(scenario, check)
-    positions = resample_flights(plan.positions, scenario.slots)
+    positions = plan.positions
+    if scenario.slots != plan.scenario.slots:
+        # Between control points, accelerations add up in every second slot; on the curve they
+        # stay.
+        positions = plan.curve.at(np.linspace(0, plan.times[-1], scenario.slots + 2)).positions
     share = np.linspace(0, 1, scenario.slots + 2)
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = resample(plan.powers.T, scenario.slots, inner=True).T
-    positions, powers = repair(scenario, positions, powers)
-    if not is_clear(scenario, positions):
-        feasible = find_flights_near(scenario, positions, check)
-        positions = fly_hover_fly_positions(scenario, check) if feasible is None else feasible
-    return positions, powers
+    repaired, powers = repair(scenario, positions, powers)
+    if (np.abs(repaired - positions).max() < _ROUNDING and is_clear(scenario, repaired)):
+        return repaired, powers
+    feasible = find_flights_near(scenario, positions, check)
+    if feasible is not None:
+        return feasible, powers
+    if not is_clear(scenario, repaired):
+        repaired = fly_hover_fly_positions(scenario, check)
+    return repaired, powers

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 import time
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,8 @@ class Barrier:
     S starts are advanced side by side, on all cores.
 
     :param x: the starts on a grid, (S, N, U, 3).
-    :param mu: the barrier parameter to begin with, for all starts or for each, (S,).
+    :param mu: the barrier parameter to begin with, in the grid's unit of rates, for all starts or
+        for each, (S,).
     :param check: called between parts of a step that may take long; what it raises ends the
         step and leaves the starts as they are.
     :param receivers: at places in the discs; by default those of the guarantee.
@@ -70,10 +71,10 @@ class Barrier:
             self.finished[:] = False
 
     def rates(self) -> Array:
-        """Return the mean rates against the receivers, losing slots silenced, in nats, (S,)."""
+        """Return the mean rates against the receivers, losing slots silenced, in units, (S,)."""
         rates = np.empty(len(self.x))
         self._core.evaluate_rates(rates)
-        return rates
+        return rates / self.grid.rate
 
     def advance(self, steps: int, final: float) -> int:
         """
@@ -94,6 +95,13 @@ class Barrier:
         return int(taken)
 
 
+class Optima(NamedTuple):
+    """Starts on a grid, (S, N, U, 3), in distinct optima, the best first."""
+
+    grid: Grid
+    x: Array
+
+
 class Stop(Exception):
     """The method must end in a status."""
 
@@ -110,12 +118,14 @@ class Stepper:
 
     :ivar grid: the full grid, of the scenario's own slots.
     :ivar lead: of the links, see make_links.
+    :ivar optima: those of a multistart that are near the best, once there are several.
     """
 
     def __init__(self, incumbent: Incumbent) -> None:
         self.incumbent = incumbent
         self.grid = Grid.of(incumbent.scenario)
         self.lead = 0.0
+        self.optima: Optima | None = None
 
     def build_barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
         """Return a Barrier that stops when the method must end."""
@@ -212,6 +222,7 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None) -> dic
     limits = [limit.compiled for limit in build_limits(grid.scenario, grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
+        'rate_unit': grid.rate,
         'limits': [limit for limit in limits if limit is not None],
         'channel': receivers.link.compiled(receivers.radii.shape[1], len(grid.fixed)),
         'places': None if discs is None else _to_kernel(**discs),

@@ -5,73 +5,137 @@ Discs have infinitely many places (semi-infinite programming): a few stand for e
 exchanged for worse places between the Newton steps.
 """
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .barrier import (
-    Barrier, Discs, MOST_STEPS, Stepper, Stop, TRY_EVERY, WARM_MU, WARM_SHARE)
+    Barrier, Discs, MOST_STEPS, Optima, Stepper, Stop, TRY_EVERY, WARM_MU, WARM_SHARE)
 from .starts import make_strictly_feasible
+from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
 from ...model.grid import Grid, Receivers
 from ...plan.plan import Status
 
-WORSE = 1e-7  # The least leak, in nats, by which a place is worse.
+WORSE = 1e-7  # The least leak, in the grid's unit of rates, by which a place is worse.
 PLACES_MU = 0.02  # The barrier parameter at the beginning
 PLACES_FINAL_MU = 1e-7  # and at the end,
 PATIENCE = 8  # and the most steps at the end.
 WORTH = 0.01  # The relative gain that is worth a second round,
 MORE_STEPS = 40  # and its most steps.
+EXPLORED = 6  # The most optima of (P2) that are compared for (P1), on the coarse grid,
+EXPLORING_STEPS = 15  # after so many steps each,
+EXPLORING_MU, EXPLORING_FINAL_MU = 0.01, 1e-4  # between these barrier parameters;
+EXPLORED_MU = 2e-3  # the one with which the best continues on the full grid.
 
 _ANGLES = (0.0, 2.0, 4.0)  # Of the first places of a disc, from the worst one, in rad.
 _NEAR = 0.5  # In radii of the disc.
 
 
-def improve_by_exchange(stepper: Stepper) -> Status:
-    """Improve the incumbent against the worst places of the discs, problem (P1)."""
+def improve_by_exchange(stepper: Stepper, optima: Optima | None = None) -> Status:
+    """
+    Improve the incumbent against the worst places of the discs, problem (P1).
+
+    :param optima: of (P2), which in (P1) may rank differently; the best of them is tried, too.
+    """
     incumbent = stepper.incumbent
-    before = incumbent.rate
-    status, at_rest = _improve_once(stepper, MOST_STEPS)
-    # Where places oscillated and the first round gained much, a second may gain more.
-    if not (at_rest or incumbent.warm or incumbent.rate < (1 + WORTH) * before):
-        _improve_once(stepper, MORE_STEPS)
+    x = make_strictly_feasible(stepper.grid, incumbent.positions, incumbent.powers, WARM_SHARE,
+                               stepper.check)
+    status = _improve_from(stepper, x, WARM_MU if incumbent.warm else PLACES_MU)
+    if optima is not None and len(optima.x) > 1:
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            best = _explore(stepper, optima)
+            fine = stepper.refine_to_full_grid(optima.grid, best[None], EXPLORED_MU)
+            _improve_from(stepper, fine.x[0], EXPLORED_MU)
     return status
 
 
-def _improve_once(stepper: Stepper, steps: int) -> tuple[Status, bool]:
+def _improve_from(stepper: Stepper, x: Array, mu: float) -> Status:
+    """Improve the incumbent from a start on the full grid, (N, U, 3)."""
+    incumbent = stepper.incumbent
+    before = incumbent.rate
+    status, at_rest = _improve_once(stepper, x, mu, MOST_STEPS)
+    # Where places oscillated and the first round gained much, a second may gain more.
+    if not (at_rest or incumbent.warm or incumbent.rate < (1 + WORTH) * before):
+        x = make_strictly_feasible(stepper.grid, incumbent.positions, incumbent.powers,
+                                   WARM_SHARE, stepper.check)
+        _improve_once(stepper, x, mu, MORE_STEPS)
+    return status
+
+
+def _improve_once(stepper: Stepper, x: Array, mu: float, steps: int) -> tuple[Status, bool]:
     """Improve the incumbent in one round; return also True if places came to rest."""
-    incumbent, grid = stepper.incumbent, stepper.grid
-    x = make_strictly_feasible(grid, incumbent.positions, incumbent.powers, WARM_SHARE,
-                               stepper.check)
-    places = WorstPlaces(grid, x)
-    barrier = Barrier(grid, x[None], WARM_MU if incumbent.warm else PLACES_MU,
-                      stepper.check, places.receivers, places.discs)
+    incumbent = stepper.incumbent
+    exchange = _Exchange(stepper, stepper.grid, x, mu)
     # The proof of a worst case pays only for iterates that seem better than the incumbent.
-    best, rate, tried = x, places.rate, incumbent.rate * np.log(2)
+    tried = incumbent.rate * np.log(2)
     last_steps = 0
     for step in range(1, steps + 1):
         try:
-            stepper.step(barrier, PLACES_FINAL_MU)
+            exchange.step(PLACES_FINAL_MU)
         except Stop:
-            stepper.try_variables(best)
+            stepper.try_variables(exchange.best)
             raise
-        last_steps += int(barrier.mu[0] <= PLACES_FINAL_MU)
-        worse = places.exchange(barrier.x[0], WORSE)
-        barrier.exchange(places.receivers, places.discs, worse)
-        if places.rate > rate:
-            best, rate = barrier.x[0].copy(), places.rate
-        at_rest = bool(barrier.finished.all())
+        last_steps += int(exchange.mu <= PLACES_FINAL_MU)
         # Places may oscillate, by ever less.
-        done = at_rest or last_steps >= PATIENCE
-        if rate > tried and (done or step == steps or step % TRY_EVERY == 0):
-            stepper.try_variables(best)
-            tried = rate
+        done = exchange.at_rest or last_steps >= PATIENCE
+        if exchange.rate > tried and (done or step == steps or step % TRY_EVERY == 0):
+            stepper.try_variables(exchange.best)
+            tried = exchange.rate
         if done:
             incumbent.report('joint')
-            return 'converged', at_rest
+            return 'converged', exchange.at_rest
     return 'iteration_limit', False
+
+
+def _explore(stepper: Stepper, optima: Optima) -> Array:
+    """Return the best of some optima after a few steps from each, (N, U, 3)."""
+    best, rate = optima.x[0], 0.0
+    for x in optima.x[:EXPLORED]:
+        exchange = _Exchange(stepper, optima.grid, x, EXPLORING_MU)
+        with suppress(NumericalError):
+            for _ in range(EXPLORING_STEPS):
+                exchange.step(EXPLORING_FINAL_MU)
+        if exchange.rate > rate:
+            best, rate = exchange.best, exchange.rate
+    return best
+
+
+class _Exchange:
+    """
+    Newton steps from a start, (N, U, 3), between which places are exchanged.
+
+    :ivar best: the best iterate so far, and its `rate` in nats, see WorstPlaces.
+    """
+
+    def __init__(self, stepper: Stepper, grid: Grid, x: Array, mu: float) -> None:
+        self._stepper, self._tolerance = stepper, WORSE * grid.rate
+        self._places = WorstPlaces(grid, x)
+        self._barrier = Barrier(grid, x[None], mu, stepper.check, self._places.receivers,
+                                self._places.discs)
+        self.best, self.rate = x, self._places.rate
+
+    @property
+    def mu(self) -> float:
+        """Barrier parameter of the next step."""
+        return float(self._barrier.mu[0])
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether steps and places have come to an end."""
+        return bool(self._barrier.finished.all())
+
+    def step(self, final_mu: float) -> None:
+        """Take a step, and raise Stop where the method must end."""
+        self._stepper.step(self._barrier, final_mu)
+        x = self._barrier.x[0]
+        worse = self._places.exchange(x, self._tolerance)
+        self._barrier.exchange(self._places.receivers, self._places.discs, worse)
+        if self._places.rate > self.rate:
+            self.best, self.rate = x.copy(), self._places.rate
 
 
 class WorstPlaces:
@@ -81,7 +145,7 @@ class WorstPlaces:
     Problem (P1) has the largest leak to any place of a disc. A few places are enough at an iterate
     when no place of the disc has a larger leak than the worst of them.
 
-    :param grid: of the scenario's own slots.
+    :param grid: of any number of slots.
     :param x: the first iterate, (N, U, 3).
     :ivar receivers: the ground node, and eavesdroppers at the places.
     :ivar rate: against the worst places at the last x, losing slots silenced, mean in nats.
@@ -90,7 +154,7 @@ class WorstPlaces:
     def __init__(self, grid: Grid, x: Array) -> None:
         self._grid = grid
         self._scenario = grid.scenario
-        _, self._centres, self._radii = self._scenario.receivers
+        _, self._centres, self._radii = self._scenario.receivers_at(grid.times)
         self._guarantee = Receivers.of(grid)
         worst, leaks = self._find_worst(x)
         offset = worst - self._centres
@@ -149,7 +213,8 @@ class WorstPlaces:
     def _find_worst(self, x: Array) -> tuple[Array, Array]:
         """Return the worst places (E, N, 2) in m, and their leaks (E, N) in nats."""
         places, leaks = leak_maximisers(
-            self._scenario, self._grid.positions(x)[:, 1:-1], self._grid.powers(x))
+            self._scenario, self._grid.positions(x)[:, 1:-1], self._grid.powers(x),
+            self._grid.times)
         return places, leaks * np.log(2)
 
     def _build_receivers(self) -> Receivers:

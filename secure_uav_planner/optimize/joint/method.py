@@ -2,10 +2,11 @@
 The joint method: positions and powers together.
 
 Several starts are improved for problem (P2), `multistart.py`; where (P1) is the objective, the
-best plan is then improved for it, `exchange.py`.
+best plans are then improved for it, `exchange.py`.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -26,16 +27,27 @@ def improve(incumbent: Incumbent) -> Status:
     :return: the status.
     """
     stepper = Stepper(incumbent)
-    if incumbent.objective == 'worst_case' and incumbent.scenario.receivers.radii.any():
-        if not incumbent.warm:
-            # The plan of (P2) is where (P1) begins, and what it is never below.
-            guaranteed = incumbent.with_objective('guaranteed')
-            improve(guaranteed)
-            incumbent.try_improve(guaranteed.positions, guaranteed.useful_powers)
-            reason = incumbent.stop_reason()
-            if reason is not None:
-                return reason
+    if incumbent.objective == 'guaranteed' or not incumbent.scenario.receivers.radii.any():
+        return _improve_guaranteed(stepper)
+    if incumbent.warm:
         return _run(improve_by_exchange, stepper)
+    # The plan of (P2) is where (P1) begins, and what it is never below.
+    guaranteed = Stepper(incumbent.with_objective('guaranteed'))
+    plan = guaranteed.incumbent
+    _improve_guaranteed(guaranteed)
+    incumbent.try_improve(plan.positions, plan.useful_powers)
+    status = incumbent.stop_reason()
+    if status is None:
+        status = _run(partial(improve_by_exchange, optima=guaranteed.optima), stepper)
+        if incumbent.stop_reason() is None:
+            plan.try_idle_slots()
+            incumbent.try_improve(plan.positions, plan.useful_powers)
+    return status
+
+
+def _improve_guaranteed(stepper: Stepper) -> Status:
+    """Improve the incumbent of a Stepper for (P2), or where discs are points; see improve."""
+    incumbent = stepper.incumbent
     if incumbent.warm:
         return _run(improve_incumbent, stepper)
     if not is_open(incumbent.scenario):

@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .barrier import (
-    Barrier, COARSE_MU, COARSE_SLOTS, FINAL_MU, Stepper, WARM_MU, WARM_SHARE)
-from .starts import generate_starts, make_strictly_feasible
+    Barrier, COARSE_MU, COARSE_SLOTS, FINAL_MU, Optima, Stepper, WARM_MU, WARM_SHARE)
+from .starts import generate_starts, limit_powers, make_strictly_feasible
 from ..incumbent import Incumbent
-from ..initial import constant_powers
 from ...errors import NumericalError
 from ...mission.scenario import Array
 from ...model.grid import Grid
@@ -35,9 +34,9 @@ GAP = 0.1  # Relative distance below the best rate beyond which starts are prune
 POLISHED = 12  # The most starts that are polished,
 POLISH_STEPS = 15  # each by so many Newton steps on the coarse grid
 POLISH_MUS = (0.05, 0.01)  # from each of these barrier parameters, in shares of its rate.
-CLOSE = 0.02  # Share, or bit/s/Hz, below the best up to which fly-hover-fly is finished, too.
+CLOSE = 0.02  # Share, or units of rates, below the best up to which fly-hover-fly is finished.
 FINISHED = 2  # The most starts that are finished on the full grid.
-_LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming for power control, in shares of the average power.
+_LEVELS = (1.0, 0.1, 0.01, 0.001)  # Of jamming for power control, in shares of limit_powers.
 _LEVEL_STEPS = 20  # Newton steps from each level on the coarse grid,
 _LEVEL_MU = 0.03  # with this barrier parameter to begin with,
 _LEVEL_SHARE = 0.01  # and the share by which powers are moved into the interior.
@@ -65,13 +64,14 @@ def improve_by_multistart(stepper: Stepper) -> Status:
     x, rates = _advance(stepper, grid, *first, STEPS)
     agreed = ((rates > (1 - DISTINCT) * rates.max()).mean() >= AGREED
               and (counts_sights
-                   or (1 - GAP) * rates.max() > np.log(2) * (baseline.rate + CLOSE)))
+                   or (1 - GAP) * rates.max() > np.log(2) * (baseline.rate / grid.rate + CLOSE)))
     if not agreed:
         with suppress(*_FAILURES):
             more_x, more_rates = _advance(stepper, grid, *next(batches), STEPS)
             x, rates = np.concatenate([x, more_x]), np.append(rates, more_rates)
         near = _select_best(rates, GAP, POLISHED)
         x, rates = _polish(stepper, grid, x[near], rates[near])
+        stepper.optima = Optima(grid, x[_select_best(rates, GAP, POLISHED)])
     near = _select_best(rates, GAP, 1 if agreed else FINISHED)
     fine = _reduce_lead(stepper, stepper.refine_to_full_grid(grid, x[near], COARSE_MU))
     status = stepper.finish(fine)
@@ -80,7 +80,8 @@ def improve_by_multistart(stepper: Stepper) -> Status:
         with suppress(*_FAILURES):
             for share in POLISH_MUS:
                 if incumbent.rate > 0:
-                    improve_incumbent(stepper, share * np.log(2) * incumbent.rate)
+                    improve_incumbent(
+                        stepper, share * np.log(2) * incumbent.rate / grid.rate)
     return 'converged' if fine.finished.any() else status
 
 
@@ -108,14 +109,15 @@ def improve_powers(stepper: Stepper, least: float = 0.0) -> Status:
     """
     Improve only the powers of a Stepper's incumbent; return the status of the best level.
 
-    :param least: a mean rate in nats; if no level reaches it on a coarse grid, none is finished.
+    :param least: a mean rate in units; if no level reaches it on a coarse grid, none is finished.
     :raises NumericalError: when no step can be computed from any level.
     """
     incumbent = stepper.incumbent
     incumbent.try_less_jamming()
     stepper.grid = replace(stepper.grid, is_fixed=True)
     grid = stepper.grid.with_slots(min(stepper.grid.slots, COARSE_SLOTS))
-    levels = [constant_powers(incumbent.scenario, 1.0, share) for share in _LEVELS]
+    levels = np.repeat([limit_powers(incumbent.scenario)] * len(_LEVELS), stepper.grid.slots, -1)
+    levels[:, 1:] *= np.reshape(_LEVELS, (-1, 1, 1))
     barrier = stepper.build_barrier(grid, np.array([
         make_strictly_feasible(grid, incumbent.positions, powers, _LEVEL_SHARE)
         for powers in (incumbent.powers, *levels)]), _LEVEL_MU)
@@ -141,7 +143,7 @@ def _generate_coarse_starts(stepper: Stepper) -> tuple[Grid, _Starts, Iterator[_
 
 def _advance(stepper: Stepper, grid: Grid, x: Array, mu: Array,
              steps: int) -> tuple[Array, Array]:
-    """Return starts (S, N, U, 3) after Newton steps, and their rates in nats, (S,)."""
+    """Return starts (S, N, U, 3) after Newton steps, and their rates in units, (S,)."""
     barrier = stepper.build_barrier(grid, x, mu)
     stepper.advance(barrier, steps, min(mu.min(), COARSE_MU))
     stepper.try_best(barrier)
@@ -162,7 +164,9 @@ def _polish(stepper: Stepper, grid: Grid, x: Array, rates: Array) -> tuple[Array
 def _try_baseline(baseline: Incumbent, incumbent: Incumbent) -> None:
     """Try the baseline with the best powers, where its rate comes close to the incumbent's."""
     with suppress(*_FAILURES):
-        improve_powers(Stepper(baseline), np.log(2) * ((1 - CLOSE) * incumbent.rate - CLOSE))
+        stepper = Stepper(baseline)
+        improve_powers(stepper, np.log(2) * (
+            (1 - CLOSE) * incumbent.rate / stepper.grid.rate - CLOSE))
         baseline.try_idle_slots()
     incumbent.try_improve(baseline.positions, baseline.powers)
 

@@ -25,6 +25,7 @@ ALTERNATIVES = 8  # The most starts on alternative routes, which are in the firs
 DISTANCE = (0.03, 1.0)  # From targets to hovering places, in mean altitudes, log-uniform.
 JAMMING = (1e-4, 1e-2)  # Jamming powers in units of the average power, log-uniform.
 MU = (0.006, 0.05)  # Barrier parameters to begin with, log-uniform.
+MOST_POWER = 10.0  # Of jammers in starts, in units of the transmitter's average power.
 MORE_JAMMING = 0.05  # The jamming power of every fourth start,
 CLOSE_MU = 3e-3  # and the barrier parameter of every second.
 
@@ -135,7 +136,7 @@ def _add_powers(grid: Grid, flights: Sequence[tuple[Array, Array]],
     shares = np.full((len(flights), uavs, 1), _ON)
     shares[:, 1:, 0] = _log_uniform(rng, JAMMING, (len(flights), uavs - 1))
     shares[1::4, 1:] = MORE_JAMMING
-    powers = np.repeat(shares * scenario.average_powers[:, None], grid.slots, axis=-1)
+    powers = np.repeat(shares * limit_powers(scenario), grid.slots, axis=-1)
     mu = _log_uniform(rng, MU, (len(flights),))
     mu[1::2] = CLOSE_MU
     for number in range(3, len(flights), 4):
@@ -190,9 +191,19 @@ def _scale(grid: Grid, flights: Array, powers: Array, least: float | Array,
     """Return the variables of flights and powers, with powers made strictly feasible."""
     average, peak = grid.scenario.average_powers[:, None], grid.scenario.peak_powers[:, None]
     most = 1 - _POWER_MARGIN * share
-    power = np.clip(powers, least * average, most * peak)
+    power = np.clip(powers, least * limit_powers(grid.scenario), most * peak)
     power *= np.minimum(1, most * average / power.mean(axis=-1, keepdims=True))
     return grid.variables(flights[..., 1:-1, :], power)
+
+
+def limit_powers(scenario: Scenario) -> Array:
+    """
+    Return the average powers to which those of starts are relative, (U, 1) in W.
+
+    A jammer may have so much that all shares of it would drown the transmitter.
+    """
+    most = MOST_POWER * scenario.average_powers[0]
+    return np.minimum(scenario.average_powers, most)[:, None]
 
 
 def find_interior(grid: Grid, positions: Array, share: float, check: Check,
