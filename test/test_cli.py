@@ -267,6 +267,37 @@ def test_a_node_with_help_is_not_run(capsys):
     assert error.value.code == 0 and '`--ros-args -p mission_file:=mission.yaml`' in printed
 
 
+def test_pictures_do_not_depend_on_the_settings_of_the_user(planned, tmp_path):
+    """Of a notebook whose environment this is not, and of LaTeX, which is not on the path."""
+    shutil.copy(planned[0] / 'a' / 'b' / 'plan.json', tmp_path)
+    pictures, settings = set(), tmp_path / 'matplotlibrc'
+    for text, backend in (('', 'agg'), ('text.usetex: True\nlines.linewidth: 9', 'no'),
+                          ('', 'module://matplotlib_none.backend_inline')):
+        settings.write_text(text)
+        done = run(tmp_path, 'show', 'plan.json', env=environment(
+            PATH='', MATPLOTLIBRC=str(settings), MPLBACKEND=backend))
+        assert done.returncode == 0 and done.stderr == '', done.stderr
+        pictures.add((tmp_path / 'plan.png').read_bytes())
+    assert len(pictures) == 1
+
+
+def test_what_cannot_be_drawn_is_a_line_and_the_rest_is_written(tmp_path, monkeypatch, capsys):
+    def fail(*_):
+        raise RuntimeError('no font')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr('secure_uav_planner.output.picture.save_picture', fail)
+    monkeypatch.setattr('secure_uav_planner.output.assessment_picture.save_assessment', fail)
+    Scenario.paper(120.0, slots=10).save('mission.yaml')
+    assert main(['plan', 'mission.yaml', '--no-baselines', '--bound-time-limit', '0']) == 0
+    out, err = capsys.readouterr()
+    [line] = err.splitlines()
+    assert line == 'out/plan.png cannot be drawn: RuntimeError: no font'
+    assert 'plan.html' in out and 'plan.png' not in out and Path('out/plan.html').exists()
+    assert main(['assess', 'out/plan.json', '--draws', '10']) == 0
+    assert main(['show', 'out/plan.json']) == 1
+    assert capsys.readouterr().err.count('cannot be drawn: RuntimeError: no font') == 2
+
+
 def limit_file_size():
     """Let no file grow beyond 4 kB, as on a disk that is full."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))

@@ -14,6 +14,7 @@ from typing import BinaryIO
 from .campaign_file import load_campaign
 from .cli import DONE, FAILED
 from .missions import load_input, make_folder
+from .planning import drawing_if_possible
 from .results import save_figure, save_tables
 from .tasks import ERROR, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST
 from ..errors import name_missing_package, OptionError, StoppedError
@@ -122,11 +123,9 @@ def run_sweep(options: argparse.Namespace) -> int:
         raise StoppedError(f'stopped; {file} keeps {count} missions, and the same command goes on '
                            'from there') from None
     written = save_tables(rows, out)
-    try:
+    with drawing_if_possible(out / 'summary.png'):
         save_figure(rows, out / 'summary.png')
         written.append(out / 'summary.png')
-    except ModuleNotFoundError as error:
-        print(f'{error.name} is not installed, so there is no figure', file=sys.stderr)
     outcomes = Counter(row['outcome'] for row in rows)
     print(', '.join(f'{outcomes[outcome]} {outcome}'
                     for outcome in sorted(outcomes, key=lambda name: (name != 'ok', name))))

@@ -73,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             import argcomplete
             argcomplete.autocomplete(parser)
         options = parser.parse_args(argv)
+        os.environ['MPLBACKEND'] = 'Agg'  # A notebook's is not there in every environment.
         run = resolve_name(f'{__package__}.{options.run}')
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:

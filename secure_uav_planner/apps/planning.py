@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 import signal
@@ -14,7 +15,8 @@ from .missions import choose_picture, load_input, locating_errors, make_folder, 
 from ..assessment import assess, World
 from ..bound import explain_refusal, upper_bound
 from ..errors import (
-    name_missing_package, OptionError, PlanningError, ScenarioError, StoppedError)
+    describe_error, MissingPackageError, name_missing_package, OptionError, PlanningError,
+    ScenarioError, StoppedError)
 from ..mission import import_view
 from ..mission.files import naming
 from ..mission.propagation import Channel
@@ -67,6 +69,29 @@ class _Progress:
             self._last_shown = now
             print(f'\r{_ERASE}{text}', end='', file=sys.stderr, flush=True)
         return self.is_stopped
+
+
+@contextmanager
+def drawing(file: Path) -> Iterator[None]:
+    """Name the file in errors of drawing it, which are an OSError or a PlanningError."""
+    try:
+        with naming(file), name_missing_package():
+            yield
+    except (OSError, PlanningError, MemoryError):
+        raise
+    except Exception as error:  # Of Matplotlib, for example with fonts that it cannot read.
+        raise PlanningError(f'{file} cannot be drawn: {describe_error(error)}') from None
+
+
+@contextmanager
+def drawing_if_possible(file: Path) -> Iterator[None]:
+    """Print why a file cannot be drawn, and go on without it."""
+    try:
+        with drawing(file):
+            yield
+    except PlanningError as error:
+        print(f'{error}; {file.name} is not drawn' if isinstance(error, MissingPackageError)
+              else error, file=sys.stderr)
 
 
 def make_plan(options: argparse.Namespace) -> int:
@@ -140,17 +165,20 @@ def _write_views(plan: Plan, baselines: list[Plan], out: Path) -> Iterator[Path]
     """Write CSV, picture and page, and yield each file that is written."""
     save_csv(plan, out / 'plan.csv')
     yield out / 'plan.csv'
-    try:
-        from ..output.picture import save_picture
-        with naming(out / 'plan.png'):
-            save_picture(plan, out / 'plan.png', baselines)
-        yield out / 'plan.png'
-        from ..output.page import save_page
-        save_page(plan, out / 'plan.html')
-        yield out / 'plan.html'
-    except ModuleNotFoundError as error:
-        print(f'{error.name} is not installed, so not everything is drawn; pip install '
-              '"secure_uav_planner[view]"', file=sys.stderr)
+    for file, save in ((out / 'plan.png', _save_picture), (out / 'plan.html', _save_page)):
+        with drawing_if_possible(file):
+            save(plan, file, baselines)
+            yield file
+
+
+def _save_picture(plan: Plan, file: Path, baselines: list[Plan]) -> None:
+    from ..output.picture import save_picture
+    save_picture(plan, file, baselines)
+
+
+def _save_page(plan: Plan, file: Path, baselines: list[Plan]) -> None:
+    from ..output.page import save_page
+    save_page(plan, file)
 
 
 def show_plan(options: argparse.Namespace) -> int:
@@ -158,13 +186,8 @@ def show_plan(options: argparse.Namespace) -> int:
     plan = Plan.load(options.plan)
     file = choose_picture(options, _PICTURES[0], (*_PICTURES, _PAGE))
     print(rate_table([plan]))
-    with name_missing_package():
-        if file.suffix.lower() == _PAGE:
-            from ..output.page import save_page as save
-        else:
-            from ..output.picture import save_picture as save
-    with naming(file):
-        save(plan, file)
+    with drawing(file):
+        (_save_page if file.suffix.lower() == _PAGE else _save_picture)(plan, file, [])
     print(f'written: {file}')
     return DONE
 
@@ -175,15 +198,10 @@ def assess_plan(options: argparse.Namespace) -> int:
     file = choose_picture(options, '.assess.png', _PICTURES)
     assessment = assess(plan, options.draws, options.seed, _parse_world(options, plan))
     print(assessment_table(assessment))
-    try:
+    with drawing_if_possible(file):
         from ..output.assessment_picture import save_assessment
-    except ModuleNotFoundError as error:
-        print(f'{error.name} is not installed, so nothing is drawn; pip install '
-              '"secure_uav_planner[view]"', file=sys.stderr)
-        return DONE
-    with naming(file):
         save_assessment(assessment, file)
-    print(f'\nwritten: {file}')
+        print(f'\nwritten: {file}')
     return DONE
 
 

@@ -70,12 +70,18 @@ def draw_figure(rows: Sequence[Row]) -> Any:
     Each maximised rate has axes, with a line for each method, objective and value of a second
     field that has few. Lines are medians, bands hold eight of ten missions.
     """
-    from matplotlib.figure import Figure
+    from ..output.figures import own_settings
+    with own_settings():
+        return _draw_figure(rows)
+
+
+def _draw_figure(rows: Sequence[Row]) -> Any:
     from pandas import DataFrame
+    from ..output.figures import Picture
     rows = [row for row in rows if row['outcome'] == 'ok']
     name, second = _choose_fields(rows)
     rates = [rate for rate in OBJECTIVES if any(row['objective'] == rate for row in rows)]
-    figure = Figure(figsize=(6.5 * max(1, len(rates)), 4.8), layout='constrained')
+    figure = Picture(figsize=(6.5 * max(1, len(rates)), 4.8), layout='constrained')
     grid = figure.subplots(1, max(1, len(rates)), sharey=name is not None, squeeze=False)[0]
     frame = DataFrame([{
         **{f'{rate}_rate': row[f'{rate}_rate'] for rate in OBJECTIVES},

@@ -3,10 +3,10 @@
 import math
 from textwrap import wrap
 
-from matplotlib.figure import Figure
 import numpy as np
 
 from .drawing import add_legend, EAVESDROPPER, RATE, style_axes
+from .figures import own_settings, Picture
 
 _SIZE = (9.0, 7.6)
 _DOTS_PER_INCH = 200
@@ -21,9 +21,10 @@ def save_assessment(assessment, path):
     draw_assessment(assessment).savefig(path, dpi=_DOTS_PER_INCH)
 
 
+@own_settings()
 def draw_assessment(assessment):
     """Return a matplotlib Figure of an Assessment, as save_assessment writes it."""
-    figure = Figure(figsize=_SIZE, layout='constrained')
+    figure = Picture(figsize=_SIZE, layout='constrained')
     slots, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))
     slots.set_title(
         f'{assessment.draws} draws: {assessment.mean:.3f} bit/s/Hz in the mean, '

@@ -1,13 +1,10 @@
 """The picture of a plan: a map, and the powers and the rates over time."""
 
-from io import BytesIO
 from itertools import product
 from textwrap import wrap
-import warnings
 
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
-from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
@@ -20,6 +17,7 @@ from .drawing import (
     add_legend, altitude_label, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE, is_obstacle,
     label_position, list_ways, map_extent, MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label,
     receiver_label, shown_discs, style_axes, uav_color)
+from .figures import own_settings, Picture
 from ..mission import OBJECTIVES
 
 _MAP_SIZE = 5.95, 5.6  # Of the largest map, in inches as all lengths here.
@@ -46,26 +44,12 @@ _SCHEME_NAMES = {
 }
 
 
-class _Picture(Figure):
-    """A Figure that notebooks show without pyplot."""
-
-    def savefig(self, *arguments, **options):
-        with warnings.catch_warnings():
-            # Names may be in scripts that the font lacks; boxes stand for their letters.
-            warnings.filterwarnings('ignore', message='Glyph .* missing')
-            super().savefig(*arguments, **options)
-
-    def _repr_png_(self):
-        with BytesIO() as file:
-            self.savefig(file, format='png')
-            return file.getvalue()
-
-
 def save_picture(plan, path, baselines=()):
     """Draw a Plan into a file, beside Plans of the same mission; the suffix gives the format."""
     draw_plan(plan, baselines).savefig(path, dpi=_DOTS_PER_INCH)
 
 
+@own_settings()
 def draw_plan(plan, baselines=()):
     """Return a matplotlib Figure of a plan, as save_picture writes it."""
     extent = map_extent(plan.scenario, [plan, *baselines])
@@ -99,10 +83,11 @@ def _make_axes(width, height, *boxes):
     They are placed in inches, because constrained layout cuts off legends beside axes of equal
     aspect.
     """
-    figure = _Picture(figsize=(width, height))
+    figure = Picture(figsize=(width, height))
     return [figure.add_axes(np.array(box) / (width, height, width, height)) for box in boxes]
 
 
+@own_settings()
 def draw_scenario(scenario):
     """Return a matplotlib Figure with the map of a Scenario."""
     extent = map_extent(scenario)
