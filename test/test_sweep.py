@@ -198,6 +198,33 @@ def test_infrastructure_failures_are_retried_and_refusals_are_not(folder, capsys
     assert len(table) == 24 and all(row['rate'] for row in table if row['outcome'] == 'ok')
 
 
+DAMAGES = [b'', b'null', b'[]', b'7', b'{}', b'\0' * 40, b'\xff\xfe', b'[' * 100000,
+           b'{"key": NaN}', b'{"key": 5, "fields": {}}']
+
+
+def test_damaged_lines_of_the_journal_are_named_and_their_missions_planned_again(folder, capsys):
+    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']
+    assert main(arguments) == 0
+    lines = Path('out/results.jsonl').read_bytes().splitlines()
+    table = Path('out/results.csv').read_text()
+    odd = json.loads(lines[10])
+    lines[:10] = DAMAGES
+    lines[10:13] = [json.dumps({**odd, 'fields': 3}).encode(), lines[11][:-30],
+                    json.dumps({**odd, 'outcome': 'ok', 'rate': None}).encode()]
+    Path('out/results.jsonl').write_bytes(b'\n'.join([*lines, b'']))
+    capsys.readouterr()
+    assert main(arguments) == 0
+    warning = capsys.readouterr().err.splitlines()[0]
+    assert warning.startswith('out/results.jsonl: no result in line 1, 2, 3') and (
+        '12, 13; a mission without another line is planned again' in warning)
+    again = [json.loads(line) for line in Path('out/results.jsonl').read_bytes().splitlines()[24:]]
+    assert len(again) == 13
+
+    def rates(text):
+        return sorted((row['key'], row['rate'][:8]) for row in csv.DictReader(text.splitlines()))
+    assert rates(Path('out/results.csv').read_text()) == rates(table)
+
+
 def test_a_driver_that_was_killed_goes_on_where_it_was(folder):
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 3'))
     process = start('sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1', start_new_session=True)

@@ -9,18 +9,20 @@ import json
 import logging
 from pathlib import Path
 import sys
-from typing import BinaryIO
+from typing import BinaryIO, NoReturn
 
 from .campaign_file import load_campaign
 from .cli import DONE, FAILED
 from .missions import load_input, make_folder
 from .planning import drawing_if_possible
 from .results import save_figure, save_tables
-from .tasks import ERROR, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST
-from ..errors import name_missing_package, OptionError, StoppedError
+from .tasks import COLUMNS, ERROR, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST
+from ..errors import brief, name_missing_package, OptionError, StoppedError
 from ..mission.files import naming
 
 JOURNAL = 'results.jsonl'
+
+_SINCE_0_1_0 = {'promise'}  # Columns that older journals lack.
 
 
 def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
@@ -28,9 +30,9 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = 
     """
     Return the rows of all missions of a campaign, and plan those that have none.
 
-    Missions with an infrastructure failure, and those whose plan was to be kept and is gone, are
-    planned again. Each finished mission is appended to the journal in the folder at once; the
-    last row of a mission counts.
+    Missions with an infrastructure failure, those whose plan was to be kept and is gone, and those
+    whose lines in the journal are damaged, which is printed, are planned again. Each finished
+    mission is appended to the journal in the folder at once; the last row of a mission counts.
 
     :param tasks: returns the tasks, the same ones at each call.
     :param folder: of the journal and the kept plans.
@@ -46,7 +48,7 @@ def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = 
     if jobs < 1 and jobs != -1:
         raise OptionError(f'jobs is {jobs}; it must be at least 1, or -1 for all cores')
     with _open_journal(folder / JOURNAL) as file:
-        kept = {row['key']: row for row in map(json.loads, file)}
+        kept = _read_rows(file)
         # Two places of a grid may be the same mission, which is planned once.
         rows = {task['key']: _finished_row(kept.get(task['key']), task, folder)
                 for task in tasks()}
@@ -85,6 +87,35 @@ def _open_journal(path: Path) -> Iterator[BinaryIO]:
         file.truncate(sum(len(line) for line in file if line.endswith(b'\n')))
         file.seek(0)
         yield file
+
+
+def _read_rows(file: BinaryIO) -> dict[str, Row]:
+    """Return the rows of a journal by key, and print which of its lines hold none."""
+    rows = {number: _read_row(line) for number, line in enumerate(file, start=1)}
+    damaged = [str(number) for number, row in rows.items() if row is None]
+    if damaged:
+        print(f'{file.name}: no result in line {brief(", ".join(damaged), 60)}; a mission without '
+              'another line is planned again', file=sys.stderr)
+    return {row['key']: row for row in rows.values() if row is not None}
+
+
+def _read_row(line: bytes) -> Row | None:
+    """Return the Row in a line of a journal, or None if it is damaged."""
+    try:
+        row = json.loads(line.decode(), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(row, dict) or not row.keys() >= {*COLUMNS, 'fields'} - _SINCE_0_1_0:
+        return None
+    number = (int, float) if row['outcome'] == 'ok' else (int, float, type(None))
+    kinds = {'key': str, 'method': str, 'objective': str, 'outcome': str, 'fields': dict,
+             'more': dict, 'rate': number, 'guaranteed_rate': number, 'worst_case_rate': number}
+    is_row = all(isinstance(row[name], kind) for name, kind in kinds.items() if name in row)
+    return row if is_row else None
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f'{name} is no number of JSON')
 
 
 def _failed_rows(rows: Iterable[Row]) -> list[Row]:
