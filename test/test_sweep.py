@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import time
 
 from processes import environment
 import pytest
-from secure_uav_planner import METHODS, Plan, Scenario, solve
+from secure_uav_planner import Eavesdropper, METHODS, Plan, Scenario, solve
 from secure_uav_planner.apps.campaign_file import load_campaign
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.apps.results import draw_figure, save_tables
@@ -306,6 +307,46 @@ vary: {uavs.*.max_speed: [12.0], uavs.0.start.1: [450.0]}
     [task] = load_campaign('campaign.yaml').tasks()
     assert [uav['max_speed'] for uav in task['mission']['uavs']] == [12.0, 12.0]
     assert task['mission']['uavs'][0]['start'] == [100.0, 450.0]
+
+
+TRACK = [[0.0, 200.0, -300.0, 10.0], [120.0, 200.0, 300.0, 10.0]]
+
+
+@pytest.mark.parametrize('moves, vary, reason', [
+    (True, 'eavesdroppers.0.error_radius: [0, 60]', 'eavesdroppers.0.error_radius is decided by'),
+    (True, 'eavesdroppers.*.position.0: [0, 60]', 'vary eavesdroppers.0.track and its knots'),
+    (True, 'ground_node: [[0, 0], [5, 5]]', 'vary ground_node.track and its knots'),
+    (True, 'ground_node.position: [[0, 0], [5, 5]]', 'ground_node.position is decided by'),
+    (False, f'eavesdroppers.0.track: [null, {TRACK}], eavesdroppers.*.error_radius: [5]',
+     'eavesdroppers.*.error_radius is decided by')])
+def test_what_a_track_decides_is_not_varied(folder, moves, vary, reason):
+    if moves:
+        scenario = Scenario.load('mission.yaml')
+        replace(scenario, ground_node_track=((0.0, 0.0, 0.0), (120.0, 5.0, 0.0)), eavesdroppers=(
+            Eavesdropper((200.0, -300.0), 10.0, track=TRACK),)).save('mission.yaml')
+    Path('campaign.yaml').write_text(f'mission: mission.yaml\nvary: {{{vary}}}')
+    with pytest.raises(MissionFileError, match=re.escape(reason)):
+        load_campaign('campaign.yaml')
+
+
+def test_tracks_and_their_knots_can_be_varied(folder):
+    vary = f'eavesdroppers.0.track: [null, {TRACK}]'
+    Path('campaign.yaml').write_text(f'mission: mission.yaml\nvary: {{{vary}}}')
+    standing, moving = (task['mission']['eavesdroppers'][0]
+                        for task in load_campaign('campaign.yaml').tasks())
+    assert (standing['track'], standing['error_radius']) == (None, 10.0)
+    assert moving['track'] == TRACK and not {'position', 'error_radius'} & moving.keys()
+    scenario = Scenario.load('mission.yaml')
+    replace(scenario, eavesdroppers=(Eavesdropper((200.0, -300.0), 10.0, track=TRACK),)).save(
+        'mission.yaml')
+    Path('campaign.yaml').write_text("""
+mission: mission.yaml
+vary: {eavesdroppers.*.track.*.3: [0.0, 60.0], eavesdroppers.0.track.1.2: [200.0]}
+""")
+    tracks = [task['mission']['eavesdroppers'][0]['track']
+              for task in load_campaign('campaign.yaml').tasks()]
+    assert tracks == [[[0.0, 200.0, -300.0, radius], [120.0, 200.0, 200.0, radius]]
+                      for radius in (0.0, 60.0)]
 
 
 def test_fields_left_out_at_their_defaults_can_be_varied_and_no_other_key_changes(folder):

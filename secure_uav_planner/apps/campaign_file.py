@@ -1,6 +1,6 @@
 """Campaign files: the mission, the fields that vary, and the tasks of all combinations."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 import copy
 from dataclasses import asdict, dataclass
@@ -69,6 +69,7 @@ class Campaign:
                 for name, value in fields.items():
                     for owner, key in _resolve_field(mission, name):
                         owner[key] = value
+                _leave_out_decided(mission, fields)
                 for method, objective in self.schemes:
                     yield make_task(mission, method, objective, self.settings, fields, sample)
 
@@ -129,6 +130,8 @@ def _parse_campaign(data: Any, folder: Path,
         mission = _load_mission(values['mission'], folder)
     for name, value in () if 'vary' in wrong else values['vary'].items():
         with collecting('vary', name):
+            if mission is not None:
+                _check_tracks(mission, name, values['vary'])
             variation = _parse_variation(mission, name, value)
             if isinstance(variation, tuple):
                 laws[name] = variation
@@ -193,12 +196,44 @@ def _load_mission(source: Any, folder: Path) -> dict[str, Any]:
     return plain
 
 
+def _check_tracks(mission: dict[str, Any], name: str, names: Iterable[str]) -> None:
+    """Raise an OptionError for a field that the track of a receiver decides; there are names."""
+    owner, *rest = str(name).split('.')
+    if owner == 'ground_node':
+        if isinstance(mission[owner], dict) and rest[:1] != ['track']:
+            raise OptionError(f'{name} is decided by the track of the ground node; vary '
+                              'ground_node.track and its knots')
+    elif owner == 'eavesdroppers' and rest[1:2] in (['position'], ['error_radius']):
+        for number, eavesdropper in enumerate(mission[owner]):
+            track = f'eavesdroppers.{number}.track'
+            if rest[0] in ('*', str(number)) and (eavesdropper.get('track') is not None or any(
+                    f'{varied}.'.startswith((f'{track}.', 'eavesdroppers.*.track.'))
+                    for varied in names)):
+                raise OptionError(f'{name} is decided by the track of eavesdropper {number}; vary '
+                                  f'{track} and its knots')
+
+
+def _leave_out_decided(mission: dict[str, Any], names: Iterable[str]) -> None:
+    """Leave out of a mission what tracks decide that are among the names of varied fields."""
+    for name in names:
+        owner, *rest = name.split('.')
+        if 'track' not in rest[:2]:
+            continue
+        for receiver in mission[owner] if owner == 'eavesdroppers' else [mission[owner]]:
+            if receiver.get('track') is not None:
+                receiver.pop('position', None)
+                receiver.pop('error_radius', None)
+
+
 def _parse_variation(mission: dict[str, Any] | None, name: str, value: Any) -> Any:
     """Return the values of a field, or a tuple of a law and its two numbers."""
     if mission is not None:
         try:
             if (field := name.partition('.')[0]) in _LEFT_OUT:
                 mission.setdefault(field, copy.deepcopy(_LEFT_OUT[field]))
+            if field == 'eavesdroppers' and name.endswith('.track'):
+                for eavesdropper in mission[field]:
+                    eavesdropper.setdefault('track', None)
             _resolve_field(mission, name)
         except LookupError:
             raise OptionError(
