@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, Iteration, Plan, Scenario, solve
+from secure_uav_planner import Eavesdropper, fly_hover_fly, Iteration, Plan, Scenario, solve
 from secure_uav_planner.errors import PlanError, PlanFileError
 from secure_uav_planner.model import channel
 from secure_uav_planner.plan.plan import STATUS_TEXTS, STATUSES
@@ -56,6 +56,22 @@ def test_only_slots_with_a_positive_rate_count():
 
 def test_every_status_has_a_text():
     assert set(STATUS_TEXTS) == set(STATUSES)
+
+
+@pytest.mark.parametrize('changes, reason', [
+    ({'reference_snr_db': -60.0}, 'the SNR is -94 dB; is reference_snr_db, -60, right? '
+     '`secure_uav_planner link-budget`'),
+    ({'eavesdroppers': (Eavesdropper((99.0, 0.0), 10.0), Eavesdropper((5.0, 0.0), 6.0, 'car'))},
+     'the disc of car covers the ground node'),
+    ({'eavesdroppers': (Eavesdropper((5.0, 0.0), 6.0, receiver_advantage_db=-1.0),)},
+     'more time or power may help')])
+def test_a_plan_that_carries_nothing_says_why(changes, reason):
+    scenario = replace(Scenario.paper(120.0, slots=10), **changes)
+    made = fly_hover_fly(scenario)
+    plan = Plan(scenario, made.positions, np.zeros_like(made.powers))
+    assert f'no slot carries anything in secret; {reason}' in plan.message.replace(
+        'straight below uav1 at peak power ', '')
+    assert 'secret' not in fly_hover_fly(Scenario.paper(120.0, slots=10)).message
 
 
 @pytest.mark.parametrize('start_ns', [-5, 2**63 - 1, 1.5, True])

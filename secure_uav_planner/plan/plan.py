@@ -11,7 +11,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from . import file
-from .results import Bound, Iteration, Promise, Status, STATUS_TEXTS, STATUSES
+from .results import (
+    Bound, explain_zero_rate, Iteration, Promise, Status, STATUS_TEXTS, STATUSES)
 from ..errors import OptionError, PlanError, quote
 from ..mission import make_view, Objective, OBJECTIVES
 from ..mission.kinematics import clip_norm
@@ -32,6 +33,8 @@ _ROUNDING = 1e-9  # Of a time, in slots.
 
 __all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE',
            'Plan', 'STATUSES', 'STATUS_TEXTS', 'Status']
+
+_LEAST_RATE = 5e-5  # bit/s/Hz, which texts with four digits show.
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +158,8 @@ class Plan:
     def message(self) -> str:
         """Reason for which the method stopped, and whether no slot carries anything, as text."""
         text = STATUS_TEXTS[self.status]
-        return text if self.powers[0].any() else (
-            f'{text}; no slot carries anything in secret; more time or power may help')
+        return text if self.powers[0].any() and self.rate >= _LEAST_RATE else (
+            f'{text}; no slot carries anything in secret; {explain_zero_rate(self.scenario)}')
 
     @cached_property
     def identity(self) -> str:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import math
 from typing import Any, get_args, Literal, NamedTuple, TypeAlias
 
+import numpy as np
+
 from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 from ..mission.scenario import Array, Scenario
@@ -25,7 +27,28 @@ STATUS_TEXTS: dict[Status, str] = {
 }
 """A text for each status."""
 
+_LOWEST_SNR_DB = -30.0  # Below it no slot has more than 0.0015 bit/s/Hz.
+
 STATUSES: tuple[Status, ...] = get_args(Status)
+
+
+def explain_zero_rate(scenario: Scenario) -> str:
+    """Say why plans of a scenario may carry nothing in secret, or what may help."""
+    ground, centres, radii = scenario.receivers
+    hears_all = np.array([eve.receiver_advantage_db >= 0 for eve in scenario.eavesdroppers])
+    covers = hears_all[:, np.newaxis] & (
+        np.linalg.norm(centres - ground, axis=-1) <= radii)
+    if covers.any(axis=0).all():
+        name = scenario.eavesdropper_names[int(covers.sum(axis=1).argmax())]
+        return (f'the disc of {name} covers the ground node, where it would receive the same: no '
+                'plan can carry anything')
+    sender = scenario.uavs[0]
+    snr = scenario.reference_snr_db + 10 * math.log10(sender.peak_power / sender.altitude**2)
+    if snr < _LOWEST_SNR_DB:
+        return (f'straight below {sender.name} at peak power the SNR is {snr:.0f} dB; is '
+                f'reference_snr_db, {scenario.reference_snr_db:g}, right? `secure_uav_planner '
+                'link-budget` computes it')
+    return 'more time or power may help'
 
 
 @dataclass(frozen=True)

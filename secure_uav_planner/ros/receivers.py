@@ -51,7 +51,8 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
     confidence, eavesdroppers, notes = settings['confidence'], [], {}
     moving = []
     for name in settings['eavesdroppers']:
-        pose, track = poses.usable_pose(name, settings, now, True), settings['tracks'].get(name)
+        pose = poses.usable_pose(name, settings, now, True)
+        track = settings['tracks'].get(name)
         advantage = settings[f'{name}.receiver_advantage_db']
         if pose is None:
             notes[name] = f'{name} moves on its track in the mission file'
@@ -60,10 +61,11 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
             continue
         if track is not None:
             notes[name] = f'the estimate of {name} counts, and not its track in the mission file'
-        radius, speed = pose.radius(name, settings), settings[f'{name}.max_speed']
+        radius = pose.radius(name, settings)
+        speed = settings[f'{name}.max_speed']
         if speed and pose.velocity is not None and math.hypot(*pose.velocity) > speed:
-            notes[name] = (f'{name}.max_speed is {speed:g} m/s and the odometry of {name} has more; '
-                           'that counts')
+            notes[name] = (f'{name}.max_speed is {speed:g} m/s and the odometry of {name} has '
+                           'more; that counts')
         predicted = _predict(pose, radius, speed, confidence, until, clock)
         moving.append(predicted)
         eavesdroppers.append(Eavesdropper(pose.position, radius, name, advantage, predicted))

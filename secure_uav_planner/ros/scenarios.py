@@ -18,7 +18,6 @@ from .settings import airspace_from, channel_from, uav_from
 from ..errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
-from ..optimize.incumbent import silence_losing_slots
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ..plan.plan import Plan
 from ..plan.tracking import Flight, MeasuredState, PlanClock, predict_state, start_from_state

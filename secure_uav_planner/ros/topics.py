@@ -106,7 +106,6 @@ TOPICS = {
 """Every Topic by its node and direction, but for those of the relay's stacks."""
 
 
-
 class Service(NamedTuple):
     """What a service is for, by its type."""
 
