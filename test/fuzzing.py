@@ -5,11 +5,15 @@ Nodes may refuse anything, but they answer and they live.
 """
 
 from collections import Counter
+from importlib import import_module
+import math
+import time
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from hypothesis import given, HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
+import numpy as np
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 import rclpy
@@ -142,3 +146,62 @@ def fuzz(actions, act, examples, chance, is_enough):
 def reached(counts, least):
     """Return what tells whether all counts have reached what is the least."""
     return lambda: all(counts[what] >= number for what, number in least.items())
+
+
+# Abnormal messages of any type, for the topics of a node.
+
+
+def abnormal(kind):
+    """Return abnormal messages of a type by what is wrong with them."""
+    broken = {'empty': kind(), 'not finite': kind(), 'unlike frames': kind(), 'wrong sizes': kind(),
+              'huge': kind()}
+    fill(broken['not finite'], lambda value: math.nan if isinstance(value, float) else value, 3)
+    fill(broken['unlike frames'],
+         lambda value: 'elsewhere' if isinstance(value, str) else value, 3)
+    fill(broken['wrong sizes'], lambda value: value, 1)
+    fill(broken['huge'], lambda value: 1e300 if isinstance(value, float) else value, 30_000)
+    return broken
+
+
+def fill(message, change, count):
+    """Change all plain values in a message, after its lists have become so long."""
+    for field, kind in message.get_fields_and_field_types().items():
+        value = getattr(message, field)
+        if kind.startswith('sequence<'):
+            kind = kind.removeprefix('sequence<').removesuffix('>')
+            if '/' not in kind:
+                setattr(message, field, [change(0.0 if kind == 'double' else 'name')] * count)
+                continue
+            package, _, name = kind.partition('/')
+            item = getattr(import_module(f'{package}.msg'), name)()
+            fill(item, change, min(count, 3))
+            setattr(message, field, [item] * count)
+        elif hasattr(value, 'get_fields_and_field_types'):
+            fill(value, change, count)
+        elif isinstance(value, str) or kind == 'double':
+            setattr(message, field, change(value))
+        elif isinstance(value, np.ndarray):
+            value[:] = [change(float(number)) for number in value]
+
+
+def check_abnormal(client, process, publish, topics, call):
+    """
+    Send abnormal messages on topics; fail unless each is told at most once and calls are answered.
+
+    :param publish: sends a message on a topic.
+    :param topics: types by name.
+    :param call: calls a service of the node, and returns its answer.
+    """
+    for topic, kind in topics.items():
+        for what, message in abnormal(kind).items():
+            before = len(process.lines)
+            for _ in range(3):
+                publish(topic, message)
+            assert call().message, (topic, what)
+            time.sleep(0.2)
+            told = [line for line in process.lines[before:] if topic.partition('/')[0] in line
+                    and '[WARN' in line]
+            assert len({*told}) <= 1, (topic, what, told)
+    assert process.poll() is None
+    assert not any('[ERROR' in line or 'Traceback' in line for line in process.lines), (
+        process.lines)

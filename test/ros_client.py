@@ -32,7 +32,7 @@ from rclpy.qos import QoSProfile
 from rclpy.time import Time
 from secure_uav_planner.ros.client import make_clients
 from secure_uav_planner.ros.parameters import eavesdropper_parameters, PLANNER, uav_parameters
-from secure_uav_planner.ros.process import run_node
+from secure_uav_planner.ros.process import run_node, spin
 from secure_uav_planner.ros.topics import LATCHED
 from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
@@ -151,19 +151,16 @@ def node_here(name, **parameters):
     context, local = Context(), _LocalProcess(name)
     _note(local)
     rclpy.init(context=context, args=_ros_args(parameters))
-    executor = SingleThreadedExecutor(context=context)
     with _logged_in(local.lines):
-        node = kind(context=context)
+        node, stop = kind(context=context), threading.Event()
         full_name = node.get_fully_qualified_name()
-        executor.add_node(node)
-        thread = threading.Thread(target=executor.spin, daemon=True)
+        thread = threading.Thread(target=spin, args=(node, stop), daemon=True)
         thread.start()
         try:
             yield local
         finally:
             local.ended = 0
-            node.close()
-            executor.shutdown()
+            stop.set()
             thread.join(PATIENCE)
             node.destroy_node()
             rclpy.shutdown(context=context)

@@ -9,6 +9,7 @@ from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
 from ros_client import Client, node_process, pose_message, seconds, values_of, wait_for
+from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -79,7 +80,7 @@ def wait_for_adoption(client, before):
     def is_adopted():
         identity = status(client, 'plan.identity')
         return identity not in (None, before) and (
-            client.times and client.times[-1].source == identity)
+            client.times and read_plan_time(client.times[-1])[0] == identity)
     wait_for(is_adopted, what='the new plan in the replay')
     assert not [line for line in client.replay.lines if 'not played' in line]
 

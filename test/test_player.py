@@ -98,10 +98,41 @@ def test_a_pause_holds_on_the_curve_and_the_flight_resumes_from_there(plan):
     held = bench.run(15.0)
     assert not held.velocities.any() and bench.player.rate == 0.0
     assert held.positions == pytest.approx(Playback(plan).at(bench.player.time).positions)
+    # The powers of the plan are for receivers at its time, which has passed.
+    assert not held.powers.any() and Playback(plan).at(bench.player.time).powers.any()
     assert not bench.player.pause()
     bench.player.start()
-    bench.run(10.0)
+    flown = bench.run(10.0)
     assert bench.player.rate == 1.0 and 14.99 < bench.lag < 25.0
+    assert np.array_equal(flown.powers, Playback(plan).at(bench.player.time).powers)
+
+
+def test_a_plan_for_a_different_team_is_refused(plan):
+    bench = start_flight(plan, 30.0)
+    uavs = plan.scenario.uavs
+    for team in (uavs + (replace(uavs[1], name='uav3', altitude=120.0),), uavs[:1],
+                 (uavs[0], replace(uavs[1], name='uav3'))):
+        larger = fly_hover_fly(replace(plan.scenario, uavs=team))
+        for start_ns in (BEGIN, BEGIN + 60 * SECOND):
+            assert not bench.player.load(replace(larger, start_ns=start_ns))
+            assert "and ['uav1', 'uav2'] fly" in bench.refused[-1]
+    bench.run(1.0)
+
+
+def test_a_plan_that_comes_after_its_begin_is_refused_for_being_late():
+    scenario = with_uavs(Scenario.paper(130.0, slots=65), max_acceleration=2.0)
+    plan = replace(fly_hover_fly(scenario), start_ns=BEGIN)
+    bench = start_flight(plan, 30.0)
+    then = bench.player.time + 0.2
+    motion = bench.player.playback.curve.at([then])
+    uavs = [start_from_state(uav, tuple(place), tuple(velocity), scenario.slot_duration)
+            for uav, place, velocity in zip(
+                scenario.uavs, motion.positions[:, 0].tolist(), motion.velocities[:, 0].tolist())]
+    new = fly_hover_fly(replace(scenario, uavs=tuple(uavs)))
+    new = replace(new, start_ns=bench.now + round((0.2 - new.curve.begin) * SECOND))
+    bench.run(0.6)
+    assert not bench.player.load(new)
+    assert bench.refused[-1].startswith('it came 0.40 s too late: its setpoint of uav')
 
 
 def test_an_ended_and_an_older_plan_are_never_played_again(plan):

@@ -7,6 +7,7 @@ import math
 import os
 import time
 
+from fuzzing import check_abnormal
 from geometry_msgs.msg import PoseStamped, TwistStamped
 import message_package
 from nav_msgs.msg import Odometry, Path
@@ -19,6 +20,7 @@ from ros_client import (
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.topics import TOPICS
 from std_srvs.srv import SetBool
 from strategies import with_uavs
 from test_security import policy_of, used
@@ -409,6 +411,18 @@ def test_a_stream_is_relayed_from_where_odometry_says_that_the_vehicle_is_and_un
                                  for line in process.lines) > 1)
         assert len(targets) <= count + 1
         source.until(lambda: stands_at(11.0) and len(targets) > count + 1)
+
+
+def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(packages, client):
+    topics = {topic.replace('<uav>', 'uav1'): kind.kind
+              for topic, kind in TOPICS['relay', 'sub'].items()}
+    topics['uav1/mavros/local_position/odom'] = Odometry
+    with node_here('relay', stack='mavros') as process:
+        def publish(topic, message):
+            client.publisher(type(message), topic).publish(message)
+
+        check_abnormal(client, process, publish, topics,
+                       lambda: client.call('relay/enable', SetBool, SetBool.Request(data=True)))
 
 
 def test_all_that_the_replay_sends_is_relayed_through_a_pause_to_the_goal(

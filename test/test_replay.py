@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import time
 
+from fuzzing import check_abnormal
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -16,7 +17,8 @@ from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.model.curve import Curve
 from secure_uav_planner.plan.player import Player
 from secure_uav_planner.ros import messages
-from secure_uav_planner.ros.topics import LATCHED
+from secure_uav_planner.ros.messages import read_plan_time
+from secure_uav_planner.ros.topics import LATCHED, TOPICS
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64
 from strategies import with_uavs
@@ -73,15 +75,31 @@ def test_a_saved_plan_is_flown_from_start_to_goal_and_what_it_delivered_is_logge
     assert 'largest jump between consecutive setpoints 0.000 m' in line
 
 
-def send(client, plan, start_ns, change=lambda kind, uav, message: None,
-         topics=('path', 'power')):
-    """Send the messages of a plan, each changed by a function, with no delay in between."""
+ALL = ('path', 'power', 'trajectory')
+
+
+def keep(kind, uav, message):
+    """Leave a message as it is, in send."""
+
+
+def send(client, plan, start_ns, change=None, topics=None):
+    """
+    Send the messages of a plan, with no delay in between.
+
+    :param change: changes each message. The planner's own powers name the messages that belong to
+        them; with a change they name nothing, like those of another planner.
+    :param topics: which kinds; by default all, but for trajectories with a change.
+    """
+    topics = topics or (ALL if change is None else ALL[:2])
     plan = replace(plan, start_ns=start_ns)
     found, made = dict(messages.plan_messages(plan, 'earth')), []
     for index, uav in enumerate(plan.scenario.uavs):
         for topic in topics:
             message = found[f'{uav.name}/{topic}']
-            change(topic, index, message)
+            if change is not None:
+                change(topic, index, message)
+                if topic == 'power':
+                    del message.layout.dim[1]
             publisher = client.publisher(type(message), f'{uav.name}/{topic}', LATCHED)
             made.append((publisher, message))
     for publisher, message in made:
@@ -164,7 +182,7 @@ def test_setpoints_stay_in_the_frame_of_the_plan_that_is_played(client, plan):
     poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 10000)
     with node_here('replay', autostart='true') as process:
         start_ns = begins_at(3600.0)
-        send(client, plan, start_ns)
+        send(client, plan, start_ns, keep)
         wait_for(lambda: poses)
         for seconds in (0, 1):
             send(client, replace(plan, powers=plan.powers * 0.5), start_ns + seconds * 10**9,
@@ -211,6 +229,38 @@ def test_a_plan_of_constant_power_is_played_although_its_mean_is_rounded_up(clie
         send(client, replace(plan, powers=powers), 10**18)
         wait_for(lambda: got(process) or any('not used' in line for line in process.lines))
         assert got(process), process.lines
+
+
+def test_a_start_waits_for_the_rest_of_a_plan_however_late_that_comes(client, plan):
+    poses = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_here('replay') as process:
+        def waits():
+            send(client, plan, 10**18, topics=('path',))
+            return 'waits for the rest of the plan' in client.call('replay/start').message
+
+        wait_for(waits)
+        wait_for_line(process, 'nothing new has come on')
+        send(client, plan, 10**18)
+        wait_for(lambda: poses, what='the flight')
+
+
+def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(client, plan):
+    topics = {topic.replace('<uav>', 'uav1'): kind.kind for topic, kind in {
+        **TOPICS['replay', 'sub'], '<uav>/odom': TOPICS['replay', 'pub']['<uav>/odom']}.items()}
+    stamps = client.listen(PoseStamped, 'uav1/setpoint/pose', 1000)
+    with node_here('replay', autostart='true') as process, node_process(
+            'replay', '-r', '__node:=vehicles', vehicle_odometry='true') as vehicles:
+        send(client, plan, begins_at(3600.0))
+        wait_for(lambda: stamps)
+
+        def publish(topic, message):
+            qos = 10 if topic.endswith('/odom') else LATCHED
+            client.publisher(type(message), topic, qos).publish(message)
+
+        for node, name in ((process, 'replay'), (vehicles, 'vehicles')):
+            check_abnormal(client, node, publish, topics, lambda: client.call(f'{name}/start'))
+        count = len(stamps)
+        wait_for(lambda: len(stamps) > count + 3)
 
 
 @pytest.mark.parametrize('service', ['pause', 'reset'])
@@ -311,7 +361,7 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
             return [line for line in process.lines
                     if 'not used' in line and 'nothing new has come' not in line]
 
-        send(client, plan, 10**18)
+        send(client, plan, 10**18, keep)
         wait_for_line(process, 'got a plan')
         send(client, plan, 11 * 10**17, change)
         wait_for(refusals, what='the refusal')
@@ -321,7 +371,7 @@ def test_messages_that_do_not_make_a_plan_are_refused_once_with_a_reason(
         assert not any('np.' in line for line in process.lines)
         assert not [one for one in recwarn if issubclass(one.category, RuntimeWarning)]
         assert client.call('replay/start').success  # the previous plan is kept
-        send(client, plan, 12 * 10**17)
+        send(client, plan, 12 * 10**17, keep)
         wait_for(lambda: got(process) == 2)
 
 
@@ -337,9 +387,10 @@ def test_a_start_says_why_the_messages_that_have_come_make_no_plan(client, plan)
 def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
     watts = client.listen(Float64, 'uav1/setpoint/power', 1000)
     with node_here('replay', speed=50.0) as process:
-        send(client, plan, 10**18)
+        send(client, plan, 10**18, keep)
         wait_for_line(process, 'got a plan')
         lone = messages.power(plan, 0)
+        del lone.layout.dim[1]
         for slot in range(len(lone.data)):
             lone.data[slot] = 3.21
         client.publisher(type(lone), 'uav1/power', LATCHED).publish(lone)
@@ -349,6 +400,30 @@ def test_a_power_that_comes_alone_is_not_joined_to_an_old_path(client, plan):
         wait_for(lambda: end_of(process))
         wait_for(lambda: watts)
         assert not any(watt.data == 3.21 for watt in watts)
+        assert got(process) == 1
+
+
+def test_messages_of_two_plans_of_one_flight_never_make_a_plan_together(client, plan):
+    times = client.listen(TimeReference, 'plan_time', 10000)
+    start_ns = begins_at(3600.0)
+    first, second = (replace(plan, start_ns=start_ns, powers=plan.powers * share,
+                             positions=plan.positions + np.pad(
+                                 np.full((2, plan.scenario.slots, 2), 1e-7 * share),
+                                 ((0, 0), (1, 1), (0, 0)))) for share in (0.5, 0.75))
+    with node_here('replay') as process:
+        def send_parts(plan, *parts):
+            parts = {f'{uav}/{part}' for uav in ('uav1', 'uav2') for part in parts}
+            for topic, message in messages.plan_messages(plan, 'earth'):
+                if topic in parts:
+                    client.publisher(type(message), topic, LATCHED).publish(message)
+
+        send_parts(first, 'path', 'trajectory')
+        wait_for_line(process, 'nothing new has come on uav1/power, uav2/power')
+        send_parts(second, 'power')
+        wait_for_line(process, 'nothing new has come on uav1/path, uav1/trajectory, uav2/path')
+        assert not got(process)
+        send_parts(second, 'path', 'trajectory')
+        wait_for(lambda: times and read_plan_time(times[-1])[0] == second.identity)
         assert got(process) == 1
 
 
@@ -392,9 +467,6 @@ def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(
 
 
 # The curve of a plan on the topics
-
-ALL = ('path', 'power', 'trajectory')
-
 
 @pytest.fixture(scope='module')
 def smooth():
@@ -454,22 +526,20 @@ def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from
     assert not any('straight' in line for line in process.lines)
 
 
-def test_trajectories_may_come_in_any_order_and_late_ones_still_count(client, smooth):
+def test_trajectories_of_another_planner_may_come_in_any_order_and_are_waited_for(client, smooth):
     with node_here('replay') as process:
-        send(client, smooth, 10**18, topics=('trajectory', 'power', 'path'))
+        send(client, smooth, 10**18, keep, topics=('trajectory', 'power', 'path'))
         wait_for(lambda: got(process) == 1)
         # The replay knows now that somebody publishes trajectories, and misses them.
-        send(client, smooth, 11 * 10**17)
-        wait_for(lambda: got(process) == 2)
-        wait_for(lambda: any('nothing has come on uav1/trajectory, uav2/trajectory' in line
-                             for line in process.lines))
+        send(client, smooth, 11 * 10**17, keep)
+        wait_for_line(process, 'nothing new has come on uav1/trajectory, uav2/trajectory')
+        assert got(process) == 1
         send(client, smooth, 11 * 10**17, topics=('trajectory',))
-        wait_for(lambda: got(process) == 3)
+        wait_for(lambda: got(process) == 2)
         # A new plan of the same flight has the same stamp.
-        send(client, smooth, 11 * 10**17, topics=ALL)
-        wait_for(lambda: got(process) == 4)
-        assert sum('straight' in line for line in process.lines) == 1
-        assert not any('not used' in line for line in process.lines)
+        send(client, smooth, 11 * 10**17, keep, topics=ALL)
+        wait_for(lambda: got(process) == 3)
+        assert sum('not used' in line for line in process.lines) == 1
 
 
 @pytest.mark.parametrize('change, reason', [

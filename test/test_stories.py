@@ -22,6 +22,7 @@ import pytest
 from ros_client import Client, node_process, output_of, values_of, wait_for
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner.ros import messages
+from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -206,7 +207,7 @@ class Story:
                 said.append(self.call('replay/start'))
                 time.sleep(0.5)
             text = ' '.join([*self.nodes['replay'].lines, *self.nodes['planner'].lines])
-            return self.sources and self.sources[-1].source == identity or (
+            return self.sources and read_plan_time(self.sources[-1])[0] == identity or (
                 f'plan {identity} is not flown' in text or 'not played' in text)
         wait_for(known, what=f'a word on plan {identity}')
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from .plan import Plan
 from .playback import Moment, Playback
-from ..errors import OptionError
+from ..errors import OptionError, quote
 from ..mission.scenario import Array
 from ..model.curve import GAUSS_LEGENDRE
 
@@ -76,6 +76,9 @@ class Player:
         new, current = Playback(plan), self.playback
         if current is not None and plan.identity == current.plan.identity:
             return False  # Published again, for example by a planner that has been restarted.
+        if current is not None and (problem := _explain_team(plan, current.plan)):
+            self.refuse(problem)
+            return False
         is_revision = current is not None and plan.start_ns == current.plan.start_ns
         if plan.start_ns is not None and plan.start_ns <= self._flown_ns and not is_revision:
             self.refuse('it begins no later than a plan that has been flown')
@@ -90,9 +93,9 @@ class Player:
             else:
                 self.playback = new
         else:
-            ahead = max(0, (new.begin_ns or 0) - (self._last_tick_ns or 0)) * 1e-9
-            self._pending = new, self.time + self.rate * ahead
-            self._splice(0.0)
+            ahead = ((new.begin_ns or 0) - (self._last_tick_ns or 0)) * 1e-9
+            self._pending = new, self.time + self.rate * max(0.0, ahead)
+            self._splice(0.0, f'it came {-ahead:.2f} s too late: ' if ahead < 0 else '')
         return not self._refusal
 
     def refuse(self, reason: str) -> None:
@@ -104,7 +107,7 @@ class Player:
         self.playback, self._pending = playback, None
         self.time, self.rate, self.delivered, self.largest_jump = playback.begin, 0.0, 0.0, 0.0
 
-    def _splice(self, elapsed: float) -> bool:
+    def _splice(self, elapsed: float, lateness: str = '') -> bool:
         """Supersede the plan by the pending one if its time has come and nothing jumps."""
         if self._pending is None:
             return False
@@ -116,7 +119,7 @@ class Player:
         jump = self._explain_jump(new, time, rate and elapsed)
         if jump:
             self.playing = self.playing and not self.ended
-            self.refuse(f'{jump}; ~/plan makes another one')
+            self.refuse(f'{lateness}{jump}; ~/plan makes another one')
             return False
         self._wait_at_start(new)
         self.time, self.rate = time, rate
@@ -300,11 +303,22 @@ class Player:
         return allowed
 
 
+def _explain_team(plan: Plan, current: Plan) -> str:
+    """Describe how the UAVs of a plan differ from those of another one; empty if they do not."""
+    names, team = ([uav.name for uav in one.scenario.uavs] for one in (plan, current))
+    return '' if names == team else f'it is for {quote(names)}, and {quote(team)} fly'
+
+
 def _to_clock_time(playback: Playback, time: float, rate: float) -> Moment:
-    """Scale the velocities at a time of the plan by its rate, and accelerations by its square."""
+    """
+    Scale the velocities at a time of the plan by its rate, and accelerations by its square.
+
+    At a rate of 0 no UAV transmits or jams: the plan's powers are for receivers at its own time.
+    """
     moment = playback.at(time)
     return replace(moment, velocities=moment.velocities * rate,
-                   accelerations=moment.accelerations * rate**2)
+                   accelerations=moment.accelerations * rate**2,
+                   powers=moment.powers if rate else np.zeros_like(moment.powers))
 
 
 def _compute_braking_rates(playback: Playback, most: float) -> tuple[Array, Array]:

@@ -5,126 +5,119 @@ from typing import Any
 
 import numpy as np
 
-from .cdr import PathContent, read_path, read_power, read_trajectory, stamp_of
+from .cdr import PathContent, read_path, read_power, read_trajectory, TrajectoryContent
 from .parameters import LONGEST_FRAME
 from ..errors import PlanError, quote
 from ..mission.scenario import Array, RANGES, Scenario, Uav
 from ..model.curve import infer_limits
 from ..plan.plan import Plan
 
-_SETTLING_NS = 100_000_000
-_PATIENCE_NS = 2_000_000_000
+_MOST_KEPT = 4  # Messages of a topic.
 _IRREGULAR = 0.01  # Largest error of a point's time, as a share of a slot.
 _SAME_ALTITUDE = _SAME_PLACE = 1e-3  # m
+_READERS = {'path': read_path, 'power': read_power, 'trajectory': read_trajectory}
 
 
 class Assembly:
     """
-    Collects the messages of a plan, which arrive one by one and in any order.
+    Collects the messages of plans, which arrive one by one and in any order.
 
-    Each message is used for one plan only, because powers have no stamp, and new powers must not
-    be combined with an old path. Trajectories are optional: a plan waits for those on topics that
-    `expects` is true of, and a late one makes the last plan anew.
+    A power names its plan and the digests of its path and trajectory: these are the messages of
+    the plan. Powers of other planners name nothing; they are joined with the newest paths, and
+    with trajectories of the same stamp on the topics that `expects` is true of. Each such message
+    is used for one plan only.
+
+    :ivar missing: topics of the messages that the plan of the last message waits for.
     """
 
     def __init__(self, names: Sequence[str], expects: Callable[[str], bool]) -> None:
         self._names, self._expects = names, expects
-        self._needed = [f'{name}/{kind}' for kind in ('path', 'power') for name in names]
-        self._optional = [f'{name}/trajectory' for name in names]
-        self._new: dict[str, bytes] = {}  # Messages by their topics, since the last plan.
-        self._last: dict[str, bytes] = {}  # Those of the last plan.
-        self._received: int | None = None
+        # The newest of each topic, by key: the identity of a plan, or a digest.
+        self._messages: dict[str, dict[str, Any]] = {
+            f'{name}/{kind}': {} for name in names for kind in _READERS}
+        self._identity, self._contents = '', dict[str, Any]()  # Of the plan that is complete.
+        self._assembled = ''  # Identity of the last plan.
+        self.missing: list[str] = []
 
-    def take(self, topic: str, message: bytes, now_ns: int) -> None:
-        """Keep a serialized message as the newest of its topic."""
-        self._new[topic] = message
-        # A trajectory that comes before the rest of its plan does not begin the wait for that.
-        if self._has_begun() or self._late():
-            self._received = now_ns
+    def take(self, topic: str, message: bytes) -> bool:
+        """
+        Keep a serialized message; return True if it completes a plan, which plan() then returns.
 
-    def is_due(self, now_ns: int) -> bool:
-        """Return True if a set is complete and settled, or its rest has been missing too long."""
-        if self._received is None:
-            return False
-        # After the clock has jumped back, do not wait.
-        patience = _PATIENCE_NS if self._missing() else _SETTLING_NS
-        return not 0 <= now_ns - self._received < patience
-
-    def is_whole(self) -> bool:
-        """Return True if there is a message of each topic, and at least one is new."""
-        return self._received is not None and not self._missing()
-
-    def is_arriving(self) -> bool:
-        """Return True if messages of a plan have come, but not all."""
-        return self._received is not None and bool(self._missing())
+        :raises PlanError: if it cannot be read.
+        """
+        name, _, kind = topic.partition('/')
+        content, kept = _READERS[kind](message), self._messages[topic]
+        key = content.key
+        kept.pop(key, None)
+        kept[key] = content
+        if len(kept) > _MOST_KEPT:
+            del kept[next(iter(kept))]
+        for identity in self._plans_with(name, kind, key):
+            contents = {f'{name}/{kind}': content for name in self._names
+                        for kind, content in self._collect(name, identity).items()}
+            self.missing = [topic for topic, content in contents.items() if content is None]
+            # A plan may be published again.
+            if not self.missing and (not identity or identity != self._assembled):
+                self._identity, self._contents = identity, contents
+                return True
+        return False
 
     @property
     def problem(self) -> str:
-        """Reason why the new messages do not make a plan yet, or an empty string."""
-        missing = self._missing() if self._has_begun() else []
-        return _nothing_on(missing) if missing else ''
+        """Reason why the last message does not make a plan yet, or an empty string."""
+        return f'nothing new has come on {", ".join(self.missing)}' if self.missing else ''
 
     def plan(self, **fields: Any) -> tuple[Plan, str]:
         """
-        Return the plan in the messages, and its frame.
+        Return the plan that is complete, and its frame.
 
         :param fields: the fields of its Scenario that no message contains.
         :raises PlanningError: if the messages do not make a plan. They are kept, because a later
             message may complete them.
         """
-        self._received = None
-        chosen = self._chosen()
-        missing = [topic for topic in self._needed if topic not in chosen]
-        if missing:
-            raise PlanError(_nothing_on(missing))
-        paths = {name: read_path(chosen[f'{name}/path']) for name in self._names}
-        plan = _plan_from(paths, chosen, fields)
-        self._new, self._last = {}, chosen
-        return plan, paths[self._names[0]].frame
+        plan = _plan_from(self._names, self._contents, fields)
+        self._assembled = self._identity
+        for topic, content in self._contents.items():
+            kept, key = self._messages[topic], content.key
+            if topic.endswith('/power'):  # Older ones are of plans that this one replaces.
+                for older in [*kept][:[*kept].index(key)]:
+                    del kept[older]
+            if not self._identity:
+                del kept[key]
+        return plan, self._contents[f'{self._names[0]}/path'].frame
 
-    def without_trajectory(self) -> list[str]:
-        """Return the expected trajectories that the last plan has not."""
-        return [topic for topic in self._optional
-                if topic not in self._last and self._expects(topic)]
+    def _plans_with(self, name: str, kind: str, key: str) -> list[str]:
+        """Return the identities of the plans that a message belongs to, '' for one without."""
+        if kind == 'power':
+            return [key]
+        powers = self._messages[f'{name}/power'].values()
+        return [power.key for power in powers if getattr(power, kind) == key] or ['']
 
-    def _has_begun(self) -> bool:
-        """Return True if a path or a power is new."""
-        return any(topic in self._new for topic in self._needed)
-
-    def _chosen(self) -> dict[str, bytes]:
-        """Messages of the plan being assembled; late trajectories are merged into the last."""
-        if not self._has_begun() and (late := self._late()):
-            return self._last | late
-        return self._trajectories(self._new) | {
-            topic: self._new[topic] for topic in self._needed if topic in self._new}
-
-    def _late(self) -> dict[str, bytes]:
-        """Return the new trajectories that the last plan has not."""
-        return {topic: message for topic, message in self._trajectories(self._last).items()
-                if topic not in self._last}
-
-    def _trajectories(self, plan: Mapping[str, bytes]) -> dict[str, bytes]:
-        """Return the new trajectories that have the stamps of a plan's paths."""
-        return {f'{name}/trajectory': self._new[f'{name}/trajectory'] for name in self._names
-                if f'{name}/path' in plan and f'{name}/trajectory' in self._new and (
-                    stamp_of(self._new[f'{name}/trajectory'])
-                    == stamp_of(plan[f'{name}/path']))}
-
-    def _missing(self) -> list[str]:
-        """Return the topics of the messages that the plan waits for."""
-        chosen = self._chosen()
-        return [topic for topic in (*self._needed, *filter(self._expects, self._optional))
-                if topic not in chosen]
+    def _collect(self, name: str, identity: str) -> dict[str, Any]:
+        """Return the messages of a UAV in a plan by kind, None for a missing one."""
+        powers, paths, trajectories = (
+            self._messages[f'{name}/{kind}'] for kind in ('power', 'path', 'trajectory'))
+        power = powers.get(identity)
+        if identity:
+            return {'power': None} if power is None else {
+                'path': paths.get(power.path), 'power': power,
+                'trajectory': trajectories.get(power.trajectory)}
+        named = {digest for other in powers.values() for digest in (other.path, other.trajectory)}
+        path, trajectory = (next((kept[key] for key in reversed(kept) if key not in named), None)
+                            for kept in (paths, trajectories))
+        if None in (path, trajectory) or trajectory.stamp_ns != path.stamp_ns:
+            trajectory = None
+        found = {'path': path, 'power': power, 'trajectory': trajectory}
+        if trajectory is None and not self._expects(f'{name}/trajectory'):
+            del found['trajectory']
+        return found
 
 
-def _nothing_on(topics: Sequence[str]) -> str:
-    return f'nothing new has come on {", ".join(topics)}'
-
-
-def _plan_from(paths: Mapping[str, PathContent], messages: Mapping[str, bytes],
-               fields: Mapping[str, Any]) -> Plan:
+def _plan_from(names: Sequence[str], contents: Mapping[str, Any], fields: Mapping[str, Any]
+               ) -> Plan:
     """Return the Plan in the messages; its limits are the smallest that it keeps."""
-    names, powers = list(paths), [read_power(messages[f'{name}/power']) for name in paths]
+    paths = {name: contents[f'{name}/path'] for name in names}
+    powers = [contents[f'{name}/power'].levels for name in names]
     slots = len(powers[0])
     _check_frames(paths)
     for name, levels in zip(names, powers, strict=True):
@@ -136,8 +129,12 @@ def _plan_from(paths: Mapping[str, PathContent], messages: Mapping[str, bytes],
     places, watts = np.array([path.places for path in paths.values()]), np.array(powers)
     _check_values(names, places, watts)
     positions = places[..., :2]
-    motions = {name: motion for name in names if f'{name}/trajectory' in messages and (
-        motion := _motion(name, messages[f'{name}/trajectory'], paths[name])) is not None}
+    motions = {}
+    for name in names:
+        trajectory = contents.get(f'{name}/trajectory')
+        if trajectory is not None:
+            _check_trajectory(name, trajectory, paths[name])
+            motions |= {} if trajectory.motion is None else {name: trajectory.motion}
     average = np.maximum(watts.mean(axis=1) * (1 + 1e-9), RANGES['average_power'][0])
     peak = np.maximum(watts.max(axis=1) * (1 + 1e-9), average)
     uavs = tuple(
@@ -152,19 +149,17 @@ def _plan_from(paths: Mapping[str, PathContent], messages: Mapping[str, bytes],
     return plan
 
 
-def _motion(name: str, message: bytes, path: PathContent) -> list[Array] | None:
-    """Return positions, velocities and accelerations at the points, (N+2, 2) each, or None."""
-    frame, size, motion = read_trajectory(message)
-    if frame != path.frame:
+def _check_trajectory(name: str, trajectory: TrajectoryContent, path: PathContent) -> None:
+    """Raise a PlanError if a trajectory cannot be that of a path."""
+    if trajectory.frame != path.frame:
         raise PlanError(f'{name}/path is in frame {quote(path.frame)}, '
-                        f'{name}/trajectory in {quote(frame)}')
-    if size != len(path.places):
-        raise PlanError(f'{name}/trajectory has {size} points and {name}/path '
+                        f'{name}/trajectory in {quote(trajectory.frame)}')
+    if trajectory.size != len(path.places):
+        raise PlanError(f'{name}/trajectory has {trajectory.size} points and {name}/path '
                         f'{len(path.places)}; there must be as many')
     low, high = RANGES['coordinate']
-    if not all(((values >= low) & (values <= high)).all() for values in motion or ()):
+    if not all(((values >= low) & (values <= high)).all() for values in trajectory.motion or ()):
         raise PlanError(f'{name}/trajectory has values beyond {low:g} to {high:g}')
-    return motion
 
 
 def _check_motions(plan: Plan, motions: Mapping[str, list[Array]]) -> None:
@@ -188,7 +183,7 @@ def _check_frames(paths: Mapping[str, PathContent]) -> None:
         if len(frame) > LONGEST_FRAME:
             raise PlanError(f'the frame_id of the paths has {len(frame)} characters; it may have '
                             f'{LONGEST_FRAME}')
-        if path.pose_frames not in ([frame], ['']):
+        if path.pose_frames not in ([], [frame], ['']):
             raise PlanError(f'{name}/path is in frame {quote(frame)} and has a pose in frame '
                             f'{quote(path.pose_frames[-1])}')
 

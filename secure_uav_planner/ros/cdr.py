@@ -7,15 +7,23 @@ reads the points in place, because they are equally long.
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from hashlib import blake2b
 import struct
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import brief, PlanError
-from ..mission.scenario import Array
+from ..mission.scenario import Array, RANGES
 
 _POSE, _POINT = 56, 184  # Bytes of a pose, and of a point with one of each of its parts.
+_MOST = int(RANGES['slots'][1]) + 2  # Points.
+
+
+def digest(stamp_ns: int, *arrays: Array) -> str:
+    """Return a hash of a path or a trajectory, 8 digits."""
+    content = [str(stamp_ns).encode(), *(array.tobytes() for array in arrays)]
+    return blake2b(b' '.join(content), digest_size=4).hexdigest()
 
 
 class PathContent(NamedTuple):
@@ -33,6 +41,27 @@ class PathContent(NamedTuple):
     times_ns: Array
     places: Array
 
+    @property
+    def key(self) -> str:
+        """Digest of the stamp and the horizontal places."""
+        return digest(self.stamp_ns, self.places[:, :2])
+
+
+class PowerContent(NamedTuple):
+    """
+    Content of a std_msgs/Float64MultiArray.
+
+    :ivar levels: in W, (N,).
+    :ivar key: identity of the plan, empty if the message does not name it.
+    :ivar path: digest of the path of that plan.
+    :ivar trajectory: likewise.
+    """
+
+    levels: Array
+    key: str = ''
+    path: str = ''
+    trajectory: str = ''
+
 
 class TrajectoryContent(NamedTuple):
     """
@@ -43,21 +72,22 @@ class TrajectoryContent(NamedTuple):
         unless each point has one of each.
     """
 
+    stamp_ns: int
     frame: str
     size: int
     motion: list[Array] | None
 
-
-def stamp_of(data: bytes) -> bytes:
-    """Return the stamp of a message that begins with a header, for comparison."""
-    return data[4:12]
+    @property
+    def key(self) -> str:
+        """Digest of the stamp and the motion."""
+        return digest(self.stamp_ns, *self.motion or ())
 
 
 def read_path(data: bytes) -> PathContent:
     """Return the content of a path, or raise a PlanError."""
     with _reading():
         cursor = _Cursor(data)
-        stamp, frame, count = cursor.stamp(), cursor.string(), cursor.integer()
+        stamp, frame, count = cursor.stamp(), cursor.string(), cursor.count()
         nothing = np.empty(0, int), np.empty((0, 3))
         if not count:
             return PathContent(stamp, frame, [], *nothing)
@@ -79,38 +109,42 @@ def read_path(data: bytes) -> PathContent:
         return PathContent(stamp, frame, [pose_frame], times, poses[:, :3])
 
 
-def read_power(data: bytes) -> Array:
-    """Return the numbers of a std_msgs/Float64MultiArray, (N,), or raise a PlanError."""
+def read_power(data: bytes) -> PowerContent:
+    """Return the content of a power, or raise a PlanError."""
     with _reading():
-        cursor = _Cursor(data)
+        cursor, labels = _Cursor(data), []
         for _ in range(cursor.integer()):
-            cursor.string(), cursor.integer(), cursor.integer()  # Label, size and stride.
+            labels.append(cursor.string())
+            cursor.integer(), cursor.integer()  # Size and stride.
         cursor.integer()  # The offset of the data.
-        count = cursor.integer()
-        return cursor.array('<f8', (count,), (8,), cursor.align(8))
+        count = cursor.count()
+        levels = cursor.array('<f8', (count,), (8,), cursor.align(8))
+        names = labels[1].split(' ') if len(labels) == 2 else []
+        return PowerContent(levels, *names if len(names) == 3 else ())
 
 
 def read_trajectory(data: bytes) -> TrajectoryContent:
     """Return the content of a trajectory, or raise a PlanError."""
     with _reading():
         cursor = _Cursor(data)
-        cursor.stamp()
-        frame = cursor.string()
+        stamp, frame = cursor.stamp(), cursor.string()
         for _ in range(cursor.integer()):
             cursor.string()  # The name of a joint.
-        count = cursor.integer()
+        count = cursor.count()
+        nothing = TrajectoryContent(stamp, frame, count, None)
         if not count or cursor.integer() != 1:
-            return TrajectoryContent(frame, count, None)
+            return nothing
         begin = cursor.align(8)
         try:
             numbers = cursor.array('<f8', (count, 22), (_POINT, 8), begin)
             counts = cursor.array('<u4', (count, 44), (_POINT, 4), begin)[:, [14, 28]]
             later = cursor.array('<u4', (count - 1, 1), (_POINT, 4), begin + _POINT - 8)
         except (TypeError, ValueError):
-            return TrajectoryContent(frame, count, None)
+            return nothing
         if (counts != 1).any() or (later != 1).any():
-            return TrajectoryContent(frame, count, None)
-        return TrajectoryContent(frame, count, [numbers[:, at:at + 2] for at in (0, 8, 15)])
+            return nothing
+        motion = [numbers[:, at:at + 2] for at in (0, 8, 15)]
+        return TrajectoryContent(stamp, frame, count, motion)
 
 
 @contextmanager
@@ -138,6 +172,12 @@ class _Cursor:
         value, = struct.unpack_from('<I', self._data, self.align(4))
         self.at += 4
         return int(value)
+
+    def count(self) -> int:
+        value = self.integer()
+        if value > _MOST:
+            raise ValueError(f'it has {value} points; at most {_MOST} are allowed')
+        return value
 
     def stamp(self) -> int:
         return self.integer() * 10**9 + self.integer()

@@ -329,8 +329,7 @@ class SecurePlanner:
     def _take(self, topic: str, message: bytes) -> None:
         """Take a message of a plan; others may publish what makes none."""
         try:
-            self._assembly.take(topic, message, time.monotonic_ns())
-            if self._assembly.is_whole():
+            if self._assembly.take(topic, message):
                 self.last_plan, _ = self._assembly.plan(**{
                     field: getattr(self.scenario, field) for field in _RECEIVER_FIELDS})
                 self._plan_problem = ''

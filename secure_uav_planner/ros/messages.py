@@ -24,6 +24,7 @@ from std_msgs.msg import ColorRGBA, Float64, Float64MultiArray, MultiArrayDimens
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
+from .cdr import digest
 from ..errors import OptionError
 from ..mission.participants import NoFlyZone
 from ..mission.polygons import convex_parts, offset_polygon, Vertices
@@ -51,15 +52,19 @@ def nanoseconds(stamp: Stamp) -> int:
 
 
 def plan_time(plan: Plan, seconds: float, stamp: Stamp, follower: str = '') -> TimeReference:
-    """Return the report of a follower: the time of its plan in s from point 0, at a time."""
-    return _stamped(TimeReference(source=plan.identity, time_ref=stamp_at(plan, seconds)),
-                    follower, stamp)
+    """
+    Return the report of a follower: the time of its plan in s from point 0, at a time.
+
+    :param follower: its name, which follows the identity of the plan in `source`.
+    """
+    return _stamped(TimeReference(source=f'{plan.identity} {follower}'.strip(),
+                                  time_ref=stamp_at(plan, seconds)), '', stamp)
 
 
 def read_plan_time(message: TimeReference) -> tuple[str, str]:
-    """Return the plan and the follower in a report, both by name."""
+    """Return the identity of the plan, and the name of the follower, in a report of plan_time."""
     identity, _, follower = message.source.partition(' ')
-    return identity, follower or message.header.frame_id
+    return identity, follower or message.header.frame_id  # Where it was before.
 
 
 def pose(x: float, y: float, z: float, yaw: float) -> Pose:
@@ -99,10 +104,19 @@ def path(plan: Plan, uav: int, frame_id: str) -> Path:
 
 
 def power(plan: Plan, uav: int) -> Float64MultiArray:
-    """Return the Float64MultiArray with the power of a UAV in every slot, in W."""
+    """
+    Return the Float64MultiArray with the power of a UAV in every slot, in W.
+
+    Its second dimension, of size 1, names the messages of the plan: its label is the identity of
+    the plan, and the digests of the UAV's path and trajectory.
+    """
     message = Float64MultiArray(data=array.array('d', plan.powers[uav].tobytes()))
-    slots = plan.scenario.slots
-    message.layout.dim = [MultiArrayDimension(label='slot', size=slots, stride=slots)]
+    slots, start_ns, motion = plan.scenario.slots, plan.start_ns or 0, plan.curve.at(plan.times)
+    path, trajectory = (digest(start_ns, *(line[uav] for line in lines)) for lines in (
+        [plan.positions], [motion.positions, motion.velocities, motion.accelerations]))
+    message.layout.dim = [
+        MultiArrayDimension(label='slot', size=slots, stride=slots),
+        MultiArrayDimension(label=f'{plan.identity} {path} {trajectory}', size=1, stride=1)]
     return message
 
 

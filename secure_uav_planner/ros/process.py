@@ -47,7 +47,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
         rclpy.try_shutdown()
         sys.exit(1)
     gc.freeze()  # A collection takes 0.1 s less without the imported modules.
-    finished, failure = _spin(node, stop)
+    finished, failure = spin(node, stop)
     signal.alarm(2 * _LONGEST_END)  # Ends the process where C++ hangs and no thread runs.
     if failure is not None:
         node.get_logger().fatal(describe_error(failure))
@@ -68,9 +68,14 @@ def _end_in_time(stop: threading.Event) -> None:
     os._exit(0)
 
 
-def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None]:
+def spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None]:
+    """
+    Run the callbacks of a node until an event, then close the node.
+
+    :return: whether no work is left, and the error if the context has become invalid.
+    """
     # A multi-threaded one polls tasks until their threads begin, and keeps the GIL from these.
-    executor = SingleThreadedExecutor()
+    executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
 
     def spin_once(timeout: float) -> Exception | None:
@@ -87,7 +92,7 @@ def _spin(node: Node, stop: threading.Event) -> tuple[bool, BaseException | None
     failure = None
     while failure is None and not stop.is_set():
         error = spin_once(0.2)
-        failure = None if rclpy.ok() else error
+        failure = None if node.context.ok() else error
     finished = node.close()
     # Send the answers that clients are still waiting for.
     until = time.monotonic() + _LAST_ANSWERS

@@ -30,7 +30,8 @@ _LONGEST_WAIT = 10.0  # s for a subscriber of simulated UAVs.
 _LONGEST_SIMULATED_TICK = 2.0  # s
 _TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower counts as silent.
 _CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
-_LATE = 3.0  # s after point 0; longer than an assembly waits for the last messages of a plan.
+_LATE = 3.0  # s after point 0
+_PATIENCE = 2.0  # s between the messages of a plan.
 _FRESH = 1.0  # s; the largest age of the odometry from which a vehicle may start.
 
 
@@ -48,6 +49,7 @@ class Replay(Node):
         self._waits: list[str] = []
         self._odometry: dict[str, tuple[int, Odometry]] = {}  # With the time of arrival in ns.
         self._warnings: set[str] = set()
+        self._arrived = 0.0  # The last message of a plan, by time.monotonic.
         self._starts_next = False  # Set by ~/start for the plan whose messages arrive.
         self._problem = ''  # Of the last messages that made no plan.
         # The callbacks share the player, so they run one at a time.
@@ -89,11 +91,29 @@ class Replay(Node):
     # Plans
 
     def _on_plan_message(self, topic: str, message: bytes) -> None:
-        self._assembly.take(topic, message, self.get_clock().now().nanoseconds)
+        try:
+            is_whole = self._assembly.take(topic, message)
+        except PlanningError as error:
+            self._note_problem(f'{topic}: {brief(error)}')
+            return
+        self._arrived = time.monotonic()
+        if is_whole:
+            self._assemble()
+
+    def _is_arriving(self) -> bool:
+        """Return True if the rest of a plan is likely to come soon."""
+        return bool(self._assembly.missing) and time.monotonic() - self._arrived < _PATIENCE
+
+    def _note_problem(self, reason: str) -> None:
+        """Note and log the reason why the messages make no plan."""
+        self._problem = reason
+        if reason not in self._warnings and len(self._warnings) < _MOST_WARNINGS:
+            self._warnings.add(reason)
+            self.get_logger().warning(f'the plan of the topics is not used: {reason}' + (
+                '; ~/start waits for another one' if self._starts_next else ''))
 
     def _assemble(self) -> None:
         """Load the plan of the topics, or note the reason why that fails."""
-        starts, self._starts_next = self._starts_next, False
         try:
             ground_node = tuple(self._settings['ground_node'])
             plan, frame_id = self._assembly.plan(
@@ -101,23 +121,15 @@ class Replay(Node):
                 eavesdroppers=(Eavesdropper(self._eavesdropper or ground_node),),
                 reference_snr_db=self._settings['reference_snr_db'])
         except PlanningError as error:
-            reason = self._problem = brief(error)
-            if reason not in self._warnings and len(self._warnings) < _MOST_WARNINGS:
-                self._warnings.add(reason)
-                self.get_logger().warning(f'the plan of the topics is not used: {reason}')
+            self._note_problem(brief(error))
             return
-        self._problem = ''
+        starts, self._starts_next, self._problem = self._starts_next, False, ''
         self._warnings.clear()
         if self._player.streaming and frame_id != self._frame_id:
             self._player.refuse(f'it is in frame {quote(frame_id)} and the setpoints are in '
                                 f'{quote(self._frame_id)}; ~/reset ends them')
             return
         self._adopt(plan, frame_id, starts)
-        missing = self._assembly.without_trajectory()
-        if missing:
-            self.get_logger().warning(brief(
-                f'nothing has come on {", ".join(missing)} that belongs to this plan; it is flown '
-                'straight from point to point'))
 
     def _adopt(self, plan: Plan, frame_id: str, starts: bool = False) -> None:
         """Give a plan to the player, and release it after ~/start or by `autostart`."""
@@ -176,10 +188,8 @@ class Replay(Node):
         return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
 
     def _on_start(self) -> tuple[bool, str]:
-        if self._assembly.is_whole():
-            self._assemble()
         reason = self._assembly.problem or self._problem
-        self._starts_next = self._assembly.is_arriving()
+        self._starts_next = self._is_arriving()
         try:
             text = (f'waits for the rest of the plan: {reason}' if self._starts_next
                     else self._start())
@@ -208,8 +218,8 @@ class Replay(Node):
         longest = (_LONGEST_SIMULATED_TICK if self.get_clock().ros_time_is_active
                    else self._ticked - before + _CLOCK_ERROR)
         now = clock.nanoseconds
-        if self._assembly.is_due(now):
-            self._assemble()
+        if self._assembly.missing and not self._is_arriving():
+            self._note_problem(self._assembly.problem)
         player, playback = self._player, self._player.playback
         if not player.streaming:
             self._streamed = 0

@@ -18,7 +18,7 @@ from secure_uav_planner.mission.scenario import Scenario
 from secure_uav_planner.output.autopilots import Setpoint
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros.client import ClientError
-from secure_uav_planner.ros.messages import nanoseconds
+from secure_uav_planner.ros.messages import nanoseconds, read_plan_time
 
 from .link import BEGIN_NS, Link, node, RATE, STEP_NS
 from .missions import Event
@@ -167,7 +167,7 @@ class _Course:
             self._setpoints = [link.setpoints[name] for name in link.names]
             plan_time = nanoseconds(link.plan_time.time_ref) - self.origin
             self._rows.append((
-                self.time, plan_time * 1e-9, link.plan_time.source,
+                self.time, plan_time * 1e-9, read_plan_time(link.plan_time)[0],
                 [vehicle.place for vehicle in self._vehicles],
                 [setpoint.position for setpoint in self._setpoints],
                 [setpoint.velocity[:2] for setpoint in self._setpoints]))
