@@ -52,7 +52,8 @@ def prefix_place(*place: str | int) -> Iterator[None]:
     try:
         yield
     except PlanningError as error:
-        error.place = (*place, *error.place)
+        for item in (error, *getattr(error, 'further', ())):
+            item.place = (*place, *item.place)
         raise
 
 
@@ -60,7 +61,7 @@ class ScenarioError(PlanningError, ValueError, code='invalid_scenario'):
     """
     A field of a scenario has a wrong value; the text says which and what is allowed.
 
-    :ivar further: the other inconsistencies of the same scenario.
+    :ivar further: the further errors of the same object or scenario.
     """
 
     further: tuple['ScenarioError', ...] = ()
@@ -78,15 +79,13 @@ class MissionFileError(ScenarioError, code='invalid_mission_file'):
     """
     A file does not hold a mission; the text has the file, line and text of its first problem.
 
-    :ivar problems: all errors of the file, each with its line (or None) and a text.
-    :ivar relaxed: the Scenario of the file with wide limits in place of wrong values, or None. If
-        it cannot be flown, no correction of those values makes it so.
+    :ivar problems: all errors of the file, each with its line (or None) and a text. Whether the
+        fields fit each other, and flights the duration, is asked when all are right.
     """
 
     def __init__(self, text: str, problems: tuple[tuple[int | None, str], ...] = ()) -> None:
         super().__init__(text)
         self.problems = problems
-        self.relaxed: Any = None
 
 
 class OptionError(PlanningError, ValueError, code='invalid_option'):

@@ -1,6 +1,7 @@
 """Receivers that move: tracks in missions, rates, proofs, plans and files, by plain formulas."""
 
 from dataclasses import replace
+import json
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,6 +19,7 @@ from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.plan.tracking import AchievedRates
 from strategies import missions, random_powers
 
+PLACED = {'position': None, 'error_radius': None}  # By a track.
 SEEDS = st.integers(0, 2**32 - 1)
 
 
@@ -38,9 +40,10 @@ def with_tracks(scenario, rng):
             value * rng.uniform(0, 2) for value in radius)) for time in times.tolist())
 
     return replace(
-        scenario, ground_node_track=knots(np.array(scenario.ground_node)),
-        eavesdroppers=tuple(replace(eve, track=knots(np.array(eve.position), eve.error_radius))
-                            for eve in scenario.eavesdroppers))
+        scenario, ground_node=None, ground_node_track=knots(np.array(scenario.ground_node)),
+        eavesdroppers=tuple(
+            replace(eve, **PLACED, track=knots(np.array(eve.position), eve.error_radius))
+            for eve in scenario.eavesdroppers))
 
 
 def plain_rates(scenario, positions, powers, times):
@@ -95,7 +98,7 @@ def test_no_place_of_the_discs_on_tracks_leaks_more_than_is_proven(scenario, see
 
 def drive(scenario, speed=5.0, radius=10.0):
     half = speed * scenario.duration / 2
-    return replace(scenario, eavesdroppers=(Eavesdropper((0, 0), track=(
+    return replace(scenario, eavesdroppers=(Eavesdropper(track=(
         (0.0, 200.0, -half, radius), (scenario.duration, 200.0, half, radius))),))
 
 
@@ -178,6 +181,42 @@ def test_files_keep_tracks(driving, tmp_path):
     assert type(plan).load(tmp_path / 'plan.json') == plan
 
 
+def test_what_a_track_decides_is_left_out_or_agrees(driving, tmp_path):
+    eve, track = driving.eavesdroppers[0], ((0.0, 0.0, 0.0), (60.0, 5.0, 5.0))
+    moving = replace(driving, ground_node_track=track)
+    same = Eavesdropper((200.0, -300.0), 10.0, track=eve.track)
+    assert same == eve and eve.position == (200.0, -300.0) and eve.error_radius == 10.0
+    for change, field in (({'error_radius': 60.0}, 'error_radius'),
+                          ({'position': (0, 0)}, 'position'),
+                          ({'track': ((0, 1, 1, 1), (9, 2, 2, 2))}, 'position')):
+        with pytest.raises(ScenarioError, match=f'{field} is .* left out, or that of the track'
+                           ) as error:
+            replace(eve, **change)
+        assert error.value.field == field
+    with pytest.raises(ScenarioError, match='ground_node is .* left out, or that of the track'):
+        replace(moving, ground_node=(5.0, 0.0))
+    with pytest.raises(ScenarioError, match='position is None; .* or there must be a track'):
+        Eavesdropper()
+    with pytest.raises(ScenarioError, match='ground_node is None; it must be two coordinates'):
+        replace(driving, ground_node=None)
+    data = json.loads(json.dumps(moving.to_dict()))
+    assert data['ground_node'] == {'track': [[*knot] for knot in track]}
+    assert not {*PLACED} & {*data['eavesdroppers'][0]}
+    # As files had them before.
+    data['ground_node']['position'] = (0.0, 0.0)
+    data['eavesdroppers'][0] |= {'position': (200.0, -300.0), 'error_radius': 10.0}
+    assert Scenario.from_dict(data) == moving
+    for owner, field, value in ((data['ground_node'], 'position', (1.0, 0.0)),
+                                (data['eavesdroppers'][0], 'error_radius', 60.0)):
+        right, owner[field] = owner[field], value
+        path = tmp_path / 'mission.json'
+        path.write_text(json.dumps(data, indent=1))
+        with pytest.raises(ScenarioError, match=r'mission.json:\d+: .*left out') as error:
+            Scenario.load(path)
+        assert len(error.value.problems) == 1
+        owner[field] = right
+
+
 def test_a_bound_of_a_mission_with_tracks_is_refused(driving):
     with pytest.raises(OptionError, match='tracks'):
         upper_bound(driving)
@@ -212,7 +251,7 @@ def test_a_wrong_knot_of_a_file_is_named_with_its_line(driving, tmp_path):
 def test_an_assessment_draws_offsets_that_keep_their_share_of_the_radius():
     scenario = drive(Scenario.paper(120, slots=40), 5.0)
     half = scenario.duration / 2
-    scenario = replace(scenario, eavesdroppers=(replace(scenario.eavesdroppers[0], track=(
+    scenario = replace(scenario, eavesdroppers=(Eavesdropper(track=(
         (0.0, 200.0, -300.0, 5.0), (half, 200.0, 0.0, 20.0), (120.0, 300.0, 0.0, 20.0))),))
     plan = solve(scenario, objective='guaranteed')
     found = assess(plan, draws=50, seed=4)
@@ -222,7 +261,7 @@ def test_an_assessment_draws_offsets_that_keep_their_share_of_the_radius():
     shares = (first - centres[0]) / radii[0]
     wanted = np.array([
         np.maximum(plain_rates(
-            replace(scenario, eavesdroppers=(Eavesdropper((0, 0), track=tuple(
+            replace(scenario, eavesdroppers=(Eavesdropper(track=tuple(
                 (time, *(centre + radius * share), 0.0) for time, centre, radius in zip(
                     times.tolist(), centres, radii.tolist()))),)),
             plan.positions[:, 1:-1], plan.powers, times), 0.0).mean() for share in shares])

@@ -140,7 +140,7 @@ def test_a_driving_eavesdropper_never_learns_more_than_was_promised(
         last.scenario, last.positions, last.powers, truth), 0.0)
     broken = int((achieved < promised - 1e-9).sum())
     begin_at = first.start_ns * 1e-9
-    hindsight = solve(replace(first.scenario, eavesdroppers=(Eavesdropper((0, 0), track=tuple(
+    hindsight = solve(replace(first.scenario, eavesdroppers=(Eavesdropper(track=tuple(
         (t, *place(begin_at + t), 0.0) for t in (0.0, duration))),)), objective='guaranteed')
     print(f'{speed:g} m/s by {"odometry" if sends_odometry else "poses"}: promised '
           f'{promised.mean():.3f}, achieved {achieved.mean():.3f}, in hindsight '

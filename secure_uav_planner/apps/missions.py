@@ -1,16 +1,17 @@
 """Missions: `new`, `check` and `link-budget`, and the input and output files of all commands."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 import sys
 import tempfile
 from typing import TypeVar
 
+import numpy as np
+
 from .cli import DONE
-from ..errors import (
-    InfeasibleMissionError, MissionFileError, OptionError, PlanningError, ScenarioError)
+from ..errors import InfeasibleMissionError, OptionError, PlanningError, ScenarioError
 from ..mission.files import atomic_file
 from ..mission.formats.mission_file import EXAMPLE, locate_error
 from ..mission.propagation import reference_snr_db
@@ -21,6 +22,10 @@ from ..plan.plan import Plan
 
 SHORTFALL_DRAWS = 200
 """Draws of the assessment that estimates how often a slot has less than its planned rate."""
+
+_LONG_TRACK = 100.0  # Flights.
+_SHORT_TRACK = 1.0  # m
+_FAR = 50.0  # Lengths of a short track.
 
 _Content = TypeVar('_Content')
 
@@ -101,36 +106,51 @@ def check_mission(options: argparse.Namespace) -> int:
         print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
               f'{scenario.margin_text}; set separation, or altitudes that differ',
               file=sys.stderr)
+    for note in _note_tracks(scenario):
+        print(f'note: {note}', file=sys.stderr)
     if options.autopilot:
         print(*_autopilot_advice(options.autopilot, scenario), sep='\n')
     return DONE
 
 
+def _note_tracks(scenario: Scenario) -> Iterator[str]:
+    """Yield a note for each track that hardly meets the flight, in time or in its unit."""
+    tracks = [('ground_node', scenario.ground_node_track), *(
+        (name, eve.track) for name, eve in zip(
+            scenario.eavesdropper_names, scenario.eavesdroppers, strict=True))]
+    ends = np.concatenate([scenario.starts, scenario.goals])
+    flight = scenario.times[-1]
+    for name, track in tracks:
+        if track is None:
+            continue
+        times, places = np.array(track)[:, 0], np.array(track)[:, 1:3]
+        covered = max(0.0, min(flight, times[-1]) - max(0.0, times[0]))
+        if covered < flight * (1 - 1e-9):
+            yield (f'the track of {name} covers {covered:g} of {flight:g} s; before and after, '
+                   'it stands')
+        if np.ptp(times) > _LONG_TRACK * flight:
+            yield f'the track of {name} lasts {np.ptp(times):g} s, the flight {flight:g} s: s?'
+        distance = np.linalg.norm(ends[:, None] - places, axis=-1).min()
+        if np.ptp(places, axis=0).max() <= _SHORT_TRACK < _FAR * _SHORT_TRACK < distance:
+            yield (f'the places of the track of {name} are within {_SHORT_TRACK:g} m, and '
+                   f'{distance:g} m from all starts and goals: m?')
+
+
 def _plan_baseline(path: str) -> Plan:
     """Return fly-hover-fly for a mission file; raise an error with all of its problems."""
-    file_error = None
-    try:
-        scenario = load_input(path)
-    except MissionFileError as error:
-        if error.relaxed is None:
-            raise
-        file_error, scenario = error, error.relaxed
+    scenario = load_input(path)
     from ..optimize import fly_hover_fly
-    with locating_errors(path, () if file_error is None else file_error.problems):
-        plan = fly_hover_fly(scenario)
-    if file_error is not None:
-        raise file_error
-    return plan
+    with locating_errors(path):
+        return fly_hover_fly(scenario)
 
 
 @contextmanager
-def locating_errors(path: str, problems: Iterable[tuple[int | None, str]] = ()
-                    ) -> Iterator[None]:
-    """Add the lines of a mission file, and its other problems, to an InfeasibleMissionError."""
+def locating_errors(path: str) -> Iterator[None]:
+    """Add the lines of a mission file to an InfeasibleMissionError."""
     try:
         yield
     except InfeasibleMissionError as error:
-        raise locate_error(path, error, problems) from None
+        raise locate_error(path, error) from None
 
 
 def _autopilot_advice(autopilot: str, scenario: Scenario) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """The participants of a mission: UAVs with their propulsion, eavesdroppers, no-fly zones."""
 
 from dataclasses import dataclass, fields
+from functools import partial
 import math
 from typing import Any
 
@@ -8,11 +9,11 @@ import numpy as np
 
 from .kinematics import Vehicle
 from .polygons import checked_polygon, Vertices
-from .tracks import checked_track, interpolate, Track
+from .tracks import checked_track, LEFT_OUT, set_by_track, Track
 from .validation import (
-    Array, checked_array, checked_block, checked_name, checked_number, checked_point, Point,
-    set_checked)
-from ..errors import OptionError, quote, ScenarioError
+    Array, check_object, checked_array, checked_block, checked_name, checked_number,
+    checked_point, FieldChecks, Point)
+from ..errors import OptionError, quote
 
 _ROUNDING = 1e-9
 
@@ -22,34 +23,48 @@ class Eavesdropper:
     """
     An eavesdropper and the disc in which it is: Theta of the paper's Section II.
 
-    :param position: centre of the disc, (x, y) in m.
-    :param error_radius: epsilon, the radius in m within which it surely is.
+    :param position: centre of the disc, (x, y) in m; left out with a track.
+    :param error_radius: epsilon, the radius in m within which it surely is, 0 by default; left out
+        with a track.
     :param name: used in messages, topics and pictures.
     :param receiver_advantage_db: SNR at its receiver relative to that of the ground node's
         receiver at the same place, in dB: a better antenna or less noise. Guarantees hold for
         every receiver up to that.
     :param track: of an eavesdropper that moves, the disc at 2 to 1000 times: (t, x, y, radius)
         each, t in s from point 0 and the rest in m; linear in between, and held before the first
-        and after the last. Then position and error_radius become those of the track at point 0.
+        and after the last. Then position and error_radius are those of the track at point 0; other
+        values are an error, so that `replace` of a track needs `position=None, error_radius=None`.
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
-    position: Point
-    error_radius: float = 0.0
+    position: Point = LEFT_OUT
+    error_radius: float = LEFT_OUT
     name: str = 'eavesdropper'
     receiver_advantage_db: float = 0.0
     track: Track | None = None
 
     def __post_init__(self) -> None:
-        checked_name('eavesdropper', self.name)
-        owner = f'{quote(self.name)[1:-1]} '
-        set_checked(self, owner, checked_point, 'position')
-        set_checked(self, owner, checked_number, 'error_radius', 'receiver_advantage_db')
-        set_checked(self, owner, checked_track, 'track', optional=True)
-        if self.track is not None:
-            x, y, radius = interpolate(self.track, np.zeros(1))[0].tolist()
-            object.__setattr__(self, 'position', (x, y))
-            object.__setattr__(self, 'error_radius', radius)
+        check_object(self)
+
+    @staticmethod
+    def _check_fields(checks: FieldChecks) -> None:
+        item, checks.owner = checks.item, 'eavesdropper '
+        checks.check(checked_name, 'name')
+        if checks.are_right('name'):
+            checks.owner = f'{quote(item.name)[1:-1]} '
+        checks.check(checked_point, 'position', optional=True)
+        checks.check(checked_number, 'error_radius', optional=True)
+        checks.check(checked_number, 'receiver_advantage_db')
+        checks.check(checked_track, 'track', optional=True)
+        if item.track is not None and checks.are_right('track'):
+            for field in ('position', 'error_radius'):
+                if checks.are_right(field):
+                    set_by_track(checks, field, item.track)
+        elif item.track is None and item.position is None:
+            checks.add('position', f'is {quote(None)}; it must be two coordinates (x, y) in m, or '
+                       'there must be a track')
+        elif item.track is None and item.error_radius is None:
+            object.__setattr__(item, 'error_radius', 0.0)
 
 
 @dataclass(frozen=True)
@@ -82,7 +97,12 @@ class Propulsion:
     disc_area: float = 0.503
 
     def __post_init__(self) -> None:
-        set_checked(self, 'propulsion.', checked_number, *(field.name for field in fields(self)))
+        check_object(self)
+
+    @staticmethod
+    def _check_fields(checks: FieldChecks) -> None:
+        checks.owner = 'propulsion.'
+        checks.check(checked_number, *(field.name for field in fields(Propulsion)))
 
     def power(self, speeds: Any) -> Array:
         """
@@ -137,34 +157,35 @@ class Uav:
     propulsion: Propulsion | None = None
 
     def __post_init__(self) -> None:
-        checked_name('uav', self.name)
-        owner = f'{quote(self.name)[1:-1]}.'
-        set_checked(self, owner, checked_point, 'start', 'goal')
-        set_checked(self, owner, checked_number,
-                    'altitude', 'max_speed', 'average_power', 'peak_power')
-        if self.peak_power < self.average_power:
-            raise ScenarioError(
-                f'{owner}peak_power is {self.peak_power!r}; '
-                f'it must be at least average_power, which is {self.average_power!r}',
-                ('peak_power',))
-        set_checked(self, owner, checked_number, 'max_acceleration', optional=True)
-        set_checked(self, owner, self._checked_velocity, 'start_velocity', 'goal_velocity',
-                    optional=True)
-        if self.propulsion is not None:
-            try:
-                object.__setattr__(self, 'propulsion', checked_block(
-                    'propulsion', self.propulsion, Propulsion))
-            except ScenarioError as error:
-                raise ScenarioError(f'{owner}{error}', error.place) from None
+        check_object(self)
 
-    def _checked_velocity(self, owner: str, field: str, value: Any) -> Point:
-        velocity = checked_point(owner, field, value, None,
-                                 f'{quote(None)} or two components', 'm/s')
-        if math.hypot(*velocity) > self.max_speed * (1 + _ROUNDING):
-            raise ScenarioError(
-                f'{owner}{field} is {quote(velocity)}, {math.hypot(*velocity):g} m/s; it must be '
-                f'at most max_speed, which is {quote(self.max_speed)} m/s', (field,))
-        return velocity
+    @staticmethod
+    def _check_fields(checks: FieldChecks) -> None:
+        item, checks.owner = checks.item, 'uav '
+        checks.check(checked_name, 'name')
+        if checks.are_right('name'):
+            checks.owner = f'{quote(item.name)[1:-1]}.'
+        checks.check(checked_point, 'start', 'goal')
+        checks.check(checked_number, 'altitude', 'max_speed', 'average_power', 'peak_power')
+        if (checks.are_right('average_power', 'peak_power')
+                and item.peak_power < item.average_power):
+            checks.add('peak_power', f'is {item.peak_power!r}; it must be at least '
+                       f'average_power, which is {item.average_power!r} W')
+        checks.check(checked_number, 'max_acceleration', optional=True)
+        checks.check(partial(checked_point, index=None, unit='m/s',
+                             allowed=f'{quote(None)} or two components'),
+                     'start_velocity', 'goal_velocity', optional=True)
+        for field in ('start_velocity', 'goal_velocity'):
+            if not checks.are_right(field, 'max_speed') or getattr(item, field) is None:
+                continue
+            speed = math.hypot(*getattr(item, field))
+            if speed > item.max_speed * (1 + _ROUNDING):
+                checks.add(field, f'is {quote(getattr(item, field))}, {speed:g} m/s; it must be '
+                           f'at most max_speed, which is {quote(item.max_speed)} m/s')
+        with checks.collecting(owner=checks.owner):
+            if item.propulsion is not None:
+                object.__setattr__(item, 'propulsion', checked_block(
+                    'propulsion', item.propulsion, Propulsion))
 
     def bend_at(self, end: str, slot_duration: float) -> float:
         """
@@ -213,16 +234,22 @@ class NoFlyZone:
     name: str = ''
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise ScenarioError(f'zone name is {quote(self.name)}; it must be text', ('name',))
-        owner = f'{quote(self.name)[1:-1]}.' if self.name else 'zone '
-        set_checked(self, owner, checked_polygon, 'vertices')
-        if self.ceiling is None:
-            object.__setattr__(self, 'ceiling', math.inf)
-        set_checked(self, owner, checked_number, 'floor', 'ceiling')
-        if self.floor > self.ceiling:
-            raise ScenarioError(f'{owner}floor is {quote(self.floor)} m; it must be at most '
-                                f'ceiling, which is {quote(self.ceiling)} m', ('floor',))
+        check_object(self)
+
+    @staticmethod
+    def _check_fields(checks: FieldChecks) -> None:
+        item, checks.owner = checks.item, 'zone '
+        if not isinstance(item.name, str):
+            checks.add('name', f'is {quote(item.name)}; it must be text')
+        elif item.name:
+            checks.owner = f'{quote(item.name)[1:-1]}.'
+        checks.check(checked_polygon, 'vertices')
+        if item.ceiling is None:
+            object.__setattr__(item, 'ceiling', math.inf)
+        checks.check(checked_number, 'floor', 'ceiling')
+        if checks.are_right('floor', 'ceiling') and item.floor > item.ceiling:
+            checks.add('floor', f'is {quote(item.floor)} m; it must be at most ceiling, which is '
+                       f'{quote(item.ceiling)} m')
 
     def is_at(self, altitude: float, margin: float = 0.0) -> bool:
         """Return True if an altitude in m is from floor to ceiling, within a margin in m."""

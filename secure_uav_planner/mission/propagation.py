@@ -5,7 +5,8 @@ import math
 from typing import Any, Literal, TypeAlias
 
 from . import OBJECTIVES
-from .validation import checked_choice, checked_number, checked_truth, set_checked
+from .validation import (
+    check_object, checked_choice, checked_number, checked_truth, FieldChecks)
 from ..errors import OptionError, quote, ScenarioError
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
@@ -53,17 +54,22 @@ class Channel:
     outage: float | None = None
 
     def __post_init__(self) -> None:
-        set_checked(self, 'channel.', checked_number, 'exponent')
-        object.__setattr__(self, 'los', _checked_los(self.los))
-        set_checked(self, 'channel.', checked_truth, 'cautious')
-        set_checked(self, 'channel.', checked_number, 'rician_k_db', 'outage', optional=True)
-        if self.rician_k_db is not None and self.outage is None:
-            raise ScenarioError(f'channel.outage is {quote(None)}; it must be a number, as '
-                                'channel.rician_k_db is one', ('outage',))
-        if self.outage is not None and self.rician_k_db is None and self.los is None:
-            raise ScenarioError(
-                f'channel.rician_k_db is {quote(None)}; it must be a number, or channel.los not '
-                f'{quote(None)}, as channel.outage is {quote(self.outage)}', ('rician_k_db',))
+        check_object(self)
+
+    @staticmethod
+    def _check_fields(checks: FieldChecks) -> None:
+        item, checks.owner = checks.item, 'channel.'
+        checks.check(checked_number, 'exponent')
+        checks.check(_checked_los, 'los', optional=True)
+        checks.check(checked_truth, 'cautious')
+        checks.check(checked_number, 'rician_k_db', 'outage', optional=True)
+        if item.rician_k_db is not None and item.outage is None:
+            checks.add('outage', f'is {quote(None)}; it must be a number, as channel.rician_k_db '
+                       'is one')
+        if item.outage is not None and item.rician_k_db is None and (
+                item.los is None or not checks.are_right('los')):
+            checks.add('rician_k_db', f'is {quote(None)}; it must be a number, or channel.los not '
+                       f'{quote(None)}, as channel.outage is {quote(item.outage)}')
 
     @property
     def los_numbers(self) -> tuple[float, float, float] | None:
@@ -114,19 +120,19 @@ def rate_name(objective: str, promise: str) -> str:
     return f'{"lower bound" if objective == "guaranteed" else "worst-case rate"} {promise}'
 
 
-def _checked_los(value: Any) -> Any:
+def _checked_los(owner: str, field: str, value: Any) -> Any:
     """Return the field `los`, three numbers as a tuple."""
-    if value is None or (isinstance(value, str) and value in ENVIRONMENTS):
+    if isinstance(value, str) and value in ENVIRONMENTS:
         return value
     if isinstance(value, (tuple, list)) and len(value) == len(_LOS_NUMBERS):
         try:
             return tuple(checked_number('channel.', field, number)
                          for field, number in zip(_LOS_NUMBERS, value, strict=True))
         except ScenarioError as error:
-            raise ScenarioError(f'channel.los is {quote(value)}: {error}', ('los',)) from None
+            raise ScenarioError(f'{owner}{field} is {quote(value)}: {error}', (field,)) from None
     raise ScenarioError(
-        f'channel.los is {quote(value)}; it must be {quote(None)}, one of '
-        f'{", ".join(ENVIRONMENTS)}, or three numbers: a, b and the extra loss in dB', ('los',))
+        f'{owner}{field} is {quote(value)}; it must be {quote(None)}, one of '
+        f'{", ".join(ENVIRONMENTS)}, or three numbers: a, b and the extra loss in dB', (field,))
 
 
 def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: float = 0.0,

@@ -1,19 +1,11 @@
-"""Refusals of missions: all errors at once, and durations that suffice."""
+"""Refusals of missions that cannot be flown, with durations that suffice."""
 
 from collections.abc import Iterable
 import math
 
 from .participants import Uav
 from .validation import RANGES
-from ..errors import InfeasibleMissionError, ScenarioError
-
-
-def raise_all(errors: Iterable[ScenarioError]) -> None:
-    """Raise the first of several errors, if there are any, with the rest as `further`."""
-    errors = [*errors]
-    if errors:
-        errors[0].further = tuple(errors[1:])
-        raise errors[0]
+from ..errors import InfeasibleMissionError
 
 
 def refuse_slow_uavs(duration: float, slow: Iterable[tuple[Uav, float | None]]

@@ -1,7 +1,7 @@
 """The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import combinations
 import math
@@ -16,16 +16,18 @@ from . import make_view
 from .files import checked_path
 from .kinematics import EFFORT_TOLERANCE, find_shortest_duration
 from .participants import Eavesdropper, NoFlyZone, Uav
+from .plain import from_plain, to_plain
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
-from .refusals import raise_all, refuse_slow_uavs
+from .refusals import refuse_slow_uavs
 from .tracks import (
-    checked_track, interpolate, join_tracks, ReceiverPlaces, shift_track, split_ground_node, Track)
+    checked_track, interpolate, join_tracks, LEFT_OUT, ReceiverPlaces, set_by_track, shift_track,
+    Track)
 from .validation import (
-    Array, checked_array, checked_fields, checked_kind, checked_members, checked_number,
-    checked_point, checked_real, checked_truth, make_unique, Point, RANGES, read_only, round_down,
-    set_checked)
-from ..errors import prefix_place, quote, ScenarioError
+    Array, check_object, checked_array, checked_fields, checked_kind, checked_members,
+    checked_number, checked_point, checked_real, checked_truth, FieldChecks, make_unique, Point,
+    raise_all, RANGES, read_only, round_down)
+from ..errors import quote, ScenarioError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,7 +72,7 @@ class Scenario:
     UAV 0 transmits to the ground node, the others jam. Point n of a trajectory is at time
     n * duration / slots, n = 0..slots+1; power n holds from point n to point n + 1, n = 1..slots.
 
-    :param ground_node: w_0, (x, y) in m, at altitude zero.
+    :param ground_node: w_0, (x, y) in m, at altitude zero; None with a ground_node_track.
     :param eavesdroppers: at least one Eavesdropper.
     :param uavs: at least one Uav; names are unique.
     :param duration: T in s. The flight itself lasts (slots + 1) / slots * T.
@@ -87,7 +89,8 @@ class Scenario:
     :param colluding: whether the eavesdroppers combine their signals, so that their SINRs add up;
         otherwise the largest rate of a single one counts.
     :param ground_node_track: of a ground node that moves, its place at 2 to 1000 times: (t, x, y)
-        each, as in the track of an Eavesdropper. Then ground_node becomes that at point 0.
+        each, as in the track of an Eavesdropper. Then ground_node is that at point 0, and another
+        value is an error.
     :raises ScenarioError: naming the field, its value and what is allowed.
     :raises InfeasibleMissionError: where the straight line from start to goal takes longer than
         the duration, naming the UAV and its shortest duration. Whether a mission can be flown is
@@ -109,28 +112,27 @@ class Scenario:
     ground_node_track: Track | None = None
 
     def __post_init__(self) -> None:
-        set_checked(self, '', checked_point, 'ground_node')
-        set_checked(self, '', checked_track, 'ground_node_track', optional=True)
-        if self.ground_node_track is not None:
-            object.__setattr__(self, 'ground_node', tuple(
-                interpolate(self.ground_node_track, np.zeros(1))[0].tolist()))
-        for field, members in _MEMBERS.items():
-            object.__setattr__(self, field, checked_members(
-                field, getattr(self, field), *members))
-        slots = checked_number('', 'slots', self.slots)
-        if not slots.is_integer():
-            raise ScenarioError(
-                f'slots is {quote(self.slots)}; it must be a whole number', ('slots',))
-        object.__setattr__(self, 'slots', int(slots))
-        set_checked(self, '', checked_number,
-                    'duration', 'reference_snr_db', 'separation', 'tracking_margin')
-        set_checked(self, '', checked_polygon, 'geofence', optional=True)
-        if not isinstance(self.channel, Channel):
-            raise ScenarioError(
-                f'channel is {quote(self.channel)}; it must be a Channel, such as '
-                "Channel(los='urban')", ('channel',))
-        set_checked(self, '', checked_truth, 'colluding')
+        check_object(self)
         raise_all([*self._check_size(), *self._check_ends(), *self._check_durations()])
+
+    @staticmethod
+    def _check_fields(checks: FieldChecks) -> None:
+        item = checks.item
+        checks.check(checked_track, 'ground_node_track', optional=True)
+        checks.check(checked_point, 'ground_node', optional=item.ground_node_track is not None)
+        if item.ground_node_track is not None and checks.are_right(
+                'ground_node', 'ground_node_track'):
+            set_by_track(checks, 'ground_node', item.ground_node_track)
+        for field, members in _MEMBERS.items():
+            checks.check(partial(checked_members, members), field)
+        checks.check(_checked_slots, 'slots')
+        checks.check(checked_number,
+                     'duration', 'reference_snr_db', 'separation', 'tracking_margin')
+        checks.check(checked_polygon, 'geofence', optional=True)
+        if not isinstance(item.channel, Channel):
+            checks.add('channel', f'is {quote(item.channel)}; it must be a Channel, such as '
+                       "Channel(los='urban')")
+        checks.check(checked_truth, 'colluding')
 
     def _check_size(self) -> Iterator[ScenarioError]:
         """Yield the errors of names and of the number of variables."""
@@ -312,11 +314,9 @@ class Scenario:
         """
         checked_kind('source', source, Scenario)
         checked_real('delay', delay)
-        return replace(
-            self, ground_node=source.ground_node,
-            ground_node_track=shift_track(source.ground_node_track, delay),
-            eavesdroppers=tuple(replace(eve, track=shift_track(eve.track, delay))
-                                for eve in source.eavesdroppers))
+        return self._with_tracks(
+            source, shift_track(source.ground_node_track, delay),
+            [shift_track(eve.track, delay) for eve in source.eavesdroppers])
 
     def continue_receivers(self, updated: 'Scenario', point: int) -> 'Scenario':
         """
@@ -331,10 +331,19 @@ class Scenario:
         (ground, *tracks), (new_ground, *new_tracks) = self._knots, updated._knots
         joined = [join_tracks(old, new, point * step, step)
                   for old, new in zip(tracks, new_tracks, strict=True)]
+        return updated._with_tracks(
+            updated, join_tracks(ground, new_ground, point * step, step), joined)
+
+    def _with_tracks(self, source: 'Scenario', ground_node_track: Track | None,
+                     tracks: Sequence[Track | None]) -> 'Scenario':
+        """Return this scenario with the receivers of a source on other tracks."""
         return replace(
-            updated, ground_node_track=join_tracks(ground, new_ground, point * step, step),
-            eavesdroppers=tuple(replace(eve, track=track) for eve, track in zip(
-                updated.eavesdroppers, joined, strict=True)))
+            self, ground_node_track=ground_node_track,
+            ground_node=source.ground_node if ground_node_track is None else LEFT_OUT,
+            eavesdroppers=tuple(
+                eve if track is None else replace(
+                    eve, position=LEFT_OUT, error_radius=LEFT_OUT, track=track)
+                for eve, track in zip(source.eavesdroppers, tracks, strict=True)))
 
     @property
     def _knots(self) -> list[Track]:
@@ -420,22 +429,10 @@ class Scenario:
         """
         Return the scenario as plain values of JSON; an infinite ceiling is None.
 
-        Fields that version 0.1.0 cannot read are left out if they have their defaults.
+        Fields that version 0.1.0 cannot read are left out if they have their defaults, and so is
+        what a track decides.
         """
-        data = asdict(self)
-        for field in ('channel', 'colluding', 'ground_node_track'):
-            if getattr(self, field) == getattr(Scenario, field):
-                del data[field]
-        if 'ground_node_track' in data:
-            data['ground_node'] = {
-                'position': self.ground_node, 'track': data.pop('ground_node_track')}
-        for eve in data['eavesdroppers']:
-            if eve['track'] is None:
-                del eve['track']
-        for zone in data['no_fly_zones']:
-            if math.isinf(zone['ceiling']):
-                zone['ceiling'] = None
-        return data
+        return to_plain(self)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> 'Scenario':
@@ -443,19 +440,9 @@ class Scenario:
         Return the scenario that to_dict wrote; missing fields take their defaults.
 
         :raises ScenarioError: for an unknown field, a missing one that has no default, or a
-            wrong value.
+            wrong value; `further` are the errors of more fields.
         """
-        values = checked_fields(
-            cls, split_ground_node(data) if isinstance(data, Mapping) else data)
-        for field, (kind, *_) in _MEMBERS.items():
-            members = values.get(field, ())
-            if not isinstance(members, (list, tuple)):
-                raise ScenarioError(f'{field} is {quote(members)}; it must be a list', (field,))
-            values[field] = tuple(_read_object(kind, member, field, number)
-                                  for number, member in enumerate(members))
-        if 'channel' in values:
-            values['channel'] = _read_object(Channel, values['channel'], 'channel')
-        return cls(**values)
+        return from_plain(cls, data)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """
@@ -490,7 +477,10 @@ class Scenario:
         return read_mission(checked_path(path), cls)
 
 
-def _read_object(kind: type[Any], data: object, *place: str | int) -> Any:
-    """Return an object at a place of a scenario's dictionary."""
-    with prefix_place(*place):
-        return kind(**checked_fields(kind, data))
+def _checked_slots(owner: str, field: str, value: Any) -> int:
+    """Return a number of slots as an int."""
+    number = checked_number(owner, field, value)
+    if not number.is_integer():
+        raise ScenarioError(f'{owner}{field} is {quote(value)}; it must be a whole number',
+                            (field,))
+    return int(number)

@@ -1,11 +1,10 @@
 """Tracks of receivers that move: knots in time, linear between them and held outside."""
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .validation import Array, is_sequence, name_type, RANGES, to_number
+from .validation import Array, FieldChecks, is_sequence, name_type, RANGES, to_number
 from ..errors import quote, ScenarioError
 
 MAX_KNOTS = 10_000
@@ -13,6 +12,11 @@ MAX_KNOTS = 10_000
 
 MAX_SPEED = 1000.0
 """The largest speed of a receiver on its track in m/s."""
+
+LEFT_OUT: Any = None
+"""The value of a field that the track of its receiver decides, where it is not given."""
+
+_TOLERANCE = 1e-6  # m
 
 Track = tuple[tuple[float, ...], ...]
 
@@ -105,25 +109,17 @@ def join_tracks(before: Track, after: Track, time: float, step: float) -> Track 
             (time + step, *joined.tolist()), *(knot for knot in after if knot[0] > time + step))
 
 
+def set_by_track(checks: FieldChecks, field: str, track: Track) -> None:
+    """Set a place, or else a radius, to that of a track at point 0; another one is an error."""
+    x, y, *radius = interpolate(track, np.zeros(1))[0].tolist()
+    decided = radius[0] if field == 'error_radius' else (x, y)
+    given = getattr(checks.item, field)
+    if given is not None and not np.allclose(given, decided, rtol=0.0, atol=_TOLERANCE):
+        checks.add(field, f'is {quote(given)}; it must be left out, or that of the track at point '
+                   f'0, {quote(decided)}')
+    object.__setattr__(checks.item, field, decided)
+
+
 def shift_track(track: Track | None, seconds: float) -> Track | None:
     """Return a track whose times count from a point 0 that is so many s later."""
     return track and tuple((time - seconds, *rest) for time, *rest in track)
-
-
-def split_ground_node(data: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Return a scenario's plain values with its ground node's position and track as two fields.
-
-    :param data: in which ground_node may be a mapping of position and track.
-    :raises ScenarioError: for such a mapping with other fields, or without the position.
-    """
-    node = data.get('ground_node')
-    if not isinstance(node, Mapping):
-        return dict(data)
-    for name in node:
-        if name not in ('position', 'track'):
-            raise ScenarioError(f'ground_node has no field {quote(name)}; it has position, track',
-                                ('ground_node', name))
-    if 'position' not in node:
-        raise ScenarioError('ground_node lacks position', ('ground_node',))
-    return {**data, 'ground_node': node['position'], 'ground_node_track': node.get('track')}

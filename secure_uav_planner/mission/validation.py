@@ -1,11 +1,13 @@
 """Checks of the fields of a mission, and of the arguments of functions."""
 
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from contextlib import contextmanager
 from dataclasses import fields, MISSING
 from decimal import Decimal, ROUND_CEILING, ROUND_FLOOR
 import difflib
 import math
 import sys
+from types import SimpleNamespace
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -103,10 +105,97 @@ def find_field_errors(kind: type[Any], data: object) -> Iterator[ScenarioError]:
 
 
 def checked_fields(kind: type[Any], data: Any) -> dict[str, Any]:
-    """Return a mapping as the arguments of a dataclass, or raise the first field error."""
-    for error in find_field_errors(kind, data):
-        raise error
+    """Return a mapping as the arguments of a dataclass, or raise its unknown and missing ones."""
+    raise_all(find_field_errors(kind, data))
     return dict(data)
+
+
+def raise_all(errors: Iterable[ScenarioError]) -> None:
+    """Raise the first of several errors, if there are any, with the rest as `further`."""
+    errors = [*errors]
+    if errors:
+        errors[0].further = tuple(errors[1:])
+        raise errors[0]
+
+
+class ErrorList(list[ScenarioError]):
+    """Errors that are raised together."""
+
+    @contextmanager
+    def collecting(self, *place: str | int, owner: str = '') -> Iterator[None]:
+        """Add the errors that leave the with statement, with prefixes of place and text."""
+        try:
+            yield
+        except ScenarioError as error:
+            self += [type(item)(f'{owner}{item}', (*place, *item.place))
+                     for item in (error, *error.further)]
+
+
+class FieldChecks(ErrorList):
+    """
+    The errors of the fields of an object of a dataclass, whose right values are converted.
+
+    :ivar item: the object, or a namespace of the fields that are given.
+    :ivar owner: prefix of the name of a field in messages.
+    """
+
+    def __init__(self, item: Any, owner: str = '') -> None:
+        super().__init__()
+        self.item, self.owner = item, owner
+
+    def check(self, check: Callable[[str, str, Any], Any], *names: str,
+              optional: bool = False) -> None:
+        """
+        Replace fields by the results of a check, such as checked_number.
+
+        :param optional: whether the fields may be None.
+        """
+        for name in names:
+            value = getattr(self.item, name, None if optional else MISSING)
+            if value is not (None if optional else MISSING):
+                with self.collecting():
+                    object.__setattr__(self.item, name, check(self.owner, name, value))
+
+    def are_right(self, *names: str) -> bool:
+        """Return True if fields are given and have no errors, so that they can be compared."""
+        return all(hasattr(self.item, name) for name in names) and not any(
+            error.place[:1] == (name,) for error in self for name in names)
+
+    def add(self, field: str, text: str) -> None:
+        """Add an error of a field; its text follows the owner and the name of the field."""
+        self.append(ScenarioError(f'{self.owner}{field} {text}', (field,)))
+
+
+def check_object(item: Any) -> None:
+    """Check the fields of an object of a dataclass by its `_check_fields`; raise all errors."""
+    checks = FieldChecks(item)
+    type(item)._check_fields(checks)
+    raise_all(checks)
+
+
+def read_object(kind: type[Any], data: object, owner: str = '') -> Any:
+    """
+    Return an object of a dataclass from a mapping of its fields, or raise all their errors.
+
+    :param owner: prefix of the messages of unknown and missing fields.
+    """
+    errors = ErrorList()
+    with errors.collecting(owner=owner):
+        raise_all(find_field_errors(kind, data))
+    if not errors:
+        return kind(**dict(data))  # type: ignore[call-overload]
+    if isinstance(data, Mapping):
+        errors += check_plain_fields(kind, data)
+    raise_all(errors)
+
+
+def check_plain_fields(kind: type[Any], data: Mapping[str, Any]) -> FieldChecks:
+    """Return the errors of those fields of a dataclass that a mapping has."""
+    given = {field.name: data.get(field.name, field.default) for field in fields(kind)
+             if field.name in data or field.default is not MISSING}
+    checks = FieldChecks(SimpleNamespace(**given))
+    kind._check_fields(checks)
+    return checks
 
 
 def checked_block(field: str, value: object, kind: type[_Kind]) -> _Kind:
@@ -117,15 +206,16 @@ def checked_block(field: str, value: object, kind: type[_Kind]) -> _Kind:
         if not isinstance(value, Mapping):
             raise ScenarioError(f'{field} is {quote(value)}; it must be a '
                                 f'{describe_class(kind)} or a mapping of its fields')
-        return kind(**checked_fields(kind, value))
+        return read_object(kind, value)  # type: ignore[no-any-return]
 
 
-def checked_members(field: str, values: object, kind: type[Any],
-                    least: int, most: int) -> tuple[Any, ...]:
-    """Return values, a tuple or list of `least` to `most` objects of a class, as a tuple."""
+def checked_members(members: tuple[type[Any], int, int], owner: str, field: str, values: object
+                    ) -> tuple[Any, ...]:
+    """Return values, a tuple or list, as a tuple; it has objects of a class, least and most."""
+    kind, least, most = members
     if (not isinstance(values, (tuple, list)) or not least <= len(values) <= most
             or not all(isinstance(value, kind) for value in values)):
-        raise ScenarioError(f'{field} is {quote(values)}; it must be a list of '
+        raise ScenarioError(f'{owner}{field} is {quote(values)}; it must be a list of '
                             f'{least} to {most} {describe_class(kind)}', (field,))
     return tuple(values)
 
@@ -144,11 +234,12 @@ def set_checked(item: object, owner: str, check: Callable[[str, str, Any], Any],
             object.__setattr__(item, name, check(owner, name, value))
 
 
-def checked_name(owner: str, name: object) -> None:
-    """Raise ScenarioError unless a name is a string that is not empty."""
+def checked_name(owner: str, field: str, name: object) -> str:
+    """Return a string that is not empty, or raise ScenarioError."""
     if not isinstance(name, str) or not name:
         raise ScenarioError(
-            f'{owner} name is {quote(name)}; it must be text that is not empty', ('name',))
+            f'{owner}{field} is {quote(name)}; it must be text that is not empty', (field,))
+    return name
 
 
 def to_number(value: Any) -> float:
@@ -188,9 +279,13 @@ def checked_number(owner: str, field: str, value: Any) -> float:
     low, high = RANGES[field]
     number = to_number(value)
     if not low <= number <= high:
+        unit = UNITS.get(field)
+        suffix = f' {unit}' if unit else ''
+        if isinstance(value, str):
+            suffix = f', in {unit}, without its unit' if unit else ', without a unit'
         raise ScenarioError(
-            f'{owner}{field} is {quote(value)}; it must be a number from {low:g} to {high:g}',
-            (field,))
+            f'{owner}{field} is {quote(value)}; it must be a number from {low:g} to {high:g}'
+            f'{suffix}', (field,))
     return number
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from .poses import error_radius, KnownPose, PoseBook
 from ..mission.scenario import Eavesdropper, Scenario
-from ..mission.tracks import Track
+from ..mission.tracks import LEFT_OUT, Track
 from ..plan.tracking import PlanClock
 
 _SHORTEST_TRACK = 1.0  # s
@@ -56,8 +56,7 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
         advantage = settings[f'{name}.receiver_advantage_db']
         if pose is None:
             notes[name] = f'{name} moves on its track in the mission file'
-            eavesdroppers.append(Eavesdropper(
-                track[0][1:3], track[0][3], name, advantage, track))
+            eavesdroppers.append(Eavesdropper(LEFT_OUT, LEFT_OUT, name, advantage, track))
             continue
         if track is not None:
             notes[name] = f'the estimate of {name} counts, and not its track in the mission file'
@@ -68,19 +67,19 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
                            'more; that counts')
         predicted = _predict(pose, radius, speed, confidence, until, clock)
         moving.append(predicted)
-        eavesdroppers.append(Eavesdropper(pose.position, radius, name, advantage, predicted))
+        disc = (pose.position, radius) if predicted is None else (LEFT_OUT, LEFT_OUT)
+        eavesdroppers.append(Eavesdropper(*disc, name, advantage, predicted))
     ground, track = poses.usable_pose('ground_node', settings, now, True), settings['tracks'].get(
         'ground_node')
     if ground is None:
         notes['ground_node'] = 'the ground node moves on its track in the mission file'
-        position = track[0][1:3]
     else:
-        position, track = ground.position, _predict(ground, 0.0, 0.0, confidence, until, clock)
-        moving.append(track)
-        track = track and tuple(knot[:3] for knot in track)
+        predicted = _predict(ground, 0.0, 0.0, confidence, until, clock)
+        moving.append(predicted)
+        track = predicted and tuple(knot[:3] for knot in predicted)
     return Receivers(
-        {'ground_node': position, 'eavesdroppers': tuple(eavesdroppers),
-         'ground_node_track': track},
+        {'ground_node': ground.position if track is None else LEFT_OUT,
+         'eavesdroppers': tuple(eavesdroppers), 'ground_node_track': track},
         clock.to_plan(until) if any(moving) else None, notes)
 
 

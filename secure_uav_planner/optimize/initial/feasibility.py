@@ -14,9 +14,9 @@ from .projection import find_flights_near
 from .visibility_graph import Check, find_free_places
 from ...errors import InfeasibleMissionError, TimeLimitError
 from ...mission.kinematics import EFFORT_TOLERANCE, find_shortest_duration
-from ...mission.refusals import raise_all, refuse_duration, refuse_slow_uavs
+from ...mission.refusals import refuse_duration, refuse_slow_uavs
 from ...mission.scenario import Array, Scenario, Uav
-from ...mission.validation import RANGES
+from ...mission.validation import raise_all, RANGES
 from ...model.airspace import GEOFENCE, get_airspace
 from ...model.least_effort import find_least_efforts, least_effort
 from ...model.limits import SeparationLimit

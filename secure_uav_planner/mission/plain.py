@@ -1,0 +1,89 @@
+"""Scenarios as plain values of JSON and YAML, and back, with the errors of all fields."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+import math
+from typing import Any
+
+from .participants import Eavesdropper, NoFlyZone, Uav
+from .propagation import Channel
+from .validation import check_plain_fields, ErrorList, find_field_errors, raise_all, read_object
+from ..errors import quote, ScenarioError
+
+_MEMBERS: dict[str, type[Any]] = {
+    'eavesdroppers': Eavesdropper, 'uavs': Uav, 'no_fly_zones': NoFlyZone}
+
+
+def to_plain(scenario: Any) -> dict[str, Any]:
+    """Return the plain values of a Scenario; see Scenario.to_dict."""
+    data = asdict(scenario)
+    for field in ('channel', 'colluding', 'ground_node_track'):
+        if getattr(scenario, field) == getattr(type(scenario), field):
+            del data[field]
+    if 'ground_node_track' in data:
+        data['ground_node'] = {'track': data.pop('ground_node_track')}
+    for eve in data['eavesdroppers']:
+        for field in ('track',) if eve['track'] is None else ('position', 'error_radius'):
+            del eve[field]
+    for zone in data['no_fly_zones']:
+        if math.isinf(zone['ceiling']):
+            zone['ceiling'] = None
+    return data
+
+
+def from_plain(kind: type[Any], data: Any) -> Any:
+    """
+    Return the Scenario of plain values; missing fields take their defaults.
+
+    :param kind: the class Scenario, which imports this module.
+    :raises ScenarioError: the first error; `further` are those of all fields, or, if these are
+        right, all inconsistencies between them.
+    """
+    errors = ErrorList()
+    with errors.collecting():
+        raise_all(find_field_errors(kind, data))
+    if not isinstance(data, Mapping):
+        raise errors[0]
+    names = {field.name for field in fields(kind)}
+    values = {name: value for name, value in data.items() if name in names}
+    with errors.collecting():
+        values |= _split_ground_node(values.get('ground_node'))
+    for name in [name for name in (*_MEMBERS, 'channel') if name in values]:
+        value = values.pop(name)  # Objects with errors are no reason for more.
+        with errors.collecting(name):
+            values[name] = (read_object(Channel, value) if name == 'channel' else
+                            _read_members(name, _MEMBERS[name], value))
+    if not errors:
+        return kind(**values)
+    errors += check_plain_fields(kind, values)
+    raise_all(errors)
+
+
+def _read_members(name: str, kind: type[Any], values: object) -> tuple[Any, ...]:
+    """Return the members of a list, or raise all their errors."""
+    if not isinstance(values, (list, tuple)):
+        raise ScenarioError(f'{name} is {quote(values)}; it must be a list')
+    errors, members = ErrorList(), []
+    for number, value in enumerate(values):
+        with errors.collecting(number):
+            members.append(read_object(kind, value, f'{name}[{number}]: '))
+    raise_all(errors)
+    return tuple(members)
+
+
+def _split_ground_node(node: Any) -> dict[str, Any]:
+    """
+    Return a ground node's place and track as two fields.
+
+    :param node: a place, or a mapping of position and track.
+    :raises ScenarioError: for such a mapping with other fields, or without both.
+    """
+    if not isinstance(node, Mapping):
+        return {}
+    for name in node:
+        if name not in ('position', 'track'):
+            raise ScenarioError(f'ground_node has no field {quote(name)}; it has position, track',
+                                ('ground_node', name))
+    if node.get('position') is None and node.get('track') is None:
+        raise ScenarioError('ground_node lacks position, or a track', ('ground_node',))
+    return {'ground_node': node.get('position'), 'ground_node_track': node.get('track')}
