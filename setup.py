@@ -71,9 +71,7 @@ setup(
         # What `ros2 run` finds. On PATH, the nodes would have too plain names.
         (f'lib/{package_name}', glob('scripts/*')),
     ],
-    # Not an entry point, which imports the package before it can see to Ctrl-C. Colcon, which runs
-    # `setup.py install` or `develop`, has it among those above.
-    scripts=[] if {'install', 'develop'} & {*sys.argv} else [f'scripts/{package_name}'],
+    entry_points={'console_scripts': [f'{package_name} = {package_name}.__main__:main']},
     python_requires='>=3.10',
     install_requires=[
         'setuptools', 'argcomplete>=2.0', 'clarabel>=0.11', 'cvxpy>=1.4', 'numpy>=1.26',
