@@ -13,7 +13,7 @@ from rclpy.time import Time as RosTime
 from ros_client import (
     DEFAULTS, node_here, places_of, pose_message, seconds, stamp_at, values_of, wait_for)
 from secure_uav_planner import fly_hover_fly, Iteration, Scenario
-from secure_uav_planner.errors import LateError, PoseError, WrongFrameError
+from secure_uav_planner.errors import LateError, PoseError, SupersededError, WrongFrameError
 from secure_uav_planner.plan.playback import Playback
 from secure_uav_planner.ros import messages
 from secure_uav_planner.ros.plan_tracking import PlanTracking
@@ -371,6 +371,10 @@ def test_a_follower_of_an_unknown_plan_is_named(two_plans):
     report(tracking, unknown, (1010.0, 10.0))
     problem, = tracking.report({'uavs': [], 'track_tolerance': 5.0}, 1010.5)[0]
     assert f'plays plan {unknown.identity}, which this planner does not have' in problem
+    tracking.check_known(1010.5)  # It may wait.
+    report(tracking, unknown, (1010.6, 10.1))
+    with pytest.raises(SupersededError, match='which this planner does not have; end that'):
+        tracking.check_known(1010.6)
     tracking.add_plan(plan, 1010.6)
     assert tracking.unknown_plan(1010.6) == unknown.identity
     assert tracking.unknown_plan(1012.0) is None  # Silent since.

@@ -42,12 +42,13 @@ def add_legend(axes, *entries, **options):
 
 
 def rate_label(plan):
-    """Return the rates of a Plan with their names, in a line."""
+    """Return the promised rates of a Plan with their names, in a line."""
     channel = plan.scenario.channel
     caveat = '' if channel.is_guarantee else f' {channel.promise}'
     guaranteed, worst = (channel.rate_name(name).removesuffix(caveat) for name in OBJECTIVES)
-    return (f'{guaranteed} {plan.guaranteed_rate:.3f}, {worst} {plan.worst_case_rate:.3f} '
-            f'bit/s/Hz{caveat}')
+    promise = plan.promise
+    return (f'{guaranteed} {promise.guaranteed_rate:.3f}, {worst} {promise.worst_case_rate:.3f} '
+            f'bit/s/Hz{caveat}{promise.text}')
 
 
 def receiver_label(eavesdropper):

@@ -226,6 +226,10 @@ def _label_axes(figure, ranges, peak):
 
 def _add_controls(figure, content, points):
     plan = content.plan
+    if plan.promise.is_partial:
+        for row in (1, 2, 3):
+            figure.add_vline(plan.promised_until, row=row, col=2, line={
+                'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'})
     title = f'{plan.method} plan: {rate_label(plan)}'
     if plan.bound is not None:
         title += f'<br><sup>{html.escape(plan.claim)}</sup>'

@@ -274,6 +274,9 @@ def draw_rates(axes, plan, baselines=()):
 def _finish_time_axes(axes, plan, label):
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
+    if plan.promise.is_partial:
+        axes.axvline(plan.promised_until, color=_GREY, linewidth=1.2, linestyle='--',
+                     label='promised until')
     style_axes(axes)
     add_legend(axes)
 

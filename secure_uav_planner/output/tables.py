@@ -22,6 +22,7 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
     """
     Return a text table with a line for each Plan, and one for a Bound if given.
 
+    The rates are those that are promised; a line says until when, if not in the whole flight.
     With bounds, a column has the largest share of the best rate that a plan may miss. Rates that
     are not guaranteed are marked by a line, and energies follow in a table of their own.
     """
@@ -30,8 +31,9 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
              for objective in OBJECTIVES)
     rows = [('scheme', *names, 'time', 'below the best'),
             ('', 'bit/s/Hz', 'bit/s/Hz', 's', 'at most')]
-    rows += [(plan.method, f'{plan.guaranteed_rate:.4f}', f'{plan.worst_case_rate:.4f}',
-              f'{plan.solve_time:.2f}', _gap_cell(plan)) for plan in plans]
+    rows += [(plan.method, f'{plan.promise.guaranteed_rate:.4f}',
+              f'{plan.promise.worst_case_rate:.4f}', f'{plan.solve_time:.2f}', _gap_cell(plan))
+             for plan in plans]
     if bound is not None:
         rates = {'guaranteed': '', 'worst_case': '', bound.objective: f'{bound.rate:.4f}'}
         rows.append(('bound of any plan', *rates.values(), f'{bound.solve_time:.2f}', ''))
@@ -39,6 +41,8 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
     text = _align((_RATE, _RATE, _TIME, *[_RATE] * has_gaps), rows)
     if not channel.is_guarantee:
         text += f'\n\nrates {channel.promise}, not guaranteed'
+    if plans[0].promise.is_partial:
+        text += f'\n\nrates{plans[0].promise.text}'
     energies = [(plan.method, uav.name, *(f'{joules:.0f}' for joules in energy)) for plan in plans
                 for uav, energy in zip(plan.scenario.uavs, plan.energies) if energy is not None]
     if energies:
