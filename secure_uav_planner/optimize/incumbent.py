@@ -104,7 +104,7 @@ class Incumbent:
         self.scenario = scenario
         self.objective: Objective = objective
         self.warm = warm
-        self.solver_time = 0.0 if parent is None else parent.solver_time
+        self.solver_time: float = 0.0 if parent is None else parent.solver_time
         self.history: list[Iteration] = []
         self.termination = Termination() if termination is None else termination
         self._parent = parent

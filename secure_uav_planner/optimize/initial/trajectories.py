@@ -8,7 +8,7 @@ from .feasibility import check_durations, find_flights
 from .flights import build_flights, list_hovering_places
 from .projection import find_flights_near
 from .visibility_graph import Check
-from ...errors import OptionError
+from ...errors import OptionError, TimeLimitError
 from ...mission.scenario import Array, Scenario
 from ...model.grid import resample
 from ...model.limits import is_clear, is_open, repair
@@ -102,11 +102,15 @@ def adapt_plan(scenario: Scenario, plan: Plan,
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = resample(plan.powers.T, scenario.slots, inner=True).T
     repaired, powers = repair(scenario, positions, powers)
-    if (np.abs(repaired - positions).max() < _ROUNDING and is_clear(scenario, repaired)):
+    clear = is_clear(scenario, repaired)
+    if clear and np.abs(repaired - positions).max() < _ROUNDING:
         return repaired, powers
-    feasible = find_flights_near(scenario, positions, check)
+    try:
+        feasible = find_flights_near(scenario, positions, check)
+    except TimeLimitError:
+        if not clear:
+            raise
+        feasible = None
     if feasible is not None:
         return feasible, powers
-    if not is_clear(scenario, repaired):
-        repaired = fly_hover_fly_positions(scenario, check)
-    return repaired, powers
+    return repaired if clear else fly_hover_fly_positions(scenario, check), powers
