@@ -153,8 +153,8 @@ def reached(counts, least):
 
 def abnormal(kind):
     """Return abnormal messages of a type by what is wrong with them."""
-    broken = {'empty': kind(), 'not finite': kind(), 'unlike frames': kind(), 'wrong sizes': kind(),
-              'huge': kind()}
+    broken = {what: kind() for what in (
+        'empty', 'not finite', 'unlike frames', 'wrong sizes', 'huge')}
     fill(broken['not finite'], lambda value: math.nan if isinstance(value, float) else value, 3)
     fill(broken['unlike frames'],
          lambda value: 'elsewhere' if isinstance(value, str) else value, 3)
