@@ -236,8 +236,8 @@ PLANNER = {
                              'for never.', (0.0, 1e7)),
     'prediction_horizon': Spec(0.0, 'For how long in s receivers that move are predicted; later '
                                'they count where they are then, and nothing is promised. With 0, '
-                               'until the next replan can take effect: replan_period + '
-                               '2 replan_lead, or to the end of the flight without replans.',
+                               'to the end of the flight, or with replans until a later one can '
+                               'take effect: replan_period + 2 replan_lead + 2 slots.',
                                (0.0, 1e6)),
     'replan_lead': Spec(2.0, 'How far ahead in s a new plan takes effect in flight; also the '
                         'deadline of its solve.', (0.01, 3600.0)),
