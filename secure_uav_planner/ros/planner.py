@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 import math
-from pathlib import Path
 import time
 from typing import Any
 
@@ -24,18 +23,20 @@ from sensor_msgs.msg import TimeReference
 
 from . import messages
 from .frames import Frames, Message
+from .inputs import PoseInputs
 from .parameters import PLANNER, planner_member_parameters
 from .plan_tracking import check_continuation, PlanTracking
+from .plan_file import load_plan, save_plan
 from .poses import PoseBook
 from .process import run_node
 from .scenarios import (
     explain_infeasible, make_request, Remainder, Replanning, StartTime)
 from .settings import check_mission_parameters, check_plan_file, Settings
 from .solver import Job, Result, SolverThread
-from .status import level_and_text, log_at, State, status_values
+from .status import level_and_text, log_at, State, status_values, warn_of_namesakes
 from .topics import publishers, serve, subscribe, TOPICS
 from ..bound import explain_refusal
-from ..errors import brief, BusyError, describe_error, PlanFileError, PlanningError, PoseError
+from ..errors import brief, BusyError, describe_error, PlanningError
 from ..optimize.initial import is_similar
 from ..optimize.rejoin import Rejoin
 from ..plan.plan import Plan
@@ -44,7 +45,6 @@ from ..plan.tracking import Flight, PlanClock
 _CHECK_PERIOD = 0.1  # s between checks of the UAVs' positions and of replans.
 _DISCOVERY = 3.0  # s that nodes of one host took at most to discover each other.
 _SHORTEST_SOLVE = 0.01  # s
-_MOST_WARNINGS = 5  # About the poses of a topic, until a valid one arrives.
 
 
 class Planner(Node):
@@ -57,13 +57,12 @@ class Planner(Node):
         check_plan_file(self._settings.snapshot())
         self._uavs = self._settings['uavs']
         self._poses = PoseBook(Frames(self).transform)
-        self._warnings: dict[str, set[str]] = {}  # About the poses of each topic.
+        self._inputs = PoseInputs(self._poses, self.get_logger())
         self._notes: dict[str, str] = {}  # About each receiver, as logged.
         self._tracking = PlanTracking(self._poses)
         self._state = State()
-        # Queues of the state thread: the newest pose of each topic and the reports of followers,
-        # with their times of arrival, and functions.
-        self._new_poses: dict[str, tuple[Message, float]] = {}
+        # Queues of the state thread: the reports of followers, with their times of arrival, and
+        # functions.
         self._new_reports: deque[tuple[TimeReference, float]] = deque()
         self._posted: deque[Callable[[], None]] = deque()
         self._solver = SolverThread(self._post, self._publish_status)
@@ -121,36 +120,16 @@ class Planner(Node):
             self._wake.trigger()
 
     def _on_pose(self, topic: str, message: Message) -> None:
-        self._new_poses[topic] = message, self._now()
+        self._inputs.put(topic, message, self._now())
 
     def _run_queued(self) -> None:
         """Use the queued messages, then run the queued functions."""
-        for topic in [*self._new_poses]:
-            self._take_pose(topic, *self._new_poses.pop(topic))
+        if self._inputs.take_all(self._settings.snapshot(), self._now()):
+            self._publish_status()
         while self._new_reports:
             self._tracking.add_report(*self._new_reports.popleft())
         while self._posted and not self._closed:
             self._posted.popleft()()
-
-    def _take_pose(self, topic: str, message: Message, arrived: float) -> None:
-        """Keep a valid pose; warn once of each reason to refuse one."""
-        is_first = self._poses.get(topic) is None
-        warnings = self._warnings.setdefault(topic, set())
-        try:
-            # With simulated time, a pose can arrive before the clock has come to its stamp.
-            remark = self._poses.take(
-                topic, message, self._settings.snapshot(), self._now(), arrived)
-        except PoseError as error:
-            reason = brief(error)
-            if reason not in warnings and len(warnings) < _MOST_WARNINGS:
-                warnings.add(reason)
-                self.get_logger().warning(f'{topic}: {reason}; it is not used')
-        else:
-            warnings.clear()
-            if remark:
-                self.get_logger().warning(remark)
-            if is_first:
-                self._publish_status()
 
     # Planning on request
 
@@ -210,8 +189,7 @@ class Planner(Node):
                 start.check_in_time(self._now_ns())
                 self._tracking.check_steady(self._now())
                 check_continuation(flight, self._flight(self._now()), self._now() - now)
-                self._publish_plan(plan, outgoing, request.clock)
-                text = self._announce('plans')
+                text = self._publish_plan(plan, outgoing, 'plans', request.clock)
             except Exception as error:
                 self._reply(False, self._refuse(error))
                 return
@@ -310,11 +288,10 @@ class Planner(Node):
                 self._replanning.fail(remainder)
                 self._refuse(error, is_replan=True)
                 return
-            is_new = plan.identity != self._state.plan.identity
             # Also where the flight is the same: its receivers may have moved.
-            self._publish_plan(plan, outgoing, remainder.clock, begin)
-            if is_new:
-                self._announce('replans')
+            is_new = plan.identity != self._state.plan.identity
+            self._publish_plan(
+                plan, outgoing, 'replans' if is_new else '', remainder.clock, begin)
 
         self._log_notes(remainder.receivers.notes)
         self._replanning.begin(remainder.now)
@@ -326,43 +303,38 @@ class Planner(Node):
         """Publish the plan in the plan file, if there is one."""
         file = self._settings['plan_file']
         try:
-            if not file or not Path(file).exists():
+            if not file or (plan := load_plan(file, self._uavs)) is None:
                 return
-            plan = Plan.load(file)
-            if [uav.name for uav in plan.scenario.uavs] != self._uavs or plan.start_ns is None:
-                raise PlanFileError(f'{file} is not a plan for {", ".join(self._uavs)}')
             outgoing = messages.serialize_plan(plan, self._settings['frame_id'])
-            self._publish_plan(plan, outgoing, is_restored=True)
-            self._announce('plans', 'restored: ')
+            self._publish_plan(plan, outgoing, 'plans', is_restored=True)
             self._discovery_deadline = time.monotonic() + _DISCOVERY
         except Exception as error:
             describe = brief if isinstance(error, (PlanningError, OSError)) else describe_error
             self.get_logger().warning(f'plan_file: {describe(error)}; it is not published')
 
-    def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes],
+    def _publish_plan(self, plan: Plan, outgoing: Mapping[str, bytes], count: str,
                       clock: PlanClock | None = None, begin: float = -math.inf,
-                      is_restored: bool = False) -> None:
+                      is_restored: bool = False) -> str:
         """
-        Publish a plan, track it and save it.
+        Publish, track and save a plan; return its summary in one line.
 
+        :param count: which count to increase; empty for a plan that is not announced.
         :param clock: as for PlanTracking.add_plan.
         :param begin: likewise.
         """
         for topic, message in outgoing.items():
             self._outputs[topic].publish(message)
+        if count:
+            self._state.count(count, 'restored: ' if is_restored else '')
         now = self._now()
         self._state.keep(plan)
         self._tracking.add_plan(plan, now, clock, begin)
         self._replanning.end(now, begin)
         if not is_restored:
             self._save(plan)
-        self._publish_status()
-
-    def _announce(self, count: str, prefix: str = '') -> str:
-        """Increase a count for the last plan; log and return its summary in one line."""
-        self._state.count(count, prefix)
         outcome = self._state.outcome
-        log_at(self.get_logger(), outcome.level, outcome.text)
+        if count:
+            log_at(self.get_logger(), outcome.level, outcome.text)
         self._publish_status()
         return outcome.text
 
@@ -391,18 +363,8 @@ class Planner(Node):
 
     def _save(self, plan: Plan) -> None:
         """Save a plan in the solver's thread, since writing to a disk takes time."""
-        file = self._settings['plan_file']
-        if not file:
-            return
-
-        def save() -> None:
-            try:
-                plan.save(file)
-            except (OSError, ValueError) as error:
-                self.get_logger().error(
-                    f'plan_file: {brief(error)}; the plan is published all the same')
-
-        self._solver.run(save)
+        if file := self._settings['plan_file']:
+            self._solver.run(partial(save_plan, plan, file, self.get_logger()))
 
     def _status_message(self) -> DiagnosticStatus:
         now, settings, plan = self._now(), self._settings.snapshot(), self._state.plan
@@ -412,19 +374,12 @@ class Planner(Node):
         level, text = level_and_text(
             self._state.outcome, [
                 *self._poses.problems(settings, now), *problems,
-                *filter(None, [self._replan_problem, self._find_namesake()])], progress)
+                *filter(None, [self._replan_problem, warn_of_namesakes(self)])], progress)
         if plan is not None and plan.scenario.has_tracks:
             tracks['plan.promised_until'] = self._tracking.promised_until(plan)
         return messages.diagnostic_status(
             self.get_fully_qualified_name().lstrip('/') + ': plan', level, text,
             status_values(self._state, progress, is_solving, self._poses, settings, now) | tracks)
-
-    def _find_namesake(self) -> str:
-        """Return a warning of another node of this name, or an empty string."""
-        own = (self.get_name(), self.get_namespace())
-        count = self.get_node_names_and_namespaces().count(own)
-        return f'{count} nodes are named {self.get_fully_qualified_name()}; stop one' if (
-            count > 1) else ''
 
     def _publish_status(self) -> None:
         self._outputs['~/status'].publish(self._status_message())

@@ -32,6 +32,7 @@ _TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower co
 _CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
 _LATE = 3.0  # s after point 0
 _PATIENCE = 2.0  # s between the messages of a plan.
+_PUNCTUAL = 0.1  # s by which a flight may be late for its receivers, as in plan_tracking.
 _FRESH = 1.0  # s; the largest age of the odometry from which a vehicle may start.
 
 
@@ -185,6 +186,9 @@ class Replay(Node):
             player.time <= player.playback.begin) else 0.0
         follows = [f'waits for {wait}' for wait in self._waits] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
+        if ahead < -_PUNCTUAL:
+            follows.append(f'playing {-ahead:.1f} s late, which ends what is promised of '
+                           'receivers that move; ~/plan plans again')
         return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
 
     def _on_start(self) -> tuple[bool, str]:

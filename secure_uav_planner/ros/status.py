@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
 
 from .poses import PoseBook
 from .topics import member_topics
@@ -107,6 +108,13 @@ def level_and_text(outcome: RequestOutcome, problems: Sequence[object],
     if problems:
         level = max(level, DiagnosticStatus.WARN)
     return level, '; '.join(map(str, [*problems, text]))
+
+
+def warn_of_namesakes(node: Node) -> str:
+    """Return a warning of other nodes with the name of a node, or an empty string."""
+    count = node.get_node_names_and_namespaces().count((node.get_name(), node.get_namespace()))
+    return '' if count <= 1 else (
+        f'{count} nodes are named {node.get_fully_qualified_name()}; stop the others')
 
 
 def log_at(log: RcutilsLogger, level: bytes, text: str) -> None:
