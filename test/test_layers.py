@@ -22,9 +22,12 @@ def room_of(path):
 
 
 def imported(path):
-    """Give the files of the package that one imports anywhere, also inside of functions."""
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-        if isinstance(node, ast.ImportFrom) and node.level:
+    """Give the files of the package that one imports anywhere, but for types only."""
+    nodes = [*ast.walk(ast.parse(path.read_text(encoding='utf-8')))]
+    for_types = {inner for node in nodes if isinstance(node, ast.If)
+                 and getattr(node.test, 'id', '') == 'TYPE_CHECKING' for inner in ast.walk(node)}
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom) and node.level and node not in for_types:
             folder = path.parents[node.level - 1].joinpath(*(node.module or '').split('.'))
             for name in [alias.name for alias in node.names]:
                 found = [target for target in (

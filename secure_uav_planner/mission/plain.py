@@ -3,18 +3,21 @@
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 import math
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .propagation import Channel
 from .validation import check_plain_fields, ErrorList, find_field_errors, raise_all, read_object
 from ..errors import quote, ScenarioError
 
+if TYPE_CHECKING:
+    from .scenario import Scenario
+
 _MEMBERS: dict[str, type[Any]] = {
     'eavesdroppers': Eavesdropper, 'uavs': Uav, 'no_fly_zones': NoFlyZone}
 
 
-def to_plain(scenario: Any) -> dict[str, Any]:
+def to_plain(scenario: 'Scenario') -> dict[str, Any]:
     """Return the plain values of a Scenario; see Scenario.to_dict."""
     data = asdict(scenario)
     for field in ('channel', 'colluding', 'ground_node_track'):
@@ -31,7 +34,7 @@ def to_plain(scenario: Any) -> dict[str, Any]:
     return data
 
 
-def from_plain(kind: type[Any], data: Any) -> Any:
+def from_plain(kind: 'type[Scenario]', data: Any) -> 'Scenario':
     """
     Return the Scenario of plain values; missing fields take their defaults.
 
@@ -57,6 +60,7 @@ def from_plain(kind: type[Any], data: Any) -> Any:
         return kind(**values)
     errors += check_plain_fields(kind, values)
     raise_all(errors)
+    raise AssertionError('there is at least one error')
 
 
 def _read_members(name: str, kind: type[Any], values: object) -> tuple[Any, ...]:

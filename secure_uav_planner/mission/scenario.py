@@ -1,11 +1,9 @@
 """The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from itertools import combinations
 import math
-from operator import itemgetter
 import os
 from typing import Any, TYPE_CHECKING
 
@@ -13,27 +11,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import make_view
+from .consistency import find_inconsistencies, MAX_COUPLINGS, POSITION_TOLERANCE
 from .files import checked_path
-from .kinematics import EFFORT_TOLERANCE, find_shortest_duration
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .plain import from_plain, to_plain
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
 from .propagation import Channel
-from .refusals import refuse_slow_uavs
 from .tracks import (
     checked_track, interpolate, join_tracks, LEFT_OUT, ReceiverPlaces, set_by_track, shift_track,
     Track)
 from .validation import (
     Array, check_object, checked_array, checked_fields, checked_kind, checked_members,
     checked_number, checked_point, checked_real, checked_truth, FieldChecks, make_unique, Point,
-    raise_all, RANGES, read_only, round_down)
+    raise_all, RANGES, read_only)
 from ..errors import quote, ScenarioError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-POSITION_TOLERANCE = 1e-6
-"""Largest violation of a limit by a place in m, for rounding."""
 
 MAX_MEMBERS = 32
 """The most UAVs, and the most eavesdroppers."""
@@ -41,14 +35,9 @@ MAX_MEMBERS = 32
 MAX_ZONES = 64
 """The most no-fly zones."""
 
-MAX_COUPLINGS = 10**7
-"""The most pairs of variables of a slot, slots * (3 uavs)^2: a step then takes about 1 s."""
-
 _MEMBERS = {'eavesdroppers': (Eavesdropper, 1, MAX_MEMBERS), 'uavs': (Uav, 1, MAX_MEMBERS),
             'no_fly_zones': (NoFlyZone, 0, MAX_ZONES)}
 """The class of the members of each list, and the least and the most of them."""
-
-_DEFAULT_NAME = 'eavesdroppers', Eavesdropper.name  # Several may have it.
 
 __all__ = ['Array', 'Channel', 'Eavesdropper', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
            'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'RANGES', 'Scenario', 'Uav',
@@ -113,7 +102,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         check_object(self)
-        raise_all([*self._check_size(), *self._check_ends(), *self._check_durations()])
+        raise_all(find_inconsistencies(self))
 
     @staticmethod
     def _check_fields(checks: FieldChecks) -> None:
@@ -133,81 +122,6 @@ class Scenario:
             checks.add('channel', f'is {quote(item.channel)}; it must be a Channel, such as '
                        "Channel(los='urban')")
         checks.check(checked_truth, 'colluding')
-
-    def _check_size(self) -> Iterator[ScenarioError]:
-        """Yield the errors of names and of the number of variables."""
-        for field in ('uavs', 'eavesdroppers'):
-            names = [member.name for member in getattr(self, field)]
-            for number, name in enumerate(names):
-                if name in names[:number] and (field, name) != _DEFAULT_NAME:
-                    yield ScenarioError(f'{field} are named {quote(names)}; the names must be '
-                                        'unique', (field, number, 'name'))
-        most = MAX_COUPLINGS // (3 * len(self.uavs))**2
-        if self.slots > most:
-            yield ScenarioError(f'slots is {self.slots}; with {len(self.uavs)} uavs it must be '
-                                f'at most {most}, or a plan would take too long and too much '
-                                'memory', ('slots',))
-
-    def _check_ends(self) -> Iterator[ScenarioError]:
-        """Yield the errors of the ends of flights: zones, fence and separation."""
-        close, fence = [], None
-        try:
-            fence = self.keep_in
-        except ScenarioError as error:
-            yield error
-        for field in ('start', 'goal'):
-            # The curve may leave its first and last control point by its bend. The start of the
-            # tail of a plan may itself violate a limit by rounding.
-            slacks = [2 * POSITION_TOLERANCE + uav.bend_at(field, self.slot_duration)
-                      for uav in self.uavs]
-            for number, slack in enumerate(slacks):
-                yield from self._check_end(number, field, slack, fence)
-            for (first, slack1), (second, slack2) in combinations(zip(self.uavs, slacks), 2):
-                distance = math.hypot(math.dist(getattr(first, field), getattr(second, field)),
-                                      first.altitude - second.altitude)
-                if distance < self.keep_apart - slack1 - slack2:
-                    close.append((distance, field, first.name, second.name))
-        if close:
-            distance, field, *names = min(close, key=itemgetter(0))
-            most = round_down(max(distance - 2 * self.tracking_margin, 0.0))
-            margin = f'{self.margin_text[1:]} ' if self.tracking_margin else ''
-            yield ScenarioError(
-                f'separation is {self.separation:g} m; {margin}it must be at most {most:g} m, the '
-                f'distance between the {field}s of {" and ".join(names)}'
-                + (' less twice the margin' if margin else ''), ('separation',))
-
-    def _check_end(self, number: int, field: str, slack: float, fence: Vertices | None
-                   ) -> Iterator[ScenarioError]:
-        """Yield the errors of the start or the goal of a UAV: zones and fence."""
-        uav = self.uavs[number]
-        place = getattr(uav, field)
-        for vertices, name in self.keep_out(uav.altitude):
-            if depth(vertices, place) > slack:
-                yield ScenarioError(
-                    f'{uav.name}.{field} is {quote(place)} at {uav.altitude:g} m, inside '
-                    f'{name}{self.margin_text}; it must be outside all no_fly_zones',
-                    ('uavs', number, field))
-        if fence is not None and depth(fence, place) < -slack:
-            yield ScenarioError(
-                f'{uav.name}.{field} is {quote(place)}, outside the geofence{self.margin_text}; '
-                'it must be inside', ('uavs', number, field))
-
-    def _check_durations(self) -> Iterator[ScenarioError]:
-        """
-        Yield an error for each UAV that needs more time for the straight line.
-
-        Where a velocity at an end leads a UAV away from it, optimize.initial asks for all of them.
-        """
-        if not all(uav.vehicle.is_straight for uav in self.uavs):
-            return
-
-        def measure_effort(uav: Uav, duration: float) -> float:
-            return uav.vehicle.straight_effort(self.slots, duration / self.slots)
-
-        yield from refuse_slow_uavs(self.duration, (
-            (uav, find_shortest_duration(partial(measure_effort, uav), self.duration))
-            for uav in self.uavs
-            if not measure_effort(uav, self.duration) <= 1 + EFFORT_TOLERANCE))
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.

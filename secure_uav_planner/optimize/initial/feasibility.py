@@ -13,8 +13,8 @@ from .flights import build_flights, fly_direct, generate_direct_flights, list_ho
 from .projection import find_flights_near
 from .visibility_graph import Check, find_free_places
 from ...errors import InfeasibleMissionError, TimeLimitError
+from ...mission.consistency import refuse_duration, refuse_slow_uavs
 from ...mission.kinematics import EFFORT_TOLERANCE, find_shortest_duration
-from ...mission.refusals import refuse_duration, refuse_slow_uavs
 from ...mission.scenario import Array, Scenario, Uav
 from ...mission.validation import raise_all, RANGES
 from ...model.airspace import GEOFENCE, get_airspace
