@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from .base import Limit
 from .lines import LineLimit
-from .motion import AccelerationLimit, SpeedLimit
+from .motion import AccelerationLimit, NormLimit, SpeedLimit
 from .power import AveragePower, PeakPower
 from .separation import SeparationLimit
 from .zones import FenceLimit, ZoneLimit
@@ -19,6 +19,7 @@ from ..clearance import Clearance
 from ..curve import Curve
 from ..grid import Grid
 from ...errors import PlanError
+from ...mission.kinematics import EFFORT_TOLERANCE
 from ...mission.scenario import Array, Scenario
 
 LIMITS: tuple[type[Limit], ...] = (
@@ -37,6 +38,12 @@ def check_limits(scenario: Scenario, positions: Array, powers: Array) -> None:
     for limit in LIMITS:
         if not issubclass(limit, LineLimit) and limit.applies_to(scenario):
             limit(scenario).check(positions, powers)
+
+
+def keeps_motion(scenario: Scenario, positions: Array) -> bool:
+    """Return True if flights (U, N+2, 2) in m keep the limits of speed and acceleration."""
+    return all((limit.efforts(positions) <= 1 + EFFORT_TOLERANCE).all()
+               for limit in _get_limits(scenario) if isinstance(limit, NormLimit))
 
 
 @lru_cache(maxsize=4)
@@ -90,4 +97,4 @@ def is_clear(scenario: Scenario, positions: Array,
 
 __all__ = ['AccelerationLimit', 'AveragePower', 'FenceLimit', 'LIMITS', 'Limit', 'PeakPower',
            'SeparationLimit', 'SpeedLimit', 'ZoneLimit', 'build_limits', 'check_limits',
-           'is_clear', 'is_open', 'repair', 'repair_powers']
+           'is_clear', 'is_open', 'keeps_motion', 'repair', 'repair_powers']

@@ -87,13 +87,13 @@ class NormLimit(Limit):
 
         :param margin: share of the limit that is left, where the reference leaves as much.
         """
-        reference = reference_flight(self.grid)
         positions = positions.copy()
-        positions[:, [0, -1]] = reference[:, [0, -1]]
+        positions[:, 0], positions[:, -1] = self.scenario.starts, self.scenario.goals
         longest = self._lengths(positions).max(axis=1)
         most = (1 - margin) * self.longest
         over = longest > most
         if over.any():
+            reference = reference_flight(self.grid)
             excess = (longest - most)[over]
             least = self._lengths(reference).max(axis=1)
             slack = np.maximum(most - least, 0)[over]

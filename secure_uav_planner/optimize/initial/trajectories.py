@@ -11,7 +11,7 @@ from .visibility_graph import Check
 from ...errors import OptionError, TimeLimitError
 from ...mission.scenario import Array, Scenario
 from ...model.grid import resample
-from ...model.limits import is_clear, is_open, repair
+from ...model.limits import is_clear, is_open, keeps_motion, repair
 from ...plan.plan import Plan
 
 _ROUNDING = 1e-4  # Move in m by which repair makes up for rounding errors.
@@ -91,7 +91,6 @@ def adapt_plan(scenario: Scenario, plan: Plan,
     if len(plan.scenario.uavs) != len(scenario.uavs):
         raise OptionError(f'initial is a plan for {len(plan.scenario.uavs)} UAVs; '
                           f'it must be one for {len(scenario.uavs)}')
-    check_durations(scenario, check)
     positions = plan.positions
     if scenario.slots != plan.scenario.slots:
         # Between control points, accelerations add up in every second slot; on the curve they
@@ -101,6 +100,8 @@ def adapt_plan(scenario: Scenario, plan: Plan,
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = resample(plan.powers.T, scenario.slots, inner=True).T
+    if not keeps_motion(scenario, positions):
+        check_durations(scenario, check)
     repaired, powers = repair(scenario, positions, powers)
     clear = is_clear(scenario, repaired)
     if clear and np.abs(repaired - positions).max() < _ROUNDING:
