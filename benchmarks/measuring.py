@@ -73,12 +73,12 @@ def measure_memory(slots):
 
 
 def measure_warm(name, scenario, repeats):
-    """Return a row that compares a warm with a cold start after all eavesdroppers moved by 5 m."""
+    """Return a row that compares a warm with a cold start after eavesdroppers moved by 30 m."""
     before = solve(scenario, objective='guaranteed')
     angle = np.random.default_rng([5, scenario.slots]).uniform(0, 2 * np.pi)
     moved = replace(scenario, eavesdroppers=tuple(
-        replace(eve, position=(eve.position[0] + 5 * np.cos(angle),
-                               eve.position[1] + 5 * np.sin(angle)))
+        replace(eve, position=(eve.position[0] + 30 * np.cos(angle),
+                               eve.position[1] + 30 * np.sin(angle)))
         for eve in scenario.eavesdroppers))
     cold, warm = zip(*([solve(moved, initial=initial, objective='guaranteed')
                         for initial in (None, before)] for _ in range(repeats)))
