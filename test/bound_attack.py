@@ -28,9 +28,9 @@ def certify_plan(plan, most=400, curved=False):
     return team, certify(team, build_multipliers(search))
 
 
-def slot_stages(stages):
-    """Return the stage of every slot, (N,)."""
-    return np.repeat(np.arange(len(stages.count)), stages.count)
+def slot_groups(groups):
+    """Return the group of every slot, (N,)."""
+    return np.repeat(np.arange(len(groups.count)), groups.count)
 
 
 def slot_rates(team, places, powers):
@@ -51,43 +51,43 @@ def slot_rates(team, places, powers):
         leaks.append(power[:, None] * gain * np.exp(region.log_advantages) / (
             distance**2 + square))
     sinr = leaks[0] / (1 + sum(leaks[1:], 0 * leaks[0]))
-    leak = np.log1p(sum(sinr[:, group].max(-1) for group in team.groups))
+    leak = np.log1p(sum(sinr[:, places].max(-1) for places in team.listeners))
     return np.log1p(ground[0] / (1 + sum(ground[1:], 0 * ground[0]))) - leak
 
 
-def lagrangian(team, certificate, stage, places, powers):
-    """Return the Lagrangian that B of a stage bounds, at K places and powers."""
+def lagrangian(team, certificate, group, places, powers):
+    """Return the Lagrangian that B of a group bounds, at K places and powers."""
     value = slot_rates(team, places, powers) - certificate.prices @ powers
     for potential, place in zip(certificate.potentials, places):
-        slope, curvature = (part[stage] for part in potential.change)
+        slope, curvature = (part[group] for part in potential.change)
         x, y = place.T
         value = value + place @ slope + curvature @ np.array([x * x / 2, x * y, y * y / 2])
         for share, edge, move_slopes in zip(
-                team.stages.means, (stage, stage + 1), potential.move_slopes):
-            u, (a, b, c) = move_slopes[stage], potential.curvature[edge]
+                team.groups.means, (group, group + 1), potential.move_slopes):
+            u, (a, b, c) = move_slopes[group], potential.curvature[edge]
             speed_cost = np.hypot(u[0] + a * x + b * y, u[1] + b * x + c * y)
             largest = np.linalg.eigvalsh([[a, b], [b, c]])[1]
-            step = potential.region.steps[stage]
-            value = value + share[stage] * (
+            step = potential.region.steps[group]
+            value = value + share[group] * (
                 step * speed_cost + step**2 / 2 * max(0.0, largest)
                 + potential.region.max_move_change * np.hypot(*potential.acceleration[edge]))
     return value
 
 
-def climb(team, certificate, stage, starts, rng, count, rounds=60):
+def climb(team, certificate, group, starts, rng, count, rounds=60):
     """
-    Return the largest Lagrangian that points climbing in a stage reach.
+    Return the largest Lagrangian that points climbing in a group reach.
 
     :param starts: place (2,) and power of every UAV, where a third of the points begin.
     """
     regions = team.regions
-    index = np.full(count, stage)
+    index = np.full(count, group)
     places, powers = [], []
     for i, region in enumerate(regions):
-        low, high = (corner[stage] for corner in region.bounding_box)
+        low, high = (corner[group] for corner in region.bounding_box)
         tried = rng.uniform(low, high, (40 * count, 2))
-        good = tried[region.contains(tried, np.full(len(tried), stage))][:count]
-        middle = region.find_farthest(np.array([[[1.0, 0.0]]]))[stage]
+        good = tried[region.contains(tried, np.full(len(tried), group))][:count]
+        middle = region.find_farthest(np.array([[[1.0, 0.0]]]))[group]
         good = np.concatenate([good, np.repeat(middle, count, 0)])[:count]
         good[:count // 3] = starts[0][i]
         places.append(good)
@@ -96,16 +96,16 @@ def climb(team, certificate, stage, starts, rng, count, rounds=60):
         power[:count // 3] = starts[1][i]
         powers.append(power)
     powers = np.array(powers)
-    best = lagrangian(team, certificate, stage, places, powers)
+    best = lagrangian(team, certificate, group, places, powers)
     size = np.exp(rng.uniform(-7, 0, count))
     for _ in range(rounds):
-        moves = [size[:, None] * np.subtract(*region.bounding_box)[stage].min()
+        moves = [size[:, None] * np.subtract(*region.bounding_box)[group].min()
                  * rng.normal(0, 0.5, (count, 2)) for region in regions]
         moved = [np.where(region.contains(place + move, index)[:, None], place + move, place)
                  for region, place, move in zip(regions, places, moves)]
         watts = np.clip(powers * np.exp(size * rng.normal(0, 2, powers.shape)), 0.0,
                         [[region.peak] for region in regions])
-        value = lagrangian(team, certificate, stage, moved, watts)
+        value = lagrangian(team, certificate, group, moved, watts)
         better = value > best
         places = [np.where(better[:, None], new, old) for new, old in zip(moved, places)]
         powers = np.where(better, watts, powers)
@@ -115,14 +115,14 @@ def climb(team, certificate, stage, starts, rng, count, rounds=60):
 
 
 def largest_excess(plan, most=400, curved=False, count=60):
-    """Return the largest excess of climbing points over their stage's bound."""
+    """Return the largest excess of climbing points over their group's bound."""
     team, proof = certify_plan(plan, most, curved)
     rng, excess = np.random.default_rng(7), []
-    for stage in range(len(team.stages.count)):
-        slot = team.stages.first[stage]
+    for group in range(len(team.groups.count)):
+        slot = team.groups.first[group]
         starts = ([region.local(positions[slot]) for region, positions in zip(
             team.regions, plan.positions)], plan.powers[:, slot - 1])
-        excess.append(climb(team, proof, stage, starts, rng, count) - proof.stages[stage])
+        excess.append(climb(team, proof, group, starts, rng, count) - proof.groups[group])
     return max(excess)
 
 

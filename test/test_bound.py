@@ -333,7 +333,7 @@ def test_the_largest_mission_is_bounded_in_time():
         assert rate(plan, objective) <= bound.rate < compute_plain_bound(scenario) + 1e-9
 
 
-def test_many_slots_share_stages():
+def test_many_slots_share_groups():
     scenario = Scenario.paper(102, slots=20000)
     bound = upper_bound(scenario, objective='guaranteed', plan=fly_hover_fly(scenario),
                         time_limit=2.0)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from bound_attack import largest_excess, slot_stages
+from bound_attack import largest_excess, slot_groups
 import numpy as np
 import pytest
 from random_cities import random_city_mission
@@ -10,7 +10,7 @@ from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav, up
 from secure_uav_planner.bound.method import list_ignored_limits
 from secure_uav_planner.bound.proof import certificate, detours, reachable_set
 from secure_uav_planner.bound.proof.reachable_set import ReachableSet
-from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, Stages
+from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, SlotGroups
 from secure_uav_planner.errors import PlanningError
 from secure_uav_planner.optimize.initial.visibility_graph import VisibilityGraph
 import shapely
@@ -25,8 +25,9 @@ def clear_cache():
 
 
 def regions_of(scenario, most=10**6):
-    stages, subset = Stages.of(scenario.slots, most), EavesdropperSubset.of(scenario, 'guaranteed')
-    return stages, [ReachableSet.of(scenario, i, stages, subset)
+    groups = SlotGroups.of(scenario.slots, most)
+    subset = EavesdropperSubset.of(scenario, 'guaranteed')
+    return groups, [ReachableSet.of(scenario, i, groups, subset)
                     for i in range(len(scenario.uavs))]
 
 
@@ -66,7 +67,7 @@ def test_no_path_is_shorter_than_its_bound(seed):
 
 def test_no_place_within_a_zone_or_beyond_the_fence_is_reached():
     scenario = straight(4)
-    stages, (region, _) = regions_of(scenario)
+    groups, (region, _) = regions_of(scenario)
     zones = shapely.union_all([shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones
                                if zone.floor <= scenario.uavs[0].altitude <= zone.ceiling])
     fence = shapely.Polygon(scenario.geofence)
@@ -77,7 +78,7 @@ def test_no_place_within_a_zone_or_beyond_the_fence_is_reached():
     blocked = shapely.contains(zones.buffer(-cell), points) | ~shapely.contains(
         fence.convex_hull.buffer(cell), points)
     assert blocked.sum() > 100
-    slot = np.full(blocked.sum(), len(stages.count) // 2)
+    slot = np.full(blocked.sum(), len(groups.count) // 2)
     assert not region.contains(region.local(places[blocked]), slot).any()
 
 
@@ -95,9 +96,9 @@ def test_flights_stay_in_their_reachable_sets(seed):
     except PlanningError:
         pytest.skip('this mission has no plan')
     for most in (40, 7):
-        stages, regions = regions_of(scenario, most)
+        groups, regions = regions_of(scenario, most)
         for region, positions in zip(regions, plan.positions):
-            assert region.contains(region.local(positions[1:-1]), slot_stages(stages)).all()
+            assert region.contains(region.local(positions[1:-1]), slot_groups(groups)).all()
 
 
 def courtyard(gap):
@@ -125,7 +126,7 @@ def test_a_courtyard_is_left_by_its_gap_or_not_at_all():
 
 
 def excess(seed):
-    """Return the largest excess of climbing points over a stage's bound in a random city."""
+    """Return the largest excess of climbing points over a group's bound in a random city."""
     return largest_excess(solve(random_city_mission(seed, slots=30), objective='guaranteed'))
 
 

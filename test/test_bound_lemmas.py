@@ -7,7 +7,7 @@ from pathlib import Path
 import subprocess
 import sysconfig
 
-from bound_attack import certify_plan, lagrangian, largest_excess, slot_stages
+from bound_attack import certify_plan, lagrangian, largest_excess, slot_groups
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pybind11
@@ -16,7 +16,7 @@ from secure_uav_planner import Channel, Eavesdropper, Scenario, solve, Uav
 from secure_uav_planner.bound.proof import certificate, terms as proof_terms
 from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid
 from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Team
-from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, Stages
+from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, SlotGroups
 from secure_uav_planner.bound.proof.terms import Potential, Terms
 from secure_uav_planner.model import kernel
 
@@ -31,29 +31,29 @@ def bracket_excess(z0, ze, rng, split=False):
     """
     Return by how much a rate exceeds lemma 1's bound with random v, and the bound with the best.
 
-    :param split: whether every place is a group of its own in the bound, a deliberate error.
+    :param split: whether every place is a listener of its own in the bound, a deliberate error.
     """
     ze, owners = np.array(ze), rng.integers(0, rng.integers(1, len(ze) + 1), len(ze))
-    groups = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
-    largest = np.array([ze[group].max() for group in groups])
+    listeners = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
+    largest = np.array([ze[places].max() for places in listeners])
     rate = softplus(z0) - np.logaddexp.reduce([0.0, *largest])
-    team = Team(None, (), tuple(np.arange(len(ze))[:, None] if split else groups))
+    team = Team(None, (), tuple(np.arange(len(ze))[:, None] if split else listeners))
 
     def bracket(weight, v):
-        return weight * z0 + entropy(weight) - v @ ze - entropy(*team.sum_groups(v))
+        return weight * z0 + entropy(weight) - v @ ze - entropy(*team.sum_listeners(v))
     # The rate's own w0 among others, and v that bends where it likes.
     weight = np.sort(np.append(np.linspace(0, 1, 200), sigmoid(np.array(z0))))
     v = weight[:, None] * rng.random((201, 1)) ** rng.choice([0.1, 1, 5]) * rng.dirichlet(
         np.full(len(ze), rng.choice([0.1, 1.0])), 201)
     best = np.zeros(len(ze))
-    best[[group[ze[group].argmax()] for group in groups]] = np.exp(
+    best[[places[ze[places].argmax()] for places in listeners]] = np.exp(
         largest - np.logaddexp.reduce([0.0, *largest]))
     exact = bracket(sigmoid(np.array(z0)), best)
     return rate - bracket(weight, v).max(), rate - exact
 
 
 @given(NUMBER, st.lists(NUMBER, min_size=1, max_size=6), st.integers(0, 2**32 - 1))
-def test_lemma_1_bounds_every_rate_for_every_choice_of_shares_and_is_met_by_the_best(z0, ze, seed):
+def test_lemma_1_bounds_every_rate_for_all_multipliers_and_is_met_by_the_best(z0, ze, seed):
     excess, error = bracket_excess(z0, ze, np.random.default_rng(seed))
     assert excess <= 1e-9 and abs(error) <= 1e-9
 
@@ -90,42 +90,42 @@ def mission(seed, slots=6, jammers=1, eavesdroppers=1, **options):
 def region_of(seed, uav=0, **options):
     """Return the reachable set of a UAV of a random mission."""
     scenario = mission(seed, **options)
-    return ReachableSet.of(scenario, uav, Stages.of(scenario.slots),
+    return ReachableSet.of(scenario, uav, SlotGroups.of(scenario.slots),
                            EavesdropperSubset.of(scenario, 'guaranteed'))
 
 
-def places_in(region, stage, rng, count=400):
+def places_in(region, group, rng, count=400):
     """Return random places in a reachable set and on its rim."""
-    low, high = (corner[stage] for corner in region.bounding_box)
+    low, high = (corner[group] for corner in region.bounding_box)
     tried = rng.uniform(low, high, (20 * count, 2))
-    tried = tried[region.contains(tried, np.full(len(tried), stage))][:count]
-    rim = region.find_farthest(rng.normal(size=(1, count, 2)))[stage]
-    return np.concatenate([tried, rim[region.contains(rim, np.full(count, stage))]])
+    tried = tried[region.contains(tried, np.full(len(tried), group))][:count]
+    rim = region.find_farthest(rng.normal(size=(1, count, 2)))[group]
+    return np.concatenate([tried, rim[region.contains(rim, np.full(count, group))]])
 
 
 @given(st.integers(0, 10**6), st.integers(0, 5))
 @settings(max_examples=40)
-def test_the_rectangle_and_the_support_hold_the_reachable_set(seed, stage):
+def test_the_rectangle_and_the_support_hold_the_reachable_set(seed, group):
     region, rng = region_of(seed), np.random.default_rng(seed)
-    places = places_in(region, stage, rng)
-    low, high = (corner[stage] for corner in region.bounding_box)
+    places = places_in(region, group, rng)
+    low, high = (corner[group] for corner in region.bounding_box)
     assert (places >= low).all() and (places <= high).all()
     directions = rng.normal(size=(50, 2))
-    support = region.support(directions, np.full(50, stage))
+    support = region.support(directions, np.full(50, group))
     if len(places):
         largest = (directions @ places.T).max(1)
         assert (support >= largest - 1e-12).all()
-    farthest = region.find_farthest(directions[None])[stage]
+    farthest = region.find_farthest(directions[None])[group]
     exact = (farthest * directions).sum(-1)
     np.testing.assert_allclose(support, exact, rtol=1e-6, atol=1e-6)
 
 
-def random_potential(region, stages, rng, curved):
-    count = len(stages.count) + 1
+def random_potential(region, groups, rng, curved):
+    count = len(groups.count) + 1
     return Potential(np.cumsum(rng.normal(0, 1, (count, 2)), 0),
                      np.cumsum(rng.normal(0, 0.5, (count, 3)), 0) * curved,
                      np.cumsum(rng.normal(0, 1, (count, 2)), 0) * (rng.random() < 0.7),
-                     stages, region)
+                     groups, region)
 
 
 def tight_flight(rng, limited, slots=6):
@@ -159,14 +159,14 @@ def least_cost(seed, kind, limited):
     curved, most = kind
     rng = np.random.default_rng(seed)
     path, scenario = tight_flight(rng, limited)
-    stages = Stages.of(6, most)
-    region = ReachableSet.of(scenario, 0, stages, EavesdropperSubset.of(scenario, 'guaranteed'))
-    path, stage = region.local(path), slot_stages(stages)
-    assert region.contains(path[1:-1], stage).all()
-    assert (np.hypot(*np.diff(path, axis=0)[1:].T) <= region.steps[stage]).all()
+    groups = SlotGroups.of(6, most)
+    region = ReachableSet.of(scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'))
+    path, group = region.local(path), slot_groups(groups)
+    assert region.contains(path[1:-1], group).all()
+    assert (np.hypot(*np.diff(path, axis=0)[1:].T) <= region.steps[group]).all()
     least = np.inf
     for _ in range(20):
-        potential = random_potential(region, stages, rng, curved)
+        potential = random_potential(region, groups, rng, curved)
         # Along the path's own moves, and at one change of them, the limits are felt most.
         if most == 6 and rng.random() < 0.5:
             change, slope, at = np.zeros((7, 2)), np.zeros((7, 2)), rng.integers(0, 8)
@@ -175,15 +175,15 @@ def least_cost(seed, kind, limited):
                 slope = -np.diff(change, axis=0, prepend=0.0)
             else:
                 slope[0] = rng.normal(size=2)
-            potential = Potential(slope, 0.0 * potential.curvature, change, stages, region)
+            potential = Potential(slope, 0.0 * potential.curvature, change, groups, region)
         elif rng.random() < 0.7:
-            moves = np.diff(path, axis=0)[stages.edges] * rng.normal(0, 0.3)
+            moves = np.diff(path, axis=0)[groups.edges] * rng.normal(0, 0.3)
             potential = Potential(potential.slope * 0.1 + moves, potential.curvature * 0.1,
-                                  potential.acceleration * rng.choice([0.0, 0.3, 1.0]), stages,
+                                  potential.acceleration * rng.choice([0.0, 0.3, 1.0]), groups,
                                   region)
         total = potential.end_cost()
         for n in range(1, 7):
-            k = stage[n - 1]
+            k = group[n - 1]
             slope, curvature = (part[k] for part in potential.change)
             x, y = path[n]
             total += slope @ path[n] + curvature @ [x * x / 2, x * y, y * y / 2]
@@ -214,23 +214,23 @@ def test_a_limit_of_moves_taken_too_small_is_noticed(field, monkeypatch):
     assert any(violates(seed) for seed in range(400))
 
 
-def test_quadratic_potentials_in_stages_of_several_slots_are_refused():
+def test_quadratic_potentials_in_groups_of_several_slots_are_refused():
     scenario = mission(1)
-    stages = Stages.of(6, 4)
-    region = ReachableSet.of(scenario, 0, stages, EavesdropperSubset.of(scenario, 'guaranteed'))
+    groups = SlotGroups.of(6, 4)
+    region = ReachableSet.of(scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'))
     with pytest.raises(AssertionError, match='one slot'):
-        random_potential(region, stages, np.random.default_rng(1), True)
+        random_potential(region, groups, np.random.default_rng(1), True)
 
 
-def random_terms(region, stages, rng, curved, jams, count=12):
-    potential = random_potential(region, stages, rng, curved)
-    stage = rng.integers(0, len(stages.count), count)
+def random_terms(region, groups, rng, curved, jams, count=12):
+    potential = random_potential(region, groups, rng, curved)
+    group = rng.integers(0, len(groups.count), count)
     slope, curvature = potential.change
     weight = rng.random(count)
-    shares = weight[:, None] * rng.random((count, 1)) * rng.dirichlet(
+    v = weight[:, None] * rng.random((count, 1)) * rng.dirichlet(
         np.ones(len(region.radii)), count)
     powers = (np.log(region.peak) - 12, np.log(region.peak)) if jams else None
-    return Terms(region, stage, weight, shares, slope, curvature, potential.speed_cost(),
+    return Terms(region, group, weight, v, slope, curvature, potential.speed_cost(),
                  np.full(len(slope), 1e-10), 0.3, powers)
 
 
@@ -239,16 +239,16 @@ def values(terms, k, places, powers):
     region = terms.region
     ground, leaks = region.log_squares(places)
     x, y = places.T
-    stage = terms.stage[k]
-    value = places @ terms.slope[stage] + terms.curvature[stage] @ [x * x / 2, x * y, y * y / 2]
-    f, u1, u2, s11, s12, s22 = terms.speed_cost[stage]
+    group = terms.group[k]
+    value = places @ terms.slope[group] + terms.curvature[group] @ [x * x / 2, x * y, y * y / 2]
+    f, u1, u2, s11, s12, s22 = terms.speed_cost[group]
     value += f * np.hypot(u1 + s11 * x + s12 * y, u2 + s12 * x + s22 * y)
     if terms.powers is None:
         return value + terms.weight[k] * (region.log_gain - ground) + (
-            leaks - region.log_gain) @ terms.shares[k]
+            leaks - region.log_gain) @ terms.v[k]
     z = np.log(powers) + region.log_gain
     return (value - terms.weight[k] * softplus(z - ground)
-            + softplus(z[:, None] - leaks) @ terms.shares[k] - terms.price * powers)
+            + softplus(z[:, None] - leaks) @ terms.v[k] - terms.price * powers)
 
 
 @given(st.integers(0, 10**6), st.booleans(), st.booleans(), st.integers(1, 3))
@@ -256,9 +256,9 @@ def values(terms, k, places, powers):
 def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
     rng = np.random.default_rng(seed)
     region = region_of(seed, int(jams), eavesdroppers=eavesdroppers)
-    terms = random_terms(region, Stages.of(6), rng, curved, jams)
+    terms = random_terms(region, SlotGroups.of(6), rng, curved, jams)
     for k in range(len(terms)):
-        low, high = (corner[terms.stage[k]] for corner in region.bounding_box)
+        low, high = (corner[terms.group[k]] for corner in region.bounding_box)
         centre = rng.uniform(low, high)
         half = (high - low) * np.exp(rng.uniform(-6, 0)) * rng.random(2) + 1e-9
         if jams:
@@ -268,7 +268,7 @@ def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
         points = rng.uniform(centre - half, centre + half, (300, len(centre)))
         corners = centre + half * rng.choice([-1, 1], (30, len(centre)))
         points = np.concatenate([points, corners])
-        points = points[region.contains(points[:, :2], np.full(len(points), terms.stage[k]))]
+        points = points[region.contains(points[:, :2], np.full(len(points), terms.group[k]))]
         power = np.exp(points[:, 2]) if jams else None
         assert (values(terms, k, points[:, :2], power) <= bound + 1e-9).all()
         exact = values(terms, k, centre[None, :2], np.exp(centre[2:]))[0]
@@ -280,10 +280,10 @@ def test_lemma_5_bounds_every_box(seed, curved, jams, eavesdroppers):
 def test_branch_and_bound_is_above_every_sample_and_not_far_above_the_best(curved, jams):
     rng = np.random.default_rng(5)
     region = region_of(3, int(jams))
-    terms = random_terms(region, Stages.of(6), rng, curved, jams)
+    terms = random_terms(region, SlotGroups.of(6), rng, curved, jams)
     bounds = terms.bound_maxima(np.full(len(terms), -np.inf), np.full(len(terms), 1e-3))
     for k in range(len(terms)):
-        places = places_in(region, terms.stage[k], rng, 3000)
+        places = places_in(region, terms.group[k], rng, 3000)
         powers = np.exp(rng.uniform(*terms.powers, len(places))) if jams else None
         best = values(terms, k, places, powers).max()
         assert best <= bounds[k] <= best + 0.5
@@ -292,7 +292,7 @@ def test_branch_and_bound_is_above_every_sample_and_not_far_above_the_best(curve
 def test_a_branch_and_bound_cut_short_is_valid():
     rng = np.random.default_rng(6)
     region = region_of(4, 1)
-    terms = random_terms(region, Stages.of(6), rng, False, True)
+    terms = random_terms(region, SlotGroups.of(6), rng, False, True)
     nothing, slack = np.full(len(terms), -np.inf), np.full(len(terms), 1e-3)
     exact = terms.bound_maxima(nothing, slack)
     assert (terms.bound_maxima(nothing, slack, budget=100) >= exact - 2e-3).all()
@@ -309,7 +309,7 @@ MISSIONS = [{'seed': 1}, {'seed': 2, 'eavesdroppers': 2}, {'seed': 3, 'jammers':
 
 
 def excess(options, most=400, curved=False, count=60, objective='guaranteed'):
-    """Return the largest excess of climbing points over a stage's bound in a random mission."""
+    """Return the largest excess of climbing points over a group's bound in a random mission."""
     return largest_excess(solve(mission(**options), objective=objective), most, curved, count)
 
 
@@ -317,7 +317,7 @@ def excess(options, most=400, curved=False, count=60, objective='guaranteed'):
     *((options, 400, False) for options in MISSIONS),
     *((options, 400, True) for options in MISSIONS[:3]), ({'seed': 8, 'slots': 9}, 4, False)],
     ids=str)
-def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_stage(options, most, curved):
+def test_no_place_and_no_power_exceeds_the_bound_of_a_slot_or_a_group(options, most, curved):
     assert excess(options, most, curved) <= 0
 
 
@@ -331,13 +331,13 @@ def test_every_plan_satisfies_the_whole_of_the_proof(most, curved):
     scenario = mission(9, slots=9)
     plan = solve(scenario, objective='guaranteed')
     team, proof = certify_plan(plan, most, curved)
-    stage = slot_stages(team.stages)
+    group = slot_groups(team.groups)
     total = proof.offset
     for n in range(scenario.slots):
         places = [region.local(path[n + 1])[None]
                   for region, path in zip(team.regions, plan.positions)]
-        value = lagrangian(team, proof, stage[n], places, plan.powers[:, n, None])[0]
-        assert value <= proof.stages[stage[n]]
+        value = lagrangian(team, proof, group[n], places, plan.powers[:, n, None])[0]
+        assert value <= proof.groups[group[n]]
         total += value
     # Lemmas 2 and 3: the Lagrangian of a feasible plan is no less than its rate.
     assert total / scenario.slots >= plan.guaranteed_rate * np.log(2.0) - 1e-12
@@ -366,11 +366,11 @@ def test_a_missing_cost_of_power_is_noticed(monkeypatch):
 @pytest.mark.parametrize('right, wrong', [
     ('return base + plane;', 'return base + 0.3 * plane;'),
     ('return 2 * (x2 - square) / (q * q);', 'return 2 * (x2 - square) / (q * q) - 0.5 / square;'),
-    ('extra += push[i]', 'extra += 0.9 * push[i]'),
+    ('extra += multiplier[i]', 'extra += 0.9 * multiplier[i]'),
     ('f.kb += more;', ''),
-    ('const double twice = softplus_curvature', 'const double twice = 0.2 * softplus_curvature'),
-    ('f.kp = -bent * (1 - steep * rho / width);', 'f.kp = -4 * bent;'),
-    ('f.ka += bent * steep', 'f.ka -= bent * steep'),
+    ('phi2_max = softplus_curvature', 'phi2_max = 0.2 * softplus_curvature'),
+    ('f.kp = -phi2_min * (1 - grad_max * rho / width);', 'f.kp = -4 * phi2_min;'),
+    ('f.ka += phi2_min * grad_max', 'f.ka -= phi2_min * grad_max'),
     ('f.ka = f.kb = 2 / q;', 'f.ka = f.kb = 1 / q;'),
     ('f.kp += factor * own.kp;', ''),
 ], ids=[
@@ -424,17 +424,17 @@ def powers_above(seed, count=8):
     """Return the largest excess of random places and powers over a jammer's bound."""
     rng, scenario = np.random.default_rng(seed), mission(seed)
     team = Team.of(scenario, EavesdropperSubset.of(scenario, 'guaranteed'))
-    potential = random_potential(team.regions[1], team.stages, rng, False)
-    stage, weights = rng.integers(0, 6, count), rng.random(count)
-    shares = (weights * rng.random(count))[:, None]
+    potential = random_potential(team.regions[1], team.groups, rng, False)
+    group, weights = rng.integers(0, 6, count), rng.random(count)
+    v = (weights * rng.random(count))[:, None]
     price, tolerance = 0.3, np.full(count, 1e-3)
-    silent = certificate.bound_silence(potential, price, np.full(6, -np.inf), tolerance[:6], bool)
-    bounds = certificate.bound_terms(team, potential, 1, silent, stage, weights, shares, price,
+    silent = certificate.bound_silence(potential, np.full(6, -np.inf), tolerance[:6], bool)
+    bounds = certificate.bound_terms(team, potential, 1, silent, group, weights, v, price,
                                      np.full(count, -np.inf), tolerance, bool)
-    terms, extra = certificate.build_terms(team, potential, 1, stage, weights, shares, price)
+    terms, extra = certificate.build_terms(team, potential, 1, group, weights, v, price)
     differences = []
     for k in range(count):
-        places = places_in(team.regions[1], stage[k], rng)
+        places = places_in(team.regions[1], group[k], rng)
         powers = team.regions[1].peak * np.exp(rng.uniform(-25, 0, len(places)))
         powers[rng.random(len(places)) < 0.3] = 0.0
         with np.errstate(divide='ignore'):

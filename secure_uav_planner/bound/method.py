@@ -12,7 +12,7 @@ import numpy as np
 from .proof.certificate import certify
 from .proof.detours import uses_detours
 from .proof.reachable_set import Team
-from .proof.relaxation import EavesdropperSubset, find_reference_snrs, MOST_STAGES, Stages
+from .proof.relaxation import EavesdropperSubset, find_reference_snrs, MOST_GROUPS, SlotGroups
 from .search.multipliers import build_multipliers, MultiplierSearch
 from .search.variables import DualPoint, InitialMultipliers
 from ..errors import OptionError, PlanningError
@@ -34,20 +34,20 @@ no closer.
 
 COARSE = ((0.3, 2), (0.1, 2), (0.03, 3))
 """
-Temperatures of coarse stages in nats, with the rounds of new columns at each.
+Temperatures of coarse groups in nats, with the rounds of new columns at each.
 
 Measured: a single round at each leaves 2% at T = 102 s against the worst case instead of 0.4%, and
 25% instead of 0.4% in a mission of 8 slots, in the same time.
 """
 
 FINE = ((0.03, 1),)
-"""The same of fine stages, with linear potentials."""
+"""The same of fine groups, with linear potentials."""
 
 QUADRATIC = ((0.03, 2), (0.01, 2), (0.003, 2))
 """The same after these, with quadratic potentials."""
 
 LINEAR = ((0.01, 3), (0.003, 3), (0.001, 1))
-"""The same with linear potentials, where a stage has several slots or the gap is large."""
+"""The same with linear potentials, where a group has several slots or the gap is large."""
 
 LARGE_GAP = 0.1
 """
@@ -56,8 +56,8 @@ Gap above which linear potentials are tried, too.
 Measured: 8 of 40 missions take 1.7 times as long, 2 of them get closer, 19.7% becoming 17.1%.
 """
 
-SLOTS_A_STAGE, FEWEST_STAGES = 4, 20
-"""Slots of a coarse stage, and the least number of coarse stages."""
+SLOTS_A_GROUP, FEWEST_GROUPS = 4, 20
+"""Slots of a coarse group, and the least number of coarse groups."""
 
 ITERATIONS = 5
 """Newton steps of a round."""
@@ -66,7 +66,7 @@ FIRST_CERTIFICATE = 0.7
 """Share of a time limit that is reserved for the first certificate."""
 
 FINE_COST = 1.5
-"""Time that a certificate takes per fine stage, over that per coarse stage, at most."""
+"""Time that a certificate takes per fine group, over that per coarse group, at most."""
 
 REPORT_PERIOD = 0.5
 """Time in s after which progress is reported without a better bound."""
@@ -212,7 +212,7 @@ class _Run:
 
 
 def _search_multipliers(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) -> None:
-    """Search for multipliers on coarse and on fine stages, and prove a bound with each."""
+    """Search for multipliers on coarse and on fine groups, and prove a bound with each."""
     positions, powers, rate = find_start(scenario, run.time_left, objective, plan, run.stop)
     if run.stop():
         return
@@ -220,24 +220,24 @@ def _search_multipliers(run: _Run, scenario: Scenario, objective: str, plan: Pla
     subset = EavesdropperSubset.of(scenario, objective)
     # A few hundred slots show which eavesdroppers matter.
     sample = np.unique(np.linspace(
-        1, scenario.slots, min(scenario.slots, MOST_STAGES)).astype(int))
+        1, scenario.slots, min(scenario.slots, MOST_GROUPS)).astype(int))
     sinrs = subset.compute_sinrs(
         scenario, positions[:, [0, *sample, scenario.slots + 1]], powers[:, sample - 1])
     subset = subset.select_loudest(sinrs, most, scenario.colluding)
 
-    def build_level(stages: int) -> tuple[Team, InitialMultipliers]:
-        team = Team.of(scenario, subset, stages)
+    def build_level(groups: int) -> tuple[Team, InitialMultipliers]:
+        team = Team.of(scenario, subset, groups)
         return team, InitialMultipliers.of(team, positions, powers)
 
-    stages = min(scenario.slots, MOST_STAGES)
-    coarse_stages = max(-(-stages // SLOTS_A_STAGE), min(stages, FEWEST_STAGES))
-    coarse = MultiplierSearch(*build_level(coarse_stages), None, run.reserve_time(1.0))
+    groups = min(scenario.slots, MOST_GROUPS)
+    coarse_groups = max(-(-groups // SLOTS_A_GROUP), min(groups, FEWEST_GROUPS))
+    coarse = MultiplierSearch(*build_level(coarse_groups), None, run.reserve_time(1.0))
     _anneal(coarse, COARSE)
     run.prove(coarse)
-    team, initial = build_level(stages)
-    point = _refine_point(coarse, team.stages, initial.weight)
-    ratio = FINE_COST * stages / coarse_stages
-    for quadratic in (False,) if scenario.slots > MOST_STAGES else (True, False):
+    team, initial = build_level(groups)
+    point = _refine_point(coarse, team.groups, initial.weight)
+    ratio = FINE_COST * groups / coarse_groups
+    for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
         fine = MultiplierSearch(team, initial, point, run.reserve_time(ratio))
         if fine.stop():
             break
@@ -264,7 +264,7 @@ def find_start(scenario: Scenario, time_left: float, objective: str, plan: Plan 
     """
     if plan is not None:
         return plan.positions, plan.powers, getattr(plan, f'{objective}_rate')
-    slots = min(scenario.slots, MOST_STAGES)
+    slots = min(scenario.slots, MOST_GROUPS)
     try:
         plan = solve(replace(scenario, slots=slots), objective=objective,  # type: ignore[arg-type]
                      on_iteration=lambda _: stop(),
@@ -289,19 +289,19 @@ def _anneal(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
             search.minimise(tau, ITERATIONS)
 
 
-def _refine_point(search: MultiplierSearch, new: Stages, weights: Array) -> DualPoint:
+def _refine_point(search: MultiplierSearch, new: SlotGroups, weights: Array) -> DualPoint:
     """
-    Return a search's multipliers, interpolated to shorter stages.
+    Return a search's multipliers, interpolated to shorter groups.
 
-    :param weights: w0 of the new stages.
+    :param weights: w0 of the new groups.
     """
-    point, old, weight = search.point, search.team.stages, search.weight
+    point, old, weight = search.point, search.team.groups, search.weight
     x = point.potentials.reshape(len(old.edges), -1)
     potentials = np.stack([np.interp(new.edges, old.edges, column) for column in x.T], -1)
-    stage = np.searchsorted(old.last, (new.first + new.last) // 2)
+    group = np.searchsorted(old.last, (new.first + new.last) // 2)
     # The slack w0 - s, which may be tiny, stays the same.
-    v = point.shares[stage]
+    v = point.v[group]
     total = v.sum(-1)
-    new_total = np.clip(weights - (weight[stage] - total), 0.02, weights * (1 - 1e-7))
+    new_total = np.clip(weights - (weight[group] - total), 0.02, weights * (1 - 1e-7))
     return replace(point, potentials=potentials.reshape(-1, *point.potentials.shape[1:]),
-                   shares=v * (new_total / total)[..., None])
+                   v=v * (new_total / total)[..., None])

@@ -47,23 +47,23 @@ def sigmoid(z: Array) -> Array:
 
 def entropy(*weights: Array) -> Array:
     """
-    Entropy H of weights w_1, w_2, .. and of the rest 1 - sum_j w_j of a distribution, in nats.
+    Return the entropy H of a distribution of weights w_1, w_2, .. and their rest, in nats.
 
-    Lemma 1. Let z0 be the logarithm of the SINR at the ground node and z_e that at place e. The
-    places form groups: those of one disc with colluding eavesdroppers, or all of them in one
-    group. The leak is log(1 + sum_j exp(y_j)), y_j being the largest z_e of group j: only the
-    worst place of a disc counts, so places of one disc do not add up. With phi(z) = log(1 + e^z),
+    Lemma 1. Let z0 be the logarithm of the SINR at the ground node and z_e that at place e. With
+    colluding eavesdroppers the places of one disc are a listener, otherwise all places are one.
+    The leak is log(1 + sum_j exp(y_j)), y_j being the largest z_e of listener j: only the worst
+    place of a disc counts, so places of one disc do not add up. With phi(z) = log(1 + e^z),
 
         log(1 + sum_j exp(y_j)) = max over w >= 0, sum_j w_j <= 1 of sum_j w_j y_j + H(w),
 
-    attained at w_j = exp(y_j) / (1 + sum_k exp(y_k)), because the logarithm is concave:
-    (1 - sum_j w_j) log(1 / (1 - sum_j w_j)) + sum_j w_j log(exp(y_j) / w_j) is at most the
-    logarithm of the mean. The case of one group is phi(z) = max over w of w z + H(w). For every v
-    >= 0 with s = sum_e v_e <= 1 let H(v) be the entropy of the groups' sums w_j of v. Then
+    attained at w_j = exp(y_j) / (1 + sum_k exp(y_k)): the logarithm is concave, so w_0 log(1 /
+    w_0) + sum_j w_j log(exp(y_j) / w_j), with w_0 = 1 - sum_j w_j, is at most the logarithm of the
+    mean. For one listener this is phi(z) = max over w of w z + H(w). For every v >= 0 with s =
+    sum_e v_e <= 1 let H(v) be the entropy of the sums w_j of v over every listener. Then
 
         log(1 + sum_j exp(y_j)) >= sum_e v_e z_e + H(v),
 
-    as w_j y_j >= sum of v_e z_e over group j. Hence, for any v(w0) >= 0 with s(w0) <= w0, the
+    as w_j y_j >= sum of v_e z_e over listener j. Hence, for any v(w0) >= 0 with s(w0) <= w0, the
     rate of a slot is
 
         phi(z0) - log(1 + sum_j exp(y_j))
@@ -105,7 +105,8 @@ class Multipliers:
     :param acceleration: w of every UAV, (U, G + 1, 2) in nats per unit.
     :param prices: lam, (U,) in nats per W, not negative.
     :param weights: w0 at the breakpoints, rising, (K, G), within (0, 1].
-    :param shares: v at the breakpoints, (K, G, E), not negative, with a sum of at most w0.
+    :param v: eavesdropper multipliers at the breakpoints, (K, G, E), not negative, with a sum of
+        at most w0.
     :param silent_incumbents: values near the maxima of the terms in silence, (U, G) in nats.
     :param incumbents: the same at the breakpoints, (U, K, G).
     :param tolerances: of the maxima, in silence and at every breakpoint, (K + 1, G) in nats.
@@ -116,7 +117,7 @@ class Multipliers:
     acceleration: Array
     prices: Array
     weights: Array
-    shares: Array
+    v: Array
     silent_incumbents: Array
     incumbents: Array
     tolerances: Array
@@ -128,14 +129,14 @@ class Certificate:
     A proven bound and its parts.
 
     :param rate: mean over the slots that no plan exceeds, in bit/s/Hz.
-    :param stages: B of every stage, (G,) in nats.
+    :param groups: B of every group, (G,) in nats.
     :param offset: the rest, so that rate log 2 = (sum of count B + offset) / N.
     :param potentials: of every UAV.
     :param prices: lam, (U,) in nats per W.
     """
 
     rate: float
-    stages: Array
+    groups: Array
     offset: float
     potentials: tuple[Potential, ...]
     prices: Array
@@ -150,7 +151,7 @@ def certify(team: Team, multipliers: Multipliers,
     :param multipliers: any; good ones make the rate small.
     :param stop: asked now and then; True ends the branch and bound: the rate is valid, but larger.
     """
-    potentials = tuple(Potential(slope, curvature, acceleration, team.stages, region)
+    potentials = tuple(Potential(slope, curvature, acceleration, team.groups, region)
                        for slope, curvature, acceleration, region in zip(
                            multipliers.slope, multipliers.curvature, multipliers.acceleration,
                            team.regions))
@@ -158,38 +159,37 @@ def certify(team: Team, multipliers: Multipliers,
     if (np.diff(multipliers.weights, axis=0) < 0).any() or (multipliers.weights[-1] != 1).any():
         raise AssertionError('the breakpoints of w0 must rise to 1')
     weights = np.clip(multipliers.weights, 1e-12, 1.0)
-    shares = np.maximum(multipliers.shares, 0.0)
-    total = shares.sum(-1, keepdims=True)
-    shares = shares * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
+    v = np.maximum(multipliers.v, 0.0)
+    total = v.sum(-1, keepdims=True)
+    v = v * np.minimum(1.0, weights[..., None] / np.maximum(total, 1e-300) * (1 - 1e-12))
     # The jammer's silence is part of all of its maxima, the transmitter's only of one.
     tolerances = multipliers.tolerances
-    silent = [bound_silence(potential, price, incumbents,
-                            tolerances.min(0) if i else tolerances[0], stop)
-              for i, (potential, price, incumbents) in enumerate(zip(
-                  potentials, prices, multipliers.silent_incumbents))]
-    stage = np.tile(np.arange(weights.shape[1]), len(weights))
+    silent = [bound_silence(potential, incumbents, tolerances.min(0) if i else tolerances[0], stop)
+              for i, (potential, incumbents) in enumerate(zip(
+                  potentials, multipliers.silent_incumbents))]
+    group = np.tile(np.arange(weights.shape[1]), len(weights))
     joint = np.sum([bound_terms(
-        team, potential, i, silent[i], stage, weights.ravel(), shares.reshape(-1, shares.shape[2]),
+        team, potential, i, silent[i], group, weights.ravel(), v.reshape(-1, v.shape[2]),
         prices[i], multipliers.incumbents[i].ravel(), tolerances[1:].ravel(), stop)
         for i, potential in enumerate(potentials)], axis=0).reshape(weights.shape)
     total_silent = np.sum(silent, axis=0)
-    pieces = bound_pieces(team, total_silent, joint, weights, shares, prices[0])
+    pieces = bound_pieces(team, total_silent, joint, weights, v, prices[0])
     slots = np.maximum(total_silent, pieces.max((0, 1)))
     slots = slots + 4 * sum(margin(p.region.altitude, p.magnitude()) for p in potentials)
     ends = sum(potential.end_cost() for potential in potentials)
-    powers = [team.stages.slots * price * region.average
+    powers = [team.groups.slots * price * region.average
               for price, region in zip(prices, team.regions)]
     offset = math.fsum([ends, *powers])
-    terms = [*(team.stages.count * slots), ends, *powers]
+    terms = [*(team.groups.count * slots), ends, *powers]
     total = math.fsum(terms) + 1e-14 * math.fsum(map(abs, terms))
-    rate = total / team.stages.slots / math.log(2.0) * (1 + 1e-14)
+    rate = total / team.groups.slots / math.log(2.0) * (1 + 1e-14)
     return Certificate(rate if not math.isnan(rate) else math.inf, slots, offset, potentials,
                        prices)
 
 
-def bound_silence(potential: Potential, price: float, incumbents: Array, tolerance: Array,
+def bound_silence(potential: Potential, incumbents: Array, tolerance: Array,
                   stop: Callable[[], bool]) -> Array:
-    """Return a bound of a silent UAV's term, its potential less lam p, (G,) in nats."""
+    """Return a bound of a silent UAV's term, its potential, (G,) in nats."""
     region = potential.region
     slope, curvature = potential.change
     index = np.arange(len(slope))
@@ -210,43 +210,43 @@ def find_power_range(team: Team, uav: int) -> tuple[float, float]:
     return min(math.log(FLOOR) + 2 * math.log(region.altitude) - largest, top), top
 
 
-def build_terms(team: Team, potential: Potential, uav: int, stage: Index, weights: Array,
-                shares: Array, price: float) -> tuple[Terms, Array]:
+def build_terms(team: Team, potential: Potential, uav: int, group: Index, weights: Array,
+                v: Array, price: float) -> tuple[Terms, Array]:
     """
     Return functions whose maxima are M_i at breakpoints, up to constants.
 
-    :param stage: of every function, (M,).
+    :param group: of every function, (M,).
     :param weights: w0, (M,).
-    :param shares: v, (M, E).
+    :param v: eavesdropper multipliers, (M, E).
     :return: M functions, and the constants to add, (M,).
     """
     region = potential.region
     slope, curvature = potential.change
     spare = margin(region.altitude, potential.magnitude() + price * region.peak)
-    terms = Terms(region, stage, weights, shares, slope, curvature, potential.speed_cost(), spare,
+    terms = Terms(region, group, weights, v, slope, curvature, potential.speed_cost(), spare,
                   price, find_power_range(team, uav) if uav else None)
-    return terms, potential.constant()[stage]
+    return terms, potential.constant()[group]
 
 
-def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, stage: Index,
-                weights: Array, shares: Array, price: float, incumbents: Array, tolerance: Array,
+def bound_terms(team: Team, potential: Potential, uav: int, silent: Array, group: Index,
+                weights: Array, v: Array, price: float, incumbents: Array, tolerance: Array,
                 stop: Callable[[], bool]) -> Array:
     """
-    Return bounds of M_i at (w0, v) in given stages, (M,).
+    Return bounds of M_i at (w0, v) in given groups, (M,).
 
     A jammer's powers below FLOOR / (its largest gain) are covered by one term: there the
     potential is at most `silent`, and the rates' part at most v log(1 + FLOOR).
     """
-    terms, extra = build_terms(team, potential, uav, stage, weights, shares, price)
+    terms, extra = build_terms(team, potential, uav, group, weights, v, price)
     least = np.full(len(terms), -np.inf)
     if uav:
-        least = silent[stage] + math.log1p(FLOOR) * terms.shares.sum(-1) + terms.margin[stage]
+        least = silent[group] + math.log1p(FLOOR) * terms.v.sum(-1) + terms.margin[group]
     incumbents = np.maximum(incumbents, least - tolerance) - extra
     return np.asarray(np.maximum(
         terms.bound_maxima(incumbents, tolerance, stop=stop) + extra, least))
 
 
-def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, shares: Array,
+def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, v: Array,
                  price: float) -> Array:
     """
     Return bounds over the pieces of w0, (PIECES, K, G) in nats; see lemma 4.
@@ -254,17 +254,17 @@ def bound_pieces(team: Team, silent: Array, joint: Array, weights: Array, shares
     :param silent: bound of all terms in silence, (G,).
     :param joint: bounds of M at the breakpoints, (K, G).
     :param weights: w0 at the breakpoints, (K, G).
-    :param shares: v there, (K, G, E).
+    :param v: eavesdropper multipliers there, (K, G, E).
     :param price: lam of the transmitter.
     """
     zero = np.zeros((1, len(silent)))
     x = piece_ends()[:, None, None]
-    fine, linear, *groups = (
+    fine, linear, *totals = (
         part[:-1] * (1 - x) + part[1:] * x for part in (
             np.concatenate([zero, weights]), np.concatenate([silent[None], joint]),
-            *(np.concatenate([zero, total]) for total in team.sum_groups(shares))))
-    convex = linear - entropy(*groups) + maximise_power(
-        np.maximum(fine - sum(groups), 0.0), price, team.regions[0].peak)[0]
+            *(np.concatenate([zero, total]) for total in team.sum_listeners(v))))
+    convex = linear - entropy(*totals) + maximise_power(
+        np.maximum(fine - sum(totals), 0.0), price, team.regions[0].peak)[0]
     width = fine[1:] - fine[:-1]
     slope = (convex[1:] - convex[:-1]) / np.maximum(width, 1e-300)
     at = np.clip(sigmoid(slope), fine[:-1], fine[1:])

@@ -1,4 +1,4 @@
-"""Reachable sets of the UAVs in every stage of a mission, each in its own frame."""
+"""Reachable sets of the UAVs in every group of a mission, each in its own frame."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import scipy
 
 from .detours import Detours, find_detours, frame_axes
 from .relaxation import (
-    COORDINATE_ROUNDING, EavesdropperSubset, end_tolerance, find_reference_snrs, MOST_STAGES,
-    Stages)
+    COORDINATE_ROUNDING, EavesdropperSubset, end_tolerance, find_reference_snrs, MOST_GROUPS,
+    SlotGroups)
 from ...mission.validation import Array
 from ...model.channel.links import guaranteed_squared_distance
 from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class ReachableSet:
     """
-    One UAV in its own frame: its reachable set in every stage, its channel and its powers.
+    One UAV in its own frame: its reachable set in every group, its channel and its powers.
 
     The origin is the start, the first axis points to the goal, and lengths are divided by
     `unit`, so that everything that matters lies within a few units. In slot n a UAV is within n
@@ -38,14 +38,14 @@ class ReachableSet:
     :param axes: rows are the frame's axes, (2, 2).
     :param distance: from start to goal, in units.
     :param step: largest move from one point to the next, tolerance included, in units.
-    :param steps: the same after the slots of every stage, (G,).
+    :param steps: the same after the slots of every group, (G,).
     :param max_move_change: A, the largest change of a move from one slot to the next, in units;
         two steps without a limit of acceleration.
     :param end_move_changes: the same at the start and at the goal, where a free velocity counts
         as zero with changes of up to a step, (2,).
     :param end_moves: d_{-1} and d_{N+1}, the moves before the start and after the goal, (2, 2).
-    :param from_start: radius of the disc about the start in every stage, (G,) in units.
-    :param to_goal: radius of the disc about the goal in every stage, (G,) in units.
+    :param from_start: radius of the disc about the start in every group, (G,) in units.
+    :param to_goal: radius of the disc about the goal in every group, (G,) in units.
     :param altitude: in units.
     :param log_gain: logarithm of the SNR at the ground node at one unit and 1 W.
     :param ground: the ground node, (2,) in units.
@@ -81,14 +81,14 @@ class ReachableSet:
     detours: Detours | None
 
     @classmethod
-    def of(cls, scenario: Scenario, index: int, stages: Stages,
+    def of(cls, scenario: Scenario, index: int, groups: SlotGroups,
            subset: EavesdropperSubset) -> ReachableSet:
         """
         Return the reachable set of UAV `index`, with all that a Plan tolerates.
 
         :param scenario: the mission.
         :param index: of the UAV.
-        :param stages: its slots in stages.
+        :param groups: its slots in groups.
         :param subset: the eavesdroppers.
         """
         uav = scenario.uavs[index]
@@ -112,11 +112,11 @@ class ReachableSet:
         ground, eavesdropper = np.log(find_reference_snrs(scenario)[:, index])
         return cls(
             unit=unit, origin=start, axes=axes, distance=length / unit, step=step / unit,
-            steps=np.maximum.reduceat(moves[1:], stages.edges[:-1]) / unit,
+            steps=np.maximum.reduceat(moves[1:], groups.edges[:-1]) / unit,
             max_move_change=max_move_change / unit, end_move_changes=end_move_changes / unit,
             end_moves=end_moves @ axes.T / unit,
-            from_start=(ahead[stages.last] + ends) / unit * (1 + COORDINATE_ROUNDING),
-            to_goal=(behind[stages.first] + ends) / unit * (1 + COORDINATE_ROUNDING),
+            from_start=(ahead[groups.last] + ends) / unit * (1 + COORDINATE_ROUNDING),
+            to_goal=(behind[groups.first] + ends) / unit * (1 + COORDINATE_ROUNDING),
             altitude=uav.altitude / unit,
             log_gain=float(ground - 2 * np.log(unit)),
             ground=frame[0], eavesdroppers=frame[1:],
@@ -152,8 +152,8 @@ class ReachableSet:
         high = np.stack([np.minimum(near, distance + far) + slack, half + slack], -1)
         if self.detours is None:
             return low, high
-        # A stage that no cell is free for keeps all those of the least delay.
-        late = self._lateness()
+        # A group that no cell is free for keeps all those of the least delay.
+        late = self._time_deficit()
         free = late <= np.maximum(0.0, late.min((1, 2), keepdims=True))
         cells = free.any(2), free.any(1)
         first = np.stack([flags.argmax(1) for flags in cells], -1)
@@ -162,7 +162,7 @@ class ReachableSet:
         return (np.maximum(low, self.detours.low + (first - 1e-6) * step),
                 np.minimum(high, self.detours.low + (last + 1e-6) * step))
 
-    def _lateness(self) -> Array:
+    def _time_deficit(self) -> Array:
         """Excess of the paths to every cell and from there over the time, (G, SIDE, SIDE)."""
         assert self.detours is not None
         there, back = self.detours.lengths
@@ -185,42 +185,42 @@ class ReachableSet:
         crosses = np.isfinite(first) & (across > 0)
         return np.where(crosses[:, None], np.stack([first, across], -1), 0.0)
 
-    def contains(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return True for places (..., 2) in the reachable set of their stage (...)."""
+    def contains(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Return True for places (..., 2) in the reachable set of their group (...)."""
         across = place[..., 1]**2
         return np.asarray(
-            (place[..., 0]**2 + across <= self.from_start[stage]**2)
-            & ((place[..., 0] - self.distance)**2 + across <= self.to_goal[stage]**2)
-            & self._is_in_time(place, stage))
+            (place[..., 0]**2 + across <= self.from_start[group]**2)
+            & ((place[..., 0] - self.distance)**2 + across <= self.to_goal[group]**2)
+            & self._is_in_time(place, group))
 
-    def _is_in_time(self, place: Array, stage: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return True for places (..., 2) that detours leave time for in their stage (...)."""
+    def _is_in_time(self, place: Array, group: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Return True for places (..., 2) that detours leave time for in their group (...)."""
         if self.detours is None:
             return np.ones(place.shape[:-1], bool)
         there, back = self.detours.lengths[(slice(None), *self.detours.locate(place))]
-        return np.asarray((there <= self.from_start[stage]) & (back <= self.to_goal[stage]))
+        return np.asarray((there <= self.from_start[group]) & (back <= self.to_goal[group]))
 
     @cached_property
     def _closest_cells(self) -> NDArray[np.int16]:
-        """For every stage and cell the closest cell in time, (G, SIDE, SIDE, 2)."""
+        """For every group and cell the closest cell in time, (G, SIDE, SIDE, 2)."""
         assert self.detours is not None
         return np.array([np.moveaxis(scipy.ndimage.distance_transform_edt(
             late > max(0.0, late.min()), sampling=self.detours.size, return_distances=False,
-            return_indices=True), 0, -1) for late in self._lateness()], np.int16)
+            return_indices=True), 0, -1) for late in self._time_deficit()], np.int16)
 
-    def clip(self, place: Array, stage: NDArray[np.integer[Any]]) -> Array:
+    def clip(self, place: Array, group: NDArray[np.integer[Any]]) -> Array:
         """Return places (..., 2), moved into both discs and to the closest cell in time."""
         for centre, radius in ((0.0, self.from_start), (self.distance, self.to_goal)):
             offset = place - [centre, 0.0]
             length = np.sqrt((offset * offset).sum(-1))
-            reach = radius[stage] * (1 - 1e-9)
+            reach = radius[group] * (1 - 1e-9)
             ratio = np.minimum(1.0, reach / np.maximum(length, 1e-300))
             place = [centre, 0.0] + offset * ratio[..., None]
         if self.detours is None:
             return np.asarray(place)
-        cell = self._closest_cells[(stage, *self.detours.locate(place))]
+        cell = self._closest_cells[(group, *self.detours.locate(place))]
         return np.where(
-            self._is_in_time(place, stage)[..., None], place, self.detours.find_centre(cell))
+            self._is_in_time(place, group)[..., None], place, self.detours.find_centre(cell))
 
     def find_farthest(self, direction: Array) -> Array:
         """Return the reachable set's farthest places in directions (G or 1, K, 2), (G, K, 2)."""
@@ -250,7 +250,7 @@ class ReachableSet:
             -self.radii if self.transmits else self.radii)
         return ground, np.log(squared + square) - self.log_advantages
 
-    def support(self, direction: Array, stage: NDArray[np.integer[Any]]) -> Array:
+    def support(self, direction: Array, group: NDArray[np.integer[Any]]) -> Array:
         """
         Return at least the maximum of direction . q over the set, exact but for rounding.
 
@@ -261,10 +261,10 @@ class ReachableSet:
         corner makes the bound larger, never wrong.
 
         :param direction: (M, 2).
-        :param stage: of each direction, (M,).
+        :param group: of each direction, (M,).
         """
-        near, far = self.from_start[stage], self.to_goal[stage]
-        across = self.corner[stage]
+        near, far = self.from_start[group], self.to_goal[group]
+        across = self.corner[group]
         norm = np.hypot(direction[:, 0], direction[:, 1])
         best = np.minimum(near * norm, far * norm + direction[:, 0] * self.distance)
         at = np.flatnonzero(across[:, 1] > 0)
@@ -295,36 +295,36 @@ def _limit_move_changes(scenario: Scenario, index: int, step: float) -> tuple[fl
 @dataclass(frozen=True, eq=False)
 class Team:
     """
-    The reachable sets of the UAVs, at most one of which jams, in all stages of a mission.
+    The reachable sets of the UAVs, at most one of which jams, in all groups of a mission.
 
-    :param stages: the slots in stages.
+    :param groups: the slots in groups.
     :param regions: of the transmitter, and of the jammer.
-    :param groups: of the places whose leaks do not add up, see certificate.entropy.
+    :param listeners: indices of the places of each, see certificate.entropy.
     """
 
-    stages: Stages
+    groups: SlotGroups
     regions: tuple[ReachableSet, ...]
-    groups: tuple[NDArray[np.intp], ...]
+    listeners: tuple[NDArray[np.intp], ...]
 
     @classmethod
-    def of(cls, scenario: Scenario, subset: EavesdropperSubset, most: int = MOST_STAGES) -> Team:
+    def of(cls, scenario: Scenario, subset: EavesdropperSubset, most: int = MOST_GROUPS) -> Team:
         """
         Return the team of a scenario.
 
         :param scenario: the mission.
         :param subset: the eavesdroppers.
-        :param most: largest number of stages.
+        :param most: largest number of groups.
         """
-        stages = Stages.of(scenario.slots, most)
-        regions = tuple(ReachableSet.of(scenario, i, stages, subset)
+        groups = SlotGroups.of(scenario.slots, most)
+        regions = tuple(ReachableSet.of(scenario, i, groups, subset)
                         for i in range(len(scenario.uavs)))
         owners = subset.owners if scenario.colluding else np.zeros_like(subset.owners)
-        return cls(stages, regions, tuple(
+        return cls(groups, regions, tuple(
             np.flatnonzero(owners == owner) for owner in np.unique(owners)))
 
-    def sum_groups(self, shares: Array) -> list[Array]:
-        """Return the sum of v (..., E) over every group, (...) each."""
-        return [shares[..., group].sum(-1) for group in self.groups]
+    def sum_listeners(self, v: Array) -> list[Array]:
+        """Return the sum of v (..., E) over every listener, (...) each."""
+        return [v[..., places].sum(-1) for places in self.listeners]
 
     @property
     def accelerates(self) -> bool:

@@ -1,5 +1,5 @@
 """
-What the bound gives away: slots share stages, eavesdroppers are left out, tolerances are added.
+What the bound gives away: slots share groups, eavesdroppers are left out, tolerances are added.
 
 **Tolerances.** A Plan may exceed a step, or miss its ends in every coordinate, by
 POSITION_TOLERANCE, and exceed every limit of power by POWER_TOLERANCE. Steps, discs and powers are
@@ -12,14 +12,14 @@ Every sum that bounds a box has fewer than 10 terms of each of the following kin
 wrong by at most a few eps of its size: logarithms (below 200 in size for every scenario that is
 legal, weighted by w0 <= 1 and sum v <= 1), and the potentials' terms (at most |u| r + |S| r^2 and
 step (|u| + |S| r) in size, r being the farthest that the reachable set reaches). The terms that
-`press_on_rim` in bound_terms.hpp adds are of that size, too: their factors are at most ten times
-the slope, and they are for discs whose radius is at most twice the place's distance. Second
-derivatives are wrong by a few eps of their terms; a negative one of the rates is at most 2 / H^2
+`add_disc_multiplier` in bound_terms.hpp adds are of that size, too: their factors are at most ten
+times the slope, and their discs' radii at most twice the place's distance. Second derivatives are
+wrong by a few eps of their terms; a negative one of the rates is at most 2 / H^2
 and met only where a box is within H of a receiver, so that it is at most of the size of 2 over a
 box. `margin` is 64 eps times the sum of these sizes, which is about ten times what the terms can
-add up to, and it is added to every box, to every maximum and to every stage. It is of the order of
+add up to, and it is added to every box, to every maximum and to every group. It is of the order of
 1e-11 nats for a mission like the paper's and grows with what is asked, up to RANGES; where it is
-not finite, neither is the bound. Sums over the stages are exact but for one rounding (math.fsum).
+not finite, neither is the bound. Sums over the groups are exact but for one rounding (math.fsum).
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from ...plan.plan import POSITION_TOLERANCE
 if TYPE_CHECKING:
     from ...mission.scenario import Scenario
 
-MOST_STAGES = 400
-"""More slots than that share stages; time and memory are then those of as many slots."""
+MOST_GROUPS = 400
+"""More slots than that share groups; time and memory are then those of as many slots."""
 
 RAYS = 16
 """Points on every disc's circle, to choose from; its centre is one more."""
@@ -52,42 +52,42 @@ COORDINATE_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Stages:
+class SlotGroups:
     """
-    The slots 1..N in G stages of neighbouring slots, of one slot each where N is small.
+    The slots 1..N in G groups of neighbouring slots, of one slot each where N is small.
 
-    All slots of a stage share one reachable set, which holds the reachable sets of all of them,
+    All slots of a group share one reachable set, which holds the reachable sets of all of them,
     and one set of multipliers; so one bound serves for all of them.
 
-    :param edges: number of slots before each stage, and N, (G + 1,).
+    :param edges: number of slots before each group, and N, (G + 1,).
     """
 
     edges: NDArray[np.int64]
 
     @classmethod
-    def of(cls, slots: int, most: int = MOST_STAGES) -> Stages:
-        """Return the stages of a mission of `slots` slots, at most `most`, as even as can be."""
+    def of(cls, slots: int, most: int = MOST_GROUPS) -> SlotGroups:
+        """Return the groups of a mission of `slots` slots, at most `most`, as even as can be."""
         count = min(slots, most)
         return cls(np.arange(count + 1) * slots // count)
 
     @property
     def first(self) -> NDArray[np.int64]:
-        """First slot of every stage, (G,)."""
+        """First slot of every group, (G,)."""
         return self.edges[:-1] + 1
 
     @property
     def last(self) -> NDArray[np.int64]:
-        """Last slot of every stage, (G,)."""
+        """Last slot of every group, (G,)."""
         return self.edges[1:]
 
     @property
     def count(self) -> NDArray[np.int64]:
-        """Return the number of slots of every stage, (G,)."""
+        """Return the number of slots of every group, (G,)."""
         return np.diff(self.edges)
 
     @property
     def means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean weights of the edges before and after a stage in its slots, (G,) each."""
+        """Mean weights of the edges before and after a group in its slots, (G,) each."""
         count = self.count.astype(float)
         return (count - 1) / (2 * count), (count + 1) / (2 * count)
 
@@ -137,7 +137,7 @@ class EavesdropperSubset:
         points = [centre + reach * offsets if reach > 0 else centre[None]
                   for centre, reach in zip(centres, within)]
         places = np.concatenate(points)
-        owners = np.repeat(np.arange(len(points)), [len(group) for group in points])
+        owners = np.repeat(np.arange(len(points)), [len(several) for several in points])
         return cls(places, np.zeros(len(places)), scenario.receiver_advantages[owners], owners)
 
     def compute_sinrs(self, scenario: Scenario, positions: Array, powers: Array) -> Array:
@@ -166,16 +166,16 @@ class EavesdropperSubset:
         :param colluding: True if the SINRs of eavesdroppers add up.
         """
         chosen: list[int] = []
-        group = self.owners if colluding else np.zeros_like(self.owners)
-        largest = np.zeros((group[-1] + 1, sinrs.shape[1]))
+        listener = self.owners if colluding else np.zeros_like(self.owners)
+        largest = np.zeros((listener[-1] + 1, sinrs.shape[1]))
         for _ in range(min(most, len(sinrs))):
-            rest = largest.sum(0) - largest[group]
-            gain = np.log1p(rest + np.maximum(sinrs, largest[group])).sum(1)
+            rest = largest.sum(0) - largest[listener]
+            gain = np.log1p(rest + np.maximum(sinrs, largest[listener])).sum(1)
             gain[chosen] = -np.inf
             fresh = ~np.isin(self.owners, self.owners[chosen])
             best = int(np.where(fresh | ~fresh.any(), gain, -np.inf).argmax())
             chosen.append(best)
-            largest[group[best]] = np.maximum(largest[group[best]], sinrs[best])
+            largest[listener[best]] = np.maximum(largest[listener[best]], sinrs[best])
         keep = sorted(chosen)
         return EavesdropperSubset(self.places[keep], self.radii[keep], self.advantages[keep],
                                   self.owners[keep])
@@ -206,7 +206,7 @@ def margin(altitude: float, size: np.ndarray) -> np.ndarray:
 
 def find_reference_snrs(scenario: Scenario) -> Array:
     """
-    Reference SNRs of the links to the ground node and to an eavesdropper, (2, U).
+    Return the reference SNRs of the links to the ground node and an eavesdropper, (2, U).
 
     Without an advantage. Fading with an outage multiplies the gain of each link by a constant, the
     quantile that counts; no lemma asks how large a link's constant is.

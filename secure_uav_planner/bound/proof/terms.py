@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .detours import pack_detours
 from .reachable_set import ReachableSet
-from .relaxation import margin, Stages
+from .relaxation import margin, SlotGroups
 from ...mission.validation import Array
 from ...model.kernel import core
 
@@ -30,7 +30,7 @@ BUDGET = 20000
 @dataclass(frozen=True, eq=False)
 class Potential:
     """
-    The potentials W_n of one UAV, quadratic in its place, at every edge between stages.
+    The potentials W_n of one UAV, quadratic in its place, at every edge between groups.
 
     Lemma 2. For any functions W_0..W_N and any path, start = q[0], .., q[N+1] = goal,
 
@@ -65,32 +65,32 @@ class Potential:
     + w_1, T_0(start) is at most the smaller of step |g| and A_0 |g| + g . d_{-1}.
     A velocity that is free at an end is d = 0 there with A = step.
 
-    Within a stage of several slots u and w are interpolated between the edges. T is convex in (u,
+    Within a group of several slots u and w are interpolated between the edges. T is convex in (u,
     S, w), so it is at most the interpolated T; where S = 0 that is the same at every place, and
-    its mean over the slots of the stage is all that counts. S is for stages of one slot each.
+    its mean over the slots of the group is all that counts. S is for groups of one slot each.
 
     :param slope: u, (G + 1, 2) in nats per unit.
     :param curvature: S as (S_11, S_12, S_22), (G + 1, 3) in nats per unit^2.
     :param acceleration: w_{n+1} at the edge after slot n, (G + 1, 2) in nats per unit.
-    :param stages: between the edges.
+    :param groups: between the edges.
     :param region: of the UAV.
-    :raises AssertionError: for S in stages of several slots.
+    :raises AssertionError: for S in groups of several slots.
     """
 
     slope: Array
     curvature: Array
     acceleration: Array
-    stages: Stages
+    groups: SlotGroups
     region: ReachableSet
 
     def __post_init__(self) -> None:
-        if self.is_quadratic and (self.stages.count > 1).any():
-            raise AssertionError('quadratic potentials are for stages of one slot')
+        if self.is_quadratic and (self.groups.count > 1).any():
+            raise AssertionError('quadratic potentials are for groups of one slot')
 
     @property
     def change(self) -> tuple[Array, Array]:
-        """Change of (u, S) in one slot of every stage, (G, 2) and (G, 3)."""
-        count = self.stages.count[:, None]
+        """Change of (u, S) in one slot of every group, (G, 2) and (G, 3)."""
+        count = self.groups.count[:, None]
         return np.diff(self.slope, axis=0) / count, np.diff(self.curvature, axis=0) / count
 
     @property
@@ -107,27 +107,27 @@ class Potential:
 
     @cached_property
     def move_slopes(self) -> Array:
-        """Return u + w_{n+1} - w_n at the edges before and after every stage, (2, G, 2)."""
-        change = np.diff(self.acceleration, axis=0) / self.stages.count[:, None]
+        """Return u + w_{n+1} - w_n at the edges before and after every group, (2, G, 2)."""
+        change = np.diff(self.acceleration, axis=0) / self.groups.count[:, None]
         return np.stack([self.slope[:-1] + change, self.slope[1:] + change])
 
     def constant(self) -> Array:
-        """Return the terms of a slot of every stage that do not depend on the place, (G,)."""
+        """Return the terms of a slot of every group that do not depend on the place, (G,)."""
         if self.is_quadratic:
             return np.asarray(self.curvature_cost()[1:] + self.acceleration_cost())
-        before, after = self.stages.means
+        before, after = self.groups.means
         length = self.region.steps * np.hypot(*np.moveaxis(self.move_slopes, 2, 0))
         return np.asarray(before * length[0] + after * length[1] + self.acceleration_cost())
 
     def acceleration_cost(self) -> Array:
         """Return the part A |w| of these, (G,) in nats."""
-        before, after = self.stages.means
+        before, after = self.groups.means
         cost = self.region.max_move_change * np.hypot(*self.acceleration.T)
         return np.asarray(before * cost[:-1] + after * cost[1:])
 
     def speed_cost(self) -> Array:
         """
-        Return the term f |u + S q| of every stage as (f, u, S), (G, 6).
+        Return the term f |u + S q| of every group as (f, u, S), (G, 6).
 
         Zeros if S = 0: then it is part of `constant`.
         """
@@ -158,7 +158,7 @@ class Potential:
                      + margin(region.altitude, self.magnitude()[[0, -1]].sum()))
 
     def magnitude(self) -> Array:
-        """Return a limit of the size of the terms of every stage, (G,) in nats, for `margin`."""
+        """Return a limit of the size of the terms of every group, (G,) in nats, for `margin`."""
         region = self.region
         reach = np.minimum(region.from_start, region.distance + region.to_goal)
         slope = np.hypot(*self.slope.T) + 2 * np.hypot(*self.acceleration.T)
@@ -172,12 +172,12 @@ class Potential:
 @dataclass(frozen=True, eq=False)
 class Terms:
     """
-    M functions of one UAV's place, and a jammer's power, each with the reachable set of its stage.
+    M functions of one UAV's place, and a jammer's power, each with the reachable set of its group.
 
     :param region: of the UAV.
-    :param stage: of every function, (M,).
+    :param group: of every function, (M,).
     :param weight: w0, (M,).
-    :param shares: v, (M, E).
+    :param v: eavesdropper multipliers, (M, E).
     :param slope: linear part of the potential, (G, 2) in nats per unit.
     :param curvature: quadratic part as (S_11, S_12, S_22), (G, 3) in nats per unit^2.
     :param speed_cost: a term f |u + S q| as (f, u_1, u_2, S_11, S_12, S_22), (G, 6), or zeros.
@@ -187,9 +187,9 @@ class Terms:
     """
 
     region: ReachableSet
-    stage: Index
+    group: Index
     weight: Array
-    shares: Array
+    v: Array
     slope: Array
     curvature: Array
     speed_cost: Array
@@ -198,7 +198,7 @@ class Terms:
     powers: tuple[float, float] | None = None
 
     def __len__(self) -> int:
-        return len(self.stage)
+        return len(self.group)
 
     def bound_maxima(self, incumbents: Array, tolerance: Array, budget: float = BUDGET,
                      stop: Callable[[], bool] = lambda: False) -> Array:
@@ -211,12 +211,12 @@ class Terms:
         :param incumbents: values near the maxima, (M,); any are valid.
         :param tolerance: of the bounds, (M,) in nats.
         :param budget: boxes for each function.
-        :param stop: asked before every stage; True leaves the rest with their first boxes' bounds.
+        :param stop: asked before every group; True leaves the rest with their first boxes' bounds.
         """
         bounds, tolerance = np.array(incumbents, float), np.array(tolerance, float)
-        # The functions of a stage share their boxes.
-        order = np.argsort(self.stage, kind='stable')
-        for functions in np.split(order, np.flatnonzero(np.diff(self.stage[order])) + 1):
+        # The functions of a group share their boxes.
+        order = np.argsort(self.group, kind='stable')
+        for functions in np.split(order, np.flatnonzero(np.diff(self.group[order])) + 1):
             budget = 0.0 if stop() else budget
             core.bound_maxima(self.kernel_arguments, functions, bounds, tolerance, budget)
         return bounds
@@ -230,12 +230,12 @@ class Terms:
             'ground', 'eavesdroppers', 'radii', 'log_advantages', 'from_start', 'to_goal',
             'corner')}
         arrays |= {name: getattr(self, name) for name in (
-            'weight', 'shares', 'slope', 'curvature', 'speed_cost', 'margin')}
+            'weight', 'v', 'slope', 'curvature', 'speed_cost', 'margin')}
         return {
             **{name: np.ascontiguousarray(array, float)
                for name, array in (*arrays.items(), ('low', low), ('high', high),
                                    ('powers', self.powers or (0.0, 0.0)))},
-            **pack_detours(region.detours), 'stage': np.ascontiguousarray(self.stage, np.int64),
+            **pack_detours(region.detours), 'group': np.ascontiguousarray(self.group, np.int64),
             'altitude': region.altitude, 'distance': region.distance, 'price': float(self.price),
             'log_gain': region.log_gain, 'jams': self.powers is not None}
 

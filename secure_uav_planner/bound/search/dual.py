@@ -1,5 +1,5 @@
 """
-The smoothed dual function on columns, with its gradient and Hessian, and Newton's step for it.
+The smoothed dual function on columns, with its gradient and Hessian.
 
 It is the certificate's bound with every maximum taken over columns and over two branches, a single
 breakpoint of w0 and silence, and smoothed to tau log sum exp(. / tau). It is jointly convex in the
@@ -9,112 +9,23 @@ and lam have weak barriers: at a high SNR the slack is of the order of 1e-3 and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-import scipy
 
-from .variables import Columns, DualPoint, pack_columns, PotentialLayout
+from .arrow import ArrowSystem
+from .columns import Columns, pack_columns
+from .variables import DualPoint, GroupLayout
 from ..proof.certificate import entropy, maximise_power
 from ..proof.reachable_set import Team
 from ...mission.validation import Array
 from ...model.kernel import core
 
-SHARE_BARRIER, SLACK_BARRIER, PRICE_BARRIER = 0.3, 1e-6, 1e-7
+V_BARRIER, SLACK_BARRIER, PRICE_BARRIER = 0.3, 1e-6, 1e-7
 """Barriers of v, times tau, of w0 - s, and of lam, in nats."""
 
 SMOOTHING = 0.3
 """Smoothing of the largest eigenvalue of S, in nats per unit^2."""
-
-
-@dataclass(frozen=True, eq=False)
-class DualDerivatives:
-    """
-    Gradient and Hessian in blocks; a stage's unknowns are v, both edges' potentials, and lam.
-
-    :param stage: gradient of the stages' terms, (G, V + 2 U P + U).
-    :param stages: their Hessians, (G, V + 2 U P + U, V + 2 U P + U).
-    :param edge: gradient of the edges' own terms, (G + 1, U P).
-    :param edges: their Hessians, (G + 1, U P, U P).
-    :param price: gradient of the prices' own terms, (U,).
-    :param prices: the diagonal of their Hessian, (U,).
-    :param sharpness: number of slots of a stage, divided by the temperature, (G,).
-    """
-
-    stage: Array
-    stages: Array
-    edge: Array
-    edges: Array
-    price: Array
-    prices: Array
-    sharpness: Array
-
-    def slope(self, step: DualPoint) -> float:
-        """Return the derivative along a step."""
-        count = len(self.stage)
-        x = step.potentials.reshape(count + 1, -1)
-        local = np.concatenate([step.shares, x[:-1], x[1:],
-                                np.broadcast_to(step.prices, (count, len(step.prices)))], 1)
-        return float((self.stage * local).sum() + (self.edge * x).sum()
-                     + self.price @ step.prices)
-
-    def solve(self, damping: float) -> DualPoint:
-        """
-        Return the damped Newton step.
-
-        If a single column is far better than the rest, the function is linear near the point, and
-        a full step would leave that neighbourhood. `damping` stands for a variance of the columns
-        of a stage in units^2: it limits changes of the potentials from edge to edge, and of those
-        at both ends. The diagonal of v and of the prices is raised by it as a share.
-
-        v is eliminated in every stage, then the potentials by a banded Cholesky factorisation.
-
-        :raises numpy.linalg.LinAlgError: where the Hessian is not positive definite.
-        """
-        count, up, u = len(self.stage), self.edge.shape[1], len(self.price)
-        e = self.stage.shape[1] - 2 * up - u
-        vv = self.stages[:, :e, :e]
-        vv = vv + (damping * np.einsum('gii->gi', vv) + 1e-12)[:, :, None] * np.eye(e)
-        vr = self.stages[:, :e, e:]
-        solved = np.linalg.solve(vv, np.concatenate([vr, self.stage[:, :e, None]], -1))
-        local = self.stages[:, e:, e:] - np.matmul(vr.transpose(0, 2, 1), solved[..., :-1])
-        rest = self.stage[:, e:] - np.matmul(
-            vr.transpose(0, 2, 1), solved[..., -1:])[..., 0]
-        move = (damping * self.sharpness)[:, None, None] * np.eye(up)
-        local[:, :up, :up] += move
-        local[:, up:2 * up, up:2 * up] += move
-        local[:, up:2 * up, :up] -= move
-        local[:, :up, up:2 * up] -= move
-        before, after, price = slice(0, up), slice(up, 2 * up), slice(2 * up, None)
-        diagonal, edge = self.edges.copy(), self.edge.copy()
-        border = np.zeros((count + 1, up, u))
-        for at, part in ((slice(0, -1), before), (slice(1, None), after)):
-            diagonal[at] += local[:, part, part]
-            edge[at] += rest[:, part]
-            border[at] += local[:, part, price]
-        diagonal = diagonal + 1e-9 * np.eye(up)
-        diagonal[[0, -1]] += move[[0, -1]]
-        band = np.zeros((2 * up, (count + 1) * up))
-        for row in range(up):
-            for column in range(up):
-                if row >= column:
-                    band[row - column, column::up] = diagonal[:, row, column]
-                band[up + row - column, column:count * up:up] = local[:, up + row, column]
-        factor = scipy.linalg.cholesky_banded(
-            band, lower=True, check_finite=False, overwrite_ab=True)
-        prices_by_edge = border.reshape(-1, u)
-        answer = scipy.linalg.cho_solve_banded((factor, True), np.concatenate(
-            [prices_by_edge, edge.reshape(-1, 1)], 1), check_finite=False)
-        corner = (np.diag(self.prices) + local[:, price, price].sum(0)
-                  - prices_by_edge.T @ answer[:, :u])
-        corner = corner + damping * np.diag(np.abs(np.diag(corner)))
-        prices = -np.linalg.solve(corner, self.price + rest[:, price].sum(0)
-                                  - prices_by_edge.T @ answer[:, u])
-        x = (-answer[:, u] - answer[:, :u] @ prices).reshape(count + 1, up)
-        steps = np.concatenate([x[:-1], x[1:], np.broadcast_to(prices, (count, u))], 1)
-        shares = -solved[..., -1] - np.matmul(solved[..., :-1], steps[..., None])[..., 0]
-        return DualPoint(x.reshape(count + 1, u, -1), shares, prices)
 
 
 class Dual:
@@ -132,116 +43,113 @@ class Dual:
                  silent: list[Columns], tau: float) -> None:
         self.team, self.weight, self.tau = team, weight, tau
         self.columns, self.silent = columns, silent
-        self.count = team.stages.count.astype(float)
+        self.count = team.groups.count.astype(float)
         self.average = np.array([region.average for region in team.regions])
         # The number of slots that an edge counts for, and one more at the start.
-        before, after = team.stages.means
+        before, after = team.groups.means
         self.edge = np.zeros(len(self.count) + 1)
         self.edge[:-1] += self.count * before
         self.edge[1:] += self.count * after
         self.edge[0] += 1
 
-    def slack(self, shares: Array) -> Array:
+    def slack(self, v: Array) -> Array:
         """Return w0 - s, (G,)."""
-        return np.asarray(self.weight - shares.sum(-1))
+        return np.asarray(self.weight - v.sum(-1))
 
     def value(self, point: DualPoint) -> float:
         """Return the dual function, N times a rate in nats."""
         return self._evaluate(point, False)[0]
 
-    def derivatives(self, point: DualPoint) -> tuple[float, DualDerivatives]:
+    def derivatives(self, point: DualPoint) -> tuple[float, ArrowSystem]:
         """Return the dual function with its gradient and its Hessian."""
-        value, derivatives = self._evaluate(point, True)
-        assert derivatives is not None
-        return value, derivatives
+        return self._evaluate(point, True)
 
-    def _evaluate(self, point: DualPoint, second: bool) -> tuple[float, DualDerivatives | None]:
-        value, stage, stages = self._stages(point, second)
-        shares, prices = point.shares, point.prices
-        bar = SHARE_BARRIER * (self.tau if shares.shape[-1] > 1 else 1e-5)
-        slack = self.slack(shares)
+    def _evaluate(self, point: DualPoint, second: bool) -> tuple[float, Any]:
+        value, group, groups = self._groups(point, second)
+        v, prices, layout = point.v, point.prices, point.group_layout
+        bar = V_BARRIER * (self.tau if v.shape[-1] > 1 else 1e-5)
+        slack = self.slack(v)
         slots = float(self.count.sum())
         value += slots * float(prices @ self.average - PRICE_BARRIER * np.log(prices).sum())
-        value -= float(((bar * np.log(shares).sum(-1) + SLACK_BARRIER * np.log(slack))
+        value -= float(((bar * np.log(v).sum(-1) + SLACK_BARRIER * np.log(slack))
                         * self.count).sum())
         edge, edges = self._edges(point)
         value += edge
         if not second:
             return value, None
-        e = shares.shape[-1]
-        stage[:, :e] += self.count[:, None] * (-bar / shares + (SLACK_BARRIER / slack)[:, None])
-        stages[:, :e, :e] += self.count[:, None, None] * (
-            (bar / shares**2)[:, :, None] * np.eye(e) + (SLACK_BARRIER / slack**2)[:, None, None])
-        return value, DualDerivatives(
-            stage, stages, *edges, slots * (self.average - PRICE_BARRIER / prices),
-            slots * PRICE_BARRIER / prices**2, self.count / self.tau)
+        group[:, layout.v] += self.count[:, None] * (-bar / v + (SLACK_BARRIER / slack)[:, None])
+        groups[:, layout.v, layout.v] += self.count[:, None, None] * (
+            (bar / v**2)[:, :, None] * np.eye(v.shape[1])
+            + (SLACK_BARRIER / slack**2)[:, None, None])
+        return value, ArrowSystem(
+            point.layout, layout, group, groups, *edges,
+            slots * (self.average - PRICE_BARRIER / prices), slots * PRICE_BARRIER / prices**2,
+            self.count / self.tau)
 
     def _edges(self, point: DualPoint) -> tuple[float, tuple[Array, Array]]:
         """Return value, gradient and Hessian of the terms at the edges and the ends."""
-        x, layout, value = point.potentials, PotentialLayout.of(point.potentials), 0.0
+        x, layout, value = point.potentials, point.layout, 0.0
         count, u, p = x.shape
-        grad, hess = np.zeros((count, u, p)), np.zeros((count, u * p, u * p))
+        grad, hess = np.zeros((count, u, p)), np.zeros((count, u, p, u, p))
+        at_start, at_goal = np.eye(count)[0], np.eye(count)[-1]
 
-        def add_lengths(i: int, firsts: tuple[int, ...], factor: Array) -> float:
-            """Add factor |x|, smoothed, x (count, 2) the sum of the pairs that begin at firsts."""
-            vector = np.sum([x[:, i, first:first + 2] for first in firsts], 0)
+        def add_lengths(i: int, parts: list[slice], factor: Array) -> float:
+            """Add factor |x|, smoothed, x (count, 2) the sum of parts of a potential."""
+            vector = np.sum([x[:, i, part] for part in parts], 0)
             delta = self.tau / self.team.regions[i].step
             norm = np.sqrt((vector * vector).sum(-1) + delta * delta)
             share = factor / norm
             second = share[:, None, None] * (
                 np.eye(2) - vector[:, :, None] * vector[:, None] / (norm * norm)[:, None, None])
-            for first in firsts:
-                grad[:, i, first:first + 2] += share[:, None] * vector
-                for column in firsts:
-                    hess[:, i * p + first:i * p + first + 2,
-                         i * p + column:i * p + column + 2] += second
+            for part in parts:
+                grad[:, i, part] += share[:, None] * vector
+                for other in parts:
+                    hess[:, i, part, i, other] += second
             return float(factor @ norm)
 
         for i, region in enumerate(self.team.regions):
             # The slope of the first move: u_0, and w_1 where accelerations are limited.
             limits, moves = region.end_move_changes, region.end_moves
-            shorter = layout.acceleration and limits[0] < region.step
-            start = (limits[0] if shorter else region.step) * np.eye(1, count)[0]
-            firsts = (0, p - 2) if layout.acceleration else (0,)
-            value += add_lengths(i, firsts, start)
-            if layout.acceleration:
-                for at in firsts if shorter else ():
-                    value += float(x[0, i, at:at + 2] @ moves[0])
-                    grad[0, i, at:at + 2] += moves[0]
-                value -= float(x[-1, i, -2:] @ moves[1])
-                grad[-1, i, -2:] -= moves[1]
-                last = max(limits[1] - region.max_move_change, 0.0) * np.eye(1, count)[0][::-1]
-                value += add_lengths(i, (p - 2,), region.max_move_change * self.edge + last)
-            d = region.distance
-            goal = np.array([d, 0.0, d * d / 2, 0.0, 0.0])[:5 if layout.quadratic else 2]
-            value -= float(goal @ x[-1, i, :len(goal)])
-            grad[-1, i, :len(goal)] -= goal
+            shorter = layout.accelerates and limits[0] < region.step
+            first = [layout.slope, layout.acceleration] if layout.accelerates else [layout.slope]
+            value += add_lengths(i, first, (limits[0] if shorter else region.step) * at_start)
+            if layout.accelerates:
+                for part in first if shorter else ():
+                    value += float(x[0, i, part] @ moves[0])
+                    grad[0, i, part] += moves[0]
+                w = layout.acceleration
+                value -= float(x[-1, i, w] @ moves[1])
+                grad[-1, i, w] -= moves[1]
+                last = max(limits[1] - region.max_move_change, 0.0) * at_goal
+                value += add_lengths(i, [w], region.max_move_change * self.edge + last)
+            d, place = region.distance, slice(0, layout.acceleration.start)
+            goal = np.array([d, 0.0, d * d / 2, 0.0, 0.0])[place]
+            value -= float(goal @ x[-1, i, place])
+            grad[-1, i, place] -= goal
             if layout.quadratic:
-                largest, slope, second = _smooth_largest_eigenvalue(x[:, i, 2:5])
+                s = layout.curvature
+                largest, slope, second = _smooth_largest_eigenvalue(x[:, i, s])
                 factor = np.append(region.step, region.steps)**2 / 2 * self.edge
                 value += float(factor @ largest)
-                grad[:, i, 2:5] += factor[:, None] * slope
-                three = slice(i * p + 2, i * p + 5)
-                hess[:, three, three] += factor[:, None, None] * second
-        return value, (grad.reshape(count, -1), hess)
+                grad[:, i, s] += factor[:, None] * slope
+                hess[:, i, s, i, s] += factor[:, None, None] * second
+        return value, (grad.reshape(count, -1), hess.reshape(count, u * p, u * p))
 
-    def _stages(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
-        """Return value, gradient and Hessian of the stages' smoothed maxima."""
-        u, p = point.potentials.shape[1:]
-        g, e = point.shares.shape
-        size = e + 2 * u * p + u
+    def _groups(self, point: DualPoint, second: bool) -> tuple[float, Array, Array]:
+        """Return value, gradient and Hessian of the groups' smoothed maxima."""
+        (g, e), layout, size = point.v.shape, point.group_layout, point.group_layout.prices.stop
         # Of the two branches: w0, and silence.
         values, grads, hessians = (np.zeros((2, g, *shape) if second or not shape else 0)
                                    for shape in ((), (size,), (size, size)))
-        values[0], *derivatives = self._powers(point.shares, point.prices[0], size, second)
+        values[0], *derivatives = self._powers(point.v, point.prices[0], layout, second)
         if second:
             grads[0], hessians[0] = derivatives
         lists = [(1, i, columns, np.zeros(g), np.zeros((g, e)))
                  for i, columns in enumerate(self.silent)]
-        lists += [(0, i, columns, self.weight, point.shares)
+        lists += [(0, i, columns, self.weight, point.v)
                   for i, columns in enumerate(self.columns)]
         for branch, i, columns, weight, v in lists:
-            index = self._unknowns(i, point)
+            index = layout.select_uav(i)
             own = len(index)
             value, grad, hessian = (np.empty((g, *shape) if second or not shape else 0)
                                     for shape in ((), (own,), (own, own)))
@@ -258,39 +166,32 @@ class Dual:
         best = float(self.count @ (top + self.tau * np.log(total)))
         if not second:
             return best, values, values
-        stage = (mix[..., None] * grads).sum(0)
-        stages = sum(share[:, None, None] * (hessian + grad[:, :, None] * grad[:, None] / self.tau)
+        group = (mix[..., None] * grads).sum(0)
+        groups = sum(share[:, None, None] * (hessian + grad[:, :, None] * grad[:, None] / self.tau)
                      for share, grad, hessian in zip(mix, grads, hessians))
-        stages = stages - stage[:, :, None] * stage[:, None] / self.tau
-        return best, stage * self.count[:, None], stages * self.count[:, None, None]
+        groups = groups - group[:, :, None] * group[:, None] / self.tau
+        return best, group * self.count[:, None], groups * self.count[:, None, None]
 
-    @staticmethod
-    def _unknowns(i: int, point: DualPoint) -> NDArray[np.intp]:
-        """Return the indices of v and of UAV i's potentials and price among a stage's unknowns."""
-        (u, p), e = point.potentials.shape[1:], point.shares.shape[-1]
-        own = e + p * i + np.arange(p)
-        return np.r_[0:e, own, own + u * p, e + 2 * u * p + i]
-
-    def _powers(self, v: Array, price: float, size: int, second: bool) -> tuple[
-            Array, Array, Array]:
+    def _powers(self, v: Array, price: float, layout: GroupLayout,
+                second: bool) -> tuple[Array, Array, Array]:
         """Return the entropies and the maximum over the transmit power, with derivatives."""
         rest, peak = 1 - v.sum(-1), self.team.regions[0].peak
-        slack, e = self.slack(v), v.shape[-1]
+        slack, own, la = self.slack(v), layout.v, layout.prices.start
         value, power = maximise_power(slack, price, peak)
-        groups = self.team.sum_groups(v)
-        value = value - entropy(*groups) + entropy(self.weight)
+        totals = self.team.sum_listeners(v)
+        value = value - entropy(*totals) + entropy(self.weight)
         if not second:
             return value, np.zeros(0), np.zeros(0)
+        size = layout.prices.stop
         grad, hess = np.zeros((len(v), size)), np.zeros((len(v), size, size))
-        la = size - len(self.team.regions)
         inner = power < peak * (1 - 1e-12)
-        grad[:, :e] = -np.log(power * rest)[:, None]
+        grad[:, own] = -np.log(power * rest)[:, None]
         grad[:, la] = -power
-        hess[:, :e, :e] = (1 / rest + inner / slack)[:, None, None]
-        for group, total in zip(self.team.groups, groups):
-            grad[:, group] += np.log(total)[:, None]
-            hess[:, group[:, None], group] += (1 / total)[:, None, None]
-        hess[:, :e, la] = hess[:, la, :e] = (inner / price)[:, None]
+        hess[:, own, own] = (1 / rest + inner / slack)[:, None, None]
+        for places, total in zip(self.team.listeners, totals):
+            grad[:, places] += np.log(total)[:, None]
+            hess[:, places[:, None], places] += (1 / total)[:, None, None]
+        hess[:, own, la] = hess[:, la, own] = (inner / price)[:, None]
         hess[:, la, la] = inner * slack / price**2
         return value, grad, hess
 

@@ -1,137 +1,85 @@
-"""
-The variables of the search: candidate places and powers of each UAV, and the multipliers.
-
-A place and a power in one stage are a column. Its value is convex in the multipliers, and so is
-the largest value of any columns.
-"""
+"""The unknowns of the search, the multipliers, and with which it begins."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..proof.certificate import sigmoid
-from ..proof.reachable_set import ReachableSet, Team
-from ..proof.relaxation import unit_circle
+from ..proof.reachable_set import Team
 from ...mission.validation import Array
-
-RINGS = (0.01, 0.03, 0.1, 0.3)
-"""Radii of rings of twelve places around a plan's place, in units."""
-
-GRID, COARSE_GRID, SILENT_GRID = (11, 13), (4, 5), (5, 5)
-"""Places along and across a set: of candidates, of columns always kept, and of silent ones."""
-
-RIM = 32
-"""Silent places on the rim of a reachable set, the farthest in as many directions."""
+from ...model.channel.rates import compute_sinr
 
 AUDIBLE = 1e-3
 """Share of the average power above which a slot counts as one with a transmission."""
 
 
-@dataclass(frozen=True, eq=False)
-class Columns:
+class PotentialLayout(NamedTuple):
     """
-    Places and powers of one UAV in every stage.
+    Where the parts of a UAV's potential are among its P numbers at an edge; the kernel reads it.
 
-    :param place: (G, C, 2) in units.
-    :param power: (G, C) in W; 0 for the transmitter, whose power has a closed form.
-    :param ground: factor of w0, (G, C) in nats.
-    :param leaks: factors of v, (G, C, E) in nats.
+    :param slope: u.
+    :param curvature: S; empty where potentials are linear.
+    :param acceleration: w; empty where no UAV has a limit of acceleration.
     """
 
-    place: Array
-    power: Array
-    ground: Array
-    leaks: Array
+    slope: slice
+    curvature: slice
+    acceleration: slice
 
     @classmethod
-    def of(cls, region: ReachableSet, place: Array, power: Array) -> Columns:
-        """Return the columns of given places and powers."""
-        ground, leaks = region.log_squares(place)
-        if region.transmits:
-            return cls(place, power, region.log_gain - ground, leaks - region.log_gain)
-        return cls(place, power, -np.log1p(power * np.exp(region.log_gain - ground)),
-                   np.log1p(power[..., None] * np.exp(region.log_gain - leaks)))
+    def of(cls, quadratic: bool, accelerates: bool) -> PotentialLayout:
+        """Return the layout with S, and with w."""
+        return cls(*_lay_out(2, 3 if quadratic else 0, 2 if accelerates else 0))
 
-    @classmethod
-    def product(cls, region: ReachableSet, place: Array, levels: Array) -> Columns:
-        """Return the columns of every place (G, K, 2) with every power (G, P), (G, K P)."""
-        shape = place.shape[:2] + levels.shape[1:]
-        return cls.of(region, np.broadcast_to(place[:, :, None], shape + (2,)).reshape(
-            len(place), -1, 2), np.broadcast_to(levels[:, None], shape).reshape(len(place), -1))
+    @property
+    def quadratic(self) -> bool:
+        """Return True with S."""
+        return bool(self.curvature.stop > self.curvature.start)
 
-    def take(self, index: NDArray[np.intp]) -> Columns:
-        """Return the columns with the given indices of every stage, (G, C')."""
-        row = np.arange(len(index))[:, None]
-        return Columns(self.place[row, index], self.power[row, index],
-                       self.ground[row, index], self.leaks[row, index])
+    @property
+    def accelerates(self) -> bool:
+        """Return True with w."""
+        return bool(self.acceleration.stop > self.acceleration.start)
 
-    @staticmethod
-    def concatenate(parts: list[Columns]) -> Columns:
-        """Return all columns of several lists."""
-        return Columns(*(np.concatenate([getattr(part, name) for part in parts], 1)
-                         for name in ('place', 'power', 'ground', 'leaks')))
+    def split(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return u, S and w of potentials (..., P), zeros for those that they do not have."""
+        zeros = np.zeros(x.shape[:-1] + (3,))
+        return (x[..., self.slope], x[..., self.curvature] if self.quadratic else zeros,
+                x[..., self.acceleration] if self.accelerates else zeros[..., :2])
 
 
-def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
-    """Return a grid over every reachable set, its boundary included, (G, along * across, 2)."""
-    low, high = region.bounding_box
-    even = np.linspace(0, 1, along)
-    step = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
-    a = low[:, :1] + (high - low)[:, :1] * step
-    half = np.sqrt(np.maximum(np.minimum(
-        (region.from_start[:, None] - a) * (region.from_start[:, None] + a),
-        region.to_goal[:, None]**2 - (a - region.distance)**2), 0.0))
-    left, right = np.maximum(-half, low[:, 1:]), np.minimum(half, high[:, 1:])
-    b = left[..., None] + (right - left)[..., None] * np.linspace(0, 1, across)
-    place = np.stack(np.broadcast_arrays(a[:, :, None], b), -1).reshape(len(a), -1, 2)
-    return region.clip(place, np.arange(len(a))[:, None])
-
-
-def sample_rings(region: ReachableSet, centre: Array) -> Array:
-    """Return centres (G, 2) and rings around them, as far as they are in the set, (G, K, 2)."""
-    offset = np.concatenate([[[0.0, 0.0]], *(radius * unit_circle(12) for radius in RINGS)])
-    place = centre[:, None] + offset
-    stage = np.arange(len(place))[:, None]
-    return np.asarray(np.where(region.contains(place, stage)[..., None], place, centre[:, None]))
-
-
-def sample_powers(region: ReachableSet, power: Array) -> Array:
-    """Return powers of a jammer around a plan's, (G,), and up to the peak, (G, 13)."""
-    about = np.clip(power, 1e-6 * region.peak, region.peak)[:, None]
-    return np.asarray(np.minimum(np.concatenate([
-        np.zeros_like(about), about * np.exp(np.linspace(-1.2, 1.2, 7)),
-        np.broadcast_to(region.peak * np.geomspace(1e-4, 1.0, 5), (len(power), 5))], 1),
-        region.peak))
-
-
-@dataclass(frozen=True)
-class PotentialLayout:
+class GroupLayout(NamedTuple):
     """
-    The entries of a potential at an edge: u (2), then S (3) and w (2) where it has them.
+    Where the parts of a slot group's F unknowns are.
 
-    :param quadratic: True with S.
-    :param acceleration: True with w, for UAVs with a limit of acceleration.
+    :param v: eavesdropper multipliers.
+    :param before: potentials of all UAVs at the edge before the group.
+    :param after: those at the edge after it.
+    :param prices: lam.
     """
 
-    quadratic: bool
-    acceleration: bool
+    v: slice
+    before: slice
+    after: slice
+    prices: slice
 
-    @classmethod
-    def of(cls, potentials: Array) -> PotentialLayout:
-        """Return the layout of potentials (..., P)."""
-        width = potentials.shape[-1]
-        return cls(width >= 5, width in (4, 7))
+    def select_uav(self, i: int) -> NDArray[np.intp]:
+        """Return the indices of v, and of a UAV's potentials at both edges and its price."""
+        size = (self.after.stop - self.after.start) // (self.prices.stop - self.prices.start)
+        own = i * size + np.arange(size)
+        return np.r_[self.v, self.before.start + own, self.after.start + own,
+                     self.prices.start + i]
 
 
-def split_potentials(x: Array) -> tuple[Array, Array, Array]:
-    """Return u, S and w of potentials (..., P), zeros for those that they do not have."""
-    layout, zeros = PotentialLayout.of(x), np.zeros(x.shape[:-1] + (3,))
-    return (x[..., :2], x[..., 2:5] if layout.quadratic else zeros,
-            x[..., -2:] if layout.acceleration else zeros[..., :2])
+def _lay_out(*sizes: int) -> Iterator[slice]:
+    """Return slices of given sizes that follow each other."""
+    ends = np.cumsum([0, *sizes]).tolist()
+    return map(slice, ends, ends[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,50 +87,39 @@ class DualPoint:
     """
     The unknowns of the dual function.
 
-    :param potentials: at every edge, see PotentialLayout, (G + 1, U, P).
-    :param shares: v, (G, E).
+    :param layout: of the potentials.
+    :param potentials: at every edge, (G + 1, U, P).
+    :param v: eavesdropper multipliers, (G, E).
     :param prices: lam, (U,).
     """
 
+    layout: PotentialLayout
     potentials: Array
-    shares: Array
+    v: Array
     prices: Array
+
+    @property
+    def group_layout(self) -> GroupLayout:
+        """Return the layout of a group's unknowns."""
+        potentials = self.potentials[0].size
+        return GroupLayout(*_lay_out(
+            self.v.shape[1], potentials, potentials, len(self.prices)))
 
     def move(self, step: DualPoint, length: float) -> DualPoint:
         """Return this point moved along a step."""
-        return DualPoint(self.potentials + length * step.potentials,
-                         self.shares + length * step.shares, self.prices + length * step.prices)
+        return DualPoint(self.layout, self.potentials + length * step.potentials,
+                         self.v + length * step.v, self.prices + length * step.prices)
 
     def shorten(self, point: DualPoint, slack: Array) -> DualPoint:
         """Return this step, shortened so that every slot's v, slack and prices stay positive."""
         with np.errstate(divide='ignore', invalid='ignore'):
-            total = -self.shares.sum(-1)
+            total = -self.v.sum(-1)
             most = np.minimum(
-                np.where(self.shares < 0, -point.shares / self.shares, np.inf).min(-1),
+                np.where(self.v < 0, -point.v / self.v, np.inf).min(-1),
                 np.where(total < 0, -slack / total, np.inf))
             prices = np.where(self.prices < 0, -point.prices / self.prices, np.inf)
-        return replace(self, shares=self.shares * np.minimum(1.0, 0.9 * most)[..., None],
+        return replace(self, v=self.v * np.minimum(1.0, 0.9 * most)[..., None],
                        prices=self.prices * np.minimum(1.0, 0.9 * prices))
-
-
-def pack_columns(team: Team, uav: int, point: DualPoint, columns: Columns, weight: Array,
-                 shares: Array, tau: float = 1e-9) -> dict[str, Any]:
-    """
-    Return the kernel's arguments: columns of a UAV, its potential, and w0 and v.
-
-    :param weight: w0, (G,).
-    :param shares: v, (G, E).
-    """
-    potentials = point.potentials[:, uav]
-    layout = PotentialLayout.of(potentials)
-    arrays = {
-        'place': columns.place, 'power': columns.power, 'ground': columns.ground,
-        'leaks': columns.leaks, 'potentials': potentials, 'count': team.stages.count,
-        'step': team.regions[uav].steps, 'mean': team.stages.means, 'weights': weight,
-        'shares': shares}
-    return {**{name: np.ascontiguousarray(array, float) for name, array in arrays.items()},
-            'quadratic': layout.quadratic, 'acceleration': layout.acceleration, 'tau': tau,
-            'price': float(point.prices[uav])}
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,17 +127,17 @@ class InitialMultipliers:
     """
     The multipliers with which a search begins.
 
-    :param places: of every UAV in every stage, (U, G, 2) in units of its reachable set.
-    :param powers: (U, G) in W; in silent stages those of the nearest stage with a transmission.
+    :param places: of every UAV in every group, (U, G, 2) in units of its reachable set.
+    :param powers: (U, G) in W; in silent groups those of the nearest group with a transmission.
     :param weight: w0, the derivative of the rate by log SINR at the ground node, (G,).
-    :param shares: v, (G, E).
+    :param v: eavesdropper multipliers, (G, E).
     :param prices: lam, (U,) in nats per W.
     """
 
     places: Array
     powers: Array
     weight: Array
-    shares: Array
+    v: Array
     prices: Array
 
     @classmethod
@@ -211,7 +148,7 @@ class InitialMultipliers:
         :param positions: (U, N + 2, 2) in m.
         :param powers: (U, N) in W.
         """
-        middle = (team.stages.first + team.stages.last) // 2
+        middle = (team.groups.first + team.groups.last) // 2
         places = np.array([region.local(path[middle])
                            for region, path in zip(team.regions, positions)])
         power = np.maximum(powers[:, middle - 1], 0.0)
@@ -225,13 +162,11 @@ class InitialMultipliers:
             log_ground, log_leaks = region.log_squares(place)
             ground.append(p * np.exp(region.log_gain - log_ground))
             leaks.append(p[:, None] * np.exp(region.log_gain - log_leaks))
-        noise0 = 1.0 + sum(ground[1:], np.zeros_like(ground[0]))
-        noise = 1.0 + sum(leaks[1:], np.zeros_like(leaks[0]))
-        z0 = np.log(np.maximum(ground[0] / noise0, 1e-9))
-        ze = np.log(np.maximum(leaks[0] / noise, 1e-9))
+        z0, ze = (np.log(np.maximum(compute_sinr(np.array(received)), 1e-9))
+                  for received in (ground, leaks))
         weight = np.clip(sigmoid(z0), 0.3, 1 - 1e-6)
-        group = np.array([ze[:, index].max(-1) for index in team.groups]).T
-        loudest = sigmoid(np.logaddexp.reduce(group, -1))
+        received = np.array([ze[:, index].max(-1) for index in team.listeners]).T
+        loudest = sigmoid(np.logaddexp.reduce(received, -1))
         prices = np.full(len(team.regions), 1e-5)
         prices[0] = 1e-2
         if on.any():
@@ -240,10 +175,10 @@ class InitialMultipliers:
         slack = prices[0] * np.maximum(watts[0], 0.1 * team.regions[0].average)
         total = np.clip(np.minimum(loudest, weight - slack), 0.05, weight * (1 - 1e-7))
         share = np.empty_like(ze)
-        for index, largest in zip(team.groups, group.T):
+        for index, largest in zip(team.listeners, received.T):
             near = np.exp(8 * (ze[:, index] - largest[:, None]))
             share[:, index] = near / near.sum(-1, keepdims=True) * np.exp(
-                largest - group.max(-1))[:, None]
+                largest - received.max(-1))[:, None]
         share = share / share.sum(-1, keepdims=True) + 0.02
         share /= share.sum(-1, keepdims=True)
         return cls(places, watts, weight, total[:, None] * share, prices)

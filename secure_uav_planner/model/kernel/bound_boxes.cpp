@@ -20,11 +20,11 @@ using kernel::Terms;
 
 namespace {
 
-// Upper bounds of the maxima of functions of the same stage, by levels of boxes.
+// Upper bounds of the maxima of functions of the same group, by levels of boxes.
 class BranchAndBound {
 public:
-    BranchAndBound(const Terms& terms, std::size_t stage, double budget)
-        : terms_(terms), stage_(stage), budget_(budget), parts_(terms.parts()) {}
+    BranchAndBound(const Terms& terms, std::size_t group, double budget)
+        : terms_(terms), group_(group), budget_(budget), parts_(terms.parts()) {}
 
     // Add function k. Unless the budget ends, its bound will be at most the incumbent, or a larger
     // value that it reaches, plus the tolerance.
@@ -35,7 +35,7 @@ public:
 
     // Find the bounds.
     void search(Array<double>& best) {
-        std::vector<Node> level{{terms_.bounding_box(stage_), 0, items_.size()}};
+        std::vector<Node> level{{terms_.bounding_box(group_), 0, items_.size()}};
         while (!level.empty()) {
             next_nodes_.clear();
             next_items_.clear();
@@ -67,7 +67,7 @@ private:
     // Bound the functions that need a box, and halve it for those whose bound is too large.
     void visit(Node& node) {
         Box& box = node.box;
-        terms_.expand(stage_, box, parts_.data());
+        terms_.expand(group_, box, parts_.data());
         if (!box.meets_set) return;
         const std::size_t begin = next_items_.size();
         double most = -INFINITE;
@@ -82,7 +82,7 @@ private:
                 const Expansion f = terms_.sum(function.number, parts_.data());
                 if (box.centre_in_set)
                     function.enough = std::max(function.enough, f.value + function.tolerance);
-                bound = terms_.bound(stage_, box, f, function.enough);
+                bound = terms_.bound(group_, box, f, function.enough);
                 if (!ended && !(bound <= function.enough)) {
                     next_items_.push_back({items_[i].function, bound});
                     if (!(bound - function.enough <= most)) {
@@ -128,7 +128,7 @@ private:
     }
 
     const Terms& terms_;
-    std::size_t stage_;
+    std::size_t group_;
     double budget_;
     std::vector<Expansion> parts_;
     std::vector<Function> functions_;
@@ -136,7 +136,7 @@ private:
     std::vector<Node> next_nodes_;
 };
 
-// Replace the incumbents of functions, all of the same stage, by bounds of their maxima.
+// Replace the incumbents of functions, all of the same group, by bounds of their maxima.
 void bound_maxima(const py::dict& args, const py::buffer& functions,
                   const py::buffer& incumbents, const py::buffer& tolerance, double budget) {
     const Terms terms(args);
@@ -146,10 +146,10 @@ void bound_maxima(const py::dict& args, const py::buffer& functions,
     expect(index.size() > 0, "functions");
     for (std::size_t i = 0; i < index.size(); ++i)
         expect(index[i] >= 0 && std::size_t(index[i]) < terms.size()
-                   && terms.stage(std::size_t(index[i])) == terms.stage(std::size_t(index[0])),
+                   && terms.group(std::size_t(index[i])) == terms.group(std::size_t(index[0])),
                "functions");
     const py::gil_scoped_release release;
-    BranchAndBound tree(terms, terms.stage(std::size_t(index[0])), budget);
+    BranchAndBound tree(terms, terms.group(std::size_t(index[0])), budget);
     for (std::size_t i = 0; i < index.size(); ++i) {
         const std::size_t k = std::size_t(index[i]);
         tree.add(k, best[k], tolerances[k]);
@@ -170,10 +170,10 @@ py::tuple bound_box(const py::dict& args, std::size_t function, const py::buffer
         box.half[i] = sides[i];
     }
     std::vector<Expansion> parts(terms.parts());
-    const std::size_t stage = terms.stage(function);
-    terms.expand(stage, box, parts.data());
+    const std::size_t group = terms.group(function);
+    terms.expand(group, box, parts.data());
     const Expansion f = terms.sum(function, parts.data());
-    return py::make_tuple(f.value, terms.bound(stage, box, f, -INFINITE));
+    return py::make_tuple(f.value, terms.bound(group, box, f, -INFINITE));
 }
 
 }  // namespace

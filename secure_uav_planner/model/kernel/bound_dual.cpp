@@ -15,50 +15,51 @@ namespace {
 
 constexpr double NEGLIGIBLE = 1e-10;      // Weight of a column left out of the derivatives.
 constexpr double LEAST_LOG = -40.0;       // Logarithm of a weight left out of the value, too.
-constexpr std::size_t MOST_ENTRIES = 14;  // Of the potentials at both edges of a stage.
+constexpr std::size_t MOST_ENTRIES = 14;  // Of the potentials at both edges of a group.
 
-// Columns of a UAV in G stages, C in each: see variables.py for their contents.
+// Columns of a UAV in G groups, C in each: see variables.py for their contents.
 class Columns {
 public:
     explicit Columns(const py::dict& args)
-        : stages_(count_entries(args, "count")),
-          columns_(count_entries(args, "ground") / std::max<std::size_t>(stages_, 1)),
-          eavesdroppers_(count_entries(args, "shares") / std::max<std::size_t>(stages_, 1)),
-          width_(count_entries(args, "potentials") / (stages_ + 1)),
-          quadratic_(args["quadratic"].cast<bool>()), base_(quadratic_ ? 5 : 2),
-          acceleration_(args["acceleration"].cast<bool>()), tau_(args["tau"].cast<double>()),
-          price_(args["price"].cast<double>()), place_(args, "place", 2 * stages_ * columns_),
-          power_(args, "power", stages_ * columns_), ground_(args, "ground", stages_ * columns_),
-          leaks_(args, "leaks", stages_ * columns_ * eavesdroppers_),
-          potentials_(args, "potentials", (stages_ + 1) * width_),
-          count_(args, "count", stages_), step_(args, "step", stages_),
-          mean_(args, "mean", 2 * stages_), weights_(args, "weights", stages_),
-          shares_(args, "shares", stages_ * eavesdroppers_),
+        : groups_(count_entries(args, "count")),
+          columns_(count_entries(args, "ground") / std::max<std::size_t>(groups_, 1)),
+          eavesdroppers_(count_entries(args, "v") / std::max<std::size_t>(groups_, 1)),
+          width_(count_entries(args, "potentials") / (groups_ + 1)),
+          base_(args["acceleration"].cast<std::size_t>()), quadratic_(base_ == 5),
+          acceleration_(width_ == base_ + 2), tau_(args["tau"].cast<double>()),
+          price_(args["price"].cast<double>()), place_(args, "place", 2 * groups_ * columns_),
+          power_(args, "power", groups_ * columns_), ground_(args, "ground", groups_ * columns_),
+          leaks_(args, "leaks", groups_ * columns_ * eavesdroppers_),
+          potentials_(args, "potentials", (groups_ + 1) * width_),
+          count_(args, "count", groups_), step_(args, "step", groups_),
+          mean_(args, "mean", 2 * groups_), weights_(args, "weights", groups_),
+          v_(args, "v", groups_ * eavesdroppers_),
           features_(eavesdroppers_ + 2 * width_ + 1) {
-        kernel::expect(width_ == base_ + (acceleration_ ? 2 : 0), "potentials");
+        kernel::expect((base_ == 2 || quadratic_) && (width_ == base_ || acceleration_),
+                       "potentials");
     }
 
-    // Evaluate all columns, and call `visit` for every stage with the index of its best column.
+    // Evaluate all columns, and call `visit` for every group with the index of its best column.
     template <typename Visit>
     void evaluate(const Visit& visit) {
         potential_.resize(columns_);
         values_.resize(columns_);
-        for (std::size_t g = 0; g < stages_; ++g) {
+        for (std::size_t g = 0; g < groups_; ++g) {
             // The lengths of linear potentials are the same at all columns.
             const double length = quadratic_ ? 0.0 : sum_lengths(g, 0, nullptr);
             for (std::size_t c = 0; c < columns_; ++c)
                 potential_[c] =
                     find_change(g, c) + (quadratic_ ? sum_lengths(g, c, nullptr) : length);
-            visit(g, evaluate_stage(g));
+            visit(g, evaluate_group(g));
         }
     }
 
     std::size_t columns() const { return columns_; }
-    std::size_t stages() const { return stages_; }
+    std::size_t groups() const { return groups_; }
     std::size_t features() const { return features_; }
     const std::vector<double>& values() const { return values_; }
 
-    // Find the smoothed maximum of the stage visited, and its derivatives unless they are null.
+    // Find the smoothed maximum of the group visited, and its derivatives unless they are null.
     double smooth_maximum(std::size_t g, std::size_t best, double* slope, double* hessian) {
         const std::size_t e = eavesdroppers_, f = features_;
         const double top = values_[best];
@@ -129,7 +130,7 @@ private:
         const double *before = potential(g), *after = potential(g + 1);
         double value = 0.0;
         for (std::size_t edge = 0; edge < 2; ++edge) {
-            const double factor = mean_[edge * stages_ + g] * step;
+            const double factor = mean_[edge * groups_ + g] * step;
             if (terms) terms[edge].factor = 0.0;
             if (factor == 0.0) continue;
             const double* own = edge ? after : before;
@@ -172,15 +173,15 @@ private:
         }
     }
 
-    // Find the values of a stage's columns; return the index of the best.
-    std::size_t evaluate_stage(std::size_t g) {
+    // Find the values of a group's columns; return the index of the best.
+    std::size_t evaluate_group(std::size_t g) {
         const std::size_t e = eavesdroppers_;
         std::size_t best = 0;
         for (std::size_t c = 0; c < columns_; ++c) {
             const std::size_t column = g * columns_ + c;
             double value = potential_[c] + weights_[g] * ground_[column];
             for (std::size_t i = 0; i < e; ++i)
-                value += shares_[g * e + i] * leaks_[column * e + i];
+                value += v_[g * e + i] * leaks_[column * e + i];
             values_[c] = value;
             if (value > values_[best]) best = c;
         }
@@ -198,7 +199,7 @@ private:
             double row[MOST_ENTRIES];
             apply_chain_rule(g, c, edge, length.n0, length.n1, row);
             for (std::size_t i = e; i < last; ++i)
-                row_[i] += mean_[edge * stages_ + g] * step_[g] * row[i - e];
+                row_[i] += mean_[edge * groups_ + g] * step_[g] * row[i - e];
             // I - n n' = t t' + (delta / norm)^2 I with t across n.
             const double factors[3][2] = {
                 {-length.n1, length.n0}, {length.smoothing, 0.0}, {0.0, length.smoothing}};
@@ -220,13 +221,12 @@ private:
         }
     }
 
-    std::size_t stages_, columns_, eavesdroppers_, width_;
-    bool quadratic_;
-    std::size_t base_;
-    bool acceleration_;
+    std::size_t groups_, columns_, eavesdroppers_, width_;
+    std::size_t base_;  // Numbers of u and S, before those of w.
+    bool quadratic_, acceleration_;
     double tau_, price_;
     Array<const double> place_, power_, ground_, leaks_, potentials_, count_, step_, mean_,
-        weights_, shares_;
+        weights_, v_;
     std::size_t features_;
     std::vector<double> potential_, values_, row_;
 };
@@ -234,9 +234,9 @@ private:
 void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buffer& slope,
                    const py::buffer& hessian) {
     Columns columns(args);
-    const std::size_t count = columns.stages(), f = columns.features();
-    const bool differentiate = count_entries(slope) > 0;
+    const std::size_t count = columns.groups(), f = columns.features();
     const Array<double> values(value, "value", count);
+    const bool differentiate = count_entries(slope) > 0;
     const Array<double> first(slope, "slope", differentiate ? count * f : 0);
     const Array<double> second(hessian, "hessian", differentiate ? count * f * f : 0);
     const py::gil_scoped_release release;
@@ -248,7 +248,7 @@ void smooth_maxima(const py::dict& args, const py::buffer& value, const py::buff
 
 void evaluate_columns(const py::dict& args, const py::buffer& values) {
     Columns columns(args);
-    const Array<double> written(values, "values", columns.stages() * columns.columns());
+    const Array<double> written(values, "values", columns.groups() * columns.columns());
     const py::gil_scoped_release release;
     columns.evaluate([&](std::size_t g, std::size_t) {
         std::copy(columns.values().begin(), columns.values().end(),

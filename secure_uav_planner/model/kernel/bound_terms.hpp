@@ -28,11 +28,11 @@
 // The potential's q . S q / 2 is bounded as it is, and for its |g + S dq| with g = u + S m both
 // |g| + g . S dq / |g| + |S dq|^2 / (2 |g|) and |g| + g . S dq / |g| + 2 |S dq| are bounds. Linear
 // parts are at most the box's maximum, and the reachable set's (support); on the rim
-// `press_on_rim` removes the slope across it. Second order matters: near a maximum inside the
-// reachable set, or on its rim, the number of boxes does not grow as they shrink.
+// `add_disc_multiplier` removes the slope across it. Second order matters: near a maximum inside
+// the reachable set, or on its rim, the number of boxes does not grow as they shrink.
 //
 // All of that but the reachable set's part is linear in the weights w0 and v, which are not
-// negative. So the functions of a stage are bounded together: a box has an expansion for each
+// negative. So the functions of a group are bounded together: a box has an expansion for each
 // weight and a last one without a weight, and every function that needs the box adds them up.
 #pragma once
 
@@ -131,40 +131,40 @@ private:
 class Terms {
 public:
     explicit Terms(const py::dict& args)
-        : count_(count_entries(args, "weight")), stages_(count_entries(args, "from_start")),
+        : count_(count_entries(args, "weight")), groups_(count_entries(args, "from_start")),
           eavesdroppers_(count_entries(args, "radii")), altitude_(args["altitude"].cast<double>()),
           distance_(args["distance"].cast<double>()), price_(args["price"].cast<double>()),
           log_gain_(args["log_gain"].cast<double>()), jams_(args["jams"].cast<bool>()),
           ground_(args, "ground", 2), places_(args, "eavesdroppers", 2 * eavesdroppers_),
           radii_(args, "radii", eavesdroppers_),
           log_advantages_(args, "log_advantages", eavesdroppers_),
-          from_start_(args, "from_start", stages_), to_goal_(args, "to_goal", stages_),
-          corner_(args, "corner", 2 * stages_), low_(args, "low", 2 * stages_),
-          high_(args, "high", 2 * stages_), slope_(args, "slope", 2 * stages_),
-          curvature_(args, "curvature", 3 * stages_),
-          speed_cost_(args, "speed_cost", 6 * stages_), margin_(args, "margin", stages_),
-          stage_(args, "stage", count_), weight_(args, "weight", count_),
-          shares_(args, "shares", count_ * eavesdroppers_), powers_(args, "powers", 2),
+          from_start_(args, "from_start", groups_), to_goal_(args, "to_goal", groups_),
+          corner_(args, "corner", 2 * groups_), low_(args, "low", 2 * groups_),
+          high_(args, "high", 2 * groups_), slope_(args, "slope", 2 * groups_),
+          curvature_(args, "curvature", 3 * groups_),
+          speed_cost_(args, "speed_cost", 6 * groups_), margin_(args, "margin", groups_),
+          group_(args, "group", count_), weight_(args, "weight", count_),
+          v_(args, "v", count_ * eavesdroppers_), powers_(args, "powers", 2),
           detours_(args) {
         for (std::size_t k = 0; k < count_; ++k)
-            expect(stage_[k] >= 0 && std::size_t(stage_[k]) < stages_, "stage");
+            expect(group_[k] >= 0 && std::size_t(group_[k]) < groups_, "group");
     }
 
     std::size_t size() const { return count_; }
-    std::size_t stage(std::size_t k) const { return std::size_t(stage_[k]); }
+    std::size_t group(std::size_t k) const { return std::size_t(group_[k]); }
     std::size_t parts() const { return eavesdroppers_ + 2; }
     int dimensions() const { return jams_ ? 3 : 2; }
 
     // The weight of an expansion in function k.
     double factor(std::size_t k, std::size_t part) const {
         return part == 0 ? weight_[k] : part > eavesdroppers_ ? 1.0
-                         : shares_[k * eavesdroppers_ + part - 1];
+                         : v_[k * eavesdroppers_ + part - 1];
     }
 
-    // The box around the reachable set of a stage and all powers.
-    Box bounding_box(std::size_t stage) const {
-        const double low[3] = {low_[2 * stage], low_[2 * stage + 1], powers_[0]};
-        const double high[3] = {high_[2 * stage], high_[2 * stage + 1], powers_[1]};
+    // The box around the reachable set of a group and all powers.
+    Box bounding_box(std::size_t group) const {
+        const double low[3] = {low_[2 * group], low_[2 * group + 1], powers_[0]};
+        const double high[3] = {high_[2 * group], high_[2 * group + 1], powers_[1]};
         Box box{};
         for (int i = 0; i < dimensions(); ++i) {
             box.centre[i] = (low[i] + high[i]) / 2;
@@ -177,11 +177,11 @@ public:
 
     // Locate a box in the reachable set, and find its expansions: for the ground node, for each
     // eavesdropper, and for the terms without a weight.
-    void expand(std::size_t stage, Box& box, Expansion* parts) const {
-        box.meets_set = meets_set(box, stage);
-        box.centre_in_set = contains(box.centre, stage);
-        box.leaves_disc[0] = leaves_disc(box, 0.0, from_start_[stage]);
-        box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[stage]);
+    void expand(std::size_t group, Box& box, Expansion* parts) const {
+        box.meets_set = meets_set(box, group);
+        box.centre_in_set = contains(box.centre, group);
+        box.leaves_disc[0] = leaves_disc(box, 0.0, from_start_[group]);
+        box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[group]);
         const double ha = box.half[0], hb = box.half[1], rho = std::sqrt(ha * ha + hb * hb);
         for (std::size_t part = 0; part < this->parts(); ++part) parts[part] = Expansion{};
         if (jams_) {
@@ -189,7 +189,7 @@ public:
         } else {
             expand_transmitter(box, rho, parts);
         }
-        add_potential(stage, box, rho, parts[eavesdroppers_ + 1]);
+        add_potential(group, box, rho, parts[eavesdroppers_ + 1]);
     }
 
     // The expansion of function k in a box.
@@ -210,18 +210,18 @@ public:
     }
 
     // An upper bound of function f in a box. If a loose bound is below `enough`, it is returned.
-    double bound(std::size_t stage, const Box& box, const Expansion& f, double enough) const {
+    double bound(std::size_t group, const Box& box, const Expansion& f, double enough) const {
         const double ha = box.half[0], hb = box.half[1], width = box.half[2];
         const double base =
             f.value + f.rest + (jams_ ? max_quadratic(f.gp, f.kp, -width, width) : 0.0);
         double plane = max_quadratic(f.ga, f.ka, -ha, ha) + max_quadratic(f.gb, f.kb, -hb, hb);
         // Inside both discs, the reachable set gives no tighter bound than the box.
         if ((box.leaves_disc[0] || box.leaves_disc[1]) && !(base + plane <= enough)) {
-            const double whole = support(f.ga, f.gb, stage)
+            const double whole = support(f.ga, f.gb, group)
                 - (f.ga * box.centre[0] + f.gb * box.centre[1])
                 + (positive_part(f.ka) * ha * ha + positive_part(f.kb) * hb * hb) / 2;
             double g[2] = {f.ga, f.gb}, k[2] = {f.ka, f.kb};
-            const double extra = press_on_rim(box, g, k, stage);
+            const double extra = add_disc_multiplier(box, g, k, group);
             const double rim = extra + max_quadratic(g[0], k[0], -ha, ha)
                 + max_quadratic(g[1], k[1], -hb, hb);
             plane = std::min(plane, std::min(whole, rim));
@@ -257,21 +257,21 @@ private:
         const double watts = std::exp(box.centre[2]), more = std::exp(width);
         const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
         const double d2 = da * da + db * db, q = d2 + square;
-        const double received = std::exp(log_gain_) * watts, y = received / q, use = y / (1 + y);
+        const double received = std::exp(log_gain_) * watts, y = received / q, phi1 = y / (1 + y);
         Expansion& f = parts[0];
         f.value = -std::log(1 + y);
-        f.ga = 2 * use / q * da;
-        f.gb = 2 * use / q * db;
-        f.gp = -use;
+        f.ga = 2 * phi1 / q * da;
+        f.gb = 2 * phi1 / q * db;
+        f.gp = -phi1;
         const double d = std::sqrt(d2), nearest = positive_part(d - rho), farthest = d + rho;
         const double near = nearest * nearest + square, far = farthest * farthest + square;
         const double top = received * more / near, least = received / more / far;
         f.ka = top / (1 + top) * 2 / near;
-        const double steep = max_gradient(nearest, farthest, altitude_);
-        if (steep * rho < width) {
-            const double bent = std::min(softplus_curvature(top), softplus_curvature(least));
-            f.kp = -bent * (1 - steep * rho / width);
-            f.ka += bent * steep * (width / std::max(rho, TINY) - steep);
+        const double grad_max = max_gradient(nearest, farthest, altitude_);
+        if (grad_max * rho < width) {
+            const double phi2_min = std::min(softplus_curvature(top), softplus_curvature(least));
+            f.kp = -phi2_min * (1 - grad_max * rho / width);
+            f.ka += phi2_min * grad_max * (width / std::max(rho, TINY) - grad_max);
         }
         f.kb = f.ka;
         for (std::size_t e = 0; e < eavesdroppers_; ++e) {
@@ -279,43 +279,43 @@ private:
             const double ea = box.centre[0] - places_[2 * e];
             const double eb = box.centre[1] - places_[2 * e + 1];
             const double d = std::sqrt(ea * ea + eb * eb), x = d + radii_[e];
-            const double q = x * x + square, y = gain / q, use = y / (1 + y);
-            const double factor = -use * 2 * x / (q * std::max(d, TINY));
+            const double q = x * x + square, y = gain / q, phi1 = y / (1 + y);
+            const double factor = -phi1 * 2 * x / (q * std::max(d, TINY));
             Expansion& f = parts[e + 1];
             f.value = std::log(1 + y);
             f.ga = factor * ea;
             f.gb = factor * eb;
-            f.gp = use;
+            f.gp = phi1;
             const double low = positive_part(d - rho) + radii_[e], high = x + rho;
             const double top = gain * more / (low * low + square);
             const double least = gain / more / (high * high + square);
-            const double twice = softplus_curvature(std::min(std::max(least, 1.0), top));
-            const double steep = max_gradient(low, high, altitude_);
+            const double phi2_max = softplus_curvature(std::min(std::max(least, 1.0), top));
+            const double grad_max = max_gradient(low, high, altitude_);
             // (|dpi| + G |dq|)^2: the two squares and the product are shared out.
-            const double plane = twice * steep * (steep + width / std::max(rho, TINY));
-            const double round = max_radial_curvature(low, high, altitude_);
-            const double at = round > 0 ? top : least;
-            f.ka = f.kb = plane + at / (1 + at) * round;
-            f.kp = twice * (1 + steep * rho / std::max(width, TINY));
+            const double plane = phi2_max * grad_max * (grad_max + width / std::max(rho, TINY));
+            const double curvature_max = max_radial_curvature(low, high, altitude_);
+            const double at = curvature_max > 0 ? top : least;
+            f.ka = f.kb = plane + at / (1 + at) * curvature_max;
+            f.kp = phi2_max * (1 + grad_max * rho / std::max(width, TINY));
         }
         const double cost = price_ * watts;
-        Expansion& paid = parts[eavesdroppers_ + 1];
-        paid.value = paid.gp = -cost;
-        paid.kp = -cost / more;
+        Expansion& power_cost = parts[eavesdroppers_ + 1];
+        power_cost.value = power_cost.gp = -cost;
+        power_cost.kp = -cost / more;
     }
 
     // Add the potential and the margin.
-    void add_potential(std::size_t stage, const Box& box, double rho, Expansion& f) const {
+    void add_potential(std::size_t group, const Box& box, double rho, Expansion& f) const {
         const double a = box.centre[0], b = box.centre[1];
-        const double *u = &slope_[2 * stage], *s = &curvature_[3 * stage];
-        const double* t = &speed_cost_[6 * stage];
+        const double *u = &slope_[2 * group], *s = &curvature_[3 * group];
+        const double* t = &speed_cost_[6 * group];
         const double sa = s[0] * a + s[1] * b, sb = s[1] * a + s[2] * b;
         f.value += u[0] * a + u[1] * b + (sa * a + sb * b) / 2;
         f.ga += u[0] + sa;
         f.gb += u[1] + sb;
         f.ka += s[0];
         f.kb += s[2];
-        f.rest += margin_[stage] + std::abs(s[1]) * box.half[0] * box.half[1];
+        f.rest += margin_[group] + std::abs(s[1]) * box.half[0] * box.half[1];
         if (t[0] == 0) return;
         const double ta = t[1] + t[3] * a + t[4] * b, tb = t[2] + t[4] * a + t[5] * b;
         const double safe = std::max(std::sqrt(ta * ta + tb * tb), 1e-150);
@@ -333,13 +333,13 @@ private:
     }
 
     // False only if a box misses the reachable set.
-    bool meets_set(const Box& box, std::size_t stage) const {
+    bool meets_set(const Box& box, std::size_t group) const {
         const auto square_gap = [](double x, double half) {
             const double far = positive_part(std::abs(x) - half);
             return far * far;
         };
         const double across = square_gap(box.centre[1], box.half[1]);
-        const double near = from_start_[stage], far = to_goal_[stage];
+        const double near = from_start_[group], far = to_goal_[group];
         double low[2], high[2];
         for (int i = 0; i < 2; ++i) {
             low[i] = box.centre[i] - box.half[i];
@@ -350,9 +350,9 @@ private:
                && detours_.reaches(low, high, near, far);
     }
 
-    bool contains(const double* place, std::size_t stage) const {
+    bool contains(const double* place, std::size_t group) const {
         const double x = place[0], along = x - distance_, across = place[1] * place[1];
-        const double near = from_start_[stage], far = to_goal_[stage];
+        const double near = from_start_[group], far = to_goal_[group];
         return x * x + across <= near * near && along * along + across <= far * far
                && detours_.reaches(place, place, near, far);
     }
@@ -365,9 +365,9 @@ private:
     }
 
     // ReachableSet.support, which derives it (lemma 6).
-    double support(double ga, double gb, std::size_t stage) const {
-        const double near = from_start_[stage], far = to_goal_[stage];
-        const double along = corner_[2 * stage], across = corner_[2 * stage + 1];
+    double support(double ga, double gb, std::size_t group) const {
+        const double near = from_start_[group], far = to_goal_[group];
+        const double along = corner_[2 * group], across = corner_[2 * group + 1];
         const double norm = std::sqrt(ga * ga + gb * gb);
         double best = std::min(near * norm, far * norm + ga * distance_);
         if (across > 0) {
@@ -387,33 +387,33 @@ private:
     // it may be added a times to a function before that is bounded. With a the slope's part along
     // q - c, that slope vanishes, and a / R is subtracted from the second derivative: what is left
     // is second order near a maximum on the rim, too.
-    double press_on_rim(const Box& box, double* slope, double* curvature,
-                        std::size_t stage) const {
-        const double radius[2] = {from_start_[stage], to_goal_[stage]}, y = box.centre[1];
+    double add_disc_multiplier(const Box& box, double* slope, double* curvature,
+                               std::size_t group) const {
+        const double radius[2] = {from_start_[group], to_goal_[group]}, y = box.centre[1];
         const double x[2] = {box.centre[0], box.centre[0] - distance_};
         double far[2], na[2], nb[2], along[2];
-        bool use[2];
+        bool active[2];
         for (int i = 0; i < 2; ++i) {
             far[i] = std::sqrt(x[i] * x[i] + y * y);
             // Near the middle of a disc the direction from its centre means nothing.
-            use[i] = box.leaves_disc[i] && far[i] > radius[i] / 2;
+            active[i] = box.leaves_disc[i] && far[i] > radius[i] / 2;
             na[i] = x[i] / std::max(far[i], TINY);
             nb[i] = y / std::max(far[i], TINY);
-            along[i] = use[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
+            along[i] = active[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
         }
         const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
-        double push[2] = {(along[0] - cosine * along[1]) / sine2,
-                          (along[1] - cosine * along[0]) / sine2};
-        // Nearly opposite directions would need pushes far larger than the slope.
-        if (!(use[0] && use[1] && push[0] > 0 && push[1] > 0 && sine2 > 1e-2)) {
+        double multiplier[2] = {(along[0] - cosine * along[1]) / sine2,
+                                (along[1] - cosine * along[0]) / sine2};
+        // Nearly opposite directions would need multipliers far larger than the slope.
+        if (!(active[0] && active[1] && multiplier[0] > 0 && multiplier[1] > 0 && sine2 > 1e-2)) {
             const int stronger = along[0] > along[1] ? 0 : 1;
-            push[stronger] = positive_part(along[stronger]);
-            push[1 - stronger] = 0.0;
+            multiplier[stronger] = positive_part(along[stronger]);
+            multiplier[1 - stronger] = 0.0;
         }
         double extra = 0.0;
         for (int i = 0; i < 2; ++i) {
-            const double share = push[i] / radius[i];
-            extra += push[i] * (radius[i] - far[i]) * (radius[i] + far[i]) / (2 * radius[i]);
+            const double share = multiplier[i] / radius[i];
+            extra += multiplier[i] * (radius[i] - far[i]) * (radius[i] + far[i]) / (2 * radius[i]);
             slope[0] -= share * x[i];
             slope[1] -= share * y;
             curvature[0] -= share;
@@ -422,13 +422,13 @@ private:
         return extra;
     }
 
-    std::size_t count_, stages_, eavesdroppers_;
+    std::size_t count_, groups_, eavesdroppers_;
     double altitude_, distance_, price_, log_gain_;
     bool jams_;
     Array<const double> ground_, places_, radii_, log_advantages_, from_start_, to_goal_, corner_,
         low_, high_, slope_, curvature_, speed_cost_, margin_;
-    Array<const std::int64_t> stage_;
-    Array<const double> weight_, shares_, powers_;
+    Array<const std::int64_t> group_;
+    Array<const double> weight_, v_, powers_;
     kernel::Detours detours_;
 };
 

@@ -166,7 +166,7 @@ def prove_leaks(discs: Arguments, slots: Indices, most: Array, most_sectors: int
 def bound_maxima(terms: Arguments, functions: NDArray[np.intp], bounds: Array, tolerance: Array,
                  budget: float) -> None:
     """
-    Bound the maxima of functions of a stage by branch and bound; see `proof.terms.Terms`.
+    Bound the maxima of functions of a slot group by branch and bound; see `proof.terms.Terms`.
 
     :param functions: their numbers.
     :param bounds: of all functions; incumbents, which those of `functions` replace.
@@ -179,10 +179,10 @@ def bound_box(terms: Arguments, function: int, centre: Array, half: Array) -> tu
 
 def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians: Array) -> None:
     """
-    Fill the smoothed maxima over a UAV's columns; see `search.variables.pack_columns`.
+    Fill the smoothed maxima over a UAV's columns; see `search.columns.pack_columns`.
 
-    :param values: of every stage, (G,).
-    :param gradients: by a stage's unknowns, (G, F), or empty.
+    :param values: of every slot group, (G,).
+    :param gradients: by a group's unknowns, (G, F), or empty.
     :param hessians: (G, F, F), or empty.
     """
 

@@ -1,0 +1,276 @@
+"""
+The columns of each UAV: candidate places and powers in every slot group.
+
+The value of a column is convex in the multipliers, and so is the largest value of any columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .variables import DualPoint
+from ..proof.reachable_set import ReachableSet, Team
+from ..proof.relaxation import unit_circle
+from ...mission.validation import Array
+
+RINGS = (0.01, 0.03, 0.1, 0.3)
+"""Radii of rings of twelve places around a plan's place, in units."""
+
+GRID, COARSE_GRID, SILENT_GRID = (11, 13), (4, 5), (5, 5)
+"""Places along and across a set: of candidates, of columns always kept, and of silent ones."""
+
+RIM = 32
+"""Silent places on the rim of a reachable set, the farthest in as many directions."""
+
+COARSE_POWERS = [0, 4]
+"""Indices of a jammer's powers at the places of the coarse grid."""
+
+KEPT = 45
+"""Number of the best columns that a round uses."""
+
+RECENT = 8
+"""Latest rounds whose columns serve to choose v."""
+
+BASE_RIM = 16
+"""Places on the rim of the reachable set that every round uses, with a silent jammer."""
+
+FRESH, OLD = 5, 15
+"""Columns that a round improves by a compass search, and earlier ones that it keeps."""
+
+SILENT = 24
+"""Latest silent places that are kept beside the fixed ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """
+    Places and powers of one UAV in every group.
+
+    :param place: (G, C, 2) in units.
+    :param power: (G, C) in W; 0 for the transmitter, whose power has a closed form.
+    :param ground: factor of w0, (G, C) in nats.
+    :param leaks: factors of v, (G, C, E) in nats.
+    """
+
+    place: Array
+    power: Array
+    ground: Array
+    leaks: Array
+
+    @classmethod
+    def of(cls, region: ReachableSet, place: Array, power: Array) -> Columns:
+        """Return the columns of given places and powers."""
+        ground, leaks = region.log_squares(place)
+        if region.transmits:
+            return cls(place, power, region.log_gain - ground, leaks - region.log_gain)
+        return cls(place, power, -np.log1p(power * np.exp(region.log_gain - ground)),
+                   np.log1p(power[..., None] * np.exp(region.log_gain - leaks)))
+
+    @classmethod
+    def product(cls, region: ReachableSet, place: Array, levels: Array) -> Columns:
+        """Return the columns of every place (G, K, 2) with every power (G, P), (G, K P)."""
+        shape = place.shape[:2] + levels.shape[1:]
+        return cls.of(region, np.broadcast_to(place[:, :, None], shape + (2,)).reshape(
+            len(place), -1, 2), np.broadcast_to(levels[:, None], shape).reshape(len(place), -1))
+
+    def take(self, index: NDArray[np.intp]) -> Columns:
+        """Return the columns with the given indices of every group, (G, C')."""
+        row = np.arange(len(index))[:, None]
+        return Columns(self.place[row, index], self.power[row, index],
+                       self.ground[row, index], self.leaks[row, index])
+
+    @staticmethod
+    def concatenate(parts: list[Columns]) -> Columns:
+        """Return all columns of several lists."""
+        return Columns(*(np.concatenate([getattr(part, name) for part in parts], 1)
+                         for name in ('place', 'power', 'ground', 'leaks')))
+
+
+def sample_grid(region: ReachableSet, along: int, across: int) -> Array:
+    """Return a grid over every reachable set, its boundary included, (G, along * across, 2)."""
+    low, high = region.bounding_box
+    even = np.linspace(0, 1, along)
+    step = 0.25 * (1 - np.cos(np.pi * even)) + 0.5 * even
+    a = low[:, :1] + (high - low)[:, :1] * step
+    half = np.sqrt(np.maximum(np.minimum(
+        (region.from_start[:, None] - a) * (region.from_start[:, None] + a),
+        region.to_goal[:, None]**2 - (a - region.distance)**2), 0.0))
+    left, right = np.maximum(-half, low[:, 1:]), np.minimum(half, high[:, 1:])
+    b = left[..., None] + (right - left)[..., None] * np.linspace(0, 1, across)
+    place = np.stack(np.broadcast_arrays(a[:, :, None], b), -1).reshape(len(a), -1, 2)
+    return region.clip(place, np.arange(len(a))[:, None])
+
+
+def sample_rings(region: ReachableSet, centre: Array) -> Array:
+    """Return centres (G, 2) and rings around them, as far as they are in the set, (G, K, 2)."""
+    offset = np.concatenate([[[0.0, 0.0]], *(radius * unit_circle(12) for radius in RINGS)])
+    place = centre[:, None] + offset
+    group = np.arange(len(place))[:, None]
+    return np.asarray(np.where(region.contains(place, group)[..., None], place, centre[:, None]))
+
+
+def sample_powers(region: ReachableSet, power: Array) -> Array:
+    """Return powers of a jammer around a plan's, (G,), and up to the peak, (G, 13)."""
+    about = np.clip(power, 1e-6 * region.peak, region.peak)[:, None]
+    return np.asarray(np.minimum(np.concatenate([
+        np.zeros_like(about), about * np.exp(np.linspace(-1.2, 1.2, 7)),
+        np.broadcast_to(region.peak * np.geomspace(1e-4, 1.0, 5), (len(power), 5))], 1),
+        region.peak))
+
+
+class ColumnPool:
+    """
+    The columns of one UAV: fixed ones, those of the latest rounds, and places of silence.
+
+    :param region: of the UAV.
+    :param places: around which columns lie, (G, 2) in units.
+    :param powers: likewise, (G,) in W.
+    """
+
+    def __init__(self, region: ReachableSet, places: Array, powers: Array) -> None:
+        self.region, count = region, len(places)
+        # The places nearest to the receivers, too.
+        receivers = np.concatenate([region.ground[None], region.eavesdroppers])
+        nearest = region.clip(np.broadcast_to(receivers, (count, *receivers.shape)),
+                              np.arange(count)[:, None])
+        self._grid = np.concatenate(
+            [sample_grid(region, *GRID), sample_rings(region, places), nearest], 1)
+        coarse = np.concatenate([sample_grid(region, *COARSE_GRID), nearest], 1)
+        power = np.zeros((count, 1)) if region.transmits else sample_powers(region, powers)
+        coarse_power = power if region.transmits else power[:, COARSE_POWERS]
+        rim = region.find_farthest(unit_circle(BASE_RIM)[None])
+        self._table = Columns.product(region, self._grid, power)
+        self._base = Columns.concatenate([
+            Columns.product(region, coarse, coarse_power),
+            Columns.of(region, rim, np.zeros(rim.shape[:2]))])
+        self._improved: list[Columns] = []
+        self._rounds: list[Columns] = []
+        self._silent_places = np.concatenate(
+            [region.find_farthest(unit_circle(RIM)[None]), sample_grid(region, *SILENT_GRID)], 1)
+
+    @property
+    def latest(self) -> Columns:
+        """Return the columns of the latest round, with those that every round uses."""
+        return Columns.concatenate([self._base, self._rounds[-1]])
+
+    @property
+    def recent(self) -> Columns:
+        """Return the columns of the latest rounds, alike."""
+        return Columns.concatenate([self._base, *self._rounds])
+
+    @property
+    def silent(self) -> Columns:
+        """Return the columns of silence."""
+        place = self._silent_places
+        none = np.zeros(place.shape[:2])
+        return Columns(place, none, none, np.zeros((*none.shape, len(self.region.radii))))
+
+    def add_round(self, evaluate: Callable[[Columns], Array]) -> None:
+        """
+        Add the best columns for the present multipliers, some of them improved.
+
+        :param evaluate: the values of columns, (G, C) in nats, for w0 and v of the search.
+        """
+        region, table = self.region, self._table.power.shape[1]
+        # A UAV may best be silent in a slot in which the rest of the team sends.
+        places = self._silent_places
+        silent = Columns.of(region, places, np.zeros(places.shape[:2]))
+        pool = Columns.concatenate([self._table, silent, *self._improved])
+        value = evaluate(pool)
+        kept = min(KEPT, value.shape[1])
+        chosen = pool.take(np.argpartition(value, -kept, axis=1)[:, -kept:])
+        # Of every place of the table only its best power.
+        count = self._grid.shape[1]
+        powers = table // count
+        best = value[:, :table].reshape(len(value), count, powers).argmax(2)
+        best = np.concatenate([best + powers * np.arange(count), np.broadcast_to(
+            np.arange(table, value.shape[1]), (len(value), value.shape[1] - table))], 1)
+        candidates, value = pool.take(best), np.take_along_axis(value, best, 1)
+        fresh = self._improve(
+            candidates.take(_select_distinct(region, candidates, value)), evaluate)
+        improved = Columns.concatenate([*self._improved, fresh])
+        latest = np.arange(improved.power.shape[1])[-OLD - FRESH:]
+        self._improved = [improved.take(np.broadcast_to(latest, (len(value), len(latest))))]
+        self._rounds = [*self._rounds, Columns.concatenate([chosen, *self._improved])][-RECENT:]
+
+    def add_silent_places(self, slope: Array | None, evaluate: Callable[[Columns], Array]) -> None:
+        """
+        Add the best places of silence for the present multipliers; the oldest ones go.
+
+        :param slope: of a potential that is linear, (G, 2), or None.
+        :param evaluate: the values of columns, (G, C) in nats, in silence.
+        """
+        region, place = self.region, self._silent_places
+        if slope is not None:
+            new = region.find_farthest(slope[:, None])
+        else:
+            pool = self.silent
+            start = pool.take(_select_distinct(region, pool, evaluate(pool)))
+            new = self._improve(start, evaluate).place
+        fixed = RIM + SILENT_GRID[0] * SILENT_GRID[1]
+        latest = np.concatenate([place[:, fixed:], new], 1)[:, -SILENT:]
+        self._silent_places = np.concatenate([place[:, :fixed], latest], 1)
+
+    def _improve(self, start: Columns, evaluate: Callable[[Columns], Array]) -> Columns:
+        """Return the columns that a compass search reaches from given ones."""
+        region = self.region
+        count, many = start.power.shape
+        low, high = region.bounding_box
+        step = np.repeat(((high - low).max(1) / 12)[:, None], many, 1)
+        ratio = np.full((count, many), 0.4)
+        place, power = start.place, start.power
+        moves = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0],
+                          [0, 0, 1], [0, 0, -1]][:5 if region.transmits else 7], float)
+        group = np.arange(count)[:, None, None]
+        for _ in range(8):
+            trial = place[:, :, None] + step[..., None, None] * moves[:, :2]
+            trial = region.clip(trial, group)
+            trial = np.where(region.contains(trial, group)[..., None], trial, place[:, :, None])
+            watts = np.minimum(power[..., None] * np.exp(ratio[..., None] * moves[:, 2]),
+                               region.peak)
+            flat = Columns.of(region, trial.reshape(count, -1, 2), watts.reshape(count, -1))
+            pick = evaluate(flat).reshape(count, many, -1).argmax(-1)[..., None]
+            place = np.take_along_axis(trial, pick[..., None], 2)[:, :, 0]
+            power = np.take_along_axis(watts, pick, 2)[..., 0]
+            stay = pick[..., 0] == 0
+            step, ratio = (np.where(stay, size / 2.5, size) for size in (step, ratio))
+        return Columns.of(region, place, power)
+
+
+def _select_distinct(region: ReachableSet, pool: Columns, value: Array) -> NDArray[np.intp]:
+    """Return the indices of the best columns at distinct places, (G, FRESH)."""
+    low, high = region.bounding_box
+    far = ((high - low).max(1) / 8)[:, None]
+    value = value.copy()
+    row = np.arange(len(value))
+    chosen = []
+    for _ in range(FRESH):
+        best = value.argmax(1)
+        chosen.append(best)
+        offset = np.abs(pool.place - pool.place[row, best][:, None])
+        value[(offset[..., 0] < far) & (offset[..., 1] < far)] = -np.inf
+    return np.stack(chosen, 1)
+
+
+def pack_columns(team: Team, uav: int, point: DualPoint, columns: Columns, weight: Array,
+                 v: Array, tau: float = 1e-9) -> dict[str, Any]:
+    """
+    Return the kernel's arguments: columns of a UAV, its potential, and w0 and v.
+
+    :param weight: w0, (G,).
+    :param v: eavesdropper multipliers, (G, E).
+    """
+    potentials, layout = point.potentials[:, uav], point.layout
+    arrays = {
+        'place': columns.place, 'power': columns.power, 'ground': columns.ground,
+        'leaks': columns.leaks, 'potentials': potentials, 'count': team.groups.count,
+        'step': team.regions[uav].steps, 'mean': team.groups.means, 'weights': weight,
+        'v': v}
+    return {**{name: np.ascontiguousarray(array, float) for name, array in arrays.items()},
+            'acceleration': layout.acceleration.start, 'tau': tau,
+            'price': float(point.prices[uav])}
