@@ -107,6 +107,22 @@ def test_a_pause_holds_on_the_curve_and_the_flight_resumes_from_there(plan):
     assert np.array_equal(flown.powers, Playback(plan).at(bench.player.time).powers)
 
 
+@pytest.mark.parametrize('slots', [200, 20000])
+def test_many_slots_take_no_more_evaluations_and_the_goal_is_reached_at_rest(slots, monkeypatch):
+    scenario = with_uavs(Scenario.paper(150.0, slots=slots), max_acceleration=2.0,
+                         goal_velocity=(0.0, -8.0))
+    plan, calls, at = replace(fly_hover_fly(scenario), start_ns=BEGIN), [], Playback.at
+    monkeypatch.setattr(Playback, 'at', lambda *args: calls.append(args) or at(*args))
+    bench = start_flight(plan, 6.0)
+    assert len(calls) < 1500
+    monkeypatch.undo()
+    bench.run(200.0)
+    for (_, before), (_, after) in zip(bench.sent, bench.sent[1:]):
+        change = np.linalg.norm(after.velocities - before.velocities, axis=-1)
+        assert (change <= 2.0 * STEP * (1 + 1e-6)).all()
+    assert bench.player.ended and not bench.sent[-1][1].velocities.any()
+
+
 def test_a_plan_for_a_different_team_is_refused(plan):
     bench = start_flight(plan, 30.0)
     uavs = plan.scenario.uavs

@@ -31,6 +31,7 @@ VELOCITY_JUMP = 1e-3
 """Tolerance of the change of velocity in m/s, beyond the acceleration limit; for rounding."""
 
 _BRAKING_STEP = 0.05  # s
+_MOST_BRAKING_STEPS = 200  # About 15 ms.
 _END_TOLERANCE = 1e-3  # s
 
 
@@ -331,9 +332,11 @@ def _compute_braking_rates(playback: Playback, most: float) -> tuple[Array, Arra
     """
     limits = playback.plan.scenario.max_accelerations
     limited = np.isfinite(limits)
-    if (np.abs(playback.at(playback.duration).velocities[limited]) < VELOCITY_JUMP).all():
+    speeds = np.linalg.norm(playback.at(playback.duration).velocities, axis=-1)[limited]
+    if (speeds < VELOCITY_JUMP).all():
         return np.empty(0), np.empty(0)
-    step = min(_BRAKING_STEP, playback.plan.scenario.slot_duration / 10)
+    step = max(min(_BRAKING_STEP, playback.plan.scenario.slot_duration / 10),
+               float((speeds / limits[limited]).max()) / _MOST_BRAKING_STEPS)
     times, squares, slowing = [playback.duration], [0.0], 1.0
     while squares[-1] < most**2 and slowing > 0 and times[-1] > playback.begin:
         moment, square = playback.at(times[-1]), squares[-1]
