@@ -205,6 +205,8 @@ def test_the_planner_plans_after_the_clock_has_jumped_back(client):
         wait_for(lambda: plan_at(1000.0, 2000.0), what='a first plan')
         del paths[:]
         clock.jump(10.0)
+        wait_for(lambda: 'no pose has come on ground_node/pose since the clock was set back' in (
+            client.call('planner/plan').message), what='a refusal')
         wait_for(lambda: plan_at(10.0, 500.0), what='a plan after the jump')
         status = client.listen(DiagnosticStatus, 'planner/status')
         wait_for(lambda: status and values_of(status[-1])['state'] == 'idle')

@@ -101,7 +101,7 @@ def bad_estimates():
                    lambda m: setattr(m.pose.pose.orientation, 'w', -math.inf),
                    lambda m: m.pose.covariance.__setitem__(0, -1.0),
                    lambda m: m.pose.covariance.__setitem__(1, 1.0),
-                   lambda m: m.pose.covariance.__setitem__(35, math.nan)):
+                   lambda m: m.pose.covariance.__setitem__(7, math.nan)):
         message = pose_message(PoseWithCovarianceStamped, 77, 0)
         change(message)
         yield message
