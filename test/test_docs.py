@@ -514,5 +514,5 @@ def test_the_figures_name_the_topics_services_and_states_that_there_are(interfac
     drawn = {word for text in words['nodes'] for word in unescape(text).split(', ')
              if re.fullmatch(r'[\w<>~/]*[~/_][\w/<>]*', word)}
     assert drawn <= {interface.name for interface in interfaces}
-    assert len(drawn) == 16
+    assert len(drawn) == 18
     assert set(words['follower']) >= {'waiting', 'flying', 'held', 'ended', '~/start', '~/pause'}
