@@ -450,7 +450,7 @@ def test_the_nodes_have_the_topics_and_services_of_the_reference(kind, interface
 # Names of others, and of messages, that the pages mention.
 FOREIGN = {
     'catkin_generate_changelog', 'catkin_prepare_release', 'child_frame_id', 'frame_id',
-    'mrs_msgs', 'plan_time', 'poses', 'px4_msgs', 'qos_overrides', 'secure_uav_planner',
+    'plan_time', 'poses', 'px4_msgs', 'qos_overrides', 'secure_uav_planner',
     'setpoint_trajectory', 'time_from_start', 'time_ref', 'use_sim_time',
 }
 
