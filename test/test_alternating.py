@@ -101,7 +101,7 @@ def test_a_plan_of_another_number_of_uavs_is_no_start():
 @pytest.mark.parametrize('options, message', [
     ({'method': 'magic'}, "method is 'magic'; it must be one of"),
     ({'objective': 'best'}, "objective is 'best'; it must be one of"),
-    ({'time_limit': 0}, 'time_limit is 0; it must be above 0 s')])
+    ({'time_limit': 0}, 'time_limit is 0; it must be a number above 0 s')])
 def test_wrong_options_are_named(options, message):
     with pytest.raises(ValueError, match=message):
         solve(Scenario.paper(), **options)

@@ -137,8 +137,8 @@ def test_a_margin_can_make_uavs_close():
 
 
 @pytest.mark.parametrize('fields, field, reason', [
-    ({'tracking_margin': 8.1}, 'separation', 'the tracking_margin of 8.1 m is 20.2 m; it must be '
-                                             'at most 20 m'),
+    ({'tracking_margin': 8.1}, 'separation', 'the tracking_margin of 8.1 m it must be at most '
+                                             '3.8 m'),
     ({'tracking_margin': 10.1, 'separation': 0.0}, 'uavs[0].start',
      'inside wall with the tracking_margin of 10.1 m'),
     ({'tracking_margin': 10.1, 'separation': 0.0, 'no_fly_zones': ()}, 'uavs[1].start',

@@ -223,14 +223,14 @@ def test_a_bound_of_a_mission_with_tracks_is_refused(driving):
 
 
 @pytest.mark.parametrize('track, text', [
-    (((0, 0, 0, 1),), r'track is .*2 to 1000 knots \(t, x, y, radius\)'),
-    (tuple((t, 0, 0, 1) for t in range(1001)), '2 to 1000 knots'),
+    (((0, 0, 0, 1),), r'track is .*2 to 10000 knots \(t, x, y, radius\)'),
+    (tuple((t, 0, 0, 1) for t in range(10_001)), '2 to 10000 knots'),
     (((0, 0, 0, 1), (0, 1, 1, 1)), r'track\[1\] has the time 0.0 s; it must be after'),
     (((0, 0, 0, 1), (1, float('nan'), 1, 1)), r'track\[1\] has x = nan m'),
     (((0, 0, 0, 1), (1, 0, 1, -1)), r'track\[1\] has radius = -1 m'),
     (((0, 0, 0, 1), (1, 0, 1001, 1)), r'track\[1\] is 1001 m .* at most 1000 m/s'),
     (((0, 0, 0), (1, 0, 1)), r'track\[0\] is \(0, 0, 0\); it must be the numbers'),
-    ('0 0 0 1', '2 to 1000 knots'), (5, '2 to 1000 knots'),
+    ('0 0 0 1', '2 to 10000 knots'), (5, '2 to 10000 knots'),
     (((0, 0, 0, 1), 3), r'track\[1\] is 3; it must be the numbers')])
 def test_a_bad_track_is_refused_with_its_knot_and_what_is_allowed(track, text, tmp_path):
     with pytest.raises(ScenarioError, match=text) as caught:

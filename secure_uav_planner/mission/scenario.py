@@ -239,7 +239,8 @@ class Scenario:
         :param updated: a Scenario with the same point 0.
         :param point: index of the last point at which the receivers of this scenario count.
         """
-        if point == 0:
+        checked_kind('updated', updated, Scenario)
+        if checked_real('point', point) == 0:
             return updated
         step = self.slot_duration
         (ground, *tracks), (new_ground, *new_tracks) = self._knots, updated._knots

@@ -305,7 +305,9 @@ class Plan:
             those of the tail count after it.
         :return: a Plan of the whole mission.
         """
+        first = point if first is None else first
         self._check_point(point)
+        self._check_point(first, 'first')
         checked_kind('tail', tail, Plan)
         positions, powers = self.positions, self.powers
         if beginning is not None:
@@ -315,16 +317,15 @@ class Plan:
         delay = point * self.scenario.slot_duration
         return replace(
             tail, scenario=self.scenario.continue_receivers(
-                self.scenario.with_receivers(tail.scenario, -delay),
-                point if first is None else first),
+                self.scenario.with_receivers(tail.scenario, -delay), first),
             positions=np.concatenate([positions[:, :point], tail.positions], axis=1),
             powers=np.concatenate([powers[:, :point], tail.powers], axis=1),
             start_ns=self.start_ns, bound=None, promised_until=_shift(tail.promised_until, delay))
 
-    def _check_point(self, point: int) -> None:
+    def _check_point(self, point: int, name: str = 'point') -> None:
         if (isinstance(point, bool) or not isinstance(point, (int, np.integer))
                 or not 0 <= point < self.scenario.slots):
-            raise OptionError(f'point is {quote(point)}; it must be a whole number from 0 to '
+            raise OptionError(f'{name} is {quote(point)}; it must be a whole number from 0 to '
                               f'{self.scenario.slots - 1}', ('point',))
 
     def plot(self, baselines: 'Sequence[Plan]' = ()) -> 'Figure':

@@ -27,8 +27,9 @@ class PoseInputs:
 
     def take_all(self, settings: Mapping[str, Any], now: float) -> bool:
         """Keep the valid poses in the PoseBook; return True if any is the first of its topic."""
-        return any([self._take(topic, *self._arrived.pop(topic), settings, now)
-                    for topic in [*self._arrived]])
+        firsts = [self._take(topic, *self._arrived.pop(topic), settings, now)
+                  for topic in [*self._arrived]]
+        return any(firsts)
 
     def _take(self, topic: str, message: Message, arrived: float, settings: Mapping[str, Any],
               now: float) -> bool:

@@ -25,8 +25,8 @@ from . import messages
 from .frames import Frames, Message
 from .inputs import PoseInputs
 from .parameters import PLANNER, planner_member_parameters
-from .plan_tracking import check_continuation, PlanTracking
 from .plan_file import load_plan, save_plan
+from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .process import run_node
 from .scenarios import (

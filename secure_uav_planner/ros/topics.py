@@ -55,16 +55,18 @@ TOPICS = {
                            'come, from a follower'),
         'ground_node/pose': Topic(PoseStamped, SENSOR, 'the position of the ground node'),
         'ground_node/odom': Topic(Odometry, SENSOR, 'optional: where a ground node that moves is '
-                                  'and how fast; used before its pose'),
+                                  'and how fast; used before its pose, unless that is fresher by a second'),
         '<eavesdropper>/pose': Topic(
             PoseWithCovarianceStamped, SENSOR,
             'the estimated position; its covariance gives the error radius'),
         '<eavesdropper>/odom': Topic(
             Odometry, SENSOR, 'optional: the estimate of an eavesdropper that moves, with its '
-            'velocity; both covariances give the error radius over time; used before its pose'),
+            'velocity; both covariances give the error radius over time; used before its pose, '
+            'unless that is fresher by a second'),
         '<uav>/pose': Topic(PoseStamped, SENSOR, 'optional: where the UAV is'),
         '<uav>/odom': Topic(Odometry, SENSOR,
-                            'optional: where the UAV is and how fast; used before its pose')},
+                            'optional: where the UAV is and how fast; used before its pose, unless that '
+                            'is fresher by a second')},
     ('planner', 'pub'): {
         '<uav>/path': Topic(Path, LATCHED, 'every point of the plan with its time'),
         '<uav>/power': Topic(Float64MultiArray, LATCHED, 'the power of every slot in W'),
