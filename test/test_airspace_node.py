@@ -44,7 +44,7 @@ def test_a_wrong_change_is_refused_with_its_reason_and_the_old_value_stays(clien
                 ('tower.vertices', [0.0, 0.0, 40.0, 40.0], 'a list of 6 to 512 numbers'),
                 ('tower.vertices', [0.0, 0.0, 20.0, 0.0, 20.0, float('nan')], 'must be a list of'),
                 ('tower.floor', 50.0, None), ('tower.ceiling', 60.0, None),
-                ('tower.floor', 70.0, 'tower.floor is 70 m'),
+                ('tower.floor', 70.0, 'tower.floor is 70.0 m'),
                 ('separation', float('inf'), 'separation out of range Min: 0.0'),
                 ('tracking_margin', -1.0, 'tracking_margin out of range Min: 0.0'),
                 ('geofence', [0.0, 0.0, 20.0, 0.0], 'geofence is ((0.0, 0.0), (20.0, 0.0))'),

@@ -154,7 +154,8 @@ def test_outside_of_the_block_and_when_it_is_left_every_call_is_an_error_of_the_
 
 def test_a_receiver_that_moves_is_planned_for_by_its_odometry_and_known_in_the_plan():
     track = ((0.0, -50.0, 0.0), (100.0, 50.0, 0.0))
-    scenario = replace(Scenario.paper(120.0, slots=40), ground_node_track=track)
+    scenario = replace(
+        Scenario.paper(120.0, slots=40), ground_node=None, ground_node_track=track)
     with node_here('planner', duration=120.0, slots=40, pose_timeout=0.0), \
             SecurePlanner(scenario) as planner:
         def send():

@@ -308,17 +308,18 @@ def test_abnormal_messages_of_a_topic_are_a_warning_each_and_every_call_is_answe
     client.plan_paper()
 
 
-@pytest.mark.parametrize('node', ['planner', 'replay'])
-def test_a_malformed_request_to_the_parameter_services_does_not_end_the_node(node):
+@pytest.mark.parametrize('node, name, value', [('planner', 'frame_id', 'map'),
+                                               ('replay', 'speed', 1.0)])
+def test_a_malformed_request_to_the_parameter_services_does_not_end_the_node(node, name, value):
     """No value of the type 200 is known to rclpy, whose own service raises."""
     with Client() as client, node_process(node) as process:
         request = SetParameters.Request(parameters=[
-            Parameter(name='frame_id', value=ParameterValue(type=200))])
+            Parameter(name=name, value=ParameterValue(type=200))])
         for _ in range(3):
             client.ask(f'{node}/set_parameters', SetParameters, request)
         target = Target(client, node, process)
         for _ in range(3):
-            target.change([rclpy.Parameter('frame_id', value='map').to_parameter_msg()])
+            target.change([rclpy.Parameter(name, value=value).to_parameter_msg()])
             time.sleep(0.3)
         assert target.counts['parameters set'] == 3
 

@@ -152,7 +152,7 @@ def test_while_solving_everything_else_answers_and_a_second_plan_is_refused(clie
         for _ in range(5):
             assert client.get_parameters('planner', 'slots') == [2000]
         second = client.call('planner/plan')
-        assert not second.success and second.message == 'a solve is under way'
+        assert not second.success and second.message.startswith('a solve is under way')
         assert not solving.done()
         received = len(status)
         wait_for(lambda: len(status) > received + 1, what='more progress')
@@ -270,7 +270,6 @@ def test_the_same_request_again_starts_from_the_last_plan(client, planner):
     client.plan_paper()
     wait_for(lambda: status and 'plan.iterations' in values_of(status[-1]))
     cold = values_of(status[-1])
-    client.send_estimate('eavesdropper/pose', 203, 0)
     assert client.call('planner/plan').success
     wait_for(lambda: values_of(status[-1])['plan.stamp'] != cold['plan.stamp'])
     assert int(values_of(status[-1])['plan.iterations']) < int(cold['plan.iterations'])

@@ -55,7 +55,8 @@ TOPICS = {
                            'come, from a follower'),
         'ground_node/pose': Topic(PoseStamped, SENSOR, 'the position of the ground node'),
         'ground_node/odom': Topic(Odometry, SENSOR, 'optional: where a ground node that moves is '
-                                  'and how fast; used before its pose, unless that is fresher by a second'),
+                                  'and how fast; used before its pose, unless that is fresher '
+                                  'by a second'),
         '<eavesdropper>/pose': Topic(
             PoseWithCovarianceStamped, SENSOR,
             'the estimated position; its covariance gives the error radius'),
@@ -65,8 +66,8 @@ TOPICS = {
             'unless that is fresher by a second'),
         '<uav>/pose': Topic(PoseStamped, SENSOR, 'optional: where the UAV is'),
         '<uav>/odom': Topic(Odometry, SENSOR,
-                            'optional: where the UAV is and how fast; used before its pose, unless that '
-                            'is fresher by a second')},
+                            'optional: where the UAV is and how fast; used before its pose, '
+                            'unless that is fresher by a second')},
     ('planner', 'pub'): {
         '<uav>/path': Topic(Path, LATCHED, 'every point of the plan with its time'),
         '<uav>/power': Topic(Float64MultiArray, LATCHED, 'the power of every slot in W'),
