@@ -105,7 +105,7 @@ def test_missions_and_plans_are_made_without_the_solver(monkeypatch):
     assert plan.tail(100).scenario.slots == 9900
 
 
-def test_where_the_solver_fails_a_flight_of_little_acceleration_has_the_effort(monkeypatch):
+def test_where_the_solver_fails_no_flight_is_within_the_limits(monkeypatch):
     healthy = clarabel.DefaultSettings
 
     def hasty():
@@ -115,6 +115,4 @@ def test_where_the_solver_fails_a_flight_of_little_acceleration_has_the_effort(m
 
     monkeypatch.setattr(clarabel, 'DefaultSettings', hasty)
     effort, points = least_effort(Vehicle((100.0, 0.0), 10.0, 1.0, (0.0, 5.0)), 20, 1.0)
-    changes = np.diff(np.concatenate([[[0.0, -5.0]], points]), n=2, axis=0)
-    assert effort == pytest.approx(np.linalg.norm(changes, axis=1).max()) and effort < 1
-    assert points[[0, -1]].tolist() == [[0.0, 0.0], [100.0, 0.0]]
+    assert effort == np.inf and points[[0, -1]].tolist() == [[0.0, 0.0], [100.0, 0.0]]

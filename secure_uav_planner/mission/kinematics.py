@@ -85,8 +85,8 @@ def _sum_speeds(moves: int, gain: float, speed: float) -> float:
 
 
 def find_shortest_duration(effort: Callable[[float], float], duration: float,
-                           accuracy: float = 1e-9, guess: float = math.inf,
-                           longest: float = RANGES['duration'][1]) -> float | None:
+                           accuracy: float = 1e-9, longest: float = RANGES['duration'][1]
+                           ) -> float | None:
     """
     Return a duration in s with an effort of at most 1, close to the shortest, or None.
 
@@ -98,11 +98,10 @@ def find_shortest_duration(effort: Callable[[float], float], duration: float,
     :param duration: at which it is above 1.
     :param accuracy: largest ratio, minus 1, of the answer and a duration that is too short, before
         rounding.
-    :param guess: a duration that may be just enough.
     :param longest: beyond which none is tried.
     """
     low, below = duration, _log(effort(duration))
-    high = min(2 * duration, max(guess, duration * (1 + accuracy)), longest)
+    high = min(2 * duration, longest)
     while (above := _log(effort(high))) > 0:
         if high >= longest:
             return None

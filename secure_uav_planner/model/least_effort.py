@@ -21,8 +21,8 @@ def least_effort(vehicle: Vehicle, slots: int, step: float,
     """
     Return the least effort of a flight, and its points (N+2, 2) in m from the start, read-only.
 
-    If the effort is above 1, no flight of N slots of `step` seconds keeps the limits. Then it may
-    be larger than that of a flight that exceeds them least.
+    If the effort is above 1, no flight of N slots of `step` seconds keeps the limits; it is
+    infinite where the solver fails, as it does only where they are exceeded many times.
 
     :param check: called in the search; what it raises is passed on.
     """
@@ -51,12 +51,12 @@ def _find_flight(question: _Question) -> tuple[float, Array]:
         return (vehicle.straight_effort(slots, step),
                 read_only(vehicle.fly_straight(slots, step)))
     program = _EffortProgram(vehicle, slots, step)
-    smooth = program.minimise_acceleration()
-    least = program.solve(question.check) if program.bound_effort() <= 1 + 1e-6 else None
-    best = min([smooth] if least is None else [least, smooth], key=program.measure_effort)
-    points = np.concatenate([np.zeros((1, 2)), np.cumsum(best, axis=0) * step])
+    velocities = program.solve(question.check)
+    if velocities is None:
+        return math.inf, read_only(vehicle.fly_straight(slots, step))
+    points = np.concatenate([np.zeros((1, 2)), np.cumsum(velocities, axis=0) * step])
     points[-1] = vehicle.displacement
-    return program.measure_effort(best), read_only(points)
+    return program.measure_effort(velocities), read_only(points)
 
 
 class _EffortProgram:
@@ -79,25 +79,6 @@ class _EffortProgram:
         changes = np.diff(self._with_ends(velocities), axis=0)
         return float(max(_lengths(velocities).max() / self._vehicle.max_speed,
                          _lengths(changes).max(initial=0.0) / self._gain))
-
-    def minimise_acceleration(self) -> Array:
-        """Return the flight of the least sum of squared accelerations, a closed form."""
-        base, weights = self._smooth_parts()
-        return base + weights[:, None] * ((self._sum - base.sum(axis=0)) / weights.sum())
-
-    def bound_effort(self) -> float:
-        """Return a lower bound of the effort, by the distance that accelerations must make up."""
-        moves, (base, _) = self._moves, self._smooth_parts()
-        missing = math.hypot(*(self._sum - base.sum(axis=0)))
-        given = [*map(len, self._ends)]
-        if sum(given) == 1:
-            needed = missing / (moves * (moves + 1) / 2)
-        else:
-            slope = _lengths(self._ends[1] - self._ends[0])[0] / (moves + 1)
-            # A difference from the line between both velocities is largest in the middle.
-            needed = max(slope, missing / ((moves + 1)**2 / 4) - slope)
-        return float(max(math.hypot(*self._sum) / (moves * self._vehicle.max_speed),
-                         needed / self._gain))
 
     def solve(self, check: Callable[[], None]) -> Array | None:
         """Return the velocities of the flight of least effort, or None if Clarabel has none."""
@@ -130,17 +111,6 @@ class _EffortProgram:
         velocities = solution[1:].reshape(-1, 2) * top
         # The displacement is nearly right: the moves share the rest.
         return np.asarray(velocities + (self._sum - velocities.sum(axis=0)) / moves)
-
-    def _smooth_parts(self) -> tuple[Array, Array]:
-        """Return velocities on the line between those at the ends, and the weights of a change."""
-        moves, (start, goal) = self._moves, self._ends
-        number = np.arange(1.0, moves + 1)
-        if len(start) and len(goal):
-            share = number[:, None] / (moves + 1)
-            return start + share * (goal - start), number * (moves + 1 - number)
-        weights = number * (2 * moves + 1 - number) / 2
-        return (np.repeat(start, moves, axis=0), weights) if len(start) else (
-            np.repeat(goal, moves, axis=0), weights[::-1])
 
     def _with_ends(self, velocities: Array) -> Array:
         """Return the velocities with those given at the ends, (N+1 to N+3, 2)."""

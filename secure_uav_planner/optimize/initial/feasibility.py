@@ -1,8 +1,8 @@
 """Whether a mission can be flown: first flights, or the reasons why there are none."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import chain
 import math
 from typing import NamedTuple, NoReturn
@@ -25,8 +25,6 @@ _SHARE = 0.05  # Of its slack that a flight must leave to count.
 _LONGEST = 2**8  # Ratio of the durations that are tried and the mission's.
 _ACCURACY = 1e-6  # Of durations that the limits of speed and acceleration ask for,
 _ACCURACY_AROUND = 2e-4  # and of those around obstacles.
-_COARSE_SLOTS = 100  # Of the grid on which a duration is found first,
-_COARSE_ERROR = 1e-3  # with this error.
 
 
 def check_durations(scenario: Scenario, check: Check) -> None:
@@ -43,15 +41,19 @@ def check_durations(scenario: Scenario, check: Check) -> None:
             if not effort <= 1 + EFFORT_TOLERANCE]
     if not slow:
         return
+
+    def measure_effort(uavs: Sequence[Uav], duration: float) -> float:
+        return max(least_effort(uav.vehicle, scenario.slots, duration / scenario.slots, check)[0]
+                   for uav in uavs)
+
     try:
-        shortest = [_find_shortest_alone(scenario, uav, check) for uav in slow]
+        shortest = [find_shortest_duration(partial(measure_effort, [uav]), scenario.duration,
+                                           _ACCURACY) for uav in slow]
         if None not in shortest:
             slowest = max(range(len(slow)), key=lambda index: shortest[index] or 0.0)
             # With velocities at the ends, more time is not always easier.
-            shortest[slowest] = _find_duration(
-                lambda duration: max(_measure_effort(scenario, uav, duration, check)
-                                     for uav in scenario.uavs),
-                shortest[slowest] or 0.0, accuracy=_ACCURACY)
+            shortest[slowest] = _find_duration(partial(measure_effort, scenario.uavs),
+                                               shortest[slowest] or 0.0, accuracy=_ACCURACY)
     except TimeLimitError:
         shortest = [math.nan] * len(slow)
     raise_all(refuse_slow_uavs(scenario.duration, zip(slow, shortest, strict=True)))
@@ -71,26 +73,6 @@ def find_flights(scenario: Scenario, check: Check) -> Array:
     return flights
 
 
-def _measure_effort(scenario: Scenario, uav: Uav, duration: float, check: Check,
-                    slots: int | None = None) -> float:
-    """Return the least effort of a UAV in another duration, and in a flight of other slots."""
-    slots = slots or scenario.slots
-    time = duration * (scenario.slots + 1) / scenario.slots
-    return least_effort(uav.vehicle, slots, time / (slots + 1), check)[0]
-
-
-def _find_shortest_alone(scenario: Scenario, uav: Uav, check: Check) -> float | None:
-    """Return a duration in which a UAV has the time, close to the shortest, or None."""
-    guess = math.inf
-    if scenario.slots > _COARSE_SLOTS and not uav.vehicle.is_straight:
-        guess = find_shortest_duration(
-            lambda duration: _measure_effort(scenario, uav, duration, check, _COARSE_SLOTS),
-            scenario.duration, _COARSE_ERROR) or math.inf
-    return find_shortest_duration(
-        lambda duration: _measure_effort(scenario, uav, duration, check), scenario.duration,
-        _ACCURACY, guess * (1 + _COARSE_ERROR))
-
-
 def _find_duration(effort: Callable[[float], float], duration: float, **options: float
                    ) -> float | None:
     """Return a duration if its effort is at most 1, or else as find_shortest_duration does."""
@@ -102,20 +84,18 @@ def _search_flights(scenario: Scenario, check: Check) -> Array | None:
     """Return flights near fly-hover-fly, or else near the direct ones, or None."""
     places = find_free_places(scenario, list_hovering_places(scenario), check)
     wanted = build_flights(scenario, places, check=check)
-    for flights in chain([wanted], generate_direct_flights(scenario, check)):
-        feasible = find_flights_near(scenario, flights, check)
-        if feasible is not None:
-            return feasible
-    return None
+    return _find_first(find_flights_near(scenario, flights, check) for flights in chain(
+        [wanted], generate_direct_flights(scenario, check)))
 
 
 def _search_direct_flights(scenario: Scenario, check: Check) -> Array | None:
     """Return flights from start to goal that are well inside all limits, or None."""
-    for flights in generate_direct_flights(scenario, check):
-        feasible = find_flights_near(scenario, flights, check, _SHARE)
-        if feasible is not None:
-            return feasible
-    return None
+    return _find_first(find_flights_near(scenario, flights, check, _SHARE)
+                       for flights in generate_direct_flights(scenario, check))
+
+
+def _find_first(answers: Iterable[Array | None]) -> Array | None:
+    return next((flights for flights in answers if flights is not None), None)
 
 
 def _find_duration_around(scenario: Scenario, duration: float, check: Check,
