@@ -70,8 +70,9 @@ def test_the_separation_that_a_refusal_names_is_accepted(seed):
     most = float(str(error.value).split('at most ')[1].split(' m')[0])
     assert replace(Scenario.paper(), separation=most, **fields).separation == most
     assert most == 0 or most >= 0.9999 * min(
-        math.hypot(math.dist(getattr(one, end), getattr(two, end)), one.altitude - two.altitude)
-        for end in ('start', 'goal') for one, two in combinations(uavs, 2)) - 2 * fields[
+        math.hypot(math.dist(getattr(first, end), getattr(second, end)),
+                   first.altitude - second.altitude)
+        for end in ('start', 'goal') for first, second in combinations(uavs, 2)) - 2 * fields[
             'tracking_margin'] - 1e-4
 
 
