@@ -12,6 +12,7 @@ from .rates import (
     guaranteed_rates)
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
+from ...mission.tracks import ReceiverPlaces
 from ...mission.validation import checked_array, checked_kind
 
 MOST_SECTORS = 50000
@@ -43,7 +44,8 @@ def worst_case_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     positions, powers = checked_flight(scenario, positions, powers)
     powers = np.maximum(powers, 0.0)
-    leak, _ = _by_chunks(_worst_leaks, scenario, positions[:, 1:-1], powers, times)
+    receivers = find_receivers(scenario, powers.shape[1], times)
+    leak, _ = _by_chunks(_worst_leaks, scenario, receivers, positions[:, 1:-1], powers)
     return np.maximum(ground_rates(scenario, positions, powers, times) - leak,
                       guaranteed_rates(scenario, positions, powers, times=times))
 
@@ -56,12 +58,13 @@ def worst_case_places(scenario: Scenario, positions: Array, powers: Array) -> Ar
     """
     positions, powers = checked_flight(scenario, positions, powers)
     _, places = _by_chunks(
-        _worst_leaks, scenario, positions[:, 1:-1], np.maximum(powers, 0.0))
+        _worst_leaks, scenario, find_receivers(scenario, powers.shape[1]), positions[:, 1:-1],
+        np.maximum(powers, 0.0))
     return places
 
 
 def leak_maximisers(scenario: Scenario, uav_positions: Array, powers: Array,
-                    times: Array | None = None) -> tuple[Array, Array]:
+                    receivers: ReceiverPlaces | None = None) -> tuple[Array, Array]:
     """
     Return the worst place for each slot and eavesdropper, (E, N, 2) in m, and its leak, (E, N).
 
@@ -71,21 +74,22 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array, powers: Array,
 
     :param uav_positions: in the N slots, (U, N, 2) in m.
     :param powers: (U, N) in W.
-    :param times: as for guaranteed_rates.
+    :param receivers: in the N slots; by default those of the scenario at the points of N slots.
     """
     count = len(checked_kind('scenario', scenario, Scenario).uavs)
     powers = np.maximum(checked_array('powers', powers, (count, None)), 0.0)
     uav_positions = checked_array('uav_positions', uav_positions, (*powers.shape, 2))
-    leaks, places = _by_chunks(_likely_leaks, scenario, uav_positions, powers, times)
+    if receivers is None:
+        receivers = find_receivers(scenario, powers.shape[1])
+    leaks, places = _by_chunks(_likely_leaks, scenario, receivers, uav_positions, powers)
     return places.swapaxes(0, 1), leaks.T
 
 
 def _by_chunks(examine: Callable[[Scenario, Array, Array, Array, Array], tuple[Array, Array]],
-               scenario: Scenario, uav_positions: Array, powers: Array,
-               times: Array | None = None) -> tuple[Array, Array]:
+               scenario: Scenario, receivers: ReceiverPlaces, uav_positions: Array,
+               powers: Array) -> tuple[Array, Array]:
     """Return leaks and places of all slots, examined in chunks of slots that fit into caches."""
     size = max(1, _AT_ONCE // (len(scenario.eavesdroppers) * len(powers)))
-    receivers = find_receivers(scenario, powers.shape[1], times)
     centres, radii = receivers.centres.swapaxes(0, 1), receivers.radii.T
     chunks = (slice(first, first + size) for first in range(0, powers.shape[1], size))
     leaks, places = zip(*(

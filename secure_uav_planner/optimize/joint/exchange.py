@@ -154,7 +154,8 @@ class WorstPlaces:
     def __init__(self, grid: Grid, x: Array) -> None:
         self._grid = grid
         self._scenario = grid.scenario
-        _, self._centres, self._radii = self._scenario.receivers_at(grid.times)
+        self._discs = self._scenario.receivers_at(grid.times)
+        _, self._centres, self._radii = self._discs
         self._guarantee = Receivers.of(grid)
         worst, leaks = self._find_worst(x)
         offset = worst - self._centres
@@ -214,7 +215,7 @@ class WorstPlaces:
         """Return the worst places (E, N, 2) in m, and their leaks (E, N) in nats."""
         places, leaks = leak_maximisers(
             self._scenario, self._grid.positions(x)[:, 1:-1], self._grid.powers(x),
-            self._grid.times)
+            self._discs)
         return places, leaks * np.log(2)
 
     def _build_receivers(self) -> Receivers:
