@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 import sys
 
+import clarabel
 from geometry_msgs.msg import PoseStamped, Transform, Twist
 from hypothesis import given
 from hypothesis import strategies as st
@@ -136,6 +137,15 @@ def test_more_slots_take_no_more_calls_so_that_the_stream_goes_on():
         assert np.array_equal(made.powers, plan.powers)
         counts.append(count)
     assert counts[2] < 1.2 * counts[1]
+
+
+def test_a_plan_that_begins_in_motion_is_assembled_without_a_solver(monkeypatch):
+    scenario = with_uavs(Scenario.paper(150.0, slots=100), max_acceleration=2.0,
+                         start_velocity=(0.0, -5.0))
+    plan = replace(fly_hover_fly(scenario), start_ns=10**18)
+    monkeypatch.setattr(clarabel, 'DefaultSolver', None)
+    made, _ = assembled(plan)
+    assert made.identity == plan.identity
 
 
 @cache

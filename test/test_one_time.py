@@ -11,6 +11,7 @@ import pytest
 from ros_client import Client, node_process, pose_message, seconds, values_of, wait_for
 from secure_uav_planner.ros.messages import read_plan_time
 from sensor_msgs.msg import TimeReference
+from std_msgs.msg import Float64
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 SPEED, ACCELERATION, ALLOWANCE = 10.0, 2.0, 0.011
@@ -63,6 +64,8 @@ def flown():
         client.times = client.listen(TimeReference, 'plan_time', 100)
         client.status = client.status_of('planner')
         client.paths = client.listen(Path, 'uav1/path')
+        client.powers = {name: client.listen(Float64, f'{name}/setpoint/power', 100)
+                         for name in ('uav1', 'uav2')}
         yield client
 
 
@@ -105,11 +108,14 @@ def test_a_plan_waits_for_its_release_and_a_late_release_is_no_deviation(flown):
     flown.stream.check()
 
 
-def test_a_pause_slows_down_within_the_limit_and_the_planner_knows(flown):
+def test_a_pause_slows_down_within_the_limit_is_silent_and_the_planner_knows(flown):
+    wait_for(lambda: flown.powers['uav1'][-1].data > 0, what='power in flight')
     assert flown.call('replay/pause').success
     # The planner takes a silence for a hold as well, so the reports are compared, too.
     wait_for(lambda: status(flown, 'track.state') == 'held' and (
         flown.times[-1].time_ref == flown.times[-2].time_ref), what='a flight that is held')
+    wait_for(lambda: not any(watts[-1].data for watts in flown.powers.values()),
+             what='silence, since the receivers move on')
     wait_for(lambda: is_on_its_plan(flown))
     assert flown.status[-1].level == DiagnosticStatus.OK
     flown.stream.check()
@@ -121,6 +127,7 @@ def test_a_plan_made_during_a_pause_continues_from_the_hold(flown):
     assert np.linalg.norm(flown.stream.last('uav1') - held) < 0.01
     assert flown.call('replay/start').success
     wait_for(lambda: np.linalg.norm(flown.stream.last('uav1') - held) > 20.0)
+    wait_for(lambda: flown.powers['uav1'][-1].data > 0, what='the powers of the plan again')
     wait_for(lambda: is_on_its_plan(flown))
     flown.stream.check()
 

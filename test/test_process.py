@@ -13,6 +13,7 @@ import pytest
 from ros_client import (
     Client, node_process, output_of, PATIENCE, stopped, values_of, wait_for)
 from secure_uav_planner import METHODS
+from secure_uav_planner.ros.topics import serve
 
 LONG_SOLVES = {'joint': 20000, 'alternating': 3000}  # Slots that take seconds.
 
@@ -124,6 +125,20 @@ def test_an_executor_polls_no_more_often_than_callbacks_run_however_long_they_ta
 def test_a_signal_as_soon_as_a_node_says_that_it_is_ready_ends_it_cleanly():
     program = BUSY.replace('self.calls = self.polls = 0', 'os.kill(os.getpid(), signal.SIGTERM)')
     assert subprocess.run([sys.executable, '-c', program], timeout=PATIENCE).returncode == 0
+
+
+def test_a_service_that_fails_answers_with_the_reason():
+    with Client() as client:
+        def fail():
+            raise ValueError('too bad')
+
+        async def fail_later():
+            fail()
+
+        for name, action in (('start', fail), ('plan', fail_later)):
+            serve(client.node, {f'~/{name}': action}, client.node.default_callback_group)
+            answer = client.call(f'tester/{name}')
+            assert (answer.success, answer.message) == (False, 'ValueError: too bad')
 
 
 def test_a_wrong_command_line_is_named():

@@ -343,6 +343,11 @@ def test_the_wrong_eavesdropper_is_refused(client, file):
         assert client.set_parameters('replay', true_eavesdropper=[1.0, 2.0])[0].successful
 
 
+def test_the_frame_of_a_saved_plan_is_set_at_start_only(client, file):
+    with node_here('replay', plan_file=file):
+        assert not client.set_parameters('replay', frame_id='odom')[0].successful
+
+
 @pytest.mark.parametrize('change, reason', [
     (wrong('power', 0, 'data', lambda data: data[:5]), 'uav1 has 28 points and 5 powers'),
     (wrong('path', 1, 'header.frame_id', 'odom'), "uav1/path in 'earth', uav2/path in 'odom'"),
