@@ -1,6 +1,7 @@
 """Poses: stale, off the ground, extreme, late, or of another frame, which tf2 transforms."""
 
 from importlib.util import find_spec
+from itertools import count
 import math
 import sys
 import time
@@ -283,6 +284,18 @@ def test_of_an_eavesdropper_that_sends_poses_and_leaves_its_disc_it_is_said_once
     for second in range(40):
         book.take('eavesdropper/odom', odometry(5.0 * second, second), settings, second)
         assert not book.take('eavesdropper/pose', estimate(5.0 * second, second), settings, second)
+
+
+def test_the_planner_warns_once_of_an_eavesdropper_that_sends_poses_and_moves(client, planner):
+    publisher, places = client.publisher(PoseWithCovarianceStamped, 'eavesdropper/pose'), count()
+
+    def warnings():
+        publisher.publish(pose_message(
+            PoseWithCovarianceStamped, 10 * next(places), 0, stamp=client.now()))
+        time.sleep(0.02)
+        return [line for line in planner.lines if 'eavesdropper has left its disc' in line]
+    wait_for(warnings, what='the warning')
+    assert len([warnings() for _ in range(10)][-1]) == 1
 
 
 # Poses of other frames
