@@ -1,6 +1,6 @@
 """The documentation does what it says: its code runs, its names and links exist."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from html import unescape
 from importlib import import_module
 import inspect
@@ -14,12 +14,13 @@ import sys
 import threading
 from typing import NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from docs.tools import reference
 from processes import environment, ROOT
 import pytest
 import rclpy
 from rclpy.context import Context
-from ros_client import flat
+from ros_client import flat, node_here, values_of, wait_for
 import secure_uav_planner
 from secure_uav_planner import errors, Iteration, Plan, Scenario
 from secure_uav_planner.apps.campaign_file import BASELINES, Campaign
@@ -33,6 +34,8 @@ from secure_uav_planner.ros.parameters import (
     zone_parameters)
 from secure_uav_planner.ros.planner import Planner
 from secure_uav_planner.ros.replay import Replay
+from secure_uav_planner.ros.status import STATUS_KEYS
+from test_tracks_node import send_odometry
 import yaml
 
 PAGES = sorted([ROOT / 'README.md', *(ROOT / 'docs').glob('*.md'),
@@ -445,6 +448,35 @@ def test_the_nodes_have_the_topics_and_services_of_the_reference(kind, interface
         node.close()
         node.destroy_node()
         context.try_shutdown()
+
+
+def test_the_reference_has_every_value_of_the_status(client, tmp_path):
+    mission, tower = Scenario.paper(120.0, slots=20), ((900, 0), (950, 0), (950, 50))
+    replace(mission, no_fly_zones=(secure_uav_planner.NoFlyZone(tower, name='tower'),), uavs=tuple(
+        replace(uav, propulsion=secure_uav_planner.Propulsion()) for uav in mission.uavs)).save(
+            tmp_path / 'mission.yaml')
+    any_of = {'<uav>': 'uav.', '<topic>': '[a-z0-9_]+/(pose|odom)', '<which>': '(uav|zone)'}
+    patterns = {key: re.sub('<.*?>', lambda kind: any_of[kind[0]], key.replace('.', r'\.'))
+                for key in STATUS_KEYS}
+
+    def have_come(keys):
+        """Return True once values of these keys have come; none may be without a meaning."""
+        values = {key for status in statuses for key in values_of(status)}
+        meant = {key: {value for value in values if re.fullmatch(pattern, value)}
+                 for key, pattern in patterns.items()}
+        assert values <= set().union(*meant.values())
+        return all(meant[key] for key in keys)
+
+    of_solves = {key for key in STATUS_KEYS if key.startswith('progress.')}
+    of_receivers = {'plan.promised_until'}
+    with node_here('planner', mission_file=str(tmp_path / 'mission.yaml'), bound='after'):
+        statuses = client.listen(DiagnosticStatus, 'planner/status')
+        wait_for(lambda: client.plan_paper() and have_come(of_solves))
+        client.follow()
+        wait_for(lambda: have_come(STATUS_KEYS.keys() - of_receivers))
+        send_odometry(client, 'eavesdropper/odom', 200, 0, (1.0, 0.0))
+        assert client.call('planner/plan').success
+        wait_for(lambda: have_come(of_receivers))
 
 
 # Names of others, and of messages, that the pages mention.

@@ -1,5 +1,5 @@
 """
-The reference of topics, services and parameters.
+The reference of topics, services, parameters and the status.
 
 `python -m docs.tools.reference docs` puts it into the page of each node.
 """
@@ -13,6 +13,7 @@ from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, Spec, uav_parameters,
     zone_parameters)
+from secure_uav_planner.ros.status import STATUS_KEYS
 from secure_uav_planner.ros.topics import SENSOR, SERVICES, STREAM, TOPICS
 
 
@@ -66,6 +67,10 @@ def markdown() -> dict[str, str]:
         lines += [f'| `{name}` | {_default(name, spec)} | {spec.allowed} | {spec.description}'
                   f'{" Set at start only." if spec.read_only else ""} |'
                   for name, spec in parameters.items()]
+        if node == 'planner':
+            lines += ['', '## Status', '', 'The values in `~/status`:', '',
+                      '| key | meaning |', '| --- | --- |']
+            lines += [f'| `{key}` | {meaning} |' for key, meaning in STATUS_KEYS.items()]
         pages[node] = '\n'.join(lines)
     return pages
 
