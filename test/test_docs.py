@@ -1,5 +1,6 @@
 """The documentation does what it says: its code runs, its names and links exist."""
 
+import ast
 from dataclasses import fields, replace
 from html import unescape
 from importlib import import_module
@@ -548,3 +549,27 @@ def test_the_figures_name_the_topics_services_and_states_that_there_are(interfac
     assert drawn <= {interface.name for interface in interfaces}
     assert len(drawn) == 18
     assert set(words['follower']) >= {'waiting', 'flying', 'held', 'ended', '~/start', '~/pause'}
+
+
+def texts_of(tree):
+    """Return each text in Python's source, with ... for the values in it."""
+    parts = {part for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)
+             for part in node.values}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            yield ''.join(part.value if isinstance(part, ast.Constant) else '...'
+                          for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in parts:
+            yield node.value
+
+
+def test_what_one_sees_when_it_does_not_work_is_what_the_package_says():
+    said = {text for file in (ROOT / 'secure_uav_planner').rglob('*.py')
+            for text in texts_of(ast.parse(file.read_text()))}
+    page = (ROOT / 'docs' / 'trouble.md').read_text()
+    seen = [*re.findall(r'^\| `(.*?)` \|', page, re.MULTILINE),
+            *re.findall(r'`([^`]* (?:is not relayed|publishes \.\.\., too)[^`]*)`', page)]
+    for text in seen:
+        pattern = re.compile('.*'.join(map(re.escape, text.split('...'))))
+        assert any(map(pattern.search, said)), text
+    assert len(seen) > 30
