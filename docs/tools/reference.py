@@ -64,9 +64,14 @@ def markdown() -> dict[str, str]:
                   for row in interfaces() if row.node == node]
         lines += ['', '## Parameters', '',
                   '| name | default | allowed | meaning |', '| --- | --- | --- | --- |']
+        shared = [] if node == 'planner' else [
+            name for name, spec in parameters.items() if spec == specs()['planner'].get(name)]
         lines += [f'| `{name}` | {_default(name, spec)} | {spec.allowed} | {spec.description}'
                   f'{" Set at start only." if spec.read_only else ""} |'
-                  for name, spec in parameters.items()]
+                  for name, spec in parameters.items() if name not in shared]
+        if shared:
+            lines += ['', f'{", ".join(f"`{name}`" for name in shared)} are as those of the '
+                      '[planner](planner.md#parameters).']
         if node == 'planner':
             lines += ['', '## Status', '', 'The values in `~/status`:', '',
                       '| key | meaning |', '| --- | --- |']
