@@ -17,7 +17,6 @@ from ..bound import explain_refusal, upper_bound
 from ..errors import (
     describe_error, MissingPackageError, name_missing_package, OptionError, PlanningError,
     ScenarioError, StoppedError)
-from ..mission import import_view
 from ..mission.files import naming
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
@@ -98,7 +97,8 @@ def make_plan(options: argparse.Namespace) -> int:
     """Plan a mission and write the results; return the exit status."""
     scenario = load_input(options.mission)
     if options.mcap:
-        import_view('save_mcap')
+        with name_missing_package():
+            from ..ros.recording import record
     out = make_folder(Path(options.out))
     with locating_errors(options.mission), _Progress() as progress:
         progress.show('planning ...', force=True)
@@ -118,7 +118,7 @@ def make_plan(options: argparse.Namespace) -> int:
         progress.show('drawing ...', force=True)
         progress.written.extend(_write_views(proven, baselines, out))
         if options.mcap:
-            proven.save_mcap(out / 'plan.mcap')
+            record(proven, out / 'plan.mcap')
             progress.written.append(out / 'plan.mcap')
     print(rate_table([*baselines, plan], bound))
     if not scenario.channel.is_guarantee:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from . import draws as drawn
 from .world import World
-from ..errors import OptionError, quote
-from ..mission import make_view
+from ..errors import name_missing_package, OptionError, quote
 from ..mission.scenario import Array, read_only, Scenario
 from ..mission.validation import checked_kind, checked_real
 from ..model.channel.links import make_link
@@ -81,8 +80,9 @@ class Assessment:
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
-        figure: Figure = make_view('plot_assessment', self)
-        return figure
+        with name_missing_package():
+            from ..output.assessment_picture import draw_assessment
+        return draw_assessment(self)
 
     def quantile(self, share: float) -> float:
         """Return the secrecy rate in bit/s/Hz below which it is in such a share of the draws."""

@@ -10,7 +10,6 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import make_view
 from .consistency import find_inconsistencies, MAX_COUPLINGS, POSITION_TOLERANCE
 from .files import checked_path
 from .participants import Eavesdropper, NoFlyZone, Uav
@@ -24,7 +23,7 @@ from .validation import (
     Array, check_object, checked_array, checked_fields, checked_kind, checked_members,
     checked_number, checked_point, checked_real, checked_truth, FieldChecks, make_unique, Point,
     raise_all, RANGES, read_only)
-from ..errors import quote, ScenarioError
+from ..errors import name_missing_package, quote, ScenarioError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -376,7 +375,9 @@ class Scenario:
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
-        return make_view('plot_scenario', self)
+        with name_missing_package():
+            from ..output.picture import draw_scenario
+        return draw_scenario(self)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> 'Scenario':

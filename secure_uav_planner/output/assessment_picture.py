@@ -22,7 +22,7 @@ def save_assessment(assessment, path):
 
 
 @own_settings()
-def draw_assessment(assessment):
+def draw_assessment(assessment) -> Picture:
     """Return a matplotlib Figure of an Assessment, as save_assessment writes it."""
     figure = Picture(figsize=_SIZE, layout='constrained')
     slots, outages, missions = figure.subplots(3, 1, height_ratios=(2.2, 1.0, 1.6))

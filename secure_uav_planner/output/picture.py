@@ -50,7 +50,7 @@ def save_picture(plan, path, baselines=()):
 
 
 @own_settings()
-def draw_plan(plan, baselines=()):
+def draw_plan(plan, baselines=()) -> Picture:
     """Return a matplotlib Figure of a plan, as save_picture writes it."""
     extent = map_extent(plan.scenario, [plan, *baselines])
     width, height = _map_size(extent)
@@ -88,7 +88,7 @@ def _make_axes(width, height, *boxes):
 
 
 @own_settings()
-def draw_scenario(scenario):
+def draw_scenario(scenario) -> Picture:
     """Return a matplotlib Figure with the map of a Scenario."""
     extent = map_extent(scenario)
     width, height = _map_size(extent)

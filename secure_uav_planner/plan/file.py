@@ -4,12 +4,15 @@ from collections.abc import Mapping
 from dataclasses import asdict
 import json
 import os
-from typing import Any, TypeVar
+from typing import Any, TYPE_CHECKING
 
 from .results import Bound, Iteration
 from ..errors import format_place, Place, PlanFileError, prefix_place, quote, yaml_notation
 from ..mission.files import atomic_file, checked_path, read_text
 from ..mission.scenario import checked_fields, Scenario
+
+if TYPE_CHECKING:
+    from .plan import Plan
 
 _FORMAT = 'secure_uav_planner/plan'
 _VERSION = 2  # Of the file; version 1 is that of 0.1.0.
@@ -18,10 +21,7 @@ _ROUNDING = 1e-9  # bit/s/Hz
 _COMPUTED = ('guaranteed_rate', 'worst_case_rate')  # For readers of a file; not loaded.
 
 
-AnyPlan = TypeVar('AnyPlan')  # Plan, which imports this module.
-
-
-def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
+def write_plan(plan: 'Plan', path: str | os.PathLike[str], evaluate: bool) -> None:
     """Write a Plan to a file; see Plan.save."""
     document = {
         'format': _FORMAT,
@@ -44,7 +44,7 @@ def write_plan(plan: Any, path: str | os.PathLike[str], evaluate: bool) -> None:
         json.dump(document, file, allow_nan=False)
 
 
-def read_plan(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
+def read_plan(path: str | os.PathLike[str], kind: 'type[Plan]') -> 'Plan':
     """Read a plan of the class `kind`, which is Plan; see Plan.load."""
     checked_path(path)
     try:
@@ -61,7 +61,7 @@ def read_plan(path: str | os.PathLike[str], kind: type[AnyPlan]) -> AnyPlan:
             f'{path} is not a plan: {error}', getattr(error, 'place', ())) from None
 
 
-def _read_document(document: object, kind: type[AnyPlan]) -> AnyPlan:
+def _read_document(document: object, kind: 'type[Plan]') -> 'Plan':
     if not isinstance(document, dict) or document.get('format') != _FORMAT:
         raise PlanFileError(f'it is not a {_FORMAT}')
     version = document.get('version')
@@ -89,7 +89,7 @@ def _read_document(document: object, kind: type[AnyPlan]) -> AnyPlan:
     return plan
 
 
-def _check_bound(plan: Any, bound: Bound) -> None:
+def _check_bound(plan: 'Plan', bound: Bound) -> None:
     """Check that a bound is not below the rate of the plan itself."""
     rate = getattr(plan, f'{bound.objective}_rate')
     if bound.rate < rate - _ROUNDING:

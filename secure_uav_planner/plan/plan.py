@@ -13,8 +13,8 @@ import numpy as np
 from . import file
 from .results import (
     Bound, explain_zero_rate, Iteration, Promise, Status, STATUS_TEXTS, STATUSES)
-from ..errors import OptionError, PlanError, quote
-from ..mission import make_view, Objective, OBJECTIVES
+from ..errors import name_missing_package, OptionError, PlanError, quote
+from ..mission import Objective, OBJECTIVES
 from ..mission.kinematics import clip_norm
 from ..mission.scenario import Array, Point, POSITION_TOLERANCE, RANGES, read_only, Scenario, Uav
 from ..mission.validation import checked_array, checked_kind
@@ -341,7 +341,9 @@ class Plan:
                               ('baselines',))
         for baseline in baselines:
             checked_kind('baselines', baseline, Plan)
-        return make_view('plot_plan', self, baselines)
+        with name_missing_package():
+            from ..output.picture import draw_plan
+        return draw_plan(self, baselines)
 
     def to_dataframe(self) -> 'DataFrame':
         """
@@ -351,7 +353,9 @@ class Plan:
             x, y and z in m, velocity_x and velocity_y in m/s, and power in W.
         :raises MissingPackageError: when pandas is not installed.
         """
-        return make_view('plan_to_dataframe', self)
+        with name_missing_package():
+            from ..output.tables import to_dataframe
+            return to_dataframe(self)
 
     def save_mcap(self, path: str | os.PathLike[str]) -> None:
         """
@@ -360,7 +364,9 @@ class Plan:
         :raises MissingPackageError: when ROS's Python packages or mcap are not installed.
         :raises OSError: when the file cannot be written; an old one is left unchanged.
         """
-        make_view('save_mcap', self, path)
+        with name_missing_package():
+            from ..ros.recording import record
+        record(self, path)
 
     def save(self, path: str | os.PathLike[str], evaluate: bool = True) -> None:
         """

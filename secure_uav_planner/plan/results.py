@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, get_args, Literal, NamedTuple, TypeAlias
+from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_choice, checked_kind
+
+if TYPE_CHECKING:
+    from .plan import Plan
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
                             'numerical_trouble']
@@ -84,7 +87,7 @@ class Promise(NamedTuple):
     :ivar slots: their number.
     """
 
-    plan: Any
+    plan: Plan
     slots: int
 
     @property
@@ -181,7 +184,7 @@ class Bound:
         return (f'<Bound: no plan has a {self.scenario.channel.rate_name(self.objective)} above '
                 f'{self.rate:.4f} bit/s/Hz, {self.status}>')
 
-    def gap(self, plan: Any) -> float:
+    def gap(self, plan: Plan) -> float:
         """
         Return the gap of a plan as a share of its rate, (bound - rate) / rate.
 
@@ -197,7 +200,7 @@ class Bound:
             return (self.rate - rate) / rate
         return math.inf if self.rate > rate else 0.0
 
-    def share_missing(self, plan: Any) -> float:
+    def share_missing(self, plan: Plan) -> float:
         """
         Return the gap as a share of the best possible rate, (bound - rate) / bound.
 
@@ -207,7 +210,7 @@ class Bound:
         gap = self.gap(plan)
         return 1.0 if math.isinf(gap) else gap / (1.0 + gap)
 
-    def claim(self, plan: Any) -> str:
+    def claim(self, plan: Plan) -> str:
         """
         Return the proven quality of a plan, such as 'at most 0.9% below the best possible'.
 
@@ -244,7 +247,7 @@ class Bound:
             **data, 'rate': math.inf if data['rate'] is None else data['rate']})
 
 
-def check_plan(plan: Any, scenario: Scenario) -> None:
+def check_plan(plan: Plan, scenario: Scenario) -> None:
     """Raise OptionError unless a plan is a Plan of this scenario."""
     if not isinstance(getattr(plan, 'scenario', None), Scenario):
         raise OptionError(f'plan is {quote(plan)}; it must be a Plan')
