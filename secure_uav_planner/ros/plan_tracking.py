@@ -164,7 +164,9 @@ class PlanTracking:
         flight = self.flight(now)
         if flight is not None and flight.playback.plan.start_ns == plan.start_ns:
             last = self._promises[flight.playback.plan.identity]
-            promise.gaps = [gap for gap in (*last.gaps, (last.end, begin))
+            # The point before has the receivers of before.
+            until = begin - plan.scenario.slot_duration
+            promise.gaps = [gap for gap in (*last.gaps, (last.end, until))
                             if max(gap[0], flight.time) < gap[1]]
         reported = self._reports.identity if self._reports else None
         kept = {reported, *list(self._plans)[1 - _MOST_PLANS:]} - {plan.identity}
