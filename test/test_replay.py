@@ -254,6 +254,12 @@ def test_abnormal_messages_on_any_topic_are_told_once_and_calls_are_answered(cli
         wait_for(lambda: stamps)
 
         def publish(topic, message):
+            # With the rest of a plan, so that it is used.
+            for name, part in messages.plan_messages(plan, 'earth'):
+                if name != topic and name.endswith(('/path', '/power')):
+                    if name.endswith('/power'):
+                        part.layout.dim = part.layout.dim[:1]
+                    client.publisher(type(part), name, LATCHED).publish(part)
             qos = 10 if topic.endswith('/odom') else LATCHED
             client.publisher(type(message), topic, qos).publish(message)
 

@@ -136,7 +136,9 @@ class Planner(Node):
     async def _on_plan(self) -> tuple[bool, str]:
         """Wait for the answer, while the executor runs other callbacks."""
         if self._answer is not None and not self._answer.done():
-            return False, self._refuse(BusyError('a solve is under way'))
+            busy = BusyError('a solve is under way')
+            self._refuse(busy)
+            return False, str(busy)
         self._answer = answer = Future()
         try:
             while time.monotonic() < self._discovery_deadline and not (
