@@ -306,7 +306,7 @@ class Player:
 
 def _explain_team(plan: Plan, current: Plan) -> str:
     """Describe how the UAVs of a plan differ from those of another one; empty if they do not."""
-    names, team = ([uav.name for uav in one.scenario.uavs] for one in (plan, current))
+    names, team = ([uav.name for uav in flown.scenario.uavs] for flown in (plan, current))
     return '' if names == team else f'it is for {quote(names)}, and {quote(team)} fly'
 
 

@@ -102,15 +102,16 @@ class Assembly:
             return {'power': None} if power is None else {
                 'path': paths.get(power.path), 'power': power,
                 'trajectory': trajectories.get(power.trajectory)}
-        named = {digest for other in powers.values() for digest in (other.path, other.trajectory)}
+        named = {digest for content in powers.values()
+                 for digest in (content.path, content.trajectory)}
         path, trajectory = (next((kept[key] for key in reversed(kept) if key not in named), None)
                             for kept in (paths, trajectories))
         if None in (path, trajectory) or trajectory.stamp_ns != path.stamp_ns:
             trajectory = None
-        found = {'path': path, 'power': power, 'trajectory': trajectory}
+        contents = {'path': path, 'power': power, 'trajectory': trajectory}
         if trajectory is None and not self._expects(f'{name}/trajectory'):
-            del found['trajectory']
-        return found
+            del contents['trajectory']
+        return contents
 
 
 def _plan_from(names: Sequence[str], contents: Mapping[str, Any], fields: Mapping[str, Any]

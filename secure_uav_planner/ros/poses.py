@@ -154,7 +154,7 @@ class PoseBook:
         return ((place[0] - before[0]) / base, (place[1] - before[1]) / base)
 
     def _note_motion(self, topic: str, settings: Mapping[str, Any], now: float) -> str:
-        """Return what to do, once, about an eavesdropper that counts as standing and moves."""
+        """Return advice, once, about an eavesdropper that counts as standing and moves."""
         name, pose = topic.partition('/')[0], self._poses[topic]
         odometry, topic_of_poses = member_topics(name)
         if (name not in settings['eavesdroppers'] or topic != topic_of_poses
@@ -284,10 +284,10 @@ def read_pose(topic: str, message: Message, settings: Mapping[str, Any], now: fl
     origin: Sequence[float] = settings[f'{name}.origin'] if is_uav else (0.0, 0.0, 0.0)
     x, y, height = (getattr(pose.position, axis) + shift
                     for axis, shift in zip('xyz', origin, strict=True))
-    known = KnownPose(header.frame_id, (x, y), height, covariance, stamp, now, velocity,
-                      velocity_covariance)
-    _check_sizes(known, settings)
-    return known
+    read = KnownPose(header.frame_id, (x, y), height, covariance, stamp, now, velocity,
+                     velocity_covariance)
+    _check_sizes(read, settings)
+    return read
 
 
 def error_radius(covariance: Array, confidence: float) -> float:

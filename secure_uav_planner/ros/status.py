@@ -29,7 +29,8 @@ STATUS_KEYS = {
     'plan.identity': '8 digits that tell the last plan from others',
     'plan.stamp': 'the time of its point 0, s',
     'plan.age': 'since that time, s; below zero before it',
-    'plan.promised_until': 'where receivers move: until when its rates are promised, s from point 0',
+    'plan.promised_until': 'where receivers move: until when its rates are promised, s from '
+                           'point 0',
     'plan.guaranteed_rate': 'its guaranteed rate, bit/s/Hz',
     'plan.worst_case_rate': 'its worst-case rate, bit/s/Hz',
     'plan.curve_rate': 'its guaranteed rate along the flown curve, bit/s/Hz',
@@ -54,10 +55,11 @@ STATUS_KEYS = {
     'track.plan': 'identity of the plan that is flown, by the reports on `plan_time`; without any '
                   'there is no `track`',
     'track.time': 'progress of the flight, s from point 0',
-    'track.state': '`waiting`, `flying`, `held` or `ended`, with `, silent` after a second without '
-                   'a report',
+    'track.state': '`waiting`, `flying`, `held` or `ended`, with `, silent` after a second '
+                   'without a report',
     'track.distance.<uav>': 'distance of a UAV from its plan when it was measured, m; `none` '
-                            'without odometry and poses. Beyond `track_tolerance` the level is WARN',
+                            'without odometry and poses. Beyond `track_tolerance` the level is '
+                            'WARN',
     'track.rate': 'guaranteed rate so far where the UAVs really were, with the planned powers, '
                   'bit/s/Hz',
     'track.planned_rate': 'the same where the plan had them',

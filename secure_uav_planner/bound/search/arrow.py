@@ -68,9 +68,9 @@ class ArrowSystem:
                                       part.stop - layout.before.start)
                                 for part in (layout.before, layout.after, layout.prices))
         change = (damping * self.sharpness)[:, None, None] * np.eye(width)
-        for part, other in ((before, after), (after, before)):
-            hessian[:, part, part] += change
-            hessian[:, part, other] -= change
+        for side, opposite in ((before, after), (after, before)):
+            hessian[:, side, side] += change
+            hessian[:, side, opposite] -= change
         diagonal, edge = self.edges.copy(), self.edge.copy()
         border = np.zeros((count + 1, width, len(self.price)))
         for at, part in ((slice(0, -1), before), (slice(1, None), after)):
@@ -104,7 +104,7 @@ class ArrowSystem:
 
 
 def _spread(x: Array, prices: Array) -> Array:
-    """Return what every group has of x at the edges, (G + 1, U P), and of the prices (U,)."""
+    """Gather the x of each group at the edges, (G + 1, U P), and the prices (U,)."""
     return np.concatenate(
         [x[:-1], x[1:], np.broadcast_to(prices, (len(x) - 1, len(prices)))], 1)
 

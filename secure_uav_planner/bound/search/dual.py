@@ -103,8 +103,8 @@ class Dual:
                 np.eye(2) - vector[:, :, None] * vector[:, None] / (norm * norm)[:, None, None])
             for part in parts:
                 grad[:, i, part] += share[:, None] * vector
-                for other in parts:
-                    hess[:, i, part, i, other] += second
+                for column in parts:
+                    hess[:, i, part, i, column] += second
             return float(factor @ norm)
 
         for i, region in enumerate(self.team.regions):
