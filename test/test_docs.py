@@ -456,7 +456,8 @@ def test_the_reference_has_every_value_of_the_status(client, tmp_path):
     replace(mission, no_fly_zones=(secure_uav_planner.NoFlyZone(tower, name='tower'),), uavs=tuple(
         replace(uav, propulsion=secure_uav_planner.Propulsion()) for uav in mission.uavs)).save(
             tmp_path / 'mission.yaml')
-    any_of = {'<uav>': 'uav.', '<topic>': '[a-z0-9_]+/(pose|odom)', '<which>': '(uav|zone)'}
+    any_of = {'<uav>': 'uav.', '<topic>': '[a-z0-9_]+/(pose|odom)', '<which>': '(uav|zone)',
+              '<part>': '(hovering|flying)'}
     patterns = {key: re.sub('<.*?>', lambda kind: any_of[kind[0]], key.replace('.', r'\.'))
                 for key in STATUS_KEYS}
 
