@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from .channel import find_rate_scale
 from .channel.links import FreeSpace, make_links
+from .channel.rates import compute_sinr
 from .curve import complete_end_moves, evaluate_spline
 from .least_effort import find_least_efforts
 from ..mission.scenario import Array, Scenario
@@ -243,5 +244,5 @@ class Receivers:
         """Return r_0 (N,) and r_e to every eavesdropper (N, E) at x (N, U, 3) in nats."""
         offset = x[:, None, :, 1:] - self.positions[:, :, None]
         received = self.link.gain(offset[..., 0]**2 + offset[..., 1]**2) * x[:, None, :, 0]
-        rates = np.log1p(received[..., 0] / (1.0 + received[..., 1:].sum(axis=-1)))
+        rates = np.log1p(compute_sinr(np.moveaxis(received, -1, 0)))
         return rates[:, 0], rates[:, 1:]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .links import guaranteed_squared_distance, make_link
+from .links import FreeSpace, guaranteed_squared_distance, make_link
 from ...mission.scenario import Array, Scenario
 from ...mission.tracks import ReceiverPlaces
 from ...mission.validation import checked_array, checked_kind, checked_real, RANGES
@@ -35,8 +35,8 @@ def guaranteed_squared_distances(scenario: Scenario, positions: Array) -> Array:
     the disc: those of h-tilde in equation (9), with [d - eps]^+ inside the disc.
     """
     receivers = find_receivers(scenario, positions.shape[1] - 2)
-    return np.stack([_guaranteed_squared_distances_to(*disc, positions)
-                     for disc in zip(receivers.centres, receivers.radii, strict=True)])
+    return np.stack([_bound_squared_distances(positions[:, 1:-1] - centres, radii)
+                     for centres, radii in zip(receivers.centres, receivers.radii, strict=True)])
 
 
 def ground_gains(scenario: Scenario, positions: Array, times: Array | None = None) -> Array:
@@ -73,7 +73,8 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     """
     positions, powers = checked_flight(scenario, positions, powers)
     # One eavesdropper after the other: arrays over all of them would not fit into the caches.
-    leak = np.full(powers.shape[1], 0.0 if scenario.colluding else -np.inf)
+    sinr = np.full(powers.shape[1], 0.0 if scenario.colluding else -np.inf)
+    combine = np.add if scenario.colluding else np.maximum
     links = make_link(scenario, 'ground_node'), make_link(scenario, 'eavesdropper')
     ground, link = (links if altitudes is None else
                     [replace(link, squared_altitudes=checked_array(
@@ -82,16 +83,10 @@ def guaranteed_rates(scenario: Scenario, positions: Array, powers: Array,
     for centres, radii, advantage in zip(
             receivers.centres, receivers.radii, scenario.receiver_advantages.tolist(),
             strict=True):
-        received = link.for_receivers(advantage).gain(
-            _guaranteed_squared_distances_to(centres, radii, positions)) * powers
-        if scenario.colluding:
-            leak += compute_sinr(received)
-        else:
-            np.maximum(leak, compute_rate(received), out=leak)
-    if scenario.colluding:
-        leak = np.log1p(leak) / np.log(2.0)
+        combine(sinr, bound_sinrs(
+            link.for_receivers(advantage), positions[:, 1:-1] - centres, radii, powers), out=sinr)
     gains = ground.gain(_squared_norm(positions[:, 1:-1] - receivers.ground_node))
-    return compute_rate(gains * powers) - leak
+    return compute_rate(gains * powers) - convert_sinr(sinr)
 
 
 def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
@@ -160,7 +155,12 @@ def compute_rate(received: Array) -> Array:
     :param received: powers over the noise power, the transmitter's S first, then those of the
         jammers, whose sum is J; (U, ...).
     """
-    return np.log1p(compute_sinr(received)) / np.log(2.0)
+    return convert_sinr(compute_sinr(received))
+
+
+def convert_sinr(sinr: Array) -> Array:
+    """Return the rate log2(1 + SINR) in bit/s/Hz."""
+    return np.log1p(sinr) / np.log(2.0)
 
 
 def compute_sinr(received: Array) -> Array:
@@ -170,14 +170,19 @@ def compute_sinr(received: Array) -> Array:
 
 def combine_leaks(leaks: Array) -> Array:
     """Return log2(1 + sum of the SINRs), (N,), of leaks (N, E) to colluding eavesdroppers."""
-    return np.log1p(np.expm1(leaks * np.log(2.0)).sum(axis=1)) / np.log(2.0)
+    return convert_sinr(np.expm1(leaks * np.log(2.0)).sum(axis=1))
 
 
-def _guaranteed_squared_distances_to(centres: Array, radii: Array, positions: Array) -> Array:
-    """Return guaranteed_squared_distances for one eavesdropper's discs, (U, N) in m^2."""
-    edge = np.repeat(radii[None], len(positions), axis=0)
+def bound_sinrs(link: FreeSpace, offsets: Array, radii: Array, powers: Array) -> Array:
+    """Bound the SINRs (...) in discs, whose centres UAVs have offsets (U, ..., 2) in m from."""
+    return compute_sinr(link.gain(_bound_squared_distances(offsets, radii)) * powers)
+
+
+def _bound_squared_distances(offsets: Array, radii: Array) -> Array:
+    """Return the least of the transmitter, and the largest of jammers, to discs, (U, ...)."""
+    edge = np.repeat(radii[None], len(offsets), axis=0)
     edge[0] *= -1
-    return guaranteed_squared_distance(_squared_norm(positions[:, 1:-1] - centres), edge)
+    return guaranteed_squared_distance(_squared_norm(offsets), edge)
 
 
 def _squared_norm(offset: Array) -> Array:

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from .links import guaranteed_squared_distance, make_link, PathLoss
+from .links import make_link, PathLoss
 from .rates import (
-    checked_flight, combine_leaks, compute_rate, find_rate_scale, find_receivers, ground_rates,
-    guaranteed_rates)
+    bound_sinrs, checked_flight, combine_leaks, convert_sinr, find_rate_scale, find_receivers,
+    ground_rates, guaranteed_rates)
 from ..kernel import core
 from ...mission.scenario import Array, Scenario
 from ...mission.tracks import ReceiverPlaces
@@ -117,7 +117,7 @@ def _likely_leaks(scenario: Scenario, centres: Array, radii: Array, uav_position
             _pack_discs(scenario, radii[active], offsets[:, active], powers[:, active]),
             candidates)
         v, x, y = candidates
-        leaks[active] = (np.log1p(1.0 / v) / np.log(2.0)).reshape(active.size, -1)
+        leaks[active] = convert_sinr(1.0 / v).reshape(active.size, -1)
         places[active] = np.stack([x, y], axis=-1).reshape(active.size, -1, 2)
     return leaks, centres + places
 
@@ -187,9 +187,5 @@ def _pack_discs(scenario: Scenario, radii: Array, offsets: Array,
 
 def _guaranteed_leaks(scenario: Scenario, radii: Array, offsets: Array, powers: Array) -> Array:
     """Return upper bounds of the leaks by the formula of the guarantee, (N, E) in bit/s/Hz."""
-    edge = np.repeat(radii[None], len(offsets), axis=0)
-    edge[0] *= -1
     link = make_link(scenario, 'eavesdropper', axes=2).for_receivers(scenario.receiver_advantages)
-    gains = link.gain(guaranteed_squared_distance(
-        offsets[..., 0]**2 + offsets[..., 1]**2, edge))
-    return compute_rate(gains * powers[..., None])
+    return convert_sinr(bound_sinrs(link, offsets, radii, powers[..., None]))
