@@ -243,11 +243,11 @@ class Planner(Node):
     # Replanning
 
     def _on_check(self) -> None:
-        settings, now = self._settings.snapshot(), self._now()
-        if now < self._last_check:
+        settings = self._settings.snapshot()
+        if self._now() < self._last_check:
             self._tracking.forget_reports()
-        self._last_check = now
         self._run_queued()
+        self._last_check = now = self._now()  # What has run in between was heard before it.
         self._checked.set_result(None)
         self._checked = Future()
         self._tracking.observe(settings, now)

@@ -79,8 +79,8 @@ def leak_maximisers(scenario: Scenario, uav_positions: Array, powers: Array,
     count = len(checked_kind('scenario', scenario, Scenario).uavs)
     powers = np.maximum(checked_array('powers', powers, (count, None)), 0.0)
     uav_positions = checked_array('uav_positions', uav_positions, (*powers.shape, 2))
-    if receivers is None:
-        receivers = find_receivers(scenario, powers.shape[1])
+    receivers = find_receivers(scenario, powers.shape[1]) if receivers is None else (
+        checked_kind('receivers', receivers, ReceiverPlaces))
     leaks, places = _by_chunks(_likely_leaks, scenario, receivers, uav_positions, powers)
     return places.swapaxes(0, 1), leaks.T
 
