@@ -77,7 +77,7 @@ class Curve:
         self._last = positions.shape[1] - 1
         self._smooth: NDArray[np.bool_] = np.isfinite(scenario.max_accelerations)
         margin = self._step / 2 if self._smooth.any() else 0.0
-        self.begin = -margin
+        self.begin = 0.0 - margin  # Not -0.0.
         self.end = self._last * self._step + margin
         self.piece = self._step / 2 if margin else self._step
         moves = np.diff(positions, axis=1)

@@ -50,8 +50,9 @@ def solve(scenario: Scenario, method: Method = 'joint',
     :raises OptionError: for an unknown method or objective, a scenario too large for
         'alternating' or with limits or a channel that it does not have, a time limit that is not
         positive, or an initial plan with another number of UAVs.
-    :raises InfeasibleMissionError: when speed, acceleration, zones, fence or separation leave
-        no flights in the duration, naming the UAV, what is in its way, and the shortest duration found.
+    :raises InfeasibleMissionError: when speed, acceleration, zones, fence or separation leave no
+        flights in the duration, naming the UAV, what is in its way, and the shortest duration
+        found.
     :raises StoppedError: when the run is stopped before flights were found that keep these limits.
     :raises TimeLimitError: when the time limit is over before that.
     """

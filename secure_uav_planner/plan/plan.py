@@ -107,7 +107,8 @@ class Plan:
                             ('promised_until', self.promised_until)):
             if value is None and name == 'promised_until':
                 continue
-            if (isinstance(value, bool) or not isinstance(value, (int, float, np.number))
+            value = value.item() if isinstance(value, np.generic) else value
+            if (isinstance(value, bool) or not isinstance(value, (int, float))
                     or not abs(value) < 1e300):
                 raise PlanError(f'{name} is {quote(value)}; it must be a finite number in s',
                                 (name,))
