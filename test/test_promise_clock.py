@@ -72,7 +72,7 @@ def test_a_late_flight_has_left_its_promise_until_it_is_planned_again(client, tm
         # It is about the car where that is when the flight comes there.
         plan = Plan.load(tmp_path / 'plan.json')
         until, time = promise_of(status[-1])[0], float(values_of(status[-1])['track.time'])
-        ahead = np.arange(time, until)
+        ahead = np.arange(np.ceil(time) + 1.0, until)  # Points of slots.
         _, (centres,), (radii,) = plan.scenario.receivers_at(ahead)
         truth = np.array([car_at(plan.start_ns * 1e-9 + 15.0 + at) for at in ahead])
         assert len(ahead) and (np.linalg.norm(centres - truth, axis=1) <= radii).all()
@@ -105,6 +105,16 @@ def test_a_horizon_that_has_passed_is_a_warning_and_a_replan_comes_before(client
         wait_for(lambda: simulation.now > began + 30.0)
         assert int(values_of(status[-1])['replans']) >= replans + 5
         assert not [message.message for message in status if promise_of(message)[1]]
+
+
+def test_a_plan_without_a_delay_counts_with_the_receivers_at_its_start(client, tmp_path):
+    with planned(client, tmp_path, start_delay=0.0) as (_, simulation, status, _):
+        client.follow(lambda: simulation.now)
+        wait_for(lambda: float(values_of(status[-1]).get('track.time', 0)) > 5.0)
+        assert promise_of(status[-1])[1] is None
+        plan = Plan.load(tmp_path / 'plan.json')
+        _, (centres,), (radii,) = plan.scenario.receivers_at([5.0])
+        assert np.linalg.norm(centres[0] - car_at(plan.start_ns * 1e-9 + 5.0)) < radii[0]
 
 
 def test_an_endless_horizon_ends_with_the_flight(client, tmp_path):

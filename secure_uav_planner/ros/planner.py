@@ -29,8 +29,7 @@ from .plan_file import load_plan, save_plan
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .process import run_node
-from .scenarios import (
-    explain_infeasible, make_request, Remainder, Replanning, StartTime)
+from .scenarios import explain_infeasible, make_request, Remainder, Replanning, StartTime
 from .settings import check_mission_parameters, check_plan_file, Settings
 from .solver import Job, Result, SolverThread
 from .status import level_and_text, log_at, State, status_values, warn_of_namesakes
@@ -181,8 +180,7 @@ class Planner(Node):
             left = None if limit is None else max(
                 _SHORTEST_SOLVE, limit - (time.monotonic() - began))
             plan = job.solve(scenario, settings, left, initial)
-            plan = replace(plan, start_ns=start.point_0_ns(self._now_ns()),
-                           promised_until=request.receivers.promised_until)
+            plan = request.date(plan, self._now_ns())
             return plan, messages.serialize_plan(plan, settings['frame_id'])
 
         def finish(result: Result) -> None:
@@ -191,7 +189,7 @@ class Planner(Node):
                 start.check_in_time(self._now_ns())
                 self._tracking.check_steady(self._now())
                 check_continuation(flight, self._flight(self._now()), self._now() - now)
-                text = self._publish_plan(plan, outgoing, 'plans', request.clock)
+                text = self._publish_plan(plan, outgoing, 'plans')
             except Exception as error:
                 self._reply(False, self._refuse(error))
                 return

@@ -6,6 +6,7 @@ mission file holds in the time of the plan. A fresh estimate counts before such 
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 import math
 from typing import Any, NamedTuple
 
@@ -30,11 +31,23 @@ class Receivers(NamedTuple):
     :ivar promised_until: time of the plan in s until which estimates are predicted, or None where
         no receiver moves by an estimate.
     :ivar notes: what an operator should know of each receiver, by its name.
+    :ivar scheduled: names of those that move in the time of the plan.
     """
 
     fields: dict[str, Any]
     promised_until: float | None
     notes: dict[str, str]
+    scheduled: frozenset[str]
+
+    def postpone(self, scenario: Scenario, seconds: float) -> Scenario:
+        """Return a scenario of these receivers whose point 0 is so many s later on the clock."""
+        later = scenario.with_receivers(scenario, seconds)
+        ground = scenario if 'ground_node' in self.scheduled else later
+        return replace(
+            later, ground_node=ground.ground_node, ground_node_track=ground.ground_node_track,
+            eavesdroppers=tuple(
+                old if old.name in self.scheduled else new for old, new in zip(
+                    scenario.eavesdroppers, later.eavesdroppers, strict=True)))
 
 
 def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, clock: PlanClock,
@@ -49,13 +62,14 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
     """
     until = min(max(now, clock.clock) + _horizon(settings), clock.to_clock(end))
     confidence, eavesdroppers, notes = settings['confidence'], [], {}
-    moving = []
+    moving, scheduled = [], set()
     for name in settings['eavesdroppers']:
         pose = poses.usable_pose(name, settings, now, True)
         track = settings['tracks'].get(name)
         advantage = settings[f'{name}.receiver_advantage_db']
         if pose is None:
             notes[name] = f'{name} moves on its track in the mission file'
+            scheduled.add(name)
             eavesdroppers.append(Eavesdropper(LEFT_OUT, LEFT_OUT, name, advantage, track))
             continue
         if track is not None:
@@ -73,6 +87,7 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
         'ground_node')
     if ground is None:
         notes['ground_node'] = 'the ground node moves on its track in the mission file'
+        scheduled.add('ground_node')
     else:
         predicted = _predict(ground, 0.0, 0.0, confidence, until, clock)
         moving.append(predicted)
@@ -80,7 +95,7 @@ def predict_receivers(settings: Mapping[str, Any], poses: PoseBook, now: float, 
     return Receivers(
         {'ground_node': ground.position if track is None else LEFT_OUT,
          'eavesdroppers': tuple(eavesdroppers), 'ground_node_track': track},
-        clock.to_plan(until) if any(moving) else None, notes)
+        clock.to_plan(until) if any(moving) else None, notes, frozenset(scheduled))
 
 
 def _horizon(settings: Mapping[str, Any]) -> float:

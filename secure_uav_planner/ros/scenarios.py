@@ -18,12 +18,14 @@ from .settings import airspace_from, channel_from, uav_from
 from ..errors import (
     brief, InfeasibleMissionError, LateError, PlanningError, ScenarioError, SupersededError)
 from ..mission.scenario import Eavesdropper, Point, Scenario, Uav
+from ..optimize.incumbent import silence_losing_slots
 from ..optimize.rejoin import find_first_point, find_rejoin, Rejoin
 from ..plan.plan import Plan
 from ..plan.tracking import Flight, MeasuredState, PlanClock, predict_state, start_from_state
 
 # s between a solve and the effect of its plan; at most half of the available time.
 _PLAN_RESERVE, _REPLAN_RESERVE = 1.0, 0.5
+_RELEASE = 1.0  # s from a solve without a start_delay to point 0, where receivers move.
 _EFFECT_SLOTS = 1.5  # From the lead to the first point that can change, at most.
 _DELIVERY = 0.2  # s from the publication of a plan until the follower has it.
 
@@ -87,13 +89,27 @@ class Request(NamedTuple):
     """
     A new mission, which is to be planned.
 
+    :param start: the StartTime of its plan.
     :param clock: of its plan, for which its receivers are predicted.
     :param receivers: its Receivers.
     """
 
     scenario: Scenario
+    start: StartTime
     clock: PlanClock
     receivers: Receivers
+
+    def date(self, plan: Plan, now_ns: int) -> Plan:
+        """Return its plan, solved now, with its start and with the receivers at that time."""
+        start_ns, until = self.start.point_0_ns(now_ns), self.receivers.promised_until
+        if until is None or self.start.delay:
+            return replace(plan, start_ns=start_ns, promised_until=until)
+        start_ns += round(_RELEASE * 1e9)
+        later = start_ns * 1e-9 - self.clock.clock
+        scenario = self.receivers.postpone(plan.scenario, later)
+        powers, _ = silence_losing_slots(scenario, plan.positions, plan.powers, plan.objective)
+        return replace(plan, scenario=scenario, powers=powers, start_ns=start_ns,
+                       promised_until=until - later)
 
 
 def make_request(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
@@ -111,10 +127,11 @@ def make_request(settings: Mapping[str, Any], poses: PoseBook, start: StartTime,
     uavs = [_with_start_state(uav_from(settings, name), index, state, settings, start, flight)
             for index, (name, state) in enumerate(
                 zip(settings['uavs'], states, strict=True))]
-    clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9)
+    clock = PlanClock(0.0, start.point_0_ns(start.asked_ns) * 1e-9 + (
+        0.0 if start.delay else _RELEASE))
     end = settings['duration'] * (settings['slots'] + 1) / settings['slots']
     receivers = predict_receivers(settings, poses, asked, clock, end)
-    return Request(_scenario(settings, uavs, receivers.fields), clock, receivers)
+    return Request(_scenario(settings, uavs, receivers.fields), start, clock, receivers)
 
 
 def explain_infeasible(settings: Mapping[str, Any]) -> str:
