@@ -101,7 +101,7 @@ def fly_event(event, scenario, seed=0):
             link.wait_until(lambda: link.plan_time, 'the plan in the replay node',
                             lambda: course.hover(link))
             course.origin = first.start_ns
-            while link.status['track.state'] != 'ended':
+            while link.status.get('track.state') != 'ended':
                 if course.time > 3 * scenario.duration:
                     raise ClientError(f'no landing until {course.time:g} s: {link.status}')
                 course.step(link, _PACE)
