@@ -41,21 +41,23 @@ def streamed(count=20, speed=10.0):
     return guard, speed * now / SECOND, now
 
 
-@given(st.lists(st.tuples(st.integers(0, 2 * SECOND), st.floats(-40.0, 40.0)), max_size=40))
-def test_whatever_comes_what_is_sent_moves_by_no_more_than_the_limits_allow(moves):
+@given(st.lists(st.tuples(st.integers(0, 2 * SECOND), st.integers(0, SECOND),
+                          st.floats(-40.0, 40.0)), max_size=40))
+def test_whatever_comes_what_is_sent_moves_within_the_limits_and_its_stamps_never_go_back(moves):
     guard, x, now = Guard(), 0.0, SECOND
     sent, ends = [], 0
-    for wait, move in moves:
+    for wait, late, move in moves:
         now, x = now + wait, x + move
         ends += guard.has_ended(now, LIMITS)
-        if passes(guard, at(x, now)):
-            sent.append((ends, at(x, now)))
-        elif (held := guard.hold(now)) is not None:
+        if (held := guard.hold(now)) is not None:
             sent.append((ends, held))
             assert held.velocity == held.acceleration == (0.0, 0.0, 0.0)
+        if passes(guard, at(x, now - late)):
+            sent.append((ends, at(x, now - late)))
     for (stream, old), (same, new) in pairwise(sent):
         # The time without setpoints counts, up to the one after which a stream has ended.
         if stream == same:
+            assert old.time_ns <= new.time_ns
             assert math.dist(old.position, new.position) <= 1.0 + 10.0 * 1.0 + 1e-9
 
 
@@ -68,7 +70,7 @@ def test_a_jump_is_refused_with_its_distance_and_the_last_place_is_held(distance
         guard.take(at(x + distance, later), later, LIMITS)
     assert guard.hold(later) is None  # The setpoints of another source may still come.
     held = guard.hold(now + SECOND // 2)
-    assert held == at(x, now + SECOND // 2, velocity=(0.0, 0.0, 0.0),
+    assert held == at(x, now, velocity=(0.0, 0.0, 0.0),
                       acceleration=(0.0, 0.0, 0.0))
 
 
