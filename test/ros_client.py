@@ -445,6 +445,11 @@ class Client:
         wait_for(client.service_is_ready, what=f'the service {service}')
         return client
 
+    def forget_services(self, node):
+        """Discover the services of a node anew, which has been started again."""
+        for service in [name for name in self._services if name.startswith(f'{node}/')]:
+            del self._services[service]
+
     def _answer(self, ask, what, again=ASK_AGAIN):
         """Return the first answer to a request that is repeated after some s."""
         futures, asked = [], []

@@ -1,13 +1,17 @@
 """Simulated time for the nodes, faster than real, and what happens in it."""
 
+import math
+from random import Random
 import threading
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from nav_msgs.msg import Path
+from nav_msgs.msg import Odometry, Path
+import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_client import places_of, stamp_at, values_of
 from rosgraph_msgs.msg import Clock
 from secure_uav_planner import Plan
+from secure_uav_planner.ros import messages
 from std_msgs.msg import Float64MultiArray
 
 DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -87,6 +91,40 @@ class Simulation(SimulatedTime):
         x, y = self._where(self.now)
         self._client.send_estimate(
             'eavesdropper/pose', x, y, stamp=self.stamp(), until_known=False)
+
+
+class Receiver:
+    """A receiver that drives, and whose odometry need not be true: it lies in one of `lies`."""
+
+    lies = ('none', 'none', 'none', 'silence', 'standing', 'jumps', 'covariance')
+
+    def __init__(self, client, name, place):
+        self._name, self._place, self._rng = name, np.array(place), Random(name)
+        self._publisher = client.node.create_publisher(Odometry, f'{name}/odom', 10)
+        self.drive()
+
+    def drive(self, speed=0.0, heading=0.0, turn=0.0, lie='none'):
+        """Drive in m/s, rad and rad/s, and lie from now on."""
+        self._speed, self._heading, self._turn, self._lie = speed, heading, turn, lie
+
+    def go_on(self, stamp, step):
+        """Let a step in s go by, and report."""
+        self._heading += step * self._turn
+        velocity = self._speed * np.array([math.cos(self._heading), math.sin(self._heading)])
+        self._place = place = self._place + step * velocity
+        variances = [1.0, 0.01]  # Of position and velocity.
+        if self._lie == 'silence':
+            return
+        if self._lie == 'standing':
+            velocity = np.zeros(2)
+        elif self._lie == 'jumps':
+            place = place + [self._rng.uniform(-300, 300), self._rng.uniform(-300, 300)]
+        elif self._lie == 'covariance':
+            variances = self._rng.choices([-1.0, 0.0, 1e14, 1e16, math.inf, math.nan], k=2)
+        message = messages.odometry('map', self._name, stamp, (*place, 0.0), 0.0, velocity)
+        for part, variance in zip((message.pose, message.twist), variances):
+            part.covariance[0] = part.covariance[7] = variance
+        self._publisher.publish(message)
 
 
 def received(client):
