@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
+from itertools import count
 import math
-import time
 
 import numpy as np
 
@@ -15,14 +17,15 @@ from .proof.reachable_set import Team
 from .proof.relaxation import EavesdropperSubset, find_reference_snrs, MOST_GROUPS, SlotGroups
 from .search.multipliers import build_multipliers, MultiplierSearch
 from .search.variables import DualPoint, InitialMultipliers
-from ..errors import OptionError, PlanningError
+from ..errors import OptionError, PlanningError, TimeLimitError
 from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
 from ..mission.validation import (
     Array, checked_callback, checked_choice, checked_kind, checked_time_limit)
 from ..optimize import solve
+from ..optimize.deadline import Check, Deadline, run_to_end
 from ..plan.plan import Plan, POWER_TOLERANCE
-from ..plan.results import Bound, check_plan, Progress
+from ..plan.results import Bound, check_plan, Progress, Status
 
 FEWEST_PLACES, MOST_PLACES = 3, 8
 """
@@ -94,7 +97,6 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         another scenario, or a scenario for which nothing is proven: with several jammers,
         tracks, or another channel than free space, with or without fading.
     """
-    started = time.monotonic()
     checked_kind('scenario', scenario, Scenario)
     checked_choice('objective', objective, OBJECTIVES)
     if refusal := explain_refusal(scenario):
@@ -103,13 +105,18 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     checked_callback('on_progress', on_progress)
     if plan is not None:
         check_plan(plan, scenario)
-    run = _Run(started, limit, on_progress)
-    run.offer(compute_plain_bound(scenario))
+    numbers = count()
+
+    def report(progress: Progress) -> object:
+        return on_progress is not None and on_progress(replace(progress, number=next(numbers)))
+
+    best = _BestBound(Deadline(report, limit, REPORT_PERIOD), FIRST_CERTIFICATE * (limit or 0.0))
+    best.offer(compute_plain_bound(scenario))
     # A NaN on the way makes a bound infinite, never wrong; see certify.
     with np.errstate(all='ignore'):
-        _search_multipliers(run, scenario, objective, plan)
-    return Bound(scenario, run.rate, objective, list_ignored_limits(scenario),
-                 time.monotonic() - started, run.outcome)
+        status = run_to_end(partial(_search_multipliers, best, scenario, objective, plan))
+    return Bound(scenario, best.rate, objective, list_ignored_limits(scenario),
+                 best.deadline.elapsed, status)
 
 
 def explain_refusal(scenario: Scenario) -> str:
@@ -145,77 +152,51 @@ def list_ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     return tuple(name for name in names if getattr(scenario, name))
 
 
-class _Run:
-    """The clock, the callback and the best bound of a call of upper_bound."""
+class _BestBound:
+    """
+    The best bound of a call of upper_bound, of searches that leave time for their certificates.
 
-    def __init__(self, started: float, limit: float | None,
-                 on_progress: Callable[[Progress], bool | None] | None) -> None:
-        self.rate, self.status = math.inf, ''
-        self._started, self._on_progress = started, on_progress
-        self._deadline = math.inf if limit is None else started + limit
-        self._proving = 0.0 if limit is None else FIRST_CERTIFICATE * limit
-        self._number = 0
-        self._reported = started
-        self._late = False
+    :param reserved: time in s for the first certificate.
+    :ivar status: 'time_limit' after a search that was ended for its certificate.
+    """
 
-    @property
-    def time_left(self) -> float:
-        """Time until the deadline in s, infinite without one."""
-        return self._deadline - time.monotonic()
+    def __init__(self, deadline: Deadline, reserved: float) -> None:
+        self.deadline, self.rate = deadline, math.inf
+        self.status: Status = 'converged'
+        self._proving = reserved
 
-    def reserve_time(self, ratio: float) -> Callable[[], bool]:
+    def reserve_time(self, ratio: float) -> Check:
         """
-        Return the `stop` of a search that leaves time for its certificate.
+        Return the `check` of a search that leaves time for its certificate.
 
         :param ratio: of the time of that certificate to the time of the last one.
         """
-        def stop() -> bool:
-            if not self.status and self.time_left <= ratio * self._proving:
-                self._late = True
-                return True
-            return self.stop()
-        return stop
+        return partial(self.deadline.check, ratio * self._proving)
 
-    def prove(self, search: MultiplierSearch) -> None:
-        """Offer the bound that a search's multipliers prove in the time left."""
-        if self.stop():
-            return
-        before = time.monotonic()
-        self.offer(certify(search.team, build_multipliers(search), self.stop).rate)
-        self._proving = time.monotonic() - before
+    @contextmanager
+    def proving(self, search: MultiplierSearch) -> Iterator[None]:
+        """Prove a bound by what a search has found in the with statement."""
+        try:
+            yield
+        except TimeLimitError:
+            self.status = 'time_limit'
+        self.deadline.check()
+        before = self.deadline.elapsed
+        self.offer(certify(search.team, build_multipliers(search), self.deadline.is_over).rate)
+        self._proving = self.deadline.elapsed - before
+        self.deadline.check()
 
     def offer(self, rate: float) -> None:
         """Keep a proven bound if it is the lowest, and report."""
         self.rate = min(self.rate, rate)
-        self._report()
-
-    def _report(self) -> None:
-        self._reported = time.monotonic()
-        if self._on_progress is not None:
-            progress = Progress(self._number, self.rate, time.monotonic() - self._started)
-            if self._on_progress(progress):
-                self.status = self.status or 'cancelled'
-        self._number += 1
-
-    @property
-    def outcome(self) -> str:
-        """Return the status of the bound."""
-        return self.status or ('time_limit' if self._late else 'converged')
-
-    def stop(self) -> bool:
-        """Return True if the search must end; report progress if it is due."""
-        if not self.status and self.time_left <= 0:
-            self.status = 'time_limit'
-        elif not self.status and time.monotonic() - self._reported > REPORT_PERIOD:
-            self._report()
-        return bool(self.status)
+        self.deadline.report(Progress(0, self.rate, self.deadline.elapsed))
 
 
-def _search_multipliers(run: _Run, scenario: Scenario, objective: str, plan: Plan | None) -> None:
+def _search_multipliers(best: _BestBound, scenario: Scenario, objective: str,
+                        plan: Plan | None) -> Status:
     """Search for multipliers on coarse and on fine groups, and prove a bound with each."""
-    positions, powers, rate = find_start(scenario, run.time_left, objective, plan, run.stop)
-    if run.stop():
-        return
+    positions, powers, rate = find_start(scenario, best.deadline, objective, plan)
+    best.deadline.check()
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
     subset = EavesdropperSubset.of(scenario, objective)
     # A few hundred slots show which eavesdroppers matter.
@@ -231,44 +212,42 @@ def _search_multipliers(run: _Run, scenario: Scenario, objective: str, plan: Pla
 
     groups = min(scenario.slots, MOST_GROUPS)
     coarse_groups = max(-(-groups // SLOTS_A_GROUP), min(groups, FEWEST_GROUPS))
-    coarse = MultiplierSearch(*build_level(coarse_groups), None, run.reserve_time(1.0))
-    _anneal(coarse, COARSE)
-    run.prove(coarse)
+    coarse = MultiplierSearch(*build_level(coarse_groups), None, best.reserve_time(1.0))
+    with best.proving(coarse):
+        _anneal(coarse, COARSE)
     team, initial = build_level(groups)
     point = _refine_point(coarse, team.groups, initial.weight)
     ratio = FINE_COST * groups / coarse_groups
     for quadratic in (False,) if scenario.slots > MOST_GROUPS else (True, False):
-        fine = MultiplierSearch(team, initial, point, run.reserve_time(ratio))
-        if fine.stop():
-            break
-        _anneal(fine, FINE)
-        if quadratic:
-            fine.add_quadratic_part()
-        _anneal(fine, QUADRATIC if quadratic else LINEAR)
-        run.prove(fine)
-        if not rate or run.rate <= (1 + LARGE_GAP) * rate:
+        fine = MultiplierSearch(team, initial, point, best.reserve_time(ratio))
+        fine.check()
+        with best.proving(fine):
+            _anneal(fine, FINE)
+            if quadratic:
+                fine.add_quadratic_part()
+            _anneal(fine, QUADRATIC if quadratic else LINEAR)
+        if not rate or best.rate <= (1 + LARGE_GAP) * rate:
             break
         ratio = 1.0
+    return best.status
 
 
-def find_start(scenario: Scenario, time_left: float, objective: str, plan: Plan | None,
-               stop: Callable[[], bool]) -> tuple[Array, Array, float]:
+def find_start(scenario: Scenario, deadline: Deadline, objective: str,
+               plan: Plan | None) -> tuple[Array, Array, float]:
     """
     Return positions (U, N + 2, 2) in m and powers (U, N) in W of a plan, and its rate.
 
     Without a plan these are straight lines at the average powers, and the rate is 0.
 
-    :param time_left: in s.
-    :param plan: by default the one that solve finds in half of that time.
-    :param stop: asked after every iteration of solve; True ends it.
+    :param plan: by default the one that solve finds in half of the time left.
     """
     if plan is not None:
         return plan.positions, plan.powers, getattr(plan, f'{objective}_rate')
     slots = min(scenario.slots, MOST_GROUPS)
     try:
         plan = solve(replace(scenario, slots=slots), objective=objective,  # type: ignore[arg-type]
-                     on_iteration=lambda _: stop(),
-                     time_limit=None if math.isinf(time_left) else max(time_left / 2, 1e-3))
+                     on_iteration=lambda _: deadline.is_over(),
+                     time_limit=max(deadline.time_left / 2, 1e-3))
         positions, powers, rate = plan.positions, plan.powers, plan.rate
     except PlanningError:
         # A mission that cannot be flown in so few slots, or not be planned before the search ends.
@@ -284,8 +263,7 @@ def _anneal(search: MultiplierSearch, schedule: tuple[tuple[float, int], ...]) -
     """Minimise the dual function at falling temperatures."""
     for tau, rounds in schedule:
         for _ in range(rounds):
-            if search.stop():
-                return
+            search.check()
             search.minimise(tau, ITERATIONS)
 
 

@@ -1,13 +1,11 @@
 """The state of one call of solve: its best feasible iterate, its history and its end."""
 
 from collections.abc import Callable
-from dataclasses import replace
-import time
 from typing import TypeAlias
 
 import numpy as np
 
-from ..errors import StoppedError, TimeLimitError
+from .deadline import Deadline
 from ..mission.scenario import Array, Scenario
 from ..model.channel import find_rate_scale, guaranteed_rates, worst_case_rates
 from ..model.limits import is_clear, repair, repair_powers
@@ -15,83 +13,22 @@ from ..plan.plan import Iteration, Objective, Plan, Status
 
 OnIteration: TypeAlias = Callable[[Iteration], object]
 
-_PERIOD = 0.05  # Between calls of the callback where iterations are far apart, in s.
 _NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.
 _IDLE_SHARE = 1e-3  # A slot with a smaller share of the mean rate carries nothing.
 _JAMMING_SHARES = (0.1, 0.01, 0.001, 0.0)  # Of the present power, that try_less_jamming tries.
-
-
-class Termination:
-    """
-    The deadline and the callback of one call of solve, from its beginning.
-
-    :param on_iteration: called with Iterations; returning True cancels.
-    :param time_limit: in s from now, or None.
-    :param repeats: whether the callback is also called between iterations, with the last one;
-        where first flights are searched for, iterations can be far apart.
-    """
-
-    def __init__(self, on_iteration: OnIteration | None = None,
-                 time_limit: float | None = None, repeats: bool = False) -> None:
-        self._on_iteration = on_iteration
-        self._time_limit = time_limit
-        self._period = _PERIOD if repeats else np.inf
-        self._started = time.monotonic()
-        self._last = Iteration(0, 'start', 0.0, 0.0, 0.0)
-        self._last_call = -np.inf  # Of the callback, in s from the beginning.
-        self._cancelled = False
-
-    @property
-    def elapsed(self) -> float:
-        """Time since the beginning, in s."""
-        return time.monotonic() - self._started
-
-    @property
-    def time_left(self) -> float:
-        """Time until the deadline in s, infinite without one."""
-        return np.inf if self._time_limit is None else self._time_limit - self.elapsed
-
-    def report(self, iteration: Iteration) -> None:
-        """Call the callback, which may cancel."""
-        self._last, self._last_call = iteration, self.elapsed
-        if self._on_iteration is not None and self._on_iteration(iteration):
-            self._cancelled = True
-
-    def stop_reason(self) -> Status | None:
-        """Return the status in which the call must end now, or None."""
-        if not self._cancelled and self.elapsed - self._last_call > self._period:
-            self.report(replace(self._last, elapsed=self.elapsed))
-        if self._cancelled:
-            return 'cancelled'
-        return 'time_limit' if self.time_left <= 0 else None
-
-    def check(self) -> None:
-        """
-        End the search for first flights if the call must end.
-
-        :raises StoppedError: when the callback has cancelled.
-        :raises TimeLimitError: past the deadline.
-        """
-        reason = self.stop_reason()
-        if reason == 'cancelled':
-            raise StoppedError('cancelled before flights that keep the limits were found')
-        if reason is not None:
-            raise TimeLimitError(
-                f'time_limit is {self._time_limit:g} s; it was over before flights that keep the '
-                'limits were found; with more time, or fewer slots, there may be some')
 
 
 class Incumbent:
     """
     The best feasible iterate of a call of solve, which all methods improve.
 
-    A method proposes iterates by try_improve() and ends when stop_reason() is not None or it has
+    A method proposes iterates by try_improve() and ends when its deadline is over or it has
     converged. Only feasible iterates that raise the true objective are kept, so the objective
     is monotone and there is a plan at any time.
 
     :param positions: feasible start, (U, N+2, 2) in m.
     :param powers: feasible start, (U, N) in W.
-    :param termination: the deadline and the callback, to which every Iteration is reported.
+    :param deadline: of the call, to which every Iteration is reported.
     :param warm: whether the start is an earlier plan.
     :param objective: the rate to be raised.
     :param parent: the incumbent of the call where this is one of a part, and which reports for it.
@@ -99,14 +36,14 @@ class Incumbent:
     """
 
     def __init__(self, scenario: Scenario, positions: Array, powers: Array,
-                 termination: Termination | None = None, warm: bool = False,
+                 deadline: Deadline | None = None, warm: bool = False,
                  objective: Objective = 'guaranteed', parent: 'Incumbent | None' = None) -> None:
         self.scenario = scenario
         self.objective: Objective = objective
         self.warm = warm
         self.solver_time: float = 0.0 if parent is None else parent.solver_time
         self.history: list[Iteration] = []
-        self.termination = Termination() if termination is None else termination
+        self.deadline = Deadline() if deadline is None else deadline
         self._parent = parent
         self.positions = positions
         self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(scenario)
@@ -114,10 +51,6 @@ class Incumbent:
         self.rate = float(self._rates.mean())
         if parent is None:
             self.report('start')
-
-    def stop_reason(self) -> Status | None:
-        """Return the status in which the method must end now, or None."""
-        return self.termination.stop_reason()
 
     def try_improve(self, positions: Array | None = None, powers: Array | None = None) -> float:
         """
@@ -188,7 +121,7 @@ class Incumbent:
 
     def with_objective(self, objective: Objective) -> 'Incumbent':
         """Return an incumbent for another objective, from the present iterate, as a part."""
-        return Incumbent(self.scenario, self.positions, self.powers, self.termination, self.warm,
+        return Incumbent(self.scenario, self.positions, self.powers, self.deadline, self.warm,
                          objective, parent=self)
 
     def report(self, step: str) -> None:
@@ -197,10 +130,10 @@ class Incumbent:
             self._parent.solver_time = self.solver_time
             self._parent.report(step)
             return
-        iteration = Iteration(len(self.history), step, self.rate, self.termination.elapsed,
+        iteration = Iteration(len(self.history), step, self.rate, self.deadline.elapsed,
                               self.solver_time)
         self.history.append(iteration)
-        self.termination.report(iteration)
+        self.deadline.report(iteration)
 
     @property
     def useful_powers(self) -> Array:
@@ -209,13 +142,12 @@ class Incumbent:
 
     def to_plan(self, method: str, status: Status) -> Plan:
         """Return the iterate as a Plan, in which slots that carry nothing are silent."""
-        if self.stop_reason() is None:
+        if not self.deadline.is_over():
             self.try_idle_slots()
-        last = self.history[-1]
-        if self.rate > last.rate and self.stop_reason() is None:
-            self.report(last.step)
+            if self.rate > self.history[-1].rate:
+                self.report(self.history[-1].step)
         return Plan(self.scenario, self.positions, self.useful_powers, method, status,
-                    tuple(self.history), self.termination.elapsed,
+                    tuple(self.history), self.deadline.elapsed,
                     objective=self.objective)
 
 

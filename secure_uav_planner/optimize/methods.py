@@ -1,10 +1,13 @@
 """From a scenario to a plan: the two methods by name, and the baselines."""
 
 from contextlib import suppress
+from functools import partial
+import math
 from typing import Any, get_args
 
 from . import joint
-from .incumbent import Incumbent, OnIteration, Termination
+from .deadline import Deadline, run_to_end
+from .incumbent import Incumbent, OnIteration
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
 from ..errors import format_place, OptionError, Place, PlanningError, quote
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
@@ -21,6 +24,8 @@ The most slots * uavs * eavesdroppers of the alternating method.
 
 A deadline cannot interrupt CVXPY while it compiles a problem, which takes about a second then.
 """
+
+_PERIOD = 0.05  # Between calls of the callback where iterations are far apart, in s.
 
 
 def solve(scenario: Scenario, method: Method = 'joint',
@@ -64,11 +69,11 @@ def solve(scenario: Scenario, method: Method = 'joint',
     objective = check_objective(method, objective)
     if method == 'alternating':
         _check_scope(scenario)
-    termination = _build_termination(scenario, on_iteration, time_limit)
+    deadline = _build_deadline(scenario, on_iteration, time_limit)
     positions, powers = (
-        fly_hover_fly_positions(scenario, termination.check), constant_powers(scenario)
-        ) if initial is None else adapt_plan(scenario, initial, termination.check)
-    incumbent = Incumbent(scenario, positions, powers, termination, warm=initial is not None,
+        fly_hover_fly_positions(scenario, deadline.check), constant_powers(scenario)
+        ) if initial is None else adapt_plan(scenario, initial, deadline.check)
+    incumbent = Incumbent(scenario, positions, powers, deadline, warm=initial is not None,
                           objective=objective)
     if method == 'joint':
         status = joint.improve(incumbent)
@@ -79,25 +84,23 @@ def solve(scenario: Scenario, method: Method = 'joint',
         # Powers have local optima: the result is no worse than the baseline with optimised powers.
         joint.optimise_powers(incumbent)
     from .alternating import alternate  # Here, because CVXPY takes a second to import.
-    return incumbent.to_plan(method, alternate(incumbent))
+    return incumbent.to_plan(method, run_to_end(partial(alternate, incumbent)))
 
 
 def _improve_from_scratch(incumbent: Incumbent, status: Status) -> Status:
     """Improve an Incumbent of a status from scratch; return the status of the better plan."""
-    scenario, termination = incumbent.scenario, incumbent.termination
-    if incumbent.stop_reason() is not None:
-        return status
+    scenario, deadline = incumbent.scenario, incumbent.deadline
     with suppress(PlanningError):  # The plan that there is needs no such flights.
+        deadline.check()
         cold = Incumbent(
-            scenario, fly_hover_fly_positions(scenario, termination.check),
-            constant_powers(scenario), termination, objective=incumbent.objective,
-            parent=incumbent)
+            scenario, fly_hover_fly_positions(scenario, deadline.check),
+            constant_powers(scenario), deadline, objective=incumbent.objective, parent=incumbent)
         cold_status = joint.improve(cold)
-        if cold.stop_reason() is None:
+        if not deadline.is_over():
             cold.try_idle_slots()
         if incumbent.try_improve(cold.positions, cold.useful_powers) > 0:
             return cold_status
-    return 'cancelled' if incumbent.stop_reason() == 'cancelled' else status
+    return 'cancelled' if deadline.is_cancelled else status
 
 
 def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
@@ -119,20 +122,20 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     if power not in get_args(Power):
         raise OptionError(f"power is {quote(power)}; it must be 'constant' or 'optimised'")
     method = f'fly_hover_fly_{power}'
-    termination = _build_termination(scenario, on_iteration, time_limit)
-    positions = fly_hover_fly_positions(scenario, termination.check)
+    deadline = _build_deadline(scenario, on_iteration, time_limit)
+    positions = fly_hover_fly_positions(scenario, deadline.check)
     powers = constant_powers(scenario)
     if power == 'constant':
         return Plan(scenario, positions, powers, method, 'converged')
-    incumbent = Incumbent(scenario, positions, powers, termination)
+    incumbent = Incumbent(scenario, positions, powers, deadline)
     return incumbent.to_plan(method, joint.optimise_powers(incumbent))
 
 
-def _build_termination(scenario: Scenario, on_iteration: OnIteration | None,
-                       time_limit: float | None) -> Termination:
+def _build_deadline(scenario: Scenario, on_iteration: OnIteration | None,
+                    time_limit: float | None) -> Deadline:
     time_limit = checked_time_limit(time_limit)
     checked_callback('on_iteration', on_iteration)
-    return Termination(on_iteration, time_limit, not is_open(scenario))
+    return Deadline(on_iteration, time_limit, math.inf if is_open(scenario) else _PERIOD)
 
 
 def check_objective(method: str, objective: str | None = None) -> Objective:

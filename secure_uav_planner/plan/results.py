@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit', 'cancelled',
                             'numerical_trouble']
-"""Why a method stopped; the plan is feasible whatever the reason."""
+"""Why a method stopped; its plan is feasible, or its bound valid, whatever the reason."""
 
 STATUS_TEXTS: dict[Status, str] = {
     'given': 'made by hand',
@@ -120,9 +120,6 @@ class Promise(NamedTuple):
         return float(rates[:self.slots].mean()) if self.slots else 0.0
 
 
-BOUND_STATUSES = ('converged', 'time_limit', 'cancelled')
-"""Why the search for a bound ended; the bound is valid whatever the reason."""
-
 _FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']
 
 
@@ -154,7 +151,7 @@ class Bound:
     :param ignored: limits of the scenario that the bound does not use. They can only lower the
         rates of plans: the bound is valid, but looser.
     :param solve_time: in s.
-    :param status: one of BOUND_STATUSES, why the search for a smaller bound ended.
+    :param status: one of STATUSES, why the search for a smaller bound ended.
     :raises OptionError: naming the field, its value and what is allowed.
     """
 
@@ -163,12 +160,12 @@ class Bound:
     objective: str = 'worst_case'
     ignored: tuple[str, ...] = ()
     solve_time: float = 0.0
-    status: str = 'converged'
+    status: Status = 'converged'
 
     def __post_init__(self) -> None:
         checked_kind('scenario', self.scenario, Scenario)
         checked_choice('objective', self.objective, OBJECTIVES)
-        checked_choice('status', self.status, BOUND_STATUSES)
+        checked_choice('status', self.status, STATUSES)
         if not _is_number(self.rate) or math.isnan(self.rate):
             raise OptionError(f'rate is {quote(self.rate)}; it must be a number in bit/s/Hz')
         if not _is_number(self.solve_time) or not 0 <= self.solve_time < math.inf:

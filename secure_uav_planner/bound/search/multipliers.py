@@ -21,6 +21,7 @@ from ..proof.reachable_set import Team
 from ..proof.terms import Potential
 from ...mission.validation import Array
 from ...model.kernel import core
+from ...optimize.deadline import Check
 
 MAX_DAMPING = 1e4
 """Damping above which a Newton step is given up."""
@@ -45,12 +46,12 @@ class MultiplierSearch:
     :param team: the UAVs.
     :param initial: the first multipliers, and places and powers around which columns lie.
     :param point: multipliers that replace the initial ones, or None.
-    :param stop: asked before every Newton step; True ends the search.
+    :param check: called before every Newton step; what it raises ends the search.
     """
 
     def __init__(self, team: Team, initial: InitialMultipliers, point: DualPoint | None = None,
-                 stop: Callable[[], bool] = lambda: False) -> None:
-        self.team, self.stop = team, stop
+                 check: Check = lambda: None) -> None:
+        self.team, self.check = team, check
         layout = PotentialLayout.of(False, team.accelerates)
         self.point = point if point is not None else DualPoint(layout, np.zeros(
             (len(team.groups.edges), len(team.regions), layout.acceleration.stop)), initial.v,
@@ -100,8 +101,7 @@ class MultiplierSearch:
         """Take Newton steps at a temperature on the best columns."""
         dual = self.dual(tau)
         for _ in range(iterations):
-            if self.stop():
-                break
+            self.check()
             if -self._descend(dual) < 1e-3 * tau * self.team.groups.slots**0.5:
                 break
 

@@ -29,14 +29,11 @@ def alternate(incumbent: Incumbent) -> Status:
         before = incumbent.rate
         solved = True
         for problem in steps:
-            reason = incumbent.stop_reason()
-            if reason is not None:
-                return reason
-            if _predict_compile_time(problem, powers) > incumbent.termination.time_left:
-                return 'time_limit'
+            incumbent.deadline.check(_predict_compile_time(problem, powers))
             solved &= _step(incumbent, problem)
         if incumbent.rate - before < TOLERANCE:
-            return incumbent.stop_reason() or ('converged' if solved else 'numerical_trouble')
+            incumbent.deadline.check()
+            return 'converged' if solved else 'numerical_trouble'
     return 'iteration_limit'
 
 
@@ -51,7 +48,7 @@ def _step(incumbent: Incumbent, problem: _Problem) -> bool:
     """Solve a restriction at the present iterate; return True if the solver succeeded."""
     local = getattr(incumbent, problem.block)
     answer, seconds = problem.solve(
-        incumbent.positions, incumbent.powers, incumbent.termination.time_left)
+        incumbent.positions, incumbent.powers, incumbent.deadline.time_left)
     incumbent.solver_time += seconds
     if answer is not None:
         # A restriction is a lower bound: go further along its step while the true rate rises.

@@ -9,7 +9,7 @@ and `trajectories` calls these in turn.
 from .flights import build_flights, fly_around
 from .projection import move_inside, project
 from .trajectories import adapt_plan, constant_powers, fly_hover_fly_positions, is_similar
-from .visibility_graph import Check, find_free_places
+from .visibility_graph import find_free_places
 
-__all__ = ['Check', 'adapt_plan', 'build_flights', 'constant_powers', 'find_free_places',
+__all__ = ['adapt_plan', 'build_flights', 'constant_powers', 'find_free_places',
            'fly_around', 'fly_hover_fly_positions', 'is_similar', 'move_inside', 'project']

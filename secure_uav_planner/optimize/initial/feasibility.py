@@ -11,7 +11,8 @@ import shapely
 
 from .flights import build_flights, fly_direct, generate_direct_flights, list_hovering_places
 from .projection import find_flights_near
-from .visibility_graph import Check, find_free_places
+from .visibility_graph import find_free_places
+from ..deadline import Check
 from ...errors import InfeasibleMissionError, TimeLimitError
 from ...mission.consistency import refuse_duration, refuse_slow_uavs
 from ...mission.kinematics import EFFORT_TOLERANCE, find_shortest_duration

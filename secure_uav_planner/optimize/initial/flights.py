@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from .visibility_graph import Check, find_routes, MOST_ROUTES, VisibilityGraph
+from .visibility_graph import find_routes, MOST_ROUTES, VisibilityGraph
+from ..deadline import Check
 from ...mission.kinematics import Vehicle
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.least_effort import least_effort

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from .visibility_graph import Check
+from ..deadline import Check
 from ...mission.scenario import Array, Scenario
 from ...model.cone_program import solve_cone_program
 from ...model.grid import Grid, resample_flights

@@ -7,7 +7,7 @@ import numpy as np
 from .feasibility import check_durations, find_flights
 from .flights import build_flights, list_hovering_places
 from .projection import find_flights_near
-from .visibility_graph import Check
+from ..deadline import Check
 from ...errors import OptionError, TimeLimitError
 from ...mission.scenario import Array, Scenario
 from ...model.grid import resample

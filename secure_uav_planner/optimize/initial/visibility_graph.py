@@ -1,16 +1,17 @@
 """Shortest routes around obstacles, and alternatives on their opposite sides."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 import math
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 import scipy
 import shapely
 
+from ..deadline import Check
 from ...mission.scenario import Array, Scenario
 from ...model.airspace import get_airspace
 from ...model.grid import Grid
@@ -22,9 +23,6 @@ _DISTANCES = (0.2, 0.01)  # Of routes from obstacles, in steps; the second where
 _INSIDE = 0.1  # Distance of free places from the fence, in steps.
 _MOST_CORNERS = 250  # Of obstacles; outlines with more are simplified.
 _ROUNDING = 1e-6  # By which a route may touch an obstacle, in m.
-
-Check: TypeAlias = Callable[[], None]
-"""Called now and then in a search; what it raises ends the search."""
 
 
 class VisibilityGraph:

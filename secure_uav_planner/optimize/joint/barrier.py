@@ -1,6 +1,5 @@
 """A primal-dual interior-point method for (P1) and (P2), for several starts side by side."""
 
-from collections.abc import Callable
 import time
 from typing import Any, NamedTuple, TypeAlias
 
@@ -8,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .starts import refine
+from ..deadline import Check
 from ..incumbent import Incumbent
-from ...errors import NumericalError
+from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.grid import Grid, Receivers
 from ...model.kernel import core
@@ -51,7 +51,7 @@ class Barrier:
     """
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array,
-                 check: Callable[[], None] = lambda: None,
+                 check: Check = lambda: None,
                  receivers: Receivers | None = None, discs: Discs | None = None) -> None:
         self.grid = grid
         self.check = check
@@ -102,19 +102,11 @@ class Optima(NamedTuple):
     x: Array
 
 
-class Stop(Exception):
-    """The method must end in a status."""
-
-    def __init__(self, status: Status) -> None:
-        super().__init__(status)
-        self.status: Status = status
-
-
 class Stepper:
     """
     Steps of Barriers that all parts of the method take for one Incumbent.
 
-    Every step is reported to the incumbent, and raises Stop where the method must end.
+    Every step is reported to the incumbent, and raises as Deadline.check does.
 
     :ivar grid: the full grid, of the scenario's own slots.
     :ivar lead: of the links, see make_links.
@@ -123,6 +115,7 @@ class Stepper:
 
     def __init__(self, incumbent: Incumbent) -> None:
         self.incumbent = incumbent
+        self.check = incumbent.deadline.check
         self.grid = Grid.of(incumbent.scenario)
         self.lead = 0.0
         self.optima: Optima | None = None
@@ -130,12 +123,6 @@ class Stepper:
     def build_barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
         """Return a Barrier that stops when the method must end."""
         return Barrier(grid, x, mu, self.check, Receivers.of(grid, self.lead))
-
-    def check(self) -> None:
-        """Raise Stop where the method must end."""
-        reason = self.incumbent.stop_reason()
-        if reason is not None:
-            raise Stop(reason)
 
     def advance(self, barrier: Barrier, steps: int, mu: float) -> None:
         """Take a number of steps from every start."""
@@ -185,7 +172,7 @@ class Stepper:
     def step(self, barrier: Barrier, mu: float, steps: int = 1,
              try_finished: bool = False) -> int:
         """
-        Take up to `steps` steps together, report them, and raise Stop where the method must end.
+        Take up to `steps` steps together, report them, and raise as Deadline.check does.
 
         :param try_finished: whether to propose finished starts before the step is reported.
         :return: the number of steps.
@@ -193,11 +180,11 @@ class Stepper:
         before = barrier.solver_time
         try:
             taken = barrier.advance(steps, mu)
-        except Stop:
+        except (StoppedError, TimeLimitError):
             self.try_best(barrier)
             raise
         self.incumbent.solver_time += barrier.solver_time - before
-        if self.incumbent.stop_reason() is not None or try_finished and barrier.finished.all():
+        if self.incumbent.deadline.is_over() or try_finished and barrier.finished.all():
             self.try_best(barrier)
         for _ in range(taken):
             self.incumbent.report('joint')

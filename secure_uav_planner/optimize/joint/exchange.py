@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .barrier import (
-    Barrier, Discs, MOST_STEPS, Optima, Stepper, Stop, TRY_EVERY, WARM_MU, WARM_SHARE)
+    Barrier, Discs, MOST_STEPS, Optima, Stepper, TRY_EVERY, WARM_MU, WARM_SHARE)
 from .starts import make_strictly_feasible
-from ...errors import NumericalError
+from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.channel import leak_maximisers
 from ...model.grid import Grid, Receivers
@@ -42,6 +42,7 @@ def improve_by_exchange(stepper: Stepper, optima: Optima | None = None) -> Statu
     :param optima: of (P2), which in (P1) may rank differently; the best of them is tried, too.
     """
     incumbent = stepper.incumbent
+    stepper.check()
     x = make_strictly_feasible(stepper.grid, incumbent.positions, incumbent.powers, WARM_SHARE,
                                stepper.check)
     status = _improve_from(stepper, x, WARM_MU if incumbent.warm else PLACES_MU)
@@ -76,7 +77,7 @@ def _improve_once(stepper: Stepper, x: Array, mu: float, steps: int) -> tuple[St
     for step in range(1, steps + 1):
         try:
             exchange.step(PLACES_FINAL_MU)
-        except Stop:
+        except (StoppedError, TimeLimitError):
             stepper.try_variables(exchange.best)
             raise
         last_steps += int(exchange.mu <= PLACES_FINAL_MU)
@@ -129,7 +130,7 @@ class _Exchange:
         return bool(self._barrier.finished.all())
 
     def step(self, final_mu: float) -> None:
-        """Take a step, and raise Stop where the method must end."""
+        """Take a step, and raise as Deadline.check does."""
         self._stepper.step(self._barrier, final_mu)
         x = self._barrier.x[0]
         worse = self._places.exchange(x, self._tolerance)

@@ -5,9 +5,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..deadline import Check
 from ..incumbent import find_powers_without_jamming
 from ..initial import (
-    build_flights, Check, find_free_places, fly_around, fly_hover_fly_positions, move_inside,
+    build_flights, find_free_places, fly_around, fly_hover_fly_positions, move_inside,
     project)
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario

@@ -1,0 +1,86 @@
+"""How a call of solve or upper_bound ends: converged, past its time limit, or cancelled."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+import time
+from typing import Any, cast, TypeAlias
+
+import numpy as np
+
+from ..errors import NumericalError, StoppedError, TimeLimitError
+from ..plan.results import Iteration, Progress, Status
+
+Check: TypeAlias = Callable[[], None]
+"""Called now and then in a search, as Deadline.check; what it raises ends the search."""
+
+
+class Deadline:
+    """
+    The time limit and the callback of a call, from its beginning.
+
+    :param callback: called with an Iteration or a Progress; returning True cancels.
+    :param time_limit: in s from now, or None.
+    :param period: in s, after which the callback is called again with the last one.
+    """
+
+    def __init__(self, callback: Callable[[Any], object] | None = None,
+                 time_limit: float | None = None, period: float = math.inf) -> None:
+        self._callback = callback
+        self._time_limit = math.inf if time_limit is None else time_limit
+        self._period = period
+        self._started = time.monotonic()
+        self._last: Iteration | Progress = Iteration(0, 'start', 0.0, 0.0, 0.0)
+        self._last_call = -math.inf  # In s from the beginning.
+        self.is_cancelled = False
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the beginning, in s."""
+        return time.monotonic() - self._started
+
+    @property
+    def time_left(self) -> float:
+        """Time until the end in s, infinite without a limit."""
+        return self._time_limit - self.elapsed
+
+    def report(self, progress: Iteration | Progress) -> None:
+        """Call the callback, which may cancel."""
+        self._last, self._last_call = progress, self.elapsed
+        if self._callback is not None and self._callback(progress):
+            self.is_cancelled = True
+
+    def check(self, reserve: float = 0.0) -> None:
+        """
+        Raise an error if the call must end; report again if that is due.
+
+        :param reserve: time in s that must be left for what comes after.
+        :raises StoppedError: when the callback has cancelled.
+        :raises TimeLimitError: when no more time than the reserve is left.
+        """
+        if not self.is_cancelled and self.elapsed - self._last_call > self._period:
+            self.report(replace(self._last, elapsed=self.elapsed))
+        if self.is_cancelled:
+            raise StoppedError('cancelled before flights that keep the limits were found')
+        if self.time_left <= reserve:
+            raise TimeLimitError(
+                f'time_limit is {self._time_limit:g} s; it was over before flights that keep the '
+                'limits were found; with more time, or fewer slots, there may be some')
+
+    def is_over(self) -> bool:
+        """Return True if the call must end, for a part that ends by itself; see check."""
+        try:
+            self.check()
+        except (StoppedError, TimeLimitError):
+            return True
+        return False
+
+
+def run_to_end(method: Callable[[], Status]) -> Status:
+    """Call a method; return its status, or that of the error that ended it."""
+    try:
+        return method()
+    except (StoppedError, TimeLimitError, NumericalError) as error:
+        return cast(Status, error.code)
+    except np.linalg.LinAlgError:
+        return 'numerical_trouble'
