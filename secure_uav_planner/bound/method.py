@@ -25,7 +25,7 @@ from ..mission.validation import (
 from ..optimize import solve
 from ..optimize.deadline import Check, Deadline, run_to_end
 from ..plan.plan import Plan, POWER_TOLERANCE
-from ..plan.results import Bound, check_plan, Progress, Status
+from ..plan.results import Bound, check_plan, Iteration, Progress, Status
 
 FEWEST_PLACES, MOST_PLACES = 3, 8
 """
@@ -107,7 +107,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
         check_plan(plan, scenario)
     numbers = count()
 
-    def report(progress: Progress) -> object:
+    def report(progress: Iteration) -> object:
         return on_progress is not None and on_progress(replace(progress, number=next(numbers)))
 
     best = _BestBound(Deadline(report, limit, REPORT_PERIOD), FIRST_CERTIFICATE * (limit or 0.0))
@@ -189,7 +189,7 @@ class _BestBound:
     def offer(self, rate: float) -> None:
         """Keep a proven bound if it is the lowest, and report."""
         self.rate = min(self.rate, rate)
-        self.deadline.report(Progress(0, self.rate, self.deadline.elapsed))
+        self.deadline.report(Iteration(0, 'bound', self.rate, self.deadline.elapsed, 0.0))
 
 
 def _search_multipliers(best: _BestBound, scenario: Scenario, objective: str,

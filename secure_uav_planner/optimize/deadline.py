@@ -4,33 +4,37 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 import time
-from typing import Any, cast, TypeAlias
+from typing import cast, TypeAlias
 
 import numpy as np
 
 from ..errors import NumericalError, StoppedError, TimeLimitError
-from ..plan.results import Iteration, Progress, Status
+from ..plan.results import Iteration, Status
 
 Check: TypeAlias = Callable[[], None]
 """Called now and then in a search, as Deadline.check; what it raises ends the search."""
+
+OnIteration: TypeAlias = Callable[[Iteration], object]
+"""A callback, which cancels by returning True."""
 
 
 class Deadline:
     """
     The time limit and the callback of a call, from its beginning.
 
-    :param callback: called with an Iteration or a Progress; returning True cancels.
+    :param callback: called with every Iteration that is reported.
     :param time_limit: in s from now, or None.
     :param period: in s, after which the callback is called again with the last one.
+    :ivar is_cancelled: whether the callback has cancelled.
     """
 
-    def __init__(self, callback: Callable[[Any], object] | None = None,
+    def __init__(self, callback: OnIteration | None = None,
                  time_limit: float | None = None, period: float = math.inf) -> None:
         self._callback = callback
         self._time_limit = math.inf if time_limit is None else time_limit
         self._period = period
         self._started = time.monotonic()
-        self._last: Iteration | Progress = Iteration(0, 'start', 0.0, 0.0, 0.0)
+        self._last = Iteration(0, 'start', 0.0, 0.0, 0.0)
         self._last_call = -math.inf  # In s from the beginning.
         self.is_cancelled = False
 
@@ -44,10 +48,10 @@ class Deadline:
         """Time until the end in s, infinite without a limit."""
         return self._time_limit - self.elapsed
 
-    def report(self, progress: Iteration | Progress) -> None:
+    def report(self, iteration: Iteration) -> None:
         """Call the callback, which may cancel."""
-        self._last, self._last_call = progress, self.elapsed
-        if self._callback is not None and self._callback(progress):
+        self._last, self._last_call = iteration, self.elapsed
+        if self._callback is not None and self._callback(iteration):
             self.is_cancelled = True
 
     def check(self, reserve: float = 0.0) -> None:

@@ -1,8 +1,5 @@
 """The state of one call of solve: its best feasible iterate, its history and its end."""
 
-from collections.abc import Callable
-from typing import TypeAlias
-
 import numpy as np
 
 from .deadline import Deadline
@@ -10,8 +7,6 @@ from ..mission.scenario import Array, Scenario
 from ..model.channel import find_rate_scale, guaranteed_rates, worst_case_rates
 from ..model.limits import is_clear, repair, repair_powers
 from ..plan.plan import Iteration, Objective, Plan, Status
-
-OnIteration: TypeAlias = Callable[[Iteration], object]
 
 _NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.
 _IDLE_SHARE = 1e-3  # A slot with a smaller share of the mean rate carries nothing.

@@ -6,8 +6,8 @@ import math
 from typing import Any, get_args
 
 from . import joint
-from .deadline import Deadline, run_to_end
-from .incumbent import Incumbent, OnIteration
+from .deadline import Deadline, OnIteration, run_to_end
+from .incumbent import Incumbent
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
 from ..errors import format_place, OptionError, Place, PlanningError, quote
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power

@@ -57,13 +57,14 @@ def explain_zero_rate(scenario: Scenario) -> str:
 @dataclass(frozen=True)
 class Iteration:
     """
-    One iteration of a method, for callbacks and Plan.history.
+    One iteration of a method, for callbacks and Plan.history, or the progress of a bound.
 
-    :param number: from 1; 0 is the starting point.
-    :param step: 'start', or the variables that were optimised: 'power', 'trajectory' or 'joint'.
-    :param rate: objective of the incumbent, the best feasible plan so far: mean over slots in
-        bit/s/Hz.
-    :param elapsed: time since the call of solve in s.
+    :param number: from 1; 0 is the starting point, or the bound without any search.
+    :param step: 'start', or the variables that were optimised: 'power', 'trajectory' or 'joint';
+        'bound' for a bound.
+    :param rate: objective of the incumbent, the best feasible plan so far, or the best bound so
+        far: mean over slots in bit/s/Hz.
+    :param elapsed: time since the call in s.
     :param solver_time: the part of `elapsed` spent inside Clarabel, or for 'joint' on solving for
         Newton steps, in s.
     """
@@ -78,6 +79,10 @@ class Iteration:
     def guaranteed_rate(self) -> float:
         """Rate under its name of version 0.1."""
         return self.rate
+
+
+Progress: TypeAlias = Iteration
+"""The progress of a bound."""
 
 
 class Promise(NamedTuple):
@@ -121,21 +126,6 @@ class Promise(NamedTuple):
 
 
 _FIELDS = ['ignored', 'objective', 'rate', 'solve_time', 'status']
-
-
-@dataclass(frozen=True)
-class Progress:
-    """
-    Progress of a bound, for callbacks.
-
-    :param number: from 0, the bound without any search.
-    :param rate: the best bound so far, in bit/s/Hz.
-    :param elapsed: time since the call of upper_bound in s.
-    """
-
-    number: int
-    rate: float
-    elapsed: float
 
 
 @dataclass(frozen=True)
