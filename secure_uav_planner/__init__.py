@@ -5,6 +5,8 @@ from importlib.metadata import PackageNotFoundError, version
 from .assessment import assess, Assessment, World
 from .bound import upper_bound
 from .errors import PlanningError
+from .mission.formats.airspace_file import read_zones
+from .mission.geography import Origin
 from .mission.participants import Propulsion
 from .mission.propagation import reference_snr_db
 from .mission.scenario import Channel, Eavesdropper, NoFlyZone, Scenario, Uav
@@ -12,8 +14,8 @@ from .optimize import fly_hover_fly, METHODS, solve
 from .plan import Bound, Iteration, Plan
 
 __all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone',
-           'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'World', 'assess',
-           'fly_hover_fly', 'reference_snr_db', 'solve', 'upper_bound']
+           'Origin', 'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'World', 'assess',
+           'fly_hover_fly', 'read_zones', 'reference_snr_db', 'solve', 'upper_bound']
 
 try:
     __version__ = version(__name__)

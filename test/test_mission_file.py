@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from secure_uav_planner import (
-    Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Propulsion, Scenario, Uav)
+    Channel, Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Propulsion, Scenario, Uav)
 from secure_uav_planner.errors import MissionFileError, ScenarioError
 from secure_uav_planner.mission.formats.documents import MOST_BYTES
 from secure_uav_planner.mission.validation import UNITS
@@ -323,8 +323,9 @@ def test_each_field_has_its_unit():
     data = RICH.to_dict()
     names = set(data) | {name for field in ('uavs', 'eavesdroppers', 'no_fly_zones')
                          for name in data[field][0]} | set(data['channel']) | {
-        field.name for field in fields(Propulsion)}
+        field.name for kind in (Propulsion, Origin) for field in fields(kind)}
     assert set(UNITS) < names
     assert names - set(UNITS) == {
         'uavs', 'eavesdroppers', 'no_fly_zones', 'slots', 'name', 'channel', 'colluding',
-        'exponent', 'los', 'cautious', 'outage', 'propulsion', 'fuselage_drag_ratio', 'solidity'}
+        'exponent', 'los', 'cautious', 'outage', 'propulsion', 'fuselage_drag_ratio', 'solidity',
+        'projection'}

@@ -25,6 +25,7 @@ SHORTFALL_DRAWS = 200
 
 _LONG_TRACK = 100.0  # Flights.
 _SHORT_TRACK = 1.0  # m
+_DEGREE = 1.0  # Degrees, beyond the extent of a mission; or m, far below it.
 _FAR = 50.0  # Lengths of a short track.
 
 _Content = TypeVar('_Content')
@@ -106,7 +107,7 @@ def check_mission(options: argparse.Namespace) -> int:
         print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
               f'{scenario.margin_text}; set separation, or altitudes that differ',
               file=sys.stderr)
-    for note in _note_tracks(scenario):
+    for note in (*_note_tracks(scenario), *_note_degrees(scenario)):
         print(f'note: {note}', file=sys.stderr)
     if options.autopilot:
         print(*_autopilot_advice(options.autopilot, scenario), sep='\n')
@@ -134,6 +135,19 @@ def _note_tracks(scenario: Scenario) -> Iterator[str]:
         if np.ptp(places, axis=0).max() <= _SHORT_TRACK < _FAR * _SHORT_TRACK < distance:
             yield (f'the places of the track of {name} are within {_SHORT_TRACK:g} m, and '
                    f'{distance:g} m from all starts and goals: m?')
+
+
+def _note_degrees(scenario: Scenario) -> Iterator[str]:
+    """Yield a note for each group of places in m that are as close together as degrees are."""
+    groups = [('starts, goals and receivers', scenario.landmarks), *(
+        (name, zone.vertices) for name, zone in zip(
+            scenario.zone_names, scenario.no_fly_zones, strict=True))]
+    if scenario.geofence is not None:
+        groups.append(('the geofence', scenario.geofence))
+    for name, places in groups:
+        if np.ptp(places, axis=0).max() < _DEGREE and np.abs(places).max() <= 180.0:
+            yield (f'{name}: all places are within {_DEGREE:g} m; are they degrees? Those are '
+                   '{latitude: , longitude: }, and the mission has an origin')
 
 
 def _plan_baseline(path: str) -> Plan:

@@ -1,13 +1,16 @@
 """Scenarios as plain values of JSON and YAML, and back, with the errors of all fields."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, fields
 import math
 from typing import Any, TYPE_CHECKING
 
+from .geography import convert_places, Origin
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .propagation import Channel
-from .validation import check_plain_fields, ErrorList, find_field_errors, raise_all, read_object
+from .validation import (
+    check_plain_fields, checked_block, ErrorList, find_field_errors, raise_all, read_object)
 from ..errors import quote, ScenarioError
 
 if TYPE_CHECKING:
@@ -20,7 +23,7 @@ _MEMBERS: dict[str, type[Any]] = {
 def to_plain(scenario: 'Scenario') -> dict[str, Any]:
     """Return the plain values of a Scenario; see Scenario.to_dict."""
     data = asdict(scenario)
-    for field in ('channel', 'colluding', 'ground_node_track'):
+    for field in ('channel', 'colluding', 'ground_node_track', 'origin'):
         if getattr(scenario, field) == getattr(type(scenario), field):
             del data[field]
     if 'ground_node_track' in data:
@@ -49,6 +52,8 @@ def from_plain(kind: 'type[Scenario]', data: Any) -> 'Scenario':
         raise errors[0]
     names = {field.name for field in fields(kind)}
     values = {name: value for name, value in data.items() if name in names}
+    with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
+        values = convert_places(values, checked_block('origin', values.get('origin'), Origin))
     with errors.collecting():
         values |= _split_ground_node(values.get('ground_node'))
     for name in [name for name in (*_MEMBERS, 'channel') if name in values]:
@@ -82,7 +87,7 @@ def _split_ground_node(node: Any) -> dict[str, Any]:
     :param node: a place, or a mapping of position and track.
     :raises ScenarioError: for such a mapping with other fields, or without both.
     """
-    if not isinstance(node, Mapping):
+    if not isinstance(node, Mapping) or 'latitude' in node:
         return {}
     for name in node:
         if name not in ('position', 'track'):

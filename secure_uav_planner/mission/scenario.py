@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .consistency import find_inconsistencies, MAX_COUPLINGS, POSITION_TOLERANCE
 from .files import checked_path
+from .geography import Origin
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .plain import from_plain, to_plain
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
@@ -20,9 +21,9 @@ from .tracks import (
     checked_track, interpolate, join_tracks, LEFT_OUT, ReceiverPlaces, set_by_track, shift_track,
     Track)
 from .validation import (
-    Array, check_object, checked_array, checked_fields, checked_kind, checked_members,
-    checked_number, checked_point, checked_real, checked_truth, FieldChecks, make_unique, Point,
-    raise_all, RANGES, read_only)
+    Array, check_object, checked_array, checked_block, checked_fields, checked_kind,
+    checked_members, checked_number, checked_point, checked_real, checked_truth, FieldChecks,
+    make_unique, Point, raise_all, RANGES, read_only)
 from ..errors import name_missing_package, quote, ScenarioError
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ class Scenario:
     :param ground_node_track: of a ground node that moves, its place at 2 to 1000 times: (t, x, y)
         each, as in the track of an Eavesdropper. Then ground_node is that at point 0, and another
         value is an error.
+    :param origin: the Origin, which says where on Earth (0, 0) is; None where nobody asks.
     :raises ScenarioError: naming the field, its value and what is allowed.
     :raises InfeasibleMissionError: where the straight line from start to goal takes longer than
         the duration, naming the UAV and its shortest duration. Whether a mission can be flown is
@@ -98,6 +100,7 @@ class Scenario:
     channel: Channel = Channel()
     colluding: bool = False
     ground_node_track: Track | None = None
+    origin: Origin | None = None
 
     def __post_init__(self) -> None:
         check_object(self)
@@ -121,6 +124,9 @@ class Scenario:
             checks.add('channel', f'is {quote(item.channel)}; it must be a Channel, such as '
                        "Channel(los='urban')")
         checks.check(checked_truth, 'colluding')
+        with checks.collecting():
+            if item.origin is not None:
+                object.__setattr__(item, 'origin', checked_block('origin', item.origin, Origin))
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.

@@ -4,7 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .validation import Array, FieldChecks, is_sequence, name_type, RANGES, to_number
+from .validation import (
+    Array, describe_degrees, FieldChecks, is_sequence, name_type, RANGES, to_number)
 from ..errors import quote, ScenarioError
 
 MAX_KNOTS = 10_000
@@ -70,7 +71,9 @@ def _checked_knot(owner: str, field: str, number: int, knot: Any, names: str,
                   parts: dict[str, str]) -> tuple[float, ...]:
     if not is_sequence(knot) or len(knot) != len(parts):
         raise ScenarioError(f'{owner}{field}[{number}] is {quote(knot)}{name_type(knot)}; it must '
-                            f'be the numbers {names}', (field, number))
+                            f'be the numbers {names}' + ''.join(map(
+                                describe_degrees, knot if is_sequence(knot) else ())),
+                            (field, number))
     values = tuple(map(to_number, knot))
     for (name, limits), value, item in zip(parts.items(), values, knot):
         low, high = RANGES[limits]

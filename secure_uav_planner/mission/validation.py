@@ -19,6 +19,9 @@ Array: TypeAlias = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float]
 _Kind = TypeVar('_Kind')
 
+MAX_DISTANCE = 100e3
+"""The largest distance of a place in degrees from the origin in m."""
+
 RANGES = {
     'coordinate': (-1e7, 1e7),
     'error_radius': (0.0, 1e7),
@@ -61,6 +64,8 @@ RANGES = {
     'noise_figure_db': (0.0, 60.0),
     'transmit_gain_dbi': (-60.0, 80.0),
     'receive_gain_dbi': (-60.0, 80.0),
+    'latitude': (-85.0, 85.0),
+    'longitude': (-180.0, 180.0),
 }
 """Smallest and largest value of each field; beyond them squares lose their accuracy."""
 
@@ -71,7 +76,8 @@ UNITS = {
     'goal_velocity': 'm/s', 'max_acceleration': 'm/s^2', 'average_power': 'W',
     'peak_power': 'W', 'duration': 's', 'reference_snr_db': 'dB', 'receiver_advantage_db': 'dB',
     'blade_power': 'W', 'induced_power': 'W', 'tip_speed': 'm/s', 'induced_velocity': 'm/s',
-    'air_density': 'kg/m^3', 'disc_area': 'm^2', 'rician_k_db': 'dB'}
+    'air_density': 'kg/m^3', 'disc_area': 'm^2', 'rician_k_db': 'dB',
+    'latitude': 'degrees', 'longitude': 'degrees'}
 """The unit of each field that has one."""
 
 
@@ -302,8 +308,17 @@ def checked_point(owner: str, field: str, value: Any, index: int | None = None,
     if not (low <= x <= high and low <= y <= high):
         name, place = (field, ()) if index is None else (f'{field}[{index}]', (index,))
         raise ScenarioError(f'{owner}{name} is {quote(value)}{name_type(value)}; it must be '
-                            f'{allowed} (x, y) from {low:g} to {high:g} {unit}', (field, *place))
+                            f'{allowed} (x, y) from {low:g} to {high:g} {unit}'
+                            f'{describe_degrees(value)}', (field, *place))
     return (x, y)
+
+
+def describe_degrees(value: object) -> str:
+    """Return what a place in degrees needs, as the end of a message; '' for any other value."""
+    if not isinstance(value, Mapping) or not {'latitude', 'longitude'} & set(value):
+        return ''
+    return (', or {latitude: , longitude: } in degrees, in the file of a mission with an origin, '
+            f'at most {MAX_DISTANCE / 1e3:g} km from it')
 
 
 def make_unique(names: list[str]) -> tuple[str, ...]:

@@ -147,7 +147,7 @@ def explain_infeasible(settings: Mapping[str, Any]) -> str:
 def _scenario(settings: Mapping[str, Any], uavs: Sequence[Uav], receivers: Mapping[str, Any]
               ) -> Scenario:
     return Scenario(
-        uavs=tuple(uavs), channel=channel_from(settings), **receivers,
+        uavs=tuple(uavs), channel=channel_from(settings), origin=settings['origin'], **receivers,
         **airspace_from(settings), **{field: settings[field] for field in SCENARIO_FIELDS})
 
 

@@ -52,7 +52,8 @@ class Settings:
                      lambda values: {})) -> None:
         self._specs: dict[str, Spec] = {}
         self._check = check
-        self._values: dict[str, Any] = {'tracks': {}}  # Of the mission file, by receiver.
+        # Of the mission file; the tracks by receiver.
+        self._values: dict[str, Any] = {'tracks': {}, 'origin': None}
         self._node = node
         self._mission_values: dict[str, Any] = {}
         self._declare(specs)
@@ -74,7 +75,8 @@ class Settings:
                 name, self._values[name], spec.descriptor(), ignore_override=True)
             if name == 'mission_file' and value:  # It is declared first.
                 self._mission_values = load_mission(value)
-                self._values['tracks'] = self._mission_values.pop('tracks')
+                for field in ('tracks', 'origin'):
+                    self._values[field] = self._mission_values.pop(field)
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
@@ -198,8 +200,8 @@ def load_mission(file: str) -> dict[str, Any]:
 
 
 def mission_values(mission: Scenario) -> dict[str, Any]:
-    """Return the values of a mission by the names of parameters, and its tracks by receiver."""
-    data = asdict(mission)
+    """Return the values of a mission by parameter, its tracks by receiver, and its origin."""
+    data = asdict(mission) | {'origin': mission.origin}
     tracks = {'ground_node': data.pop('ground_node_track'),
               **{name: eve.pop('track') for name, eve in zip(
                   mission.eavesdropper_names, data['eavesdroppers'], strict=True)}}

@@ -1,13 +1,18 @@
 """Mission files, YAML and JSON: from a file to a Scenario and back, with all errors at once."""
 
 from collections.abc import Iterator
+from dataclasses import asdict
 import os
 from pathlib import Path
 from typing import Any
 
+from .airspace_file import read_zones
 from .documents import Document, format_document, make_file_error, Problem, read_document
 from ..files import atomic_file
-from ...errors import MissionFileError, ScenarioError, yaml_notation
+from ..geography import Origin
+from ..validation import checked_block
+from ...errors import (
+    MissionFileError, prefix_place, quote, ScenarioError, yaml_notation)
 
 EXAMPLE = Path(__file__).with_name('example.yaml')
 """A mission file in which every field is explained: `secure_uav_planner new` copies it."""
@@ -35,18 +40,55 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any]) -> Any:
     for field, description in _FOREIGN_FILES.items():
         if _has_field(document.data, field):
             raise make_file_error(path, [Problem(None, f'it is {description}')])
-    problems = [*document.problems]
-    if document.data is None:
+    data, problems = document.data, [*document.problems]
+    if data is None:
         raise make_file_error(path, [Problem(
             None, 'the file is empty; it must have the fields of a mission'), *problems])
     try:
         with yaml_notation():
-            scenario = kind.from_dict(document.data)
+            data = _add_airspace(data, Path(path).parent)
+    except ScenarioError as error:
+        problems += _locate(document, error)
+    try:
+        with yaml_notation():
+            scenario = kind.from_dict(data)
     except ScenarioError as error:
         problems += _locate(document, error)
     if problems:
-        raise make_file_error(path, problems)
+        raise make_file_error(path, dict.fromkeys(problems))
     return scenario
+
+
+def _add_airspace(data: Any, folder: Path) -> Any:
+    """
+    Return the plain values of a mission with the zones and the fence of its airspace file.
+
+    :param folder: that of the mission file.
+    :raises ScenarioError: as read_zones does, also for a file that cannot be read; for a mission
+        without an origin, or with a fence of its own.
+    """
+    name = data.pop('airspace', None) if isinstance(data, dict) else None
+    if name is None:
+        return data
+    if not isinstance(name, str):
+        raise ScenarioError(f'airspace is {quote(name)}; it must be the path of a file, relative '
+                            'to the mission', ('airspace',))
+    origin = checked_block('origin', data.get('origin'), Origin)
+    with prefix_place('airspace'):
+        try:
+            zones, fence = read_zones(folder / name, origin)
+        except OSError as error:
+            raise ScenarioError(f'airspace {quote(name)} cannot be read: '
+                                f'{error.strerror or error}') from None
+    if fence is not None:
+        if data.get('geofence') is not None:
+            raise ScenarioError('geofence is in the mission and in its airspace; it must be in '
+                                'one of them', ('geofence',))
+        data['geofence'] = fence
+    given = data.get('no_fly_zones') or ()
+    if isinstance(given, (list, tuple)):
+        data['no_fly_zones'] = [*given, *map(asdict, zones)]
+    return data
 
 
 def write_mission(path: str | os.PathLike[str], data: dict[str, Any]) -> None:

@@ -1,0 +1,141 @@
+"""
+Places on Earth: degrees to and from a mission's metres, as each autopilot converts them.
+
+Autopilots do not use WGS84 in their local frames: PX4 has a sphere (`MapProjection`), ArduPilot a
+scale a degree (`Location::get_distance_NE`). A zone is where the autopilot takes it to be only if
+it is converted alike.
+"""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .validation import (
+    Array, check_object, checked_array, checked_number, FieldChecks, MAX_DISTANCE, to_number)
+from ..errors import OptionError, quote
+
+_RADIUS = {'px4': 6_371_000.0, 'ardupilot': 6_378_100.0}
+"""Radius of the Earth in m of each projection."""
+
+_PLACES = {'ground_node', 'position', 'start', 'goal', 'vertices', 'geofence', 'track'}
+"""Fields of a mission whose values are places, or have places in them."""
+
+_MOST_LEVELS = 6  # Mission, eavesdroppers, eavesdropper, track, knot, place.
+
+
+@dataclass(frozen=True)
+class Origin:
+    """
+    The place on Earth of the point (0, 0) of a mission.
+
+    :param latitude: in degrees, from -85 to 85.
+    :param longitude: in degrees, from -180 to 180.
+    :param projection: 'px4', azimuthal equidistant on a sphere of 6,371,000 m; or 'ardupilot',
+        equirectangular by the mean latitude on a sphere of 6,378,100 m.
+    :raises ScenarioError: naming the field, its value and what is allowed.
+    """
+
+    latitude: float
+    longitude: float
+    projection: str = 'px4'
+
+    def __post_init__(self) -> None:
+        check_object(self)
+
+    @staticmethod
+    def _check_fields(checks: FieldChecks) -> None:
+        checks.owner = 'origin.'
+        checks.check(checked_number, 'latitude', 'longitude')
+        if checks.item.projection not in tuple(_RADIUS):
+            checks.add('projection', f'is {quote(checks.item.projection)}; it must be one of '
+                       f'{", ".join(_RADIUS)}')
+
+    def to_local(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array]:
+        """
+        Convert places to the local frame.
+
+        :param latitude: in degrees, from -90 to 90; of a shape that broadcasts with that of
+            longitude, in degrees from -180 to 180.
+        :return: distances to the east and to the north of the origin in m.
+        :raises OptionError: for places with other values, or more than 100 km from the origin.
+        """
+        latitude = checked_array('latitude', latitude)
+        longitude = checked_array('longitude', longitude)
+        for name, values, most in (('latitude', latitude, 90), ('longitude', longitude, 180)):
+            if not (np.abs(values) <= most).all():
+                raise OptionError(f'{name} is {quote(values)}; it must be from {-most} to {most} '
+                                  'degrees', (name,))
+        own, other = np.radians(self.latitude), np.radians(latitude)
+        turn = np.radians((longitude - self.longitude + 180) % 360 - 180)
+        if self.projection == 'px4':
+            cosine = np.sin(own) * np.sin(other) + np.cos(own) * np.cos(other) * np.cos(turn)
+            # The angle to its sine, 1 where both are 0.
+            scale = _RADIUS['px4'] / np.sinc(np.arccos(np.clip(cosine, -1, 1)) / np.pi)
+            north = scale * (np.cos(own) * np.sin(other)
+                             - np.sin(own) * np.cos(other) * np.cos(turn))
+            east = scale * np.cos(other) * np.sin(turn)
+        else:
+            north = (other - own) * _RADIUS['ardupilot'] + 0 * turn
+            east = turn * _RADIUS['ardupilot'] * np.cos((other + own) / 2)
+        _check_distance('latitude', east, north)
+        return east, north
+
+    def to_geographic(self, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
+        """
+        Convert points of the local frame to places; the inverse of to_local.
+
+        :param east: in m, of a shape that broadcasts with that of north, in m.
+        :return: latitudes from -90 to 90 and longitudes from -180 to 180 in degrees.
+        :raises OptionError: for points more than 100 km from the origin.
+        """
+        east, north = checked_array('east', east), checked_array('north', north)
+        _check_distance('east', east, north)
+        own = np.radians(self.latitude)
+        if self.projection == 'px4':
+            angle = np.hypot(east, north) / _RADIUS['px4']
+            scale = np.sinc(angle / np.pi) / _RADIUS['px4']
+            latitude = np.arcsin(np.cos(angle) * np.sin(own) + north * scale * np.cos(own))
+            turn = np.arctan2(east * scale,
+                              np.cos(own) * np.cos(angle) - north * scale * np.sin(own))
+        else:
+            latitude = own + north / _RADIUS['ardupilot'] + 0 * east
+            turn = east / (_RADIUS['ardupilot'] * np.cos((latitude + own) / 2))
+        longitude = (self.longitude + np.degrees(turn) + 180) % 360 - 180
+        return np.degrees(latitude), longitude
+
+
+def _check_distance(name: str, east: Array, north: Array) -> None:
+    """Raise OptionError for points beyond MAX_DISTANCE, such as of swapped degrees."""
+    distances = np.hypot(east, north)
+    if not (distances <= MAX_DISTANCE).all():
+        raise OptionError(f'a place is {np.max(distances) / 1e3:.4g} km from the origin; it must '
+                          f'be at most {MAX_DISTANCE / 1e3:g} km', (name,))
+
+
+def convert_places(value: Any, origin: Origin, is_place: bool = False,
+                   levels: int = _MOST_LEVELS) -> Any:
+    """
+    Convert the places in degrees among the plain values of a mission to (x, y) in m.
+
+    A place in a knot of a track counts as two numbers. What is no place within 100 km of the
+    origin stays as it is; the checks of its field refuse it.
+    """
+    if isinstance(value, Mapping):
+        if is_place and set(value) == {'latitude', 'longitude'}:
+            with suppress(OptionError):
+                return [float(part) for part in origin.to_local(
+                    to_number(value['latitude']), to_number(value['longitude']))]
+        if levels:
+            return {name: convert_places(item, origin, name in _PLACES, levels - 1)
+                    for name, item in value.items()}
+    elif isinstance(value, (list, tuple)) and levels:
+        items = [convert_places(item, origin, is_place, levels - 1) for item in value]
+        if not is_place or not value or isinstance(value[0], (list, tuple, Mapping)):
+            return items
+        return [part for given, item in zip(value, items) for part in (  # Of a knot.
+            item if isinstance(given, Mapping) and isinstance(item, list) else [item])]
+    return value
