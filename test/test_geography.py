@@ -370,3 +370,37 @@ def test_a_mission_takes_zones_and_fence_from_the_file_beside_it(tmp_path):
         problem, = [item for item in error.value.problems if reason in item[1]]
         assert text[problem[0] - 1].startswith(line)
         assert any('slots is -1' in item[1] for item in error.value.problems)
+
+
+def test_a_plan_is_a_map_whose_places_are_those_of_the_plan(tmp_path):
+    scenario = replace(Scenario.load(CITY), origin=Origin(*ZURICH, 'ardupilot'))
+    plan = city.plan_by_hand(scenario)
+    with pytest.raises(OptionError, match='origin is None'):
+        city.plan_by_hand(Scenario.load(CITY)).to_geojson(tmp_path / 'no.geojson')
+    plan.to_geojson(tmp_path / 'plan.geojson')
+    features = json.loads((tmp_path / 'plan.geojson').read_text())['features']
+
+    def listed(kind):
+        return [item for item in features if item['properties']['kind'] == kind]
+
+    def metres(item):
+        longitudes, latitudes = np.reshape(item['geometry']['coordinates'], (-1, 2)).T
+        return np.stack(scenario.origin.to_local(latitudes, longitudes), axis=1)
+
+    for row, item, uav in zip(range(3), listed('path'), scenario.uavs, strict=True):
+        properties = item['properties']
+        assert (properties['name'], properties['altitude']) == (uav.name, uav.altitude)
+        assert metres(item) == pytest.approx(
+            plan.curve.at(np.array(properties['times'])).positions[row], abs=1e-6)
+        assert properties['powers'][2:-2] == plan.powers[row].tolist()
+    for item, eve in zip(listed('eavesdropper'), scenario.eavesdroppers, strict=True):
+        assert np.linalg.norm(metres(item) - eve.position, axis=1) == pytest.approx(
+            item['properties']['error_radius'], abs=1e-6)
+    assert metres(listed('ground_node')[0]) == pytest.approx(np.zeros((1, 2)), abs=1e-6)
+    # Zones come back as they were.
+    (tmp_path / 'zones.geojson').write_text(geojson(*listed('zone')))
+    zones, _ = read_zones(tmp_path / 'zones.geojson', scenario.origin)
+    for zone, expected in zip(zones, scenario.no_fly_zones, strict=True):
+        assert replace(zone, vertices=expected.vertices) == expected
+        assert np.abs(depth(zone.vertices, expected.vertices)).max() < 1e-6
+    assert np.abs(depth(scenario.geofence, metres(*listed('geofence')))).max() < 1e-6

@@ -1,13 +1,17 @@
-"""Tables: rates of plans and assessments as text, points of a plan as CSV, and Markdown."""
+"""Tables: rates as text and Markdown, points of a plan as CSV, and plans as GeoJSON."""
 
 from collections.abc import Iterable, Sequence
 import csv
+import json
 import math
 import os
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+import shapely
 
+from ..errors import OptionError
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
 from ..plan.plan import Plan
@@ -99,6 +103,52 @@ def save_csv(plan: Plan, path: str | os.PathLike[str]) -> None:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(COLUMNS)
         writer.writerows(point_rows(plan))
+
+
+def save_geojson(plan: Plan, path: str | os.PathLike[str]) -> None:
+    """
+    Write paths, receivers, zones and fence of a plan to a GeoJSON file; see Plan.to_geojson.
+
+    :raises OSError: when the file cannot be written; an existing file is kept.
+    """
+    scenario, rows, origin = plan.scenario, point_rows(plan), plan.scenario.origin
+    if origin is None:
+        raise OptionError('scenario.origin is None; it must be an Origin, which says where on '
+                          'Earth the plan is', ('scenario', 'origin'))
+    features = []
+
+    def add(kind: str, geometry: str, points: ArrayLike, name: str = '', **properties: Any
+            ) -> None:
+        latitudes, longitudes = origin.to_geographic(*np.transpose(points))
+        places = np.stack([longitudes, latitudes], axis=-1).tolist()
+        features.append({
+            'type': 'Feature', 'properties': {'kind': kind, 'name': name, **properties},
+            'geometry': {'type': geometry,
+                         'coordinates': [places] if geometry == 'Polygon' else places}})
+
+    def add_polygon(kind: str, shape: Any, **properties: Any) -> None:
+        ring = shapely.geometry.polygon.orient(shape).exterior  # RFC 7946: counter-clockwise.
+        add(kind, 'Polygon', ring.coords, **properties)
+
+    for uav in scenario.uavs:
+        _, _, times, x, y, _, _, _, powers = zip(*(row for row in rows if row[0] == uav.name))
+        add('path', 'LineString', np.transpose([x, y]), uav.name, altitude=uav.altitude,
+            times=times, powers=powers)
+    add('ground_node', 'Point', scenario.ground_node)
+    for name, eve in zip(scenario.eavesdropper_names, scenario.eavesdroppers, strict=True):
+        centre = shapely.Point(eve.position)
+        if eve.error_radius:
+            add_polygon('eavesdropper', centre.buffer(eve.error_radius), name=name,
+                        error_radius=eve.error_radius)
+        else:
+            add('eavesdropper', 'Point', eve.position, name, error_radius=0.0)
+    for name, zone in zip(scenario.zone_names, scenario.no_fly_zones, strict=True):
+        add_polygon('zone', shapely.Polygon(zone.vertices), name=name, floor=zone.floor,
+                    ceiling=zone.ceiling if zone.ceiling < math.inf else None)
+    if scenario.geofence is not None:
+        add_polygon('geofence', shapely.Polygon(scenario.geofence))
+    with atomic_file(path) as file:
+        json.dump({'type': 'FeatureCollection', 'features': features}, file, allow_nan=False)
 
 
 def to_dataframe(plan: Plan) -> Any:

@@ -358,6 +358,18 @@ class Plan:
             from ..output.tables import to_dataframe
             return to_dataframe(self)
 
+    def to_geojson(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write a map: paths with times and powers, receivers at point 0, zones and fence.
+
+        :param path: of a GeoJSON file, for geojson.io, QGIS and Foxglove.
+        :raises OptionError: for a plan whose scenario has no origin.
+        :raises OSError: when the file cannot be written; an old one is left unchanged.
+        """
+        with name_missing_package():
+            from ..output.tables import save_geojson
+        save_geojson(self, path)
+
     def save_mcap(self, path: str | os.PathLike[str]) -> None:
         """
         Write the messages of a flight of the plan to an MCAP file, for Foxglove and `ros2 bag`.
