@@ -25,12 +25,12 @@ from . import messages
 from .frames import Frames, Message
 from .inputs import PoseInputs
 from .parameters import PLANNER, planner_member_parameters
-from .plan_file import load_plan, save_plan
 from .plan_tracking import check_continuation, PlanTracking
 from .poses import PoseBook
 from .process import run_node
 from .scenarios import explain_infeasible, make_request, Remainder, Replanning, StartTime
-from .settings import check_mission_parameters, check_plan_file, Settings
+from .settings import (
+    check_mission_parameters, check_plan_file, load_plan, save_plan, Settings)
 from .solver import Job, Result, SolverThread
 from .status import level_and_text, log_at, State, status_values, warn_of_namesakes
 from .topics import publishers, serve, subscribe, TOPICS

@@ -9,19 +9,21 @@ from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from .parameters import (
     NO_FADING, NO_LIMIT, NO_LOS, NO_OUTAGE, OWN_OBJECTIVE, PROPULSION_FIELDS, PROPULSIONS, Spec,
     UAV_FIELDS)
-from ..errors import brief, ParameterError, PlanningError, quote, ScenarioError
+from ..errors import brief, ParameterError, PlanFileError, PlanningError, quote, ScenarioError
 from ..mission import Objective
 from ..mission.participants import NoFlyZone, Propulsion
 from ..mission.polygons import checked_polygon
 from ..mission.propagation import Channel
 from ..mission.scenario import Point, Scenario, Uav
 from ..optimize.methods import check_objective
+from ..plan.plan import Plan
 
 # Prefixes of the parameters that every node of ROS has.
 _ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
@@ -135,6 +137,28 @@ def check_plan_file(values: Mapping[str, Any]) -> None:
         raise ParameterError(
             f'parameter plan_file: {brief(file)} must be in a folder that is there{meaning}',
             ('plan_file',))
+
+
+def load_plan(file: str, uavs: Sequence[str]) -> Plan | None:
+    """
+    Load a plan with a start for UAVs of these names, or return None without a file.
+
+    :raises PlanFileError: for another plan, or as Plan.load does.
+    """
+    if not Path(file).exists():
+        return None
+    plan = Plan.load(file)
+    if [uav.name for uav in plan.scenario.uavs] != [*uavs] or plan.start_ns is None:
+        raise PlanFileError(f'{file} is not a plan for {", ".join(uavs)}')
+    return plan
+
+
+def save_plan(plan: Plan, file: str, log: RcutilsLogger) -> None:
+    """Save a plan, or log why that fails."""
+    try:
+        plan.save(file)
+    except (OSError, ValueError) as error:
+        log.error(f'plan_file: {brief(error)}; the plan is published all the same')
 
 
 def objective_from(values: Mapping[str, Any]) -> Objective:
