@@ -114,7 +114,7 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     best.offer(compute_plain_bound(scenario))
     # A NaN on the way makes a bound infinite, never wrong; see certify.
     with np.errstate(all='ignore'):
-        status = run_to_end(partial(_search_multipliers, best, scenario, objective, plan))
+        status = run_to_end(_search_multipliers, best, scenario, objective, plan)
     return Bound(scenario, best.rate, objective, list_ignored_limits(scenario),
                  best.deadline.elapsed, status)
 

@@ -11,7 +11,8 @@ The optimisation: methods and baselines, from a scenario to a plan.
 | shortest paths in a visibility graph | `initial/visibility_graph.py` |
 
 `methods.py` runs a method by its name. An `Incumbent` keeps the best feasible iterate of a call,
-whichever method proposes it. `rejoin.py` finds the beginning of a replan in flight.
+whichever method proposes it, and a `Deadline` ends it. `rejoin.py` finds the beginning of a replan
+in flight.
 """
 
 from .methods import fly_hover_fly, METHODS, solve

@@ -80,10 +80,10 @@ class Deadline:
         return False
 
 
-def run_to_end(method: Callable[[], Status]) -> Status:
+def run_to_end(method: Callable[..., Status], *arguments: object) -> Status:
     """Call a method; return its status, or that of the error that ended it."""
     try:
-        return method()
+        return method(*arguments)
     except (StoppedError, TimeLimitError, NumericalError) as error:
         return cast(Status, error.code)
     except np.linalg.LinAlgError:

@@ -1,7 +1,6 @@
 """From a scenario to a plan: the two methods by name, and the baselines."""
 
 from contextlib import suppress
-from functools import partial
 import math
 from typing import Any, get_args
 
@@ -84,7 +83,7 @@ def solve(scenario: Scenario, method: Method = 'joint',
         # Powers have local optima: the result is no worse than the baseline with optimised powers.
         joint.optimise_powers(incumbent)
     from .alternating import alternate  # Here, because CVXPY takes a second to import.
-    return incumbent.to_plan(method, run_to_end(partial(alternate, incumbent)))
+    return incumbent.to_plan(method, run_to_end(alternate, incumbent))
 
 
 def _improve_from_scratch(incumbent: Incumbent, status: Status) -> Status:

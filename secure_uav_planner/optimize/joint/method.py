@@ -5,8 +5,6 @@ Several starts are improved for problem (P2), `multistart.py`; where (P1) is the
 best plans are then improved for it, `exchange.py`.
 """
 
-from functools import partial
-
 from .barrier import Stepper
 from .exchange import improve_by_exchange
 from .multistart import improve_by_multistart, improve_incumbent, improve_powers
@@ -27,13 +25,13 @@ def improve(incumbent: Incumbent) -> Status:
     if incumbent.objective == 'guaranteed' or not incumbent.scenario.receivers.radii.any():
         return _improve_guaranteed(stepper)
     if incumbent.warm:
-        return run_to_end(partial(improve_by_exchange, stepper))
+        return run_to_end(improve_by_exchange, stepper)
     # The plan of (P2) is where (P1) begins, and what it is never below.
     guaranteed = Stepper(incumbent.with_objective('guaranteed'))
     plan = guaranteed.incumbent
     _improve_guaranteed(guaranteed)
     incumbent.try_improve(plan.positions, plan.useful_powers)
-    status = run_to_end(partial(improve_by_exchange, stepper, guaranteed.optima))
+    status = run_to_end(improve_by_exchange, stepper, guaranteed.optima)
     if not incumbent.deadline.is_over():
         plan.try_idle_slots()
         incumbent.try_improve(plan.positions, plan.useful_powers)
@@ -44,13 +42,13 @@ def _improve_guaranteed(stepper: Stepper) -> Status:
     """Improve the incumbent of a Stepper for (P2), or where discs are points; see improve."""
     incumbent = stepper.incumbent
     if incumbent.warm:
-        return run_to_end(partial(improve_incumbent, stepper))
+        return run_to_end(improve_incumbent, stepper)
     if not is_open(incumbent.scenario):
         # So few flights are tried there that all may be worse than the baseline's.
         optimise_powers(incumbent)
-    return run_to_end(partial(improve_by_multistart, stepper))
+    return run_to_end(improve_by_multistart, stepper)
 
 
 def optimise_powers(incumbent: Incumbent) -> Status:
     """Improve only the powers of an Incumbent; return the status."""
-    return run_to_end(partial(improve_powers, Stepper(incumbent)))
+    return run_to_end(improve_powers, Stepper(incumbent))
