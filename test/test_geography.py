@@ -1,7 +1,7 @@
 """Places on Earth: the projections of autopilots, missions in degrees, and airspace files."""
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 import json
 import math
 from types import SimpleNamespace
@@ -10,6 +10,7 @@ import city
 from city import FILE as CITY
 import numpy as np
 import pytest
+from ros_client import node_process
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Plan, read_zones, Scenario)
 from secure_uav_planner.apps.missions import check_mission
@@ -88,7 +89,7 @@ def test_swapped_degrees_and_far_places_are_refused():
                  lambda: Origin(*ZURICH).to_geographic([0, 2e5], 0)):
         with pytest.raises(OptionError, match='km from the origin; it must be at most 100 km'):
             call()
-    with pytest.raises(OptionError, match='latitude is .*from -90 to 90 degrees'):
+    with pytest.raises(OptionError, match='latitude is .*from -90 to 90 and'):
         Origin(*ZURICH).to_local([47.0, math.nan], 8.0)
     with pytest.raises(ScenarioError, match='latitude is 91.*from -85 to 85 degrees') as error:
         Origin(91, True, 'utm')
@@ -136,6 +137,23 @@ def test_a_city_in_degrees_is_its_twin_in_metres(tmp_path, projection):
     assert [*values] == [*twin] and len(numbers(twin)) > 100
     for left, right in zip(numbers(values), numbers(twin), strict=True):
         assert left == (right if not isinstance(right, float) else pytest.approx(right, abs=1e-6))
+
+
+def test_the_planner_takes_a_mission_in_degrees_and_keeps_its_origin(client, tmp_path):
+    paper = replace(Scenario.paper(120.0, slots=20), ground_node=None,
+                    ground_node_track=((0, 0, 0), (126, 20, 0)))
+    paper = replace(paper, eavesdroppers=(Eavesdropper(
+        track=((0, 200, 0, 10), (126, 200, 20, 10))),))
+    origin, file = Origin(*ZURICH), tmp_path / 'mission.json'
+    file.write_text(json.dumps(in_degrees(
+        json.loads(json.dumps(paper.to_dict())), origin) | {'origin': asdict(origin)}))
+    with node_process('planner', mission_file=str(file), plan_file=str(tmp_path / 'plan.json')):
+        assert client.call('planner/plan').success
+    scenario = Plan.load(tmp_path / 'plan.json').scenario
+    assert scenario.origin == origin
+    for own, twin in ((scenario.starts, paper.starts), (scenario.goals, paper.goals),
+                      (scenario.receivers.centres, paper.receivers.centres)):
+        assert own == pytest.approx(twin, abs=1e-6)
 
 
 def test_an_origin_stays_with_missions_and_plans_and_without_it_files_are_as_before(tmp_path):
@@ -275,11 +293,11 @@ def test_a_long_edge_is_straight_in_degrees(tmp_path):
 HOSTILE = {
     'hole.geojson': (geojson(feature([SQUARE, SQUARE], name='Ring')), 'Ring: it has a hole'),
     'sea.geojson': (geojson(feature([SQUARE], name='CTR', upper=900, upperReference='AMSL')),
-                    "CTR: it has 'upper', an altitude that may be above sea level"),
+                    "CTR: it has 'upper', a height that may be above sea level"),
     'height.geojson': (geojson(feature([[[*corner, 500] for corner in SQUARE]], name='Peak')),
                        'Peak: a corner has the altitude 500 m, above sea level'),
     'times.geojson': (geojson(feature([SQUARE], name='Fair', limits={'startDateTime': '2026'})),
-                      "Fair: it has 'startDateTime', a time of validity"),
+                      "Fair: it has 'startDateTime', a time"),
     'swapped.geojson': (geojson(feature([[corner[::-1] for corner in SQUARE]], name='Swap')),
                         'Swap: a place is 5.* km from the origin'),
     'point.geojson': (geojson(feature(SQUARE[0], 'Point', name='Dot')), "Dot: it is a 'Point'"),

@@ -65,10 +65,9 @@ class Origin:
         """
         latitude = checked_array('latitude', latitude)
         longitude = checked_array('longitude', longitude)
-        for name, values, most in (('latitude', latitude, 90), ('longitude', longitude, 180)):
-            if not (np.abs(values) <= most).all():
-                raise OptionError(f'{name} is {quote(values)}; it must be from {-most} to {most} '
-                                  'degrees', (name,))
+        if not ((np.abs(latitude) <= 90) & (np.abs(longitude) <= 180)).all():
+            raise OptionError(f'latitude is {quote(latitude)} and longitude {quote(longitude)}; '
+                              'they must be from -90 to 90 and -180 to 180 degrees')
         own, other = np.radians(self.latitude), np.radians(latitude)
         turn = np.radians((longitude - self.longitude + 180) % 360 - 180)
         if self.projection == 'px4':
@@ -81,7 +80,7 @@ class Origin:
         else:
             north = (other - own) * _RADIUS['ardupilot'] + 0 * turn
             east = turn * _RADIUS['ardupilot'] * np.cos((other + own) / 2)
-        _check_distance('latitude', east, north)
+        _check_distance(east, north)
         return east, north
 
     def to_geographic(self, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
@@ -93,7 +92,7 @@ class Origin:
         :raises OptionError: for points more than 100 km from the origin.
         """
         east, north = checked_array('east', east), checked_array('north', north)
-        _check_distance('east', east, north)
+        _check_distance(east, north)
         own = np.radians(self.latitude)
         if self.projection == 'px4':
             angle = np.hypot(east, north) / _RADIUS['px4']
@@ -108,12 +107,12 @@ class Origin:
         return np.degrees(latitude), longitude
 
 
-def _check_distance(name: str, east: Array, north: Array) -> None:
+def _check_distance(east: Array, north: Array) -> None:
     """Raise OptionError for points beyond MAX_DISTANCE, such as of swapped degrees."""
     distances = np.hypot(east, north)
     if not (distances <= MAX_DISTANCE).all():
         raise OptionError(f'a place is {np.max(distances) / 1e3:.4g} km from the origin; it must '
-                          f'be at most {MAX_DISTANCE / 1e3:g} km', (name,))
+                          f'be at most {MAX_DISTANCE / 1e3:g} km')
 
 
 def convert_places(value: Any, origin: Origin, is_place: bool = False,

@@ -25,9 +25,9 @@ _CORNERS = 32  # Of the polygon for a circle.
 _LARGEST_BEND = 0.1  # m, of an edge that is straight in degrees, in the local frame.
 
 # Names of properties: times of validity, and altitudes that are not above the ground.
-_TIMES = re.compile(
-    r'valid|applicab|expir|schedule|(start|end|begin|from|to)_?(date_?)?time', re.I)
-_ALTITUDES = re.compile(r'amsl|_msl|^(upper|lower|altitude|vertical)', re.I)
+_UNKEPT = re.compile(
+    r'(?P<time>valid|applicab|expir|schedule|(start|end|begin|from|to)_?(date_?)?time)|'
+    r'amsl|_msl|^(upper|lower|altitude|vertical)', re.I)
 
 _Area: TypeAlias = tuple[Sequence[Any], Any, Any, bool]
 """Corners (latitude, longitude) in degrees, floor and ceiling in m, and whether to stay inside."""
@@ -57,8 +57,7 @@ def read_zones(path: str | os.PathLike[str], origin: Origin
                 else:
                     zones.append(NoFlyZone(vertices, floor, ceiling, name or ''))
     if len(fences) > 1:
-        errors.append(ScenarioError(f'it has {len(fences)} areas to stay in; it must have at most '
-                                    'one'))
+        errors.append(ScenarioError(f'it has {len(fences)} areas to stay in, more than one'))
     if not (errors or zones or fences):
         errors.append(ScenarioError('it has no area'))
     if errors:
@@ -116,12 +115,15 @@ def _field(item: Any, name: str, kind: type[Any], noun: str) -> Any:
     return value
 
 
-def _checked_corners(corners: Any, latitude: int) -> list[tuple[float, float]]:
+def _checked_corners(corners: Any, latitude: int, has_hole: bool = False
+                     ) -> list[tuple[float, float]]:
     """
-    Return corners in degrees, latitude first.
+    Return the corners of a polygon in degrees, latitude first.
 
     :param latitude: index of the latitude in each; a third number is a height and must be 0.
     """
+    if has_hole:
+        raise ScenarioError('it has a hole; cut it into polygons without one')
     if not is_sequence(corners) or len(corners) < 3:
         raise ScenarioError(f'a polygon is {quote(corners)}; it must have at least three corners')
     checked = []
@@ -134,11 +136,6 @@ def _checked_corners(corners: Any, latitude: int) -> list[tuple[float, float]]:
                                 'give floor and ceiling in m above the ground')
         checked.append((numbers[latitude], numbers[1 - latitude]))
     return checked
-
-
-def _refuse_hole(has_hole: bool) -> None:
-    if has_hole:
-        raise ScenarioError('it has a hole; cut it into polygons without one')
 
 
 def _list_geojson(text: str) -> list[tuple[Any, Any]]:
@@ -157,18 +154,17 @@ def _properties(feature: Any) -> Mapping[str, Any]:
 
 def _read_geojson(feature: Any, origin: Origin) -> Iterator[_Area]:
     """Yield the areas of a feature of GeoJSON, RFC 7946: longitude first."""
-    properties = _properties(feature)
+    properties, geometry = _properties(feature), _field(feature, 'geometry', Mapping, 'a polygon')
     _check_properties(properties)
-    geometry = _field(feature, 'geometry', Mapping, 'a Polygon or a MultiPolygon')
     kind = geometry.get('type')
     if kind not in ('Polygon', 'MultiPolygon'):
         raise ScenarioError(f'it is a {quote(kind)}; it must be a Polygon or a MultiPolygon')
     polygons = _field(geometry, 'coordinates', list, 'a list')
     floor = properties.get('floor')
     for rings in polygons if kind == 'MultiPolygon' else [polygons]:
-        _refuse_hole(is_sequence(rings) and len(rings) > 1)
-        yield (_checked_corners(rings[0] if is_sequence(rings) and rings else rings, latitude=1),
-               0.0 if floor is None else floor, properties.get('ceiling'), False)
+        ring, *holes = rings if is_sequence(rings) and rings else [None]
+        yield (_checked_corners(ring, 1, bool(holes)), 0.0 if floor is None else floor,
+               properties.get('ceiling'), False)
 
 
 def _check_properties(properties: Mapping[str, Any]) -> None:
@@ -176,12 +172,10 @@ def _check_properties(properties: Mapping[str, Any]) -> None:
     for name, value in properties.items():
         if isinstance(value, Mapping):
             _check_properties(value)
-        elif value not in (None, '') and _TIMES.search(name):
-            raise ScenarioError(f'it has {quote(name)}, a time of validity; zones hold at all '
-                                'times')
-        elif value not in (None, '') and _ALTITUDES.search(name):
-            raise ScenarioError(f'it has {quote(name)}, an altitude that may be above sea level; '
-                                'give floor and ceiling in m above the ground')
+        elif value not in (None, '') and (match := _UNKEPT.search(name)):
+            meaning = 'a time; zones hold at all times' if match['time'] else (
+                'a height that may be above sea level; give floor and ceiling above the ground')
+            raise ScenarioError(f'it has {quote(name)}, {meaning}')
 
 
 def _list_plan(text: str) -> list[tuple[Any, Any]]:
@@ -195,10 +189,10 @@ def _read_plan(item: Any, origin: Origin) -> Iterator[_Area]:
     """Yield the area of a polygon or circle of QGroundControl: latitude first."""
     is_fence = _field(item, 'inclusion', bool, 'true or false')
     if 'circle' not in item:
-        yield _checked_corners(item.get('polygon'), latitude=0), 0.0, None, is_fence
+        yield _checked_corners(item.get('polygon'), 0), 0.0, None, is_fence
         return
     circle = _field(item, 'circle', Mapping, 'a circle')
-    (latitude, longitude), *_ = _checked_corners([circle.get('center')] * 3, latitude=0)
+    (latitude, longitude), *_ = _checked_corners([circle.get('center')] * 3, 0)
     radius = to_number(circle.get('radius'))
     if not 0 < radius <= MAX_DISTANCE / 2:
         raise ScenarioError(f'radius is {quote(circle.get("radius"))}; it must be above 0 and at '
@@ -234,7 +228,7 @@ def _read_kml(placemark: ElementTree.Element, origin: Origin) -> Iterator[_Area]
     if wrong or not polygons:
         raise ScenarioError(f'it is a {min(wrong, default="placemark")}; it must be a Polygon')
     for polygon in polygons:
-        _refuse_hole(polygon.find('innerBoundaryIs') is not None)
+        has_hole = polygon.find('innerBoundaryIs') is not None
         text = polygon.findtext('outerBoundaryIs/LinearRing/coordinates') or ''
         try:
             corners = [[*map(float, corner.split(','))] for corner in text.split()]
@@ -247,8 +241,7 @@ def _read_kml(placemark: ElementTree.Element, origin: Origin) -> Iterator[_Area]
         elif mode != 'clampToGround':
             raise ScenarioError(f'its altitudeMode is {quote(mode)}; it must be clampToGround, or '
                                 'relativeToGround and extruded: heights are above the ground')
-        yield (_checked_corners([corner[:2] for corner in corners], latitude=1), 0.0, ceiling,
-               False)
+        yield _checked_corners([place[:2] for place in corners], 1, has_hole), 0.0, ceiling, False
 
 
 _FORMATS = {'.geojson': (_list_geojson, _read_geojson), '.json': (_list_geojson, _read_geojson),

@@ -46,7 +46,8 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any]) -> Any:
             None, 'the file is empty; it must have the fields of a mission'), *problems])
     try:
         with yaml_notation():
-            data = _add_airspace(data, Path(path).parent)
+            if isinstance(data, dict) and 'airspace' in data:
+                _add_airspace(data, Path(path).parent)
     except ScenarioError as error:
         problems += _locate(document, error)
     try:
@@ -59,36 +60,30 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any]) -> Any:
     return scenario
 
 
-def _add_airspace(data: Any, folder: Path) -> Any:
+def _add_airspace(data: dict[str, Any], folder: Path) -> None:
     """
-    Return the plain values of a mission with the zones and the fence of its airspace file.
+    Add the zones and the fence of its airspace file to the plain values of a mission.
 
     :param folder: that of the mission file.
     :raises ScenarioError: as read_zones does, also for a file that cannot be read; for a mission
         without an origin, or with a fence of its own.
     """
-    name = data.pop('airspace', None) if isinstance(data, dict) else None
-    if name is None:
-        return data
-    if not isinstance(name, str):
-        raise ScenarioError(f'airspace is {quote(name)}; it must be the path of a file, relative '
-                            'to the mission', ('airspace',))
-    origin = checked_block('origin', data.get('origin'), Origin)
+    name, origin = data.pop('airspace'), checked_block('origin', data.get('origin'), Origin)
     with prefix_place('airspace'):
+        if not isinstance(name, str):
+            raise ScenarioError(f'airspace is {quote(name)}; it must be the path of a file, '
+                                'relative to the mission')
         try:
             zones, fence = read_zones(folder / name, origin)
         except OSError as error:
             raise ScenarioError(f'airspace {quote(name)} cannot be read: '
                                 f'{error.strerror or error}') from None
-    if fence is not None:
-        if data.get('geofence') is not None:
-            raise ScenarioError('geofence is in the mission and in its airspace; it must be in '
-                                'one of them', ('geofence',))
-        data['geofence'] = fence
-    given = data.get('no_fly_zones') or ()
-    if isinstance(given, (list, tuple)):
-        data['no_fly_zones'] = [*given, *map(asdict, zones)]
-    return data
+    if fence is not None and data.get('geofence') is not None:
+        raise ScenarioError('geofence is in the mission and in its airspace; it must be in one',
+                            ('geofence',))
+    data['geofence'] = fence or data.get('geofence')
+    if isinstance(data.setdefault('no_fly_zones', []), list):
+        data['no_fly_zones'] += map(asdict, zones)
 
 
 def write_mission(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
