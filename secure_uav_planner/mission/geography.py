@@ -111,8 +111,8 @@ def _check_distance(east: Array, north: Array) -> None:
     """Raise OptionError for points beyond MAX_DISTANCE, such as of swapped degrees."""
     distances = np.hypot(east, north)
     if not (distances <= MAX_DISTANCE).all():
-        raise OptionError(f'a place is {np.max(distances) / 1e3:.4g} km from the origin; it must '
-                          f'be at most {MAX_DISTANCE / 1e3:g} km')
+        raise OptionError(f'a place is {np.max(distances) / 1e3:.4g} km from the origin, east and '
+                          f'north; it must be at most {MAX_DISTANCE / 1e3:g} km')
 
 
 def convert_places(value: Any, origin: Origin, is_place: bool = False,

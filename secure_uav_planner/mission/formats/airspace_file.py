@@ -72,7 +72,7 @@ def _list_features(path: str | os.PathLike[str]) -> list[tuple[Any, Any, Any]]:
     try:
         suffix = Path(checked_path(path)).suffix.lower()
         if suffix not in _FORMATS:
-            raise ScenarioError(f'its name must end with one of {", ".join(_FORMATS)}')
+            raise ScenarioError(f'its path must have the ending {" or ".join(_FORMATS)}')
         list_named, read = _FORMATS[suffix]
         features = list_named(read_text(path, MOST_BYTES).removeprefix('\ufeff'))
         if len(features) > MOST_FEATURES:
