@@ -68,9 +68,9 @@ class Setpoint:
         x, y, z = (value - offset for value, offset in zip(self.position, origin, strict=True))
         return replace(self, position=(x, y, z))
 
-    def hold(self, time_ns: int) -> 'Setpoint':
-        """Return the setpoint at another time in ns, at rest."""
-        return replace(self, time_ns=time_ns, velocity=_ZERO, acceleration=_ZERO, yaw_rate=None)
+    def hold(self) -> 'Setpoint':
+        """Return the setpoint at rest; its stamp stays, as a later one may be before now."""
+        return replace(self, velocity=_ZERO, acceleration=_ZERO, yaw_rate=None)
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ class Guard:
         """Return the last setpoint without motion, if none has passed for a moment."""
         if self._last is None or _within(self._last_passed, now, _PATIENCE):
             return None
-        return self._last.hold(self._last.time_ns)  # A later one may be stamped before now.
+        return self._last.hold()
 
     def forget_stream(self) -> None:
         """Let the next setpoint begin a stream."""
