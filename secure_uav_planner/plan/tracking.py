@@ -22,6 +22,9 @@ from ..model import channel
 GAIN = 1.0
 """Gain of the position error in 1/s: the default of two common autopilots within 5%."""
 
+PUNCTUAL = 0.1
+"""Time in s by which a flight may leave the clock that its moving receivers are predicted for."""
+
 _STEP = 0.05  # Of the prediction, in s.
 _MOST_STEPS = 20000
 _ROUNDING = 1e-8  # s; stamps are whole ns

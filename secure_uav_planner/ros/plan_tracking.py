@@ -18,7 +18,8 @@ from ..errors import LateError, quote, SupersededError
 from ..mission.scenario import Array
 from ..plan.plan import Plan
 from ..plan.playback import Playback
-from ..plan.tracking import AchievedRates, deviation, Flight, MeasuredState, PlanClock
+from ..plan.tracking import (
+    AchievedRates, deviation, Flight, MeasuredState, PlanClock, PUNCTUAL)
 
 _MOST_PLANS = 8  # That are kept for the reports of a follower.
 _MEMORY = 2.0  # s for which reports are kept, for odometry that comes later.
@@ -26,7 +27,6 @@ _SILENCE = 1.0  # s without a report after which the time of the plan stands sti
 _SAME_TIME = 0.01  # s
 _STEADY = 0.03  # Largest change of a constant rate in half a second.
 _ROUNDING = 1e-6  # s
-_PUNCTUAL = 0.1  # s by which a flight may leave the clock that its receivers are predicted for.
 ADOPTION_GRACE = 2.0  # s after a plan has come, or begins, in which a follower may fly another.
 
 
@@ -235,7 +235,7 @@ class PlanTracking:
         flight = self.flight(now)
         if flight is not None and flight.is_reported and flight.state != 'ended':
             promise = self._promises[flight.playback.plan.identity]
-            if promise.is_dated and abs(self._lateness(flight)) > _PUNCTUAL:
+            if promise.is_dated and abs(self._lateness(flight)) > PUNCTUAL:
                 promise.end = min(promise.end, flight.time)
 
     def promise_ends(self, flight: Flight, ahead: float) -> bool:
@@ -250,7 +250,7 @@ class PlanTracking:
             return []
         if promise.end <= flight.time:
             reason = ('the receivers that move are predicted no further'
-                      if abs(late) <= _PUNCTUAL else
+                      if abs(late) <= PUNCTUAL else
                       f'the flight is {abs(late):.1f} s {"later" if late > 0 else "earlier"} than '
                       'the receivers that move are predicted for')
             return [f'the promise of plan {plan.identity} ended at {promise.end:.1f} s: {reason}; '

@@ -24,6 +24,7 @@ from ..mission.scenario import Eavesdropper, Point
 from ..plan.plan import Plan
 from ..plan.playback import Moment
 from ..plan.player import Place, Player
+from ..plan.tracking import PUNCTUAL
 
 _MOST_WARNINGS = 5  # About the plan of the topics, until a plan is valid.
 _LONGEST_WAIT = 10.0  # s for a subscriber of simulated UAVs.
@@ -32,7 +33,6 @@ _TIME_RATE = 5.0  # Hz, the least of plan_time; after 1 s without, a follower co
 _CLOCK_ERROR = 0.25  # s of the node's clock between two ticks.
 _LATE = 3.0  # s after point 0
 _PATIENCE = 2.0  # s between the messages of a plan.
-_PUNCTUAL = 0.1  # s by which a flight may be late for its receivers, as in plan_tracking.
 _FRESH = 1.0  # s; the largest age of the odometry from which a vehicle may start.
 
 
@@ -186,7 +186,7 @@ class Replay(Node):
             player.time <= player.playback.begin) else 0.0
         follows = [f'waits for {wait}' for wait in self._waits] + (
             [f'begins in {ahead:.1f} s'] if ahead > 0 else [])
-        if ahead < -_PUNCTUAL:
+        if ahead < -PUNCTUAL:
             follows.append(f'playing {-ahead:.1f} s late, which ends what is promised of '
                            'receivers that move; ~/plan plans again')
         return f'plan {player.playback.plan.identity}: {"; ".join(follows) or "playing"}'
