@@ -56,8 +56,8 @@ def test_a_signal_at_any_time_of_a_projection_raises_its_error(name):
     process = subprocess.Popen([sys.executable, '-c', PROGRAM, name], text=True,
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     lines, rng = queue.Queue(), random.Random(0)
-    threading.Thread(target=lambda: [*map(lines.put, chain(process.stdout, ['']))],
-                     daemon=True).start()
+    reader = threading.Thread(target=lambda: [*map(lines.put, chain(process.stdout, ['']))])
+    reader.start()
     try:
         for _ in range(30):
             assert lines.get(timeout=WAIT) == 'working\n'
@@ -66,6 +66,7 @@ def test_a_signal_at_any_time_of_a_projection_raises_its_error(name):
             assert lines.get(timeout=WAIT) == 'stopped\n'
     finally:
         process.kill()
+        reader.join()
         _, errors = process.communicate()
     assert not errors
 
