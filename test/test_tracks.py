@@ -270,11 +270,11 @@ def test_an_assessment_draws_offsets_that_keep_their_share_of_the_radius():
 
 def test_the_page_moves_the_discs_and_pictures_show_the_way(driving, tmp_path):
     pytest.importorskip('plotly')
-    from secure_uav_planner.output import page
+    from secure_uav_planner.output import page, traces
     plan = solve(driving, objective='guaranteed')
-    content = page._Content(plan)
+    content = traces.PlanTraces(plan)
     for point in (0, 60, 121):
-        disc = next(trace for trace, *_ in content.frame_traces(point)
+        disc = next(trace for trace in content.moving_traces(point)
                     if trace.name == "eavesdropper's disc")
         centres, radii = disc_at(driving.eavesdroppers[0], plan.times[[point]])
         away = np.hypot(np.array(disc.x) - centres[0, 0], np.array(disc.y) - centres[0, 1])

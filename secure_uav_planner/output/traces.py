@@ -1,0 +1,200 @@
+"""The traces of a plan for Plotly: its map and its charts, for all pages that show it."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from .drawing import (
+    altitude_label, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_obstacle, label_position, list_ways,
+    MARGIN, margin_rings, NO_FLY_ZONE, RATE, receiver_label, uav_color)
+from ..model import channel
+
+_LEAST_POWER = 2e-5  # Of the axis, as a share of the largest peak power.
+_SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
+_DASHES = ('solid', 'dash', 'dot', 'dashdot')
+
+
+class PlanTraces:
+    """
+    The traces and texts of a plan, each trace with its row: 1 power, 2 rate, 3 delivered.
+
+    Those of the map have none.
+    """
+
+    def __init__(self, plan):
+        self.plan = plan
+        scenario = plan.scenario
+        self.peak = max(uav.peak_power for uav in scenario.uavs)
+        step = scenario.slot_duration
+        # Power n holds from point n to point n + 1, so nothing is delivered before point 1.
+        self.delivered, self.worst_delivered = (
+            step * np.cumsum(np.pad(rates, (2, 0)))
+            for rates in (plan.guaranteed_rates, plan.worst_case_rates))
+        self.receivers = scenario.receivers_at(plan.times)
+        self.powers = np.pad(plan.powers, ((0, 0), (1, 1)))
+        self.guaranteed = np.pad(plan.guaranteed_rates, 1)
+        self.worst = np.pad(plan.worst_case_rates, 1)
+        self.worst_places = np.pad(
+            channel.worst_case_places(scenario, plan.positions, plan.powers), ((1, 1), (0, 0)),
+            mode='edge')
+
+    def map_traces(self):
+        """Yield what stands still on the map: airspace, ways, receivers, starts and goals."""
+        plan = self.plan
+        yield from _airspace_traces(plan.scenario)
+        for way, color in list_ways(plan.scenario, plan.times):
+            yield _scatter(way, mode='lines', showlegend=False, hoverinfo='skip',
+                           line={'color': color, 'width': 1, 'dash': 'dash'})
+        if not plan.scenario.has_tracks:
+            yield from self._receiver_traces(0)
+        for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
+            yield _scatter(  # Wider than the UAVs at these points.
+                getattr(plan.scenario, f'{name}s'), mode='markers', name=name,
+                marker={'symbol': symbol, 'size': 24, 'color': GEOFENCE})
+
+    def path_traces(self):
+        """Yield the path of each UAV on the map."""
+        for index, (uav, path) in enumerate(zip(self.plan.scenario.uavs, self.plan.positions)):
+            yield _scatter(
+                path, text=[f'{time:g} s, {watts:.3g} W' for time, watts in zip(
+                    self.plan.times.tolist(), self.powers[index])],
+                name=f'{uav.name} ({"jams" if index else "transmits"})', **_uav_style(index, uav))
+
+    def chart_traces(self):
+        """Yield the powers, rates and what is delivered over time, each with its row."""
+        plan, times = self.plan, self.plan.times.tolist()
+        for index, uav in enumerate(plan.scenario.uavs):
+            # Zero has no logarithm: slots without power are gaps.
+            watts = [power if power > 0 else None for power in self.powers[index].tolist()]
+            trace = go.Scatter(x=times, y=watts, name=uav.name, showlegend=False,
+                               connectgaps=False, **_uav_style(index, uav))
+            yield trace.update(line_shape='hv'), 1
+        for values, dash, width, name, row in (
+                (self.worst, 'dash', 1.5, 'worst_case', 2),
+                (self.guaranteed, 'solid', 2.5, 'guaranteed', 2),
+                (self.worst_delivered, 'dash', 1.5, 'worst_case', 3),
+                (self.delivered, 'solid', 2.5, 'guaranteed', 3)):
+            yield go.Scatter(
+                x=times, y=values.tolist(), mode='lines',
+                name=plan.scenario.channel.rate_name(name), legendgroup=name,
+                showlegend=row == 2, line={
+                    'color': RATE, 'width': width, 'dash': dash,
+                    'shape': 'hv' if row == 2 else 'linear'}), row
+
+    def _receiver_traces(self, point):
+        """Yield the discs and the ground node at a point."""
+        ground, centres, radii = self.receivers
+        angle = np.linspace(0, 2 * np.pi, 73)
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        for index, eve in enumerate(self.plan.scenario.eavesdroppers):
+            yield _scatter(
+                centres[index, point] + radii[index, point] * circle, fill='toself', mode='lines',
+                line={'color': EAVESDROPPER, 'width': 1}, legendgroup='disc',
+                showlegend=index == 0, name="eavesdropper's disc", hoverinfo='skip')
+            if receiver_label(eve):
+                yield _scatter(
+                    centres[index, point][None], text=[receiver_label(eve)], mode='text',
+                    textfont={'color': EAVESDROPPER}, legendgroup='disc', showlegend=False,
+                    hoverinfo='skip')
+        yield _scatter(
+            ground[point][None], mode='markers', name='ground node',
+            marker={'symbol': 'triangle-up', 'size': 14, 'color': GROUND_NODE})
+
+    def moving_traces(self, point):
+        """Yield what moves on the map, at a point."""
+        plan = self.plan
+        if plan.scenario.has_tracks:
+            yield from self._receiver_traces(point)
+        for index, uav in enumerate(plan.scenario.uavs):
+            watts = float(self.powers[index, point])
+            yield _scatter(
+                plan.positions[index, point][None], mode='markers', name=uav.name,
+                legendgroup=uav.name, showlegend=False, text=[f'{watts:.3g} W'], marker={
+                    'color': uav_color(index), 'symbol': _SYMBOLS[index % len(_SYMBOLS)],
+                    # In good plans the jamming power is a hundredth of the transmit power. Markers
+                    # of different sizes stay visible at the same position.
+                    'size': float((17 if index == 0 else 10)
+                                  + 2 * np.log1p(1000 * watts / self.peak)),
+                    'line': {'color': 'white', 'width': 1.5}})
+        yield _scatter(
+            [self.worst_places[point]], mode='markers', name='worst-case eavesdropper',
+            marker={'symbol': 'x', 'size': 10, 'color': EAVESDROPPER,
+                    'line': {'color': 'white', 'width': 1}})
+
+    def cursor_traces(self, point):
+        """Yield a dot at the time of a point in each chart, with its row."""
+        time = float(self.plan.times[point])
+        for index, uav in enumerate(self.plan.scenario.uavs):
+            watts = float(self.powers[index, point])
+            yield _dot(time, watts if watts > 0 else None, uav_color(index), uav.name), 1
+        for values, row in ((self.guaranteed, 2), (self.delivered, 3)):
+            yield _dot(time, float(values[point]), RATE, 'guaranteed'), row
+
+    def readout(self, point):
+        """Return the text of the slider at a point, in a line."""
+        time = float(self.plan.times[point])
+        began = self.plan.scenario.slot_duration
+        watts = ', '.join(
+            f'{uav.name} {_power_label(power)}'
+            for uav, power in zip(self.plan.scenario.uavs, self.powers[:, point]))
+        mean = self.delivered[point] / (time - began) if point > 1 else 0.0
+        return (f'{time:.1f} s:  {watts};  rate now {self.guaranteed[point]:.2f}, so far '
+                f'{mean:.2f} bit/s/Hz, {self.delivered[point]:.1f} bit/Hz')
+
+
+def label_charts(figure, peak, column):
+    """Label the axes of powers, rates and what is delivered in a column of subplots."""
+    figure.update_yaxes(title_text='power (W)', type='log', exponentformat='none', dtick=1,
+                        range=np.log10([_LEAST_POWER * peak, 2 * peak]), row=1, col=column)
+    figure.update_yaxes(title_text='secrecy rate<br>(bit/s/Hz)', rangemode='tozero',
+                        row=2, col=column)
+    figure.update_yaxes(title_text='delivered<br>(bit/Hz)', rangemode='tozero',
+                        row=3, col=column)
+    figure.update_xaxes(title_text='time (s)', row=3, col=column)
+    figure.update_xaxes(ticks='outside')  # Keeps numbers off the marks at zero.
+    figure.update_yaxes(ticks='outside')
+
+
+def _uav_style(index, uav):
+    """Return the style of the lines of a UAV, on the map and in its chart."""
+    return {'mode': 'lines', 'legendgroup': uav.name,
+            'line': {'color': uav_color(index), 'width': 2, 'dash': _DASHES[index % 4]}}
+
+
+def _scatter(points, **options):
+    """Return the trace of points, (K, 2)."""
+    x, y = np.transpose(points).tolist()
+    return go.Scatter(x=x, y=y, **options)
+
+
+def _dot(x, y, color, group):
+    return go.Scatter(x=[x], y=[y], mode='markers', legendgroup=group, showlegend=False,
+                      hoverinfo='skip', cliponaxis=False, marker={'color': color, 'size': 9})
+
+
+def _airspace_traces(scenario):
+    """Yield fence and zones with their margins; zones at other altitudes are not filled."""
+    for index, ring in enumerate(margin_rings(scenario)):
+        yield _scatter(
+            ring, mode='lines', fill='toself', line={'width': 0}, fillcolor=MARGIN,
+            hoverinfo='skip', legendgroup='margin', showlegend=index == 0,
+            name=f'margin of {scenario.tracking_margin:g} m')
+    for index, (zone, name) in enumerate(zip(scenario.no_fly_zones, scenario.zone_names)):
+        filled = is_obstacle(zone, scenario)
+        yield _scatter(
+            [*zone.vertices, zone.vertices[0]], mode='lines', fill='toself' if filled else 'none',
+            line={'color': NO_FLY_ZONE, 'width': 1.5, 'dash': 'solid' if filled else 'dot'},
+            legendgroup='zone', showlegend=index == 0, name='no-fly zone', hoveron='fills',
+            text=', '.join(filter(None, (name, altitude_label(zone)))), hoverinfo='text')
+    if scenario.no_fly_zones:
+        yield _scatter(
+            [label_position(zone) for zone in scenario.no_fly_zones], mode='text',
+            text=list(scenario.zone_names), textfont={'size': 10, 'color': GEOFENCE},
+            showlegend=False, hoverinfo='skip')
+    if scenario.geofence is not None:
+        yield _scatter(
+            [*scenario.geofence, scenario.geofence[0]], mode='lines', name='geofence',
+            hoverinfo='name', line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'})
+
+
+def _power_label(power):
+    return f'{power:.2f} W' if power >= 0.1 or power == 0 else f'{1000 * power:.1f} mW'
