@@ -120,42 +120,6 @@ def test_the_citation_names_this_version():
         ROOT / 'CHANGELOG.rst').read_text()
 
 
-def commands_of_workflow(name):
-    """Return what a workflow runs, as one text, and its job."""
-    workflow = yaml.safe_load((ROOT / '.github' / 'workflows' / f'{name}.yml').read_text())
-    (job,) = workflow['jobs'].values()
-    return '\n'.join(step.get('run', '') for step in job['steps']), job
-
-
-def test_the_workflows_run_what_the_readme_says(packaging):
-    readme = (ROOT / 'README.md').read_text()
-    commands, job = commands_of_workflow('test')
-    assert 'make PYTHON=python test' in commands
-    pythons = job['strategy']['matrix']['python']
-    assert packaging['python_requires'] == f'>={pythons[0]}'
-    assert f'Python {pythons[0]} to {pythons[-1]}' in readme
-    _, job = commands_of_workflow('wheels')
-    built = next(step['env']['CIBW_BUILD'] for step in job['steps'] if 'env' in step).split()
-    assert {f'cp{python.replace(".", "")}-manylinux_*' for python in pythons} < {*built}
-    commands, _ = commands_of_workflow('ros')
-    for line in re.findall('^pip install .*cvxpy.*?(?=  #|$)', readme, re.MULTILINE):
-        assert line.strip() in commands
-    assert commands.index('pip install') < commands.index('rosdep install')
-    assert 'colcon test --packages-select secure_uav_planner' in commands
-
-
-def test_commits_are_checked_by_the_linters_of_the_tests(packaging):
-    configuration = yaml.safe_load((ROOT / '.pre-commit-config.yaml').read_text())
-    hooks = {hook['id']: hook for repo in configuration['repos'] for hook in repo['hooks']}
-    assert set(hooks) == {'ament_flake8', 'ament_pep257', 'mypy'}
-    allowed = {*(ROOT / 'test' / 'requirements.txt').read_text().splitlines(),
-               *packaging['install_requires']}
-    for hook in hooks.values():
-        assert set(hook['additional_dependencies']) <= allowed, hook['id']
-    assert {requirement for requirement in allowed if 'flake8' in requirement} == set(
-        hooks['ament_flake8']['additional_dependencies'])
-
-
 def test_on_path_is_one_command_and_the_executables_are_where_ros2_run_looks(packaging):
     # An entry point, whose script pip writes such that it starts in a folder with a space.
     assert packaging['entry_points'] == {'console_scripts': [
