@@ -9,8 +9,8 @@ def random_city_mission(seed, slots=None, slack=None):
     """
     Return a random Scenario with all limits at once: a mission in a city.
 
-    There are 1 to 3 UAVs with limits of acceleration from 1.5 to 6 m/s^2, or one in four
-    without, at two altitudes; separations from 5 to 30 m; 2 to 8 zones of 60 to 360 m, half of
+    There are 1 to 3 UAVs at two altitudes, in three of four missions with limits of acceleration
+    from 1.5 to 6 m/s^2; separations from 5 to 30 m; 2 to 8 zones of 60 to 360 m, half of
     them not convex, some below or above some of the UAVs; and a fence around, convex or not.
     Ends are outside the zones and apart; where a flight may still be impossible in the duration,
     solve refuses the mission.
@@ -53,8 +53,7 @@ def random_city_mission(seed, slots=None, slack=None):
             f'uav{number + 1}', start=place('start'), goal=place('goal'),
             altitude=float(rng.choice([80.0, 100.0])), max_speed=float(rng.uniform(8, 20)),
             average_power=average, peak_power=average * float(rng.uniform(1, 6)),
-            max_acceleration=float(rng.uniform(1.5, 6)) if limited or rng.random() < 0.5
-            else None))
+            max_acceleration=float(rng.uniform(1.5, 6)) if limited else None))
     slots = int(rng.integers(60, 201)) if slots is None else slots
     slack = float(rng.uniform(0.05, 1.2)) if slack is None else slack
     needed = max(

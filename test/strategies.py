@@ -18,6 +18,7 @@ def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
     duration = draw(st.floats(10, 300))
     slack = draw(st.sampled_from([1.0, 1.01, 1.3, 3.0]))
     uavs = []
+    accelerate = draw(st.booleans())
     for index in range(draw(st.integers(1, max_uavs))):
         start, goal = draw(PLACE), draw(PLACE)
         shortest = np.hypot(goal[0] - start[0], goal[1] - start[1]) / (
@@ -26,7 +27,9 @@ def scenarios(draw, max_uavs=3, max_eavesdroppers=2, max_slots=12):
         uav = Uav(
             f'uav{index + 1}', start, goal, draw(st.sampled_from([30.0, 100.0, 300.0])),
             max(1.0, shortest * slack), average, average * draw(st.sampled_from([1.0, 4.0])))
-        uavs.append(draw(limit_acceleration(uav, slots, duration / slots)))
+        uavs.append(draw(limit_acceleration(uav, slots, duration / slots)) if accelerate else uav)
+    if any(uav.max_acceleration is None for uav in uavs):
+        uavs = [replace(uav, max_acceleration=None) for uav in uavs]
     eavesdroppers = [
         Eavesdropper(draw(PLACE), draw(st.sampled_from([0.0, 10.0, 60.0, 400.0])),
                      receiver_advantage_db=draw(st.sampled_from([0.0, 0.0, 10.0, -20.0])))
@@ -67,9 +70,7 @@ def missions(colluding=True, **options):
 
 @st.composite
 def limit_acceleration(draw, uav, slots, step):
-    """Return a UAV, in some cases with a feasible limit of acceleration."""
-    if not draw(st.booleans()):
-        return uav
+    """Return a UAV with a feasible limit of acceleration, or without where none is."""
     share = st.floats(-0.5, 0.5)
     velocity = st.one_of(st.none(), st.just((0.0, 0.0)), st.tuples(share, share).map(
         lambda shares: (shares[0] * uav.max_speed, shares[1] * uav.max_speed)))

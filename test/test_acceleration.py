@@ -104,11 +104,12 @@ def random_vehicles(rng):
         moving = float(share * speed * np.cos(angle)), float(share * speed * np.sin(angle))
         return [None, (0.0, 0.0), moving, moving][rng.integers(4)]
 
+    limited = rng.random() < 0.8
     for number in range(rng.integers(1, 4)):
         speed, size = 10**rng.uniform(-2, 4), 10**rng.uniform(-1, 5)
         yield Uav(f'uav{number}', tuple(rng.normal(0, size, 2)), tuple(rng.normal(0, size, 2)),
                   100.0, speed, start_velocity=velocity(speed), goal_velocity=velocity(speed),
-                  max_acceleration=None if rng.random() < 0.2 else 10**rng.uniform(-5, 4))
+                  max_acceleration=10**rng.uniform(-5, 4) if limited else None)
 
 
 def test_the_duration_that_a_refusal_names_suffices_for_all_uavs_of_any_legal_mission():

@@ -117,12 +117,11 @@ def test_missions_are_similar_while_the_eavesdropper_is_within_a_height(distance
 
 @pytest.mark.parametrize('field, change', [
     ('no_fly_zones', {'no_fly_zones': (NoFlyZone(((800, 0), (810, 0), (810, 10))),)}),
-    ('separation', {'separation': 5.0}), ('uavs[1].max_acceleration', {}),
+    ('separation', {'separation': 5.0}), ('uavs[0].max_acceleration', {
+        'uavs': with_uavs(Scenario.paper(), max_acceleration=3.0).uavs}),
     ('geofence', {'geofence': ((-900, -900), (900, -900), (0, 5000))})])
 def test_limits_beyond_the_papers_are_refused_by_their_fields(field, change):
     scenario = Scenario.paper(120.0, slots=10)
-    change = change or {'uavs': (scenario.uavs[0], replace(
-        scenario.uavs[1], max_acceleration=3.0))}
     with pytest.raises(OptionError, match="use 'joint'") as caught:
         solve(replace(scenario, **change), method='alternating')
     assert caught.value.field == field

@@ -33,9 +33,8 @@ def random_flights(seed, count=3, slots=8):
     rng = np.random.default_rng(seed)
     positions = rng.uniform(-300, 300, (1, slots + 2, 2)) + rng.uniform(
         -100, 100, (count, slots + 2, 2))
-    uavs = []
+    uavs, limit = [], None if rng.random() < 0.4 else 1000.0
     for number in range(count):
-        limit = None if rng.random() < 0.4 else 1000.0
         velocities = [None if rng.random() < 0.3 else tuple(rng.uniform(-50, 50, 2).tolist())
                       if rng.random() < 0.5 else (0.0, 0.0) for _ in range(2)]
         uavs.append(Uav(f'uav{number}', *map(tuple, positions[number, [0, -1]].tolist()),
@@ -254,9 +253,9 @@ def test_uavs_that_pass_too_close_between_points_are_refused():
 
 
 def test_a_uav_that_waits_at_its_goal_counts():
-    late = Uav('late', (0.0, 40.0), (0.0, 7.0), 50.0, 100.0, max_acceleration=200.0)
-    early = Uav('early', (0.0, -40.0), (0.0, 0.0), 50.0, 100.0)
-    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), (late, early), 2.0, 2)
+    uavs = (Uav('late', (0.0, 40.0), (0.0, 7.0), 50.0, 100.0, max_acceleration=200.0),
+            Uav('early', (0.0, -40.0), (0.0, 0.0), 50.0, 100.0, max_acceleration=200.0))
+    scenario = Scenario((0, 0), (Eavesdropper((0, 0)),), uavs, 2.0, 2)
     positions = np.array([[(0, 40), (0, 40), (0, 40), (0, 7)], [(0, -40), (0, 0), (0, 0), (0, 0)]])
     plan = Plan(scenario, positions, np.zeros((2, 2)))
     assert plan.clearance.between_uavs == (pytest.approx(7.0), pytest.approx(3.5),

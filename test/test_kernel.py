@@ -53,17 +53,10 @@ def city_mission(*uavs, pieces=1):
     return replace(city, uavs=tuple(city.uavs[uav] for uav in uavs), no_fly_zones=zones)
 
 
-def without_acceleration_limit(scenario, *uavs):
-    return replace(scenario, uavs=tuple(
-        replace(uav, max_acceleration=None) if number in uavs else uav
-        for number, uav in enumerate(scenario.uavs)))
-
-
 LINES = {
     'city': city_mission(0, 1, 2), 'alone': city_mission(0),
     'many pieces': city_mission(0, 1, pieces=4),
-    'straight': without_acceleration_limit(city_mission(0, 1), 0, 1),
-    'second straight': without_acceleration_limit(city_mission(0, 1, 2), 1),
+    'straight': with_uavs(city_mission(0, 1), max_acceleration=None),
     'side by side': replace(Scenario.paper(120.0), separation=18.0, uavs=tuple(
         replace(uav, start=(uav.start[0] + 20.0 * number, uav.start[1]),
                 goal=(uav.goal[0] + 20.0 * number, uav.goal[1]), altitude=100.0)

@@ -7,14 +7,13 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from secure_uav_planner import fly_hover_fly, Scenario
 from secure_uav_planner.ros import messages
+from strategies import with_uavs
 
 START_NS = 1763727000123456789
 
 
-def plan_of(slots):
-    scenario = Scenario.paper(300.0, slots=slots)
-    scenario = replace(scenario, uavs=(
-        scenario.uavs[0], replace(scenario.uavs[1], max_acceleration=2.0)))
+def plan_of(slots, acceleration=None):
+    scenario = with_uavs(Scenario.paper(300.0, slots=slots), max_acceleration=acceleration)
     return replace(fly_hover_fly(scenario), start_ns=START_NS)
 
 
@@ -37,10 +36,11 @@ def yaw_of(turn):
 
 
 @pytest.mark.parametrize('slots', [1, 2, 9])
-@pytest.mark.parametrize('uav', [0, 1])
+@pytest.mark.parametrize('uav, acceleration', [(0, None), (1, 2.0)])
 @pytest.mark.parametrize('frame_id', ['', 'map', 'Erde_ö'])
-def test_path_and_trajectory_are_the_points_and_the_curve_of_the_plan(slots, uav, frame_id):
-    plan = plan_of(slots)
+def test_path_and_trajectory_are_the_points_and_the_curve_of_the_plan(
+        slots, uav, acceleration, frame_id):
+    plan = plan_of(slots, acceleration)
     member, motion = plan.scenario.uavs[uav], plan.curve.at(plan.times)
     path = sent(messages.path(plan, uav, frame_id))
     trajectory = sent(messages.trajectory(plan, uav, frame_id))

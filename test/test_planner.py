@@ -300,6 +300,9 @@ def test_a_limit_of_acceleration_is_a_parameter_and_kept_by_the_plan(client):
         results = client.set_parameters('planner', uav1__start_velocity=[20.0, 0.0])
         assert not results[0].successful and 'start_velocity' in results[0].reason
         assert client.set_parameters('planner', uav1__max_acceleration=0.0)[0].successful
+        refused = client.call('planner/plan')
+        assert not refused.success and refused.message.startswith(
+            'all uavs have a max_acceleration or none: uav1 has none, uav2 has 2 m/s^2')
         assert client.set_parameters('planner', uav1__goal_velocity=[3.0])[0].successful is False
         client.set_parameters('planner', uav1__max_acceleration=0.1)
         refused = client.call('planner/plan')

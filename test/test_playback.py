@@ -108,11 +108,9 @@ def test_rates_along_the_curve_are_those_of_dense_samples(plan):
 def test_a_motion_has_the_limits_and_the_ends_of_its_curve(scenario):
     plan = fly_hover_fly(scenario)
     motion = Curve(scenario, plan.positions).at(plan.times)
-    uavs = tuple(
-        replace(uav, **infer_limits(
-            plan.positions[index], scenario.slot_duration, motion.velocities[index],
-            motion.accelerations[index]))
-        for index, uav in enumerate(scenario.uavs))
+    limits = infer_limits(plan.positions, scenario.slot_duration, list(zip(
+        motion.velocities, motion.accelerations)))
+    uavs = tuple(replace(uav, **fields) for uav, fields in zip(scenario.uavs, limits))
     for uav, was in zip(uavs, scenario.uavs, strict=True):
         assert uav.max_speed <= was.max_speed * (1 + 2e-6) + 1e-6
         assert (uav.max_acceleration or 0) <= (was.max_acceleration or 0) * (1 + 2e-6) + 2e-6

@@ -481,12 +481,10 @@ def test_setpoints_have_position_velocity_and_acceleration_that_belong_together(
 
 @pytest.fixture(scope='module')
 def smooth():
-    """Return a plan whose transmitter has a limit of acceleration and whose jammer has none."""
-    scenario = Scenario.paper(120.0, slots=30)
-    scenario = replace(scenario, uavs=(
-        replace(scenario.uavs[0], max_acceleration=1.5, start_velocity=(1.0, -2.0),
-                goal_velocity=None), scenario.uavs[1]))
-    return fly_hover_fly(scenario, 'optimised')
+    """Return a plan with limits of acceleration, which begins and ends at speed."""
+    return fly_hover_fly(with_uavs(
+        Scenario.paper(120.0, slots=30), max_acceleration=1.5, start_velocity=(1.0, -2.0),
+        goal_velocity=None), 'optimised')
 
 
 def distance_from_curve(plan, uav, setpoints):
@@ -536,7 +534,6 @@ def test_a_plan_of_the_topics_with_its_trajectories_flies_the_same_curve_as_from
     # The points are farther from the curve than that: nobody flies straight between them.
     curve = Curve(smooth.scenario, smooth.positions).at(smooth.times).positions
     assert np.linalg.norm(curve - smooth.positions, axis=-1)[0].max() > 0.5
-    assert not np.linalg.norm(curve - smooth.positions, axis=-1)[1].any()
     assert not any('straight' in line for line in process.lines)
 
 
@@ -563,6 +560,8 @@ def test_trajectories_of_another_planner_may_come_in_any_order_and_are_waited_fo
      'uav1/trajectory has values beyond'),
     (wrong('trajectory', 0, 'points', lambda points: points[:-1]),
      'uav1/trajectory has 31 points and uav1/path 32'),
+    (wrong('trajectory', 1, 'points.3.accelerations', []),
+     'uav1/trajectory has accelerations, uav2/trajectory is missing or has none'),
     (wrong('trajectory', 0, 'header.frame_id', 'odom'),
      "uav1/path is in frame 'earth', uav1/trajectory in 'odom'")])
 def test_trajectories_that_do_not_belong_to_their_paths_are_refused(

@@ -43,6 +43,16 @@ def test_a_wrong_field_of_a_scenario_is_named(field, value):
         replace(Scenario.paper(), **{field: value})
 
 
+def test_a_limit_of_acceleration_of_some_uavs_is_refused_where_the_first_has_none():
+    uavs = Scenario.paper().uavs
+    for without in (0, 1):
+        mixed = tuple(replace(uav, max_acceleration=None if number == without else 2.0)
+                      for number, uav in enumerate(uavs))
+        with pytest.raises(ScenarioError, match='all uavs have a max_acc') as error:
+            replace(Scenario.paper(), uavs=mixed)
+        assert error.value.field == f'uavs[{without}].max_acceleration'
+
+
 @given(st.integers(1, 500), st.floats(1, 50))
 def test_the_shortest_duration_of_the_error_is_feasible_and_a_shorter_one_is_not(slots, speed):
     uav = Uav('slow', (0.0, 0.0), (300.0, 400.0), 50.0, speed)

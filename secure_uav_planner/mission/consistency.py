@@ -26,8 +26,9 @@ _DEFAULT_NAME = 'eavesdroppers', Eavesdropper.name  # Several may have it.
 
 
 def find_inconsistencies(scenario: 'Scenario') -> Iterator[ScenarioError]:
-    """Yield the errors of names and sizes, of the ends of flights, and of the duration."""
+    """Yield the errors of names, sizes and vehicles, of ends of flights, and of the duration."""
     yield from _check_size(scenario)
+    yield from _check_accelerations(scenario)
     yield from _check_ends(scenario)
     yield from _check_durations(scenario)
 
@@ -45,6 +46,17 @@ def _check_size(scenario: 'Scenario') -> Iterator[ScenarioError]:
         yield ScenarioError(f'slots is {scenario.slots}; with {len(scenario.uavs)} uavs it must '
                             f'be at most {most}, or a plan would take too long and too much '
                             'memory', ('slots',))
+
+
+def _check_accelerations(scenario: 'Scenario') -> Iterator[ScenarioError]:
+    """Yield an error where some UAVs have a limit of acceleration and some have none."""
+    limited = [uav.max_acceleration is not None for uav in scenario.uavs]
+    if any(limited) and not all(limited):
+        first, without = limited.index(True), limited.index(False)
+        yield ScenarioError(
+            f'all uavs have a max_acceleration or none: {scenario.uavs[without].name} has none, '
+            f'{scenario.uavs[first].name} has {scenario.uavs[first].max_acceleration:g} m/s^2',
+            ('uavs', without, 'max_acceleration'))
 
 
 def _check_ends(scenario: 'Scenario') -> Iterator[ScenarioError]:

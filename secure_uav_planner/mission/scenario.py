@@ -63,7 +63,7 @@ class Scenario:
 
     :param ground_node: w_0, (x, y) in m, at altitude zero; None with a ground_node_track.
     :param eavesdroppers: at least one Eavesdropper.
-    :param uavs: at least one Uav; names are unique.
+    :param uavs: at least one Uav; names are unique, and all have a max_acceleration or none.
     :param duration: T in s. The flight itself lasts (slots + 1) / slots * T.
     :param slots: N.
     :param reference_snr_db: beta_0 / sigma^2, the SNR at 1 m and 1 W, in dB.
@@ -344,6 +344,11 @@ class Scenario:
         """Largest accelerations, (U,) in m/s^2, infinite without a limit."""
         return read_only([math.inf if uav.max_acceleration is None else uav.max_acceleration
                           for uav in self.uavs])
+
+    @property
+    def limits_acceleration(self) -> bool:
+        """Whether the UAVs have a limit of acceleration, which all have or none."""
+        return self.uavs[0].max_acceleration is not None
 
     def to_dict(self) -> dict[str, Any]:
         """

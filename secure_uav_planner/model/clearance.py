@@ -98,8 +98,6 @@ class Clearance:
         middle = np.hypot(np.linalg.norm(position, axis=-1), heights[:, None])
         relative = Pieces(pieces.times, pieces.half, position, velocity, acceleration)
         least = middle - np.linalg.norm(relative.reach, axis=-1)
-        ignored = self._mask_half_slots(pairs)
-        least[ignored] = middle[ignored] = np.inf
         pair, at = np.nonzero(least <= middle.min())
         level, by = least_distance(position[pair, at], velocity[pair, at], acceleration[pair, at],
                                    pieces.half)
@@ -149,22 +147,6 @@ class Clearance:
     @cached_property
     def _pieces(self) -> Pieces:
         return Pieces.of(self._curve)
-
-    def _mask_half_slots(self, pairs: _Indices) -> NDArray[np.bool_]:
-        """
-        Return a mask of the half slots of pairs that are not part of the mission, (pairs, K).
-
-        At an end, a UAV with a limit of acceleration may be in flight in the half slot in which a
-        UAV without a limit would wait. The latter is then in flight, too.
-        """
-        uavs = self._scenario.uavs
-        ignored = np.zeros((len(pairs), len(self._pieces.times)), bool)
-        for index, pair in enumerate(pairs.tolist()):
-            smooth = [uavs[number] for number in pair if uavs[number].max_acceleration is not None]
-            if len(smooth) == 1:
-                ignored[index, 0] = smooth[0].start_velocity != (0.0, 0.0)
-                ignored[index, -1] = smooth[0].goal_velocity != (0.0, 0.0)
-        return ignored
 
     def _check_area(self, number: int, uav: Uav) -> None:
         """Check the zones and the fence of one UAV."""

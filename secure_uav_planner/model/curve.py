@@ -1,18 +1,19 @@
 """
 The curve that the UAVs fly, in continuous time, with its mean rates and its energy.
 
-The points of a UAV with a limit of acceleration are the control points of a uniform quadratic
+With a limit of acceleration, the points of a UAV are the control points of a uniform quadratic
 B-spline: it passes (q[n] + q[n+1]) / 2 half a slot after point n, with the velocity
 (q[n+1] - q[n]) / t_s, and between two such moments its acceleration is constant. So it leaves its
-start half a slot before point 0 and reaches its goal half a slot after point N+1. A UAV without
-the limit flies straight from point to point.
+start half a slot before point 0 and reaches its goal half a slot after point N+1. Without the
+limit, it flies straight from point to point.
 """
 
+from collections.abc import Sequence
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .channel import guaranteed_rates
 from ..mission.scenario import Array, Point, Scenario
@@ -66,8 +67,8 @@ class Curve:
 
     :param scenario: of the UAVs.
     :param positions: points of the flight, (U, N+2, 2) in m, for any N.
-    :ivar begin: when the first UAV leaves its start, in s from point 0.
-    :ivar end: when the last UAV reaches its goal, likewise.
+    :ivar begin: when the UAVs leave their starts, in s from point 0.
+    :ivar end: when they reach their goals, likewise.
     :ivar piece: length in s of the pieces, from begin on, in which no acceleration changes.
     """
 
@@ -75,8 +76,8 @@ class Curve:
         self._points = positions
         self._step = scenario.slot_duration
         self._last = positions.shape[1] - 1
-        self._smooth: NDArray[np.bool_] = np.isfinite(scenario.max_accelerations)
-        margin = self._step / 2 if self._smooth.any() else 0.0
+        self._smooth = scenario.limits_acceleration
+        margin = self._step / 2 if self._smooth else 0.0
         self.begin = 0.0 - margin  # Not -0.0.
         self.end = self._last * self._step + margin
         self.piece = self._step / 2 if margin else self._step
@@ -90,16 +91,15 @@ class Curve:
     def at(self, times: ArrayLike) -> Motion:
         """Return the motion at times (K,) in s from point 0; it rests before begin, after end."""
         nodes = np.asarray(times, float) / self._step
-        straight, smooth = self._evaluate_polyline(nodes), self._evaluate_spline(nodes)
-        position, velocity, acceleration = (
-            np.where(self._smooth[:, None, None], *values)
-            for values in zip(smooth, straight, strict=True))
+        evaluate = self._evaluate_spline if self._smooth else self._evaluate_polyline
+        position, velocity, acceleration = evaluate(nodes)
         velocity, acceleration = velocity / self._step, acceleration / self._step**2
         # A share of a slot late, as times are rounded: the heading of a move holds in all of it.
         node = np.clip(np.floor(nodes + 1e-9), 0, self._last).astype(int)
-        held = self._headings[:, node]
-        fast = self._smooth[:, None] & (np.linalg.norm(velocity, axis=-1) > self._slow)
-        heading = np.where(fast, np.arctan2(velocity[..., 1], velocity[..., 0]), held)
+        heading = self._headings[:, node]
+        if self._smooth:
+            fast = np.linalg.norm(velocity, axis=-1) > self._slow
+            heading = np.where(fast, np.arctan2(velocity[..., 1], velocity[..., 0]), heading)
         return Motion(position, velocity, acceleration, heading)
 
     def _evaluate_polyline(self, nodes: Array) -> tuple[Array, Array, Array]:
@@ -176,38 +176,40 @@ def compute_energies(scenario: Scenario, curve: Curve) -> tuple[Energy | None, .
         for uav, (hovering, flying) in zip(scenario.uavs, sums.tolist(), strict=True))
 
 
-def infer_limits(points: Array, step: float, velocities: Array | None = None,
-                 accelerations: Array | None = None) -> dict[str, Any]:
+def infer_limits(points: Array, step: float, motions: Sequence[Sequence[Array]]
+                 ) -> list[dict[str, Any]]:
     """
     Return the smallest limits and the end velocities with which the Curve of points is a motion.
 
-    They are fields of Uav: max_acceleration is None for a flight straight from point to point, and
-    a velocity is None where it is that of the move at the end.
+    They are fields of Uav, for each UAV: max_acceleration is None for a team that flies straight
+    from point to point, and a velocity is None where it is that of the move at the end.
 
-    :param points: of one UAV, (N+2, 2) in m.
+    :param points: (U, N+2, 2) in m.
     :param step: the length of a slot in s.
-    :param velocities: at the times of the points, (N+2, 2) in m/s; None, as for the accelerations,
-        if the UAV flies straight from point to point.
-    :param accelerations: likewise, (N+2, 2) in m/s^2.
+    :param motions: velocities in m/s and accelerations in m/s^2 of each UAV at the times of the
+        points, (N+2, 2) each; empty for a team that flies straight from point to point.
     """
-    moves = np.diff(points, axis=0) / step
-    fastest = float(np.linalg.norm(moves, axis=-1).max())
-    least_speed, least = RANGES['max_speed'][0], RANGES['max_acceleration'][0]
-    if velocities is None or accelerations is None or not (
-            np.abs(accelerations * step).max() > _ZERO
-            or np.abs(velocities[-1]).max() > _ZERO):
-        return {'max_speed': max(fastest * (1 + 1e-9), least_speed), 'max_acceleration': None,
-                'start_velocity': (0.0, 0.0), 'goal_velocity': (0.0, 0.0)}
+    if any(np.abs(accelerations * step).max() > _ZERO or np.abs(velocities[-1]).max() > _ZERO
+           for velocities, accelerations in motions):
+        return [_infer_limits_of_spline(np.diff(line, axis=0) / step, step, accelerations)
+                for line, (_, accelerations) in zip(points, motions, strict=True)]
+    fastest = np.linalg.norm(np.diff(points, axis=1) / step, axis=-1).max(axis=-1)
+    return [{'max_speed': max(speed * (1 + 1e-9), RANGES['max_speed'][0]),
+             'max_acceleration': None, 'start_velocity': (0.0, 0.0), 'goal_velocity': (0.0, 0.0)}
+            for speed in fastest.tolist()]
+
+
+def _infer_limits_of_spline(moves: Array, step: float, accelerations: Array) -> dict[str, Any]:
+    """Return the fields of infer_limits of one UAV, by its moves (N+1, 2) in m/s."""
     ends = [_find_end_velocity(moves[0], -accelerations[0] * step),
             _find_end_velocity(moves[-1], accelerations[-1] * step)]
-    given = [end for end in ends if end is not None]
-    fastest = max([fastest, *(math.hypot(*end) for end in given)])
-    changes = np.diff(np.concatenate([
-        moves[:1] if ends[0] is None else [ends[0]], moves,
-        moves[-1:] if ends[1] is None else [ends[1]]]), axis=0)
-    most = float(np.linalg.norm(changes, axis=-1).max()) / step
-    return {'max_speed': max(fastest * (1 + _ROUNDING), least_speed),
-            'max_acceleration': max(most * (1 + _ROUNDING), least),
+    first, last = (move if end is None else end
+                   for move, end in zip((moves[0], moves[-1]), ends, strict=True))
+    velocities = np.array([first, *moves, last])
+    fastest = float(np.linalg.norm(velocities, axis=-1).max())
+    most = float(np.linalg.norm(np.diff(velocities, axis=0), axis=-1).max()) / step
+    return {'max_speed': max(fastest * (1 + _ROUNDING), RANGES['max_speed'][0]),
+            'max_acceleration': max(most * (1 + _ROUNDING), RANGES['max_acceleration'][0]),
             'start_velocity': ends[0], 'goal_velocity': ends[1]}
 
 

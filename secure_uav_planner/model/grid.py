@@ -136,19 +136,16 @@ class Grid:
         """
         Return a path of this grid on one of another number of slots.
 
-        Interpolation keeps the largest speed; for UAVs with a limit of acceleration it is along
-        the curve, and nearly keeps the largest acceleration.
+        Interpolation keeps the largest speed; with a limit of acceleration it is along the curve,
+        and nearly keeps the largest acceleration.
         """
-        finer = resample(path, slots + 2)
-        limited = np.isfinite(self.scenario.max_accelerations)
-        if limited.any():
-            points = np.swapaxes(path, 0, 1)
-            ends = complete_end_moves(
-                np.diff(points, axis=1)[:, [0, -1]],
-                self.scenario.end_velocities * self.slot_duration / self.length)
-            finer[:, limited] = np.swapaxes(
-                resample_curve(points, ends, slots + 2), 0, 1)[:, limited]
-        return finer
+        if not self.scenario.limits_acceleration:
+            return resample(path, slots + 2)
+        points = np.swapaxes(path, 0, 1)
+        ends = complete_end_moves(
+            np.diff(points, axis=1)[:, [0, -1]],
+            self.scenario.end_velocities * self.slot_duration / self.length)
+        return np.swapaxes(resample_curve(points, ends, slots + 2), 0, 1)
 
 
 def resample_curve(points: Array, ends: Array, count: int) -> Array:

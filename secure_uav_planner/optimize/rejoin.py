@@ -207,7 +207,7 @@ def _list_candidates(first: int, slots: int) -> list[int]:
 def _lead_in(scenario: Scenario) -> float:
     """Return the time before a point at which the curve begins to depend on it, in slots."""
     # The point after the last one that stays moves the curve from half a slot before that.
-    return 0.5 if np.isfinite(scenario.max_accelerations).any() else 0.0
+    return 0.5 if scenario.limits_acceleration else 0.0
 
 
 def _to_point(vector: Array) -> Point:

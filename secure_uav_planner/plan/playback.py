@@ -35,9 +35,9 @@ class Playback:
     A plan as a function of time, along the flown curve.
 
     :param plan: a Plan.
-    :ivar begin: time in s from point 0 at which the first UAV leaves its start: 0, or half a slot
+    :ivar begin: time in s from point 0 at which the UAVs leave their starts: 0, or half a slot
         earlier with a limit of acceleration.
-    :ivar duration: time in s from point 0 at which the last UAV reaches its goal.
+    :ivar duration: time in s from point 0 at which the UAVs reach their goals.
     """
 
     def __init__(self, plan: Plan) -> None:

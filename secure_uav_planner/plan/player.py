@@ -243,11 +243,9 @@ class Player:
         moment = self._last_setpoint = _to_clock_time(self.playback, self.time, self.rate)
         if last is not None:
             scenario = self.playback.plan.scenario
-            if self.rate != last_rate:
+            if self.rate != last_rate and scenario.limits_acceleration:
                 # A change of the rate accelerates UAVs beyond the plan's own acceleration.
-                limited = np.isfinite(scenario.max_accelerations)
-                moment.accelerations[limited] = (
-                    moment.velocities - last.velocities)[limited] / elapsed
+                moment.accelerations[:] = (moment.velocities - last.velocities) / elapsed
             distances = np.linalg.norm(moment.positions - last.positions, axis=-1)
             self.largest_jump = max(
                 self.largest_jump, float((distances - scenario.max_speeds * advance).max()))
@@ -272,9 +270,8 @@ class Player:
 
     def _limit_rate(self, playback: Playback, target: float, elapsed: float) -> float:
         """Return the rate nearest to a target that keeps all acceleration limits."""
-        limits = playback.plan.scenario.max_accelerations
-        limited = np.isfinite(limits)
-        if not limited.any() or self._last_setpoint is None:
+        scenario = playback.plan.scenario
+        if not scenario.limits_acceleration or self._last_setpoint is None:
             return target
         most = max(target, self.rate)
         braking = self._braking_rates
@@ -285,13 +282,14 @@ class Player:
         if len(times):
             target = min(target, float(np.interp(
                 self.time + self.rate * elapsed, times, rates, left=target)))
-        most_change = limits * max(1.0, target, self.rate)**2 * elapsed * (1 + 1e-9) + 1e-9
+        most_change = 1e-9 + (
+            scenario.max_accelerations * max(1.0, target, self.rate)**2 * elapsed * (1 + 1e-9))
         last = self._last_setpoint.velocities
 
         def is_allowed(rate: float) -> bool:
             velocities = playback.at(self.time + rate * elapsed).velocities * rate
             change = np.linalg.norm(velocities - last, axis=-1)
-            return bool((change <= most_change)[limited].all())
+            return bool((change <= most_change).all())
 
         if is_allowed(target):
             return target
@@ -331,17 +329,16 @@ def _compute_braking_rates(playback: Playback, most: float) -> tuple[Array, Arra
     :return: increasing times in s and the rates; empty where all UAVs arrive at rest.
     """
     limits = playback.plan.scenario.max_accelerations
-    limited = np.isfinite(limits)
-    speeds = np.linalg.norm(playback.at(playback.duration).velocities, axis=-1)[limited]
+    speeds = np.linalg.norm(playback.at(playback.duration).velocities, axis=-1)
     if (speeds < VELOCITY_JUMP).all():
         return np.empty(0), np.empty(0)
     step = max(min(_BRAKING_STEP, playback.plan.scenario.slot_duration / 10),
-               float((speeds / limits[limited]).max()) / _MOST_BRAKING_STEPS)
+               float((speeds / limits).max()) / _MOST_BRAKING_STEPS)
     times, squares, slowing = [playback.duration], [0.0], 1.0
     while squares[-1] < most**2 and slowing > 0 and times[-1] > playback.begin:
         moment, square = playback.at(times[-1]), squares[-1]
-        velocity, bend = moment.velocities[limited], square * moment.accelerations[limited]
-        allowed = limits[limited] * max(1.0, square) * (0.4 if square < 0.2 else 0.9)
+        velocity, bend = moment.velocities, square * moment.accelerations
+        allowed = limits * max(1.0, square) * (0.4 if square < 0.2 else 0.9)
         # The largest d with |bend - d velocity| <= allowed for every UAV.
         along, speed = (velocity * bend).sum(axis=1), (velocity**2).sum(axis=1) + 1e-12
         root = along**2 - speed * ((bend**2).sum(axis=1) - allowed**2)

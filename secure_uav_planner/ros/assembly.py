@@ -136,14 +136,20 @@ def _plan_from(names: Sequence[str], contents: Mapping[str, Any], fields: Mappin
         if trajectory is not None:
             _check_trajectory(name, trajectory, paths[name])
             motions |= {} if trajectory.motion is None else {name: trajectory.motion}
+    absent = [name for name in names if name not in motions]
+    if motions and absent:
+        raise PlanError(
+            f'{next(iter(motions))}/trajectory has accelerations, {absent[0]}/trajectory is '
+            'missing or has none; there must be all of them, or none')
+    limits = infer_limits(positions, slot_duration, [motion[1:] for motion in motions.values()])
     average = np.maximum(watts.mean(axis=1) * (1 + 1e-9), RANGES['average_power'][0])
     peak = np.maximum(watts.max(axis=1) * (1 + 1e-9), average)
     uavs = tuple(
         Uav(name, tuple(line[0].tolist()), tuple(line[-1].tolist()), float(line_z),
             average_power=float(mean), peak_power=float(most),
-            **infer_limits(line, slot_duration, *motions.get(name, [])[1:]))
-        for name, line, line_z, mean, most in zip(
-            names, positions, places[:, 0, 2], average, peak, strict=True))
+            **motion_limits)
+        for name, line, line_z, mean, most, motion_limits in zip(
+            names, positions, places[:, 0, 2], average, peak, limits, strict=True))
     scenario = Scenario(uavs=uavs, duration=slot_duration * slots, slots=slots, **fields)
     plan = Plan(scenario, positions, watts, start_ns=start_ns)
     _check_motions(plan, motions)

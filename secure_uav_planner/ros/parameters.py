@@ -252,7 +252,7 @@ UAV_FIELDS = {
     'max_speed': 'Largest speed V in m/s.',
     'average_power': 'Limit of the mean power in W.',
     'peak_power': 'Limit of the power of every slot in W.',
-    'max_acceleration': 'Largest acceleration in m/s^2; 0 for no limit.',
+    'max_acceleration': 'Largest acceleration in m/s^2; 0 for no limit, of all UAVs.',
     'start_velocity': 'Velocity (x, y) in m/s at the start, used only with an acceleration limit; '
                       'empty if it is free.',
     'goal_velocity': 'Velocity (x, y) in m/s at the goal, used only with an acceleration limit; '

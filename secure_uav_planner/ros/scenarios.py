@@ -37,8 +37,8 @@ class StartTime:
 
     :param asked_ns: time of the request in ns.
     :param delay: s from the request to point 0; 0 for a plan that begins once it is solved.
-    :param lead_in: s from the first setpoint to point 0: half a slot if any UAV has a limit of
-        acceleration, because it leaves its start then.
+    :param lead_in: s from the first setpoint to point 0: half a slot with a limit of
+        acceleration, because UAVs leave their starts then.
     """
 
     asked_ns: int

@@ -52,23 +52,21 @@ kernel::Tracks make_tracks(const py::dict& args) {
     made.slots = args["slots"].cast<std::size_t>();
     made.uavs = args["uavs"].cast<int>();
     made.controls = args["controls"].cast<int>();
-    expect(made.controls >= 1 && made.controls <= 3, "controls");
-    const std::size_t tracks = count_entries(args, "uav");
+    expect(made.uavs >= 1 && made.controls >= 1 && made.controls <= 3, "uavs, controls");
     const std::size_t subjects = count_entries(args, "first");
-    const std::size_t points = made.slots + 2, size = points * tracks * made.controls;
-    made.uav = copy_indices(args, "uav", tracks, made.uavs);
+    const std::size_t points = made.slots + 2, size = points * made.uavs * made.controls;
     made.weights = copy_reals(args, "weights", 3 * size);
     made.all_weights = copy_reals(args, "all_weights", 3 * size);
     made.constant = copy_reals(args, "constant", 2 * size);
     for (std::size_t i = 0; i < made.weights.size(); ++i) {
         const std::ptrdiff_t slot =
-            std::ptrdiff_t(i / (3 * tracks * made.controls)) + std::ptrdiff_t(i % 3) - 2;
+            std::ptrdiff_t(i / (3 * made.uavs * made.controls)) + std::ptrdiff_t(i % 3) - 2;
         expect(made.weights[i] == 0.0 || (slot >= 0 && slot < std::ptrdiff_t(made.slots)),
                "weights");
     }
-    made.first = copy_indices(args, "first", subjects, int(tracks));
+    made.first = copy_indices(args, "first", subjects, made.uavs);
     if (!args["second"].is_none())
-        made.second = copy_indices(args, "second", subjects, int(tracks));
+        made.second = copy_indices(args, "second", subjects, made.uavs);
     made.ignored = copy_flags(args, "ignored", points * subjects * made.controls);
     return made;
 }

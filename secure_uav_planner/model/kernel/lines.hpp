@@ -12,14 +12,13 @@
 
 namespace kernel {
 
-// Tracks are the control points of pieces of curves, T tracks of K points each. A subject is the
-// track of one UAV, or that less the track of another; there are G.
+// Tracks are the control points of pieces of curves, K of each UAV around each point. A subject is
+// the track of one UAV, or that less the track of another; there are G.
 struct Tracks {
     std::size_t slots = 0;                  // N = M - 2.
     int uavs = 0, controls = 0;             // U, K.
-    std::vector<int> uav;                   // (T).
-    Reals weights, all_weights, constant;   // (M, T, K, 3), (M, T, K, 3), (M, T, K, 2).
-    std::vector<int> first, second;         // Tracks of every subject, (G), or empty.
+    Reals weights, all_weights, constant;   // (M, U, K, 3), (M, U, K, 3), (M, U, K, 2).
+    std::vector<int> first, second;         // UAVs of every subject, (G), or empty.
     std::vector<char> ignored;              // Control points that do not vary, (M, G, K).
 };
 
@@ -120,9 +119,9 @@ public:
                 if (moves[piece] * length > most)
                     length = std::min(length, most / std::max(moves[piece], 1e-300));
             }
-            for (const std::vector<int>* tracks : {&tracks_.first, &tracks_.second}) {
-                if (tracks->empty()) continue;
-                double& own = lengths[tracks_.uav[(*tracks)[subject]]];
+            for (const std::vector<int>* members : {&tracks_.first, &tracks_.second}) {
+                if (members->empty()) continue;
+                double& own = lengths[(*members)[subject]];
                 own = std::min(own, length);
             }
         }
@@ -168,33 +167,30 @@ private:
         const std::size_t control = index % controls(), piece = index / controls();
         const std::size_t point = piece / subjects(), subject = piece % subjects();
         int count = 0;
-        const auto add = [&](int track, double sign) {
-            const std::size_t tracks = tracks_.uav.size();
+        const auto add = [&](int uav, double sign) {
             const double* weights =
-                &tracks_.weights[((point * tracks + track) * controls() + control) * 3];
+                &tracks_.weights[((point * uavs_ + uav) * controls() + control) * 3];
             for (int k = 0; k < 3; ++k)
                 if (weights[k] != 0.0)
                     terms[count++] = {std::ptrdiff_t(point) + k - 2,
-                                      variable(point + k - 1, tracks_.uav[track]),
-                                      sign * weights[k]};
+                                      variable(point + k - 1, uav), sign * weights[k]};
         };
         add(tracks_.first[subject], 1.0);
         if (!tracks_.second.empty()) add(tracks_.second[subject], -1.0);
         return count;
     }
 
-    // Find the control points of the tracks around a point, (T, K).
+    // Find the control points of the UAVs around a point, (U, K).
     void find_control_points(const Reals& weights, std::size_t point, const double* path,
                              Point* places) const {
-        const std::size_t tracks = tracks_.uav.size();
         const int uavs = uavs_;
         const bool first = point == 0, last = point + 1 == points();
-        for (std::size_t track = 0; track < tracks; ++track) {
-            const double* at = path + 2 * (point * uavs + tracks_.uav[track]);
+        for (int uav = 0; uav < uavs; ++uav) {
+            const double* at = path + 2 * (point * uavs + uav);
             const Point here{at[0], at[1]};
             const Point before = first ? Point{} : Point{at[-2 * uavs], at[-2 * uavs + 1]};
             const Point after = last ? Point{} : Point{at[2 * uavs], at[2 * uavs + 1]};
-            const double* weight = &weights[(point * tracks + track) * controls() * 3];
+            const double* weight = &weights[(point * uavs + uav) * controls() * 3];
             for (int k = 0; k < controls(); ++k, weight += 3)
                 *places++ = {weight[1] * here.x + weight[0] * before.x + weight[2] * after.x,
                              weight[1] * here.y + weight[0] * before.y + weight[2] * after.y};
@@ -204,7 +200,7 @@ private:
     // Call a function for every point with the places, or the moves, of its subjects, (G, K).
     template <typename Function>
     void visit_points(bool moves, const double* path, Function function) const {
-        const std::size_t count = tracks_.uav.size() * controls();
+        const std::size_t count = std::size_t(uavs_) * controls();
         std::vector<Point> points(count), places(subjects() * controls());
         for (std::size_t n = 0; n < this->points(); ++n) {
             find_control_points(

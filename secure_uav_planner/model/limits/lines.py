@@ -1,10 +1,9 @@
 """
 Limits that keep pieces of the flown curve on one side of lines.
 
-In the slot around point n a quadratic B-spline is a Bezier curve with the control points
-(q[n-1] + q[n]) / 2, q[n] and (q[n] + q[n+1]) / 2, and stays within their convex hull. A UAV
-without a limit of acceleration flies along the line from q[n] to q[n+1]. Where UAVs of both kinds
-are compared at the same time, slots are halved: in each half both curves are quadratic.
+With a limit of acceleration, the curve in the slot around point n is a Bezier curve with the
+control points (q[n-1] + q[n]) / 2, q[n] and (q[n] + q[n+1]) / 2, and stays within their convex
+hull. Without one, it is the line from q[n] to q[n+1].
 """
 
 from abc import abstractmethod
@@ -27,58 +26,55 @@ _Piece: TypeAlias = tuple[tuple[float, float, float], ...]
 # The weights of q[n-1], q[n], q[n+1] in each control point.
 _SMOOTH: _Piece = ((0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 0.5))
 _STRAIGHT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_STRAIGHT_BY_THREE = ((0.0, 1.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 1.0))
-_SMOOTH_HALVES = (((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.125, 0.75, 0.125)),
-                  ((0.125, 0.75, 0.125), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5)))
 _POINT = ((0.0, 1.0, 0.0),)
 _ENDS = ((0.5, 0.5, 0.0),), ((0.0, 0.5, 0.5),)
-_STRAIGHT_HALVES = (((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.0, 1.0, 0.0)),
-                    ((0.0, 1.0, 0.0), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5)))
 
 
 class ControlPoints:
     """
     The K control points of each piece of the curves, linear in the points of a flight.
 
-    Around each of the points 0..N+1 every UAV has one piece, or two halves: T pieces of all UAVs.
+    Around each of the points 0..N+1 every UAV has one piece.
 
     :param grid: of the flight.
-    :param kinds: the weights of each UAV's pieces around a point, as choose_pieces returns them.
+    :param piece: the weights of q[n-1], q[n], q[n+1] in each control point around a point.
     :param ends: those around the first point and the last, where they differ.
-    :ivar uav: the UAV of each piece, (T,).
-    :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, T, K, 3); zero for points
+    :ivar weights: of q[n-1], q[n], q[n+1] in each control point, (N+2, U, K, 3); zero for points
         that do not vary.
     :ivar all_weights: likewise, with the points that do not vary.
-    :ivar constant: the constant part of each control point, (N+2, T, K, 2) in units.
+    :ivar constant: the constant part of each control point, (N+2, U, K, 2) in units.
     """
 
-    def __init__(self, grid: Grid, kinds: list[list[_Piece]],
+    def __init__(self, grid: Grid, piece: _Piece,
                  ends: tuple[_Piece, _Piece] | None = None) -> None:
         self.grid = grid
-        self.uav: NDArray[np.intp] = np.repeat(np.arange(len(kinds)), len(kinds[0]))
-        weights = np.array([piece for pieces in kinds for piece in pieces])
-        self.weights: Array = np.repeat(weights[None], grid.slots + 2, axis=0)
+        self.weights: Array = np.tile(piece, (grid.slots + 2, len(grid.scenario.uavs), 1, 1))
         if ends is not None:
             self.weights[0], self.weights[-1] = ends
         self.constant = np.zeros((*self.weights.shape[:-1], 2))
-        self._close_ends(np.isfinite(grid.scenario.max_accelerations))
+        self._close_ends()
         self.all_weights = self.weights.copy()
         self.weights[0, ..., 1] = self.weights[-1, ..., 1] = 0.0
         self.weights[1, ..., 0] = self.weights[-2, ..., 2] = 0.0
-        self.weights[:, grid.fixed[self.uav]] = 0.0
+        self.weights[:, grid.fixed] = 0.0
+
+    @classmethod
+    def from_curve(cls, grid: Grid) -> 'ControlPoints':
+        """Return the control points of the flown curve."""
+        return cls(grid, _SMOOTH if grid.scenario.limits_acceleration else _STRAIGHT)
 
     @classmethod
     def from_points(cls, grid: Grid) -> 'ControlPoints':
         """Return the points themselves, with the curve's ends in place of start and goal."""
-        return cls(grid, [[_POINT]] * len(grid.scenario.uavs), _ENDS)
+        return cls(grid, _POINT, _ENDS)
 
-    def _close_ends(self, smooth: NDArray[np.bool_]) -> None:
+    def _close_ends(self) -> None:
         """Express the points before the first and after the last by those of the flight."""
-        moves = self.grid.scenario.end_velocities[:, self.uav] * self.grid.slot_duration / (
-            self.grid.length)
-        free = smooth[self.uav] & np.isnan(moves[..., 0])
-        # A UAV without a limit of acceleration rests there.
-        moves = np.where((smooth[self.uav] & ~free)[..., None], moves, 0.0)
+        velocities = self.grid.scenario.end_velocities
+        if not self.grid.scenario.limits_acceleration:
+            velocities = np.zeros_like(velocities)  # The UAVs rest there.
+        free = np.isnan(velocities[..., 0])
+        moves = np.nan_to_num(velocities) * self.grid.slot_duration / self.grid.length
         for end, sign, outer, inner in ((0, -1.0, 0, 2), (-1, 1.0, 2, 0)):
             weights = self.weights[end]
             beyond = weights[..., outer].copy()
@@ -89,27 +85,12 @@ class ControlPoints:
             self.constant[end] += beyond[..., None] * sign * moves[end][:, None]
 
     def evaluate(self, path: Array) -> Array:
-        """Return the control points of a path, (N+2, T, K, 2) in units."""
-        path, weights = path[:, self.uav, None], self.all_weights[..., None]
+        """Return the control points of a path, (N+2, U, K, 2) in units."""
+        path, weights = path[:, :, None], self.all_weights[..., None]
         points: Array = weights[..., 1, :] * path
         points[1:] += weights[1:, ..., 0, :] * path[:-1]
         points[:-1] += weights[:-1, ..., 2, :] * path[1:]
         return points + self.constant
-
-
-def choose_pieces(grid: Grid, simultaneous: bool) -> list[list[_Piece]]:
-    """
-    Return the weights of each UAV's pieces around a point.
-
-    :param simultaneous: whether pieces of the same number must be flown at the same time by all
-        UAVs; if not, each UAV has its own kind of piece.
-    """
-    limited = np.isfinite(grid.scenario.max_accelerations)
-    if limited.all() or not limited.any():
-        return [[_SMOOTH if smooth else _STRAIGHT] for smooth in limited]
-    if simultaneous:
-        return [list(_SMOOTH_HALVES if smooth else _STRAIGHT_HALVES) for smooth in limited]
-    return [[_SMOOTH if smooth else _STRAIGHT_BY_THREE] for smooth in limited]
 
 
 class Lines(NamedTuple):
@@ -137,8 +118,8 @@ class LineLimit(Limit):
     The kernel's class of the same name chooses the lines.
 
     :ivar points: the ControlPoints of all curves.
-    :ivar first: the piece of each subject, (G,).
-    :ivar second: the piece that is subtracted, (G,), or None.
+    :ivar first: the UAV of each subject, (G,).
+    :ivar second: the UAV whose piece is subtracted, (G,), or None.
     :ivar ignored: which control points do not vary, (N+2, G, K).
     """
 
@@ -160,9 +141,9 @@ class LineLimit(Limit):
     def compiled(self) -> core.LineLimit:
         """Return the kernel's limit of the same name."""
         points = self.points
-        arrays = {'uav': points.uav, 'weights': points.weights, 'all_weights': points.all_weights,
-                  'constant': points.constant, 'first': self.first, 'ignored': self.ignored,
-                  'second': self.second, **self._obstacles}
+        arrays = {'weights': points.weights, 'all_weights': points.all_weights,
+                  'constant': points.constant, 'first': self.first, 'second': self.second,
+                  'ignored': self.ignored, **self._obstacles}
         plain = {name: values if values is None else np.ascontiguousarray(values, float)
                  for name, values in arrays.items()}
         return getattr(core, type(self).__name__)({

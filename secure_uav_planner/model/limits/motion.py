@@ -28,11 +28,11 @@ class NormLimit(Limit):
     """
     A limit c = 1 - |d|^2 / r^2 on differences d = sum_k a_k q[m + k - lead] of points.
 
-    A UAV to which it does not apply, or which is fixed, has no c of its own: its entries are 1.
+    A UAV that is fixed has no c of its own: its entries are 1.
 
     :cvar stencil: the weights a_k.
     :cvar lead: how many points before the start the first difference reaches.
-    :ivar longest: r, (U,) in m, infinite for UAVs without this limit.
+    :ivar longest: r, (U,) in m.
     :ivar absent: which differences have no limit, (M, U).
     """
 
@@ -43,22 +43,22 @@ class NormLimit(Limit):
     def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
         super().__init__(scenario, grid)
         self.longest = self._longest()
-        self.absent: NDArray[np.bool_] = np.tile(
-            ~np.isfinite(self.longest), (self.grid.slots + 1 + self.lead, 1))
+        self.absent: NDArray[np.bool_] = np.full(
+            (self.grid.slots + 1 + self.lead, len(self.longest)), False)
         self._end_moves: Array = np.zeros((2, len(self.longest), 2))
 
     @property
     def compiled(self) -> core.NormLimit:
         """Return the kernel's NormLimit."""
-        radius = np.where(np.isfinite(self.longest), self.longest, 1.0) / self.grid.length
         return core.NormLimit({
-            'slots': self.grid.slots, 'order': len(self.stencil) - 1, 'square': radius**2,
+            'slots': self.grid.slots, 'order': len(self.stencil) - 1,
+            'square': (self.longest / self.grid.length)**2,
             'ignored': (self.absent | self.grid.fixed).astype(float),
             'end_moves': self._end_moves / self.grid.length})
 
     @abstractmethod
     def _longest(self) -> Array:
-        """Return r, (U,) in m, infinite for UAVs without this limit."""
+        """Return r, (U,) in m."""
 
     @abstractmethod
     def _describe_excess(self, uav: int, point: int, value: float) -> str:
@@ -137,7 +137,7 @@ class AccelerationLimit(NormLimit):
     No UAV accelerates more than it can: d[n] = q[n+1] - 2 q[n] + q[n-1], n = 0..N+1.
 
     q[-1] = q[0] - v_start t_s and q[N+2] = q[N+1] + v_goal t_s. The d of an end whose velocity is
-    free does not count, and neither do those of UAVs without a limit.
+    free does not count.
     """
 
     stencil = (1.0, -2.0, 1.0)
@@ -151,8 +151,8 @@ class AccelerationLimit(NormLimit):
 
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
-        """Return True if any UAV has a limit of acceleration."""
-        return any(uav.max_acceleration is not None for uav in scenario.uavs)
+        """Return True if the UAVs have a limit of acceleration."""
+        return scenario.limits_acceleration
 
     def _longest(self) -> Array:
         return self.scenario.max_accelerations * self.grid.slot_duration**2

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .lines import choose_pieces, ControlPoints, LineLimit, Lines, Subjects
+from .lines import ControlPoints, LineLimit, Lines, Subjects
 from ..airspace import get_airspace
 from ...mission.scenario import Array, Scenario
 
@@ -24,14 +24,10 @@ class SeparationLimit(LineLimit):
         return bool(get_airspace(scenario).separations.any())
 
     def _list_subjects(self) -> Subjects:
-        points = ControlPoints(self.grid, choose_pieces(self.grid, simultaneous=True))
         distances = get_airspace(self.scenario).separations
         first, second = np.nonzero(np.triu(distances))
-        halves = len(points.uav) // len(distances)
-        parts = np.arange(halves)
-        return (points, (first[:, None] * halves + parts).ravel(),
-                (second[:, None] * halves + parts).ravel(),
-                {'radii': np.repeat(distances[first, second], halves) / self.grid.length})
+        return (ControlPoints.from_curve(self.grid), first, second,
+                {'radii': distances[first, second] / self.grid.length})
 
     def turn_lines(self, path: Array, lines: Lines, opposite: bool,
                    check: Callable[[], None]) -> Lines:
@@ -42,19 +38,12 @@ class SeparationLimit(LineLimit):
         """
         least = self.slacks(path, lines).min(axis=-1)
         check()
-        halves = len(self.points.uav) // len(self.scenario.uavs)
-        pairs = np.flatnonzero((least <= 0).any(axis=0)[::halves])
-        subjects = (pairs[:, None] * halves + np.arange(halves)).ravel()
-        middles = self.control_points(path, subjects).mean(axis=-2)
+        pairs = np.flatnonzero((least <= 0).any(axis=0))
+        middles = self.control_points(path, pairs).mean(axis=-2)
         for number, pair in enumerate(pairs.tolist()):
-            chosen = slice(None), slice(pair * halves, (pair + 1) * halves)
-            close = (least[chosen] <= 0).ravel()
-            middle = middles[:, number * halves:(number + 1) * halves].reshape(-1, 2)
-            angles = _turn_evenly(np.arctan2(middle[:, 1], middle[:, 0]), close, opposite)
-            normals = lines.normals[chosen]
-            lines.normals[chosen] = np.where(
-                close[:, None], np.stack([np.cos(angles), np.sin(angles)], axis=-1),
-                normals.reshape(-1, 2)).reshape(normals.shape)
+            close, middle = least[:, pair] <= 0, middles[:, number]
+            angles = _turn_evenly(np.arctan2(middle[:, 1], middle[:, 0]), close, opposite)[close]
+            lines.normals[close, pair] = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         return lines
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .lines import choose_pieces, ControlPoints, LineLimit, Subjects
+from .lines import ControlPoints, LineLimit, Subjects
 from ..airspace import get_airspace
 from ..grid import Grid
 from ...mission.scenario import Array, Scenario
@@ -65,7 +65,7 @@ class ZoneLimit(LineLimit):
         polygons = np.array([
             [_pad(obstacles[uav][index % len(obstacles[uav])].vertices, corners)
              for index in range(most)] for uav in uavs])
-        return (ControlPoints(self.grid, choose_pieces(self.grid, simultaneous=False)),
+        return (ControlPoints.from_curve(self.grid),
                 np.repeat(uavs, min(most, MOST_LINES)), None,
                 {'polygons': (polygons - self.grid.origin) / self.grid.length})
 

@@ -45,7 +45,7 @@ def build_flights(scenario: Scenario, hover: Array,
         check()
         around = fly_around(scenario, number, place, *(routes[number] if routes else ()))
         positions[number] = _fly_hover_fly(scenario, uav, place) if around is None else around
-    if np.isfinite(scenario.max_accelerations).any() and is_open(scenario):
+    if scenario.limits_acceleration and is_open(scenario):
         positions, _ = repair(scenario, positions, np.zeros((len(positions), scenario.slots)))
     return positions
 

@@ -89,14 +89,14 @@ def _refine(coarse: Grid, positions: Array, grid: Grid) -> Array:
     """
     Return flights of a coarse grid on a finer one, (U, N+2, 2) in m.
 
-    Away from the ends, the points of UAVs with a limit of acceleration are moved onto their curve.
+    With a limit of acceleration, points away from the ends are moved onto the curve.
     This averages accelerations, which interpolation lets overshoot where they change.
     """
     path = coarse.refine_path(coarse.to_path(positions), grid.slots)
     number = np.arange(1.0, grid.slots + 1)
     weight = np.minimum(np.minimum(number, number[::-1]) / _SMOOTH_ENDS, 1.0)
-    limited = np.isfinite(grid.scenario.max_accelerations)
-    path[1:-1, limited] += weight[:, None, None] / 8 * np.diff(path, n=2, axis=0)[:, limited]
+    if grid.scenario.limits_acceleration:
+        path[1:-1] += weight[:, None, None] / 8 * np.diff(path, n=2, axis=0)
     return grid.to_positions(path)
 
 
@@ -173,7 +173,7 @@ class _Projection:
             close = ((slacks <= clearance * self._step) & ~limit.ignored).any(axis=(0, 2))
             for pieces in (limit.first, limit.second):
                 if pieces is not None:
-                    inside[limit.points.uav[pieces[close]]] = False
+                    inside[pieces[close]] = False
         return inside
 
     def _to_path(self, positions: Array) -> Array:
@@ -221,15 +221,15 @@ class _Projection:
         """Yield for each limit a row for every control point of the group near a line."""
         step = self._step
         for limit, lines in zip(self._lines, chosen, strict=True):
-            weights, uav = limit.points.weights, limit.points.uav
+            weights = limit.points.weights
             ends = [pieces for pieces in (limit.first, limit.second) if pieces is not None]
-            subjects = np.flatnonzero(np.any([np.isin(uav[end], group) for end in ends], axis=0))
+            subjects = np.flatnonzero(np.any([np.isin(end, group) for end in ends], axis=0))
             normals, offsets = lines.normals[:, subjects], lines.offsets[:, subjects]
             along = (limit.control_points(base, subjects) @ normals[..., None])[..., 0]
             slacks = (along - offsets[..., None]) / step
             varies = np.any([
                 weights[:, end[subjects]].any(axis=-1)
-                & np.isin(uav[end[subjects]], group)[:, None] for end in ends], axis=0)
+                & np.isin(end[subjects], group)[:, None] for end in ends], axis=0)
             at = np.nonzero(varies & ~limit.ignored[:, subjects] & (slacks < _NEAR))
             point, subject, corner = at
             normal = normals[at[:2]]
@@ -240,7 +240,7 @@ class _Projection:
                 for shift in (-1, 0, 1):
                     weight = sign * weights[point, piece, corner, 1 + shift]
                     used = np.flatnonzero(weight)
-                    column = columns[point[used] + shift, uav[piece[used]]]
+                    column = columns[point[used] + shift, piece[used]]
                     used, column = used[column >= 0], column[column >= 0]
                     for axis in (0, 1):
                         entries.append((used, column + axis, weight[used] * normal[used, axis]))

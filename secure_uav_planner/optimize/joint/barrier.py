@@ -153,8 +153,7 @@ class Stepper:
                 raise NumericalError('no flight strictly inside the limits was found')
             grid, mu = finer, mu[inside]
             x = np.array([start for start in refined if start is not None])
-            if (np.isfinite(grid.scenario.max_accelerations).any()
-                    or not is_open(grid.scenario)):
+            if grid.scenario.limits_acceleration or not is_open(grid.scenario):
                 mu = np.maximum(mu, REFINED_MU)
         return self.build_barrier(grid, x, mu)
 

@@ -230,7 +230,7 @@ def limit_acceleration(grid: Grid, positions: Array) -> Array:
 
     Blending towards the reference flight and interpolation keep the limit of speed.
     """
-    if np.isfinite(grid.scenario.max_accelerations).any():
+    if grid.scenario.limits_acceleration:
         for limit in build_limits(grid.scenario, grid):
             if isinstance(limit, NormLimit):
                 positions, _ = limit.repair(positions, np.zeros(0), _MARGIN)
