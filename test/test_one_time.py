@@ -132,15 +132,6 @@ def test_a_plan_made_during_a_pause_continues_from_the_hold(flown):
     flown.stream.check()
 
 
-@pytest.mark.parametrize('delay', [0.0, 4.0])
-def test_a_new_plan_in_flight_begins_where_the_uavs_will_be(flown, delay):
-    assert flown.set_parameters('planner', start_delay=delay)[0].successful
-    before = status(flown, 'plan.identity')
-    assert f'it goes on from plan {before}' in plan(flown).message
-    wait_for(lambda: is_on_its_plan(flown))
-    flown.stream.check()
-
-
 def test_another_altitude_in_flight_is_refused_with_its_reason(flown):
     assert flown.set_parameters('planner', uav1__altitude=150.0)[0].successful
     answer = flown.call('planner/plan')
@@ -155,25 +146,6 @@ def test_a_uav_without_odometry_counts_as_on_the_plan_that_is_flown(flown):
     assert 'it goes on from plan' in plan(flown).message
     flown.stream.check()
     flown.set_parameters('planner', uav1__use_pose=True, uav2__use_pose=True)
-
-
-def test_a_replan_in_a_flight_that_is_late_joins_without_a_jump(flown):
-    assert flown.set_parameters('planner', replan_distance=5.0)[0].successful
-    before = status(flown, 'plan.identity')
-    flown.send_estimate('eavesdropper/pose', 170.0, 30.0)
-    wait_for_adoption(flown, before)
-    assert int(status(flown, 'replans')) > 0
-    wait_for(lambda: is_on_its_plan(flown))
-    assert flown.set_parameters('planner', replan_distance=0.0)[0].successful
-    flown.stream.check()
-
-
-def test_a_replay_at_another_speed_is_no_deviation(flown):
-    assert flown.set_parameters('replay', speed=4.0)[0].successful
-    reached = float(status(flown, 'track.time'))
-    wait_for(lambda: float(status(flown, 'track.time')) > reached + 20.0)
-    assert is_on_its_plan(flown) and flown.status[-1].level == DiagnosticStatus.OK
-    assert flown.set_parameters('replay', speed=1.0)[0].successful
 
 
 def test_reset_and_start_wait_until_the_uavs_can_be_back(flown):
