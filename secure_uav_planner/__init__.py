@@ -3,7 +3,7 @@
 from importlib.metadata import PackageNotFoundError, version
 
 from .assessment import assess, Assessment, World
-from .bound import upper_bound
+from .bound import shortest_duration, upper_bound
 from .errors import PlanningError
 from .mission.formats.airspace_file import read_zones
 from .mission.geography import Origin
@@ -15,7 +15,8 @@ from .plan import Bound, Iteration, Plan
 
 __all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone',
            'Origin', 'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'World', 'assess',
-           'fly_hover_fly', 'read_zones', 'reference_snr_db', 'solve', 'upper_bound']
+           'fly_hover_fly', 'read_zones', 'reference_snr_db', 'shortest_duration', 'solve',
+           'upper_bound']
 
 try:
     __version__ = version(__name__)

@@ -67,7 +67,8 @@ def examples():
            for name, value in vars(instance).items()},
         'scenario': scenario, 'plan': plan, 'tail': plan.tail(2), 'point': 2, 'path': 'file.yaml',
         'source': scenario, 'updated': scenario,
-        'bound': None, 'speeds': [1.0], 'data': None, 'share': 0.5, 'time': 1.0, 'times': [1.0],
+        'bound': None, 'bits': 10.0, 'speeds': [1.0], 'data': None, 'share': 0.5, 'time': 1.0,
+        'times': [1.0],
         'moment': playback.at(1.0), 'eavesdropper': (0.0, 0.0), 'carrier_hz': 1e9,
         'bandwidth_hz': 1e6, 'east': 0.0, 'north': 0.0, 'uav_positions': plan.positions[:, 1:-1]}
 

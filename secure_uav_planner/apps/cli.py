@@ -195,6 +195,9 @@ the best plan so far.""", {
         '--objective': {'choices': OBJECTIVES, 'help': 'rate to maximise: the lower bound by '
                         'formula, or the true worst case over the discs, only with the method '
                         'joint, of which it is the default'},
+        '--deliver': _number_option('BITS', 'plan the shortest flight that delivers so many '
+                                    "bit/Hz by the objective's rate; the mission's duration and "
+                                    'slots then say how long a slot is'),
         '--time-limit': {
             'type': _parse_seconds, 'metavar': 'S', 'help': 'end the search for a plan after so '
             'many seconds and keep the best plan so far (default: none)'},

@@ -13,7 +13,7 @@ from typing import Any
 from .cli import DONE
 from .missions import choose_picture, load_input, locating_errors, make_folder, SHORTFALL_DRAWS
 from ..assessment import assess, World
-from ..bound import explain_refusal, upper_bound
+from ..bound import explain_refusal, shortest_duration, upper_bound
 from ..errors import (
     describe_error, MissingPackageError, name_missing_package, OptionError, PlanningError,
     ScenarioError, StoppedError)
@@ -22,7 +22,7 @@ from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
 from ..optimize import fly_hover_fly, solve
 from ..output.tables import assessment_table, rate_table, save_csv
-from ..plan.plan import Plan
+from ..plan.plan import Iteration, Plan
 from ..plan.results import Bound
 
 _PICTURES = ('.png', '.svg', '.pdf')
@@ -101,12 +101,8 @@ def make_plan(options: argparse.Namespace) -> int:
             from ..ros.recording import record
     out = make_folder(Path(options.out))
     with locating_errors(options.mission), _Progress() as progress:
-        progress.show('planning ...', force=True)
-        plan = solve(
-            scenario, options.method, lambda iteration: progress.show(
-                f'planning: iteration {iteration.number} ({iteration.step}), {iteration.rate:.4f} '
-                f'bit/s/Hz, {iteration.elapsed:.1f} s'),
-            options.time_limit, objective=options.objective)
+        plan = _find_plan(scenario, options, progress)
+        scenario = plan.scenario
         # The plan is saved first and nothing is printed before: a later failure does not lose it.
         plan.save(out / 'plan.json')
         progress.written.append(out / 'plan.json')
@@ -134,6 +130,23 @@ def make_plan(options: argparse.Namespace) -> int:
     if progress.is_stopped:
         raise StoppedError('stopped; what has been found is kept')
     return DONE
+
+
+def _find_plan(scenario: Scenario, options: argparse.Namespace, progress: _Progress) -> Plan:
+    """Return the plan that the options ask for."""
+    def show(iteration: Iteration) -> bool:
+        return progress.show(
+            f'planning: iteration {iteration.number} ({iteration.step}), {iteration.rate:.4f} '
+            f'bit/s/Hz, {iteration.elapsed:.1f} s')
+
+    progress.show('planning ...', force=True)
+    if options.deliver is None:
+        return solve(scenario, options.method, show, options.time_limit,
+                     objective=options.objective)
+    if options.method != 'joint':
+        raise OptionError(f'--deliver is for the method joint, and --method is {options.method}')
+    return shortest_duration(scenario, options.deliver, objective=options.objective,
+                             time_limit=options.time_limit, on_progress=show)
 
 
 def _plan_baselines(scenario: Scenario, options: argparse.Namespace, progress: _Progress

@@ -8,9 +8,10 @@ acceleration by potentials (lemmas 2 and 8) and bounds each UAV's term (lemma 5)
 effect of tolerances (lemma 7), of floating point and of what is left out.
 
 `search` may be wrong: it looks for good multipliers, and the bound is valid whatever it finds.
-`method` ties the two together.
+`method` ties the two together. `shortest` finds the shortest flight that delivers, and proves it.
 """
 
 from .method import explain_refusal, upper_bound
+from .shortest import shortest_duration
 
-__all__ = ['explain_refusal', 'upper_bound']
+__all__ = ['explain_refusal', 'shortest_duration', 'upper_bound']

@@ -25,14 +25,17 @@ class Deadline:
     :param callback: called with every Iteration that is reported.
     :param time_limit: in s from now, or None.
     :param period: in s, after which the callback is called again with the last one.
+    :param goal: what the call has not found when it ends by an error, in words.
     :ivar is_cancelled: whether the callback has cancelled.
     """
 
     def __init__(self, callback: OnIteration | None = None,
-                 time_limit: float | None = None, period: float = math.inf) -> None:
+                 time_limit: float | None = None, period: float = math.inf,
+                 goal: str = 'flights that keep the limits') -> None:
         self._callback = callback
         self._time_limit = math.inf if time_limit is None else time_limit
         self._period = period
+        self._goal = goal
         self._started = time.monotonic()
         self._last = Iteration(0, 'start', 0.0, 0.0, 0.0)
         self._last_call = -math.inf  # In s from the beginning.
@@ -65,11 +68,11 @@ class Deadline:
         if not self.is_cancelled and self.elapsed - self._last_call > self._period:
             self.report(replace(self._last, elapsed=self.elapsed))
         if self.is_cancelled:
-            raise StoppedError('cancelled before flights that keep the limits were found')
+            raise StoppedError(f'cancelled before {self._goal} were found')
         if self.time_left <= reserve:
             raise TimeLimitError(
-                f'time_limit is {self._time_limit:g} s; it was over before flights that keep the '
-                'limits were found; with more time, or fewer slots, there may be some')
+                f'time_limit is {self._time_limit:g} s; it was over before {self._goal} were '
+                'found; with more time, or fewer slots, there may be some')
 
     def is_over(self) -> bool:
         """Return True if the call must end, for a part that ends by itself; see check."""

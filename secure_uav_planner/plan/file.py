@@ -37,6 +37,8 @@ def write_plan(plan: 'Plan', path: str | os.PathLike[str], evaluate: bool) -> No
         'objective': plan.objective,
         'bound': None if plan.bound is None else plan.bound.to_dict(),
         'promised_until': plan.promised_until,
+        'bits': plan.bits,
+        'too_short': plan.too_short,
         'guaranteed_rate': plan.guaranteed_rate,
         **({'worst_case_rate': plan.worst_case_rate} if evaluate else {}),
     }

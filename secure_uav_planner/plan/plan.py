@@ -54,6 +54,8 @@ class Plan:
     :param bound: a Bound of the scenario by upper_bound, or None.
     :param promised_until: time in s from point 0 until which estimates of the receivers were
         predicted, so that its rates are a promise; None for the whole flight.
+    :param bits: in bit/Hz, which shortest_duration was asked to deliver, or None.
+    :param too_short: a duration in s of which no flight delivers them, which is proven, or None.
     :raises PlanError: for a plan that breaks a limit of the scenario, naming UAV, slot, value
         and limit; or for another field with a wrong value.
     """
@@ -69,6 +71,8 @@ class Plan:
     objective: Objective = 'guaranteed'
     bound: Bound | None = None
     promised_until: float | None = None
+    bits: float | None = None
+    too_short: float | None = None
 
     def __post_init__(self) -> None:
         self._check_kinds()
@@ -103,14 +107,15 @@ class Plan:
             raise PlanError(f'history is {quote(self.history)}; it must be a tuple of Iterations',
                             ('history',))
         object.__setattr__(self, 'history', tuple(self.history))
-        for name, value in (('solve_time', self.solve_time),
-                            ('promised_until', self.promised_until)):
-            if value is None and name == 'promised_until':
+        for name, unit in (('solve_time', 's'), ('promised_until', 's'), ('bits', 'bit/Hz'),
+                           ('too_short', 's')):
+            value = getattr(self, name)
+            if value is None and name != 'solve_time':
                 continue
             value = value.item() if isinstance(value, np.generic) else value
             if (isinstance(value, bool) or not isinstance(value, (int, float))
                     or not abs(value) < 1e300):
-                raise PlanError(f'{name} is {quote(value)}; it must be a finite number in s',
+                raise PlanError(f'{name} is {quote(value)}; it must be a finite number in {unit}',
                                 (name,))
             object.__setattr__(self, name, float(value))
 
@@ -157,8 +162,13 @@ class Plan:
 
     @property
     def message(self) -> str:
-        """Reason for which the method stopped, and whether no slot carries anything, as text."""
+        """Reason for which the method stopped, what it delivers if asked, or nothing, as text."""
         text = STATUS_TEXTS[self.status]
+        if self.bits is not None and self.rate * self.scenario.duration >= self.bits:
+            text += f'; this suffices for {self.bits:g} bit/Hz'
+            if self.too_short is not None:
+                proven = math.floor(10 * self.too_short) / 10
+                text += f', and no flight of {proven:.1f} s does, which is proven'
         return text if self.powers[0].any() and self.rate >= _LEAST_RATE else (
             f'{text}; no slot carries anything in secret; {explain_zero_rate(self.scenario)}')
 
@@ -290,6 +300,7 @@ class Plan:
                 uavs=uavs, slots=slots, duration=slots * step),
             positions=self.positions[:, point:], powers=self.powers[:, point:], history=(),
             bound=None, promised_until=_shift(self.promised_until, -point * step),
+            bits=None, too_short=None,
             start_ns=(None if self.start_ns is None else
                       self.start_ns + round(point * step * 1e9)))
 

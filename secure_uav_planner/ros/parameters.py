@@ -205,6 +205,11 @@ PLANNER = {
         OWN_OBJECTIVE, 'Rate that is maximised: the lower bound by formula (guaranteed), or the '
         'true worst case over the discs (worst_case), which only the method joint can and '
         'maximises by default.', choices=(OWN_OBJECTIVE, *OBJECTIVES)),
+    'deliver': Spec(
+        0.0, "Plan the shortest flight that delivers so many bit/Hz by the objective's rate, with "
+        'the method joint; duration and slots then say how long a slot is, and for how long '
+        'receivers that move are predicted. 0 for a flight of the duration. A replan in flight '
+        'keeps the duration.', (0.0, 1e12)),
     'bound': Spec('off', 'Whether to prove, after a plan has been published, how far below the '
                   'best possible it is at most (for at most one jammer in free space); the '
                   'result is part of the status and of plan_file.', choices=('off', 'after')),

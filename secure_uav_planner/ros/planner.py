@@ -179,7 +179,7 @@ class Planner(Node):
         def work(job: Job) -> tuple[Plan, dict[str, bytes]]:
             left = None if limit is None else max(
                 _SHORTEST_SOLVE, limit - (time.monotonic() - began))
-            plan = job.solve(scenario, settings, left, initial)
+            plan = job.solve(scenario, settings, left, initial, settings['deliver'])
             plan = request.date(plan, self._now_ns())
             return plan, messages.serialize_plan(plan, settings['frame_id'])
 

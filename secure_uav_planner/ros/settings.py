@@ -123,6 +123,9 @@ def _overrides(node: Node) -> dict[str, Parameter]:
 def check_mission_parameters(values: Mapping[str, Any]) -> None:
     """Raise a PlanningError that names the parameter, for a wrong combination of values."""
     objective_from(values)
+    if values['deliver'] and values['method'] != 'joint':
+        raise ParameterError(f"deliver is {values['deliver']:g}; it is for the method joint, and "
+                             f"method is {values['method']}")
     for name in values['uavs']:
         uav_from(values, name)
     airspace_from(values)

@@ -9,7 +9,7 @@ import time
 from typing import Any, TypeAlias
 
 from .settings import objective_from
-from ..bound import upper_bound
+from ..bound import shortest_duration, upper_bound
 from ..errors import StoppedError
 from ..mission.scenario import Scenario
 from ..optimize import solve
@@ -44,8 +44,12 @@ class Job:
             raise StoppedError(self.cancelled)
 
     def solve(self, scenario: Scenario, settings: Mapping[str, Any], time_limit: float | None,
-              initial: Plan | None) -> Plan:
-        """Solve a mission by the method and for the objective of the parameters."""
+              initial: Plan | None, bits: float = 0.0) -> Plan:
+        """
+        Solve a mission by the method and for the objective of the parameters.
+
+        :param bits: in bit/Hz, which the shortest flight is to deliver; 0 keeps the duration.
+        """
         def on_iteration(iteration: Iteration) -> bool:
             self.progress, now = iteration, time.monotonic()
             if iteration.number == 0 or now - self._reported > _PROGRESS_PERIOD:
@@ -53,8 +57,13 @@ class Job:
                 self.on_progress()
             return self.stop.is_set()
 
-        plan = solve(scenario, method=settings['method'], objective=objective_from(settings),
-                     time_limit=time_limit, initial=initial, on_iteration=on_iteration)
+        objective = objective_from(settings)
+        if bits:
+            plan = shortest_duration(scenario, bits, objective=objective, time_limit=time_limit,
+                                     on_progress=on_iteration)
+        else:
+            plan = solve(scenario, method=settings['method'], objective=objective,
+                         time_limit=time_limit, initial=initial, on_iteration=on_iteration)
         self.check()
         return plan
 

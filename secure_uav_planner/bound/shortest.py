@@ -1,0 +1,170 @@
+"""The shortest flight that delivers: a bracket of durations, and a proof of its lower end."""
+
+from dataclasses import replace
+from itertools import count
+import math
+
+from .method import explain_refusal, upper_bound
+from ..errors import InfeasibleMissionError, NumericalError, ScenarioError
+from ..mission import Objective
+from ..mission.scenario import RANGES, Scenario
+from ..mission.validation import (
+    checked_callback, checked_kind, checked_real, checked_time_limit)
+from ..optimize import solve
+from ..optimize.deadline import Deadline, OnIteration, run_to_end
+from ..optimize.methods import check_objective
+from ..plan.plan import Iteration, Plan, Status
+
+_BITS = (1e-6, 1e12)  # bit/Hz
+_ACCURACY = 0.1  # Of the duration in s; where slots are shorter, a slot.
+_GROWTH = 2.0  # Ratio of durations until one suffices; the root of it where one is too long,
+_LEAST_GROWTH = 1.01  # down to this.
+_SHORTER = 1.0  # s by which a flight is shorter that a bound is asked about.
+_PERIOD = 0.05  # Between calls of the callback where iterations are far apart, in s.
+
+
+def shortest_duration(scenario: Scenario, bits: float, *, objective: Objective | None = None,
+                      time_limit: float | None = None, on_progress: OnIteration | None = None
+                      ) -> Plan:
+    """
+    Plan the shortest flight that delivers a number of bits, by the method 'joint'.
+
+    What is delivered is the mean rate times the duration T. Waiting at the start never delivers
+    less, so durations are bracketed and the bracket divided, to 0.1 s or a slot. The message of
+    the plan says that it suffices; where upper_bound proves that no flight of a second less does,
+    it says that as well.
+
+    :param scenario: a Scenario. Its slots keep their length, but for what makes their number
+        whole; where a UAV starts in motion, exactly, and T is a number of slots.
+    :param bits: to be delivered, in bit/Hz, above 0.
+    :param objective: the rate that counts, as for solve.
+    :param time_limit: in s; past it the shortest flight so far that delivers is returned.
+    :param on_progress: called with an Iteration after every step; returning True ends the search
+        likewise.
+    :return: a Plan, whose scenario has the duration.
+    :raises OptionError: for another objective, a time limit or bits that are not positive.
+    :raises InfeasibleMissionError: when no flight was found that delivers so much, or any.
+    :raises StoppedError: when the search is stopped before such a flight was found.
+    :raises TimeLimitError: when the time limit is over before that.
+    """
+    checked_kind('scenario', scenario, Scenario)
+    bits = checked_real('bits', bits, *_BITS)
+    objective = check_objective('joint', objective)
+    time_limit = checked_time_limit(time_limit)
+    checked_callback('on_progress', on_progress)
+    deadline = Deadline(on_progress, time_limit, _PERIOD, f'flights that deliver {bits:g} bit/Hz')
+    return _Search(scenario, bits, objective, deadline).find_plan()
+
+
+class _Search:
+    """
+    The search for the shortest flight; each method raises as Deadline.check does.
+
+    :ivar last: the last plan that was found, from which the next solve begins, too.
+    :ivar best: the shortest one that suffices, or None.
+    """
+
+    def __init__(self, scenario: Scenario, bits: float, objective: Objective,
+                 deadline: Deadline) -> None:
+        self._scenario, self._bits, self._objective = scenario, bits, objective
+        self._deadline, self._numbers = deadline, count()
+        self.last: Plan | None = None
+        self.best: Plan | None = None
+        # The state of a UAV in motion is two points of its path, half a slot before and after it.
+        self._keeps_slots = any(
+            uav.max_acceleration is not None and uav.start_velocity not in (None, (0.0, 0.0))
+            for uav in scenario.uavs)
+        step = scenario.slot_duration
+        self._accuracy = step if self._keeps_slots else min(_ACCURACY, step)
+
+    def find_plan(self) -> Plan:
+        """Return the shortest flight with what is proven of it."""
+        status = run_to_end(self._narrow)
+        if self.best is None:
+            self._deadline.check()
+            raise NumericalError('no flight could be planned')
+        return replace(self.best, bits=self._bits, solve_time=self._deadline.elapsed,
+                       status=self.best.status if status == 'converged' else status)
+
+    def _narrow(self) -> Status:
+        """Find the shortest flight that suffices, and prove that it is."""
+        best, low, delivered = self._bracket()
+        while (high := best.scenario.duration) - low > self._accuracy * (1 + 1e-6):
+            share = 0.5 if delivered is None else (
+                (self._bits - delivered) / (_count_bits(best) - delivered))
+            tried = min(max(low + share * (high - low), low + self._accuracy),
+                        high - self._accuracy)
+            plan = self._plan_flight(tried)
+            if plan is not None and plan is self.best:
+                best = plan
+            else:
+                low, delivered = tried, None if plan is None else _count_bits(plan)
+        self._prove(best)
+        return 'converged'
+
+    def _bracket(self) -> tuple[Plan, float, float | None]:
+        """Return a flight that suffices, a duration that is too short, and its bits, if any."""
+        longest = min(RANGES['duration'][1],
+                      RANGES['slots'][1] * self._scenario.slot_duration)
+        low, delivered, growth = 0.0, None, _GROWTH
+        duration = self._scenario.duration
+        while True:
+            plan = self._plan_flight(duration)
+            if self.best is not None:
+                return self.best, low, delivered
+            if plan is not None or delivered is None:
+                low, delivered = duration, None if plan is None else _count_bits(plan)
+            else:
+                growth = math.sqrt(growth)
+            if low >= longest or growth < _LEAST_GROWTH:
+                raise InfeasibleMissionError(
+                    f'bits is {self._bits:g} bit/Hz; no flights were found that deliver so much')
+            duration = min(growth * low, longest)
+
+    def _plan_flight(self, duration: float) -> Plan | None:
+        """Return the plan of a duration in s, or None if it cannot be flown."""
+        self._deadline.check()
+        try:
+            self.last = plan = solve(
+                self._change_duration(duration), on_iteration=self._report, initial=self.last,
+                time_limit=self._deadline.time_left, objective=self._objective)
+        except ScenarioError:
+            return None
+        if _count_bits(plan) >= self._bits:
+            self.best = plan
+        self._deadline.check()
+        return plan
+
+    def _change_duration(self, duration: float) -> Scenario:
+        """Return the scenario with another duration in s."""
+        step = self._scenario.slot_duration
+        slots = max(1, round(duration / step))
+        return replace(self._scenario, slots=slots,
+                       duration=slots * step if self._keeps_slots else duration)
+
+    def _report(self, iteration: Iteration) -> bool:
+        """Report an iteration of a part of the search; return True if it must end."""
+        self._deadline.report(replace(
+            iteration, number=next(self._numbers), elapsed=self._deadline.elapsed))
+        return self._deadline.is_over()
+
+    def _prove(self, best: Plan) -> None:
+        """Add to the best plan that a shorter flight is too short, if a bound proves it."""
+        duration = best.scenario.duration - _SHORTER
+        if duration <= 0 or explain_refusal(self._scenario):
+            return
+        try:
+            shorter = self._change_duration(duration)
+        except InfeasibleMissionError:
+            return
+        bound = upper_bound(
+            shorter, objective=self._objective, time_limit=self._deadline.time_left,
+            on_progress=lambda bound: (
+                self._report(bound) or bound.rate * shorter.duration < self._bits))
+        if bound.rate * shorter.duration < self._bits:
+            self.best = replace(best, too_short=shorter.duration)
+
+
+def _count_bits(plan: Plan) -> float:
+    """Return what a plan delivers in bit/Hz."""
+    return plan.rate * plan.scenario.duration

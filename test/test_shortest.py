@@ -1,0 +1,133 @@
+"""The shortest flight that delivers a number of bits."""
+
+from dataclasses import replace
+import math
+
+from nav_msgs.msg import Path
+import numpy as np
+import pytest
+from ros_client import seconds, values_of, wait_for
+from secure_uav_planner import Eavesdropper, Plan, Scenario, shortest_duration, solve, Uav
+from secure_uav_planner.apps.cli import main
+from secure_uav_planner.errors import (
+    InfeasibleMissionError, OptionError, StoppedError, TimeLimitError)
+from strategies import with_uavs
+
+
+# As found by hand, in 150 slots.
+@pytest.mark.parametrize('radius, bits, shortest', [
+    (10.0, 150, 103.08), (10.0, 250, 122.72), (60.0, 150, 119.76), (60.0, 600, 246.38)])
+def test_the_paper_s_flights_are_the_shortest_which_is_proven(radius, bits, shortest):
+    scenario = Scenario.paper(math.ceil(shortest / 10) * 10.0, radius, slots=150)
+    plan = shortest_duration(scenario, bits, objective='guaranteed')
+    duration = plan.scenario.duration
+    assert duration == pytest.approx(shortest, abs=0.3)
+    assert plan.guaranteed_rate * duration >= bits
+    assert plan.scenario.slot_duration == pytest.approx(scenario.slot_duration, rel=0.01)
+    assert plan.message == (f'converged; this suffices for {bits} bit/Hz, and no flight of '
+                            f'{math.floor(10 * duration - 10) / 10:.1f} s does, which is proven')
+
+
+def make_mission(seed):
+    """Return a random mission of one or two UAVs, some with a limit of acceleration."""
+    rng = np.random.default_rng(seed)
+    uavs = [Uav(f'uav{index}', tuple(rng.uniform(-400, 400, 2)), tuple(rng.uniform(-400, 400, 2)),
+                rng.uniform(60, 120) + 10 * index, 12.0,
+                max_acceleration=2.0 if seed % 2 else None) for index in range(1 + seed % 3)]
+    return Scenario(
+        (0.0, 0.0), (Eavesdropper(tuple(rng.uniform(-300, 300, 2)), rng.uniform(0, 30)),),
+        tuple(uavs), 150.0, 75)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_flight_that_is_found_suffices_and_solve_finds_none_that_is_shorter(seed):
+    scenario = make_mission(seed)
+    bits = 0.8 * solve(scenario).rate * scenario.duration
+    plan = shortest_duration(scenario, bits)
+    duration = plan.scenario.duration
+    assert plan.worst_case_rate * duration >= bits and duration <= scenario.duration
+    shorter = replace(scenario, duration=0.98 * duration, slots=round(0.98 * duration / 2))
+    try:
+        assert solve(shorter).rate * shorter.duration < bits
+    except InfeasibleMissionError:
+        pass
+    # From another duration, it is the same.
+    longer = replace(scenario, duration=4.0 * duration, slots=round(2.0 * duration))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('secure_uav_planner.bound.shortest.upper_bound', lambda *_, **__: bits)
+        patch.setattr('secure_uav_planner.bound.shortest.explain_refusal', lambda _: 'not now')
+        again = shortest_duration(longer, bits)
+    assert again.scenario.duration == pytest.approx(duration, abs=0.005 * duration)
+
+
+def test_slots_stay_exactly_as_long_where_a_uav_starts_in_motion():
+    scenario = with_uavs(Scenario.paper(150.0, slots=90), max_acceleration=3.0,
+                         start_velocity=(0.0, -8.0))
+    plan = shortest_duration(scenario, 250.0)
+    assert plan.scenario.slot_duration == pytest.approx(scenario.slot_duration, rel=1e-12)
+    assert 250.0 <= plan.rate * plan.scenario.duration < 260.0
+
+
+def test_a_plan_says_that_it_suffices_only_while_it_does(tmp_path):
+    plan = shortest_duration(Scenario.paper(120.0, slots=40), 200.0)
+    plan.save(tmp_path / 'plan.json')
+    assert Plan.load(tmp_path / 'plan.json').message == plan.message
+    assert 'suffices' in plan.message
+    assert 'suffices' not in replace(plan, powers=0.5 * plan.powers).message
+    assert 'suffices' not in plan.tail(3).message
+
+
+def test_bits_that_no_flight_delivers_are_refused_and_a_wrong_number_is_named():
+    over = replace(Scenario.paper(120.0, slots=6),
+                   eavesdroppers=(Eavesdropper((0.0, 0.0), 50.0),))
+    with pytest.raises(InfeasibleMissionError, match='bits is 250 bit/Hz; no flights were found'):
+        shortest_duration(over, 250.0)
+    for bits in (0.0, -1.0, math.inf, None, '250'):
+        with pytest.raises(OptionError, match='bits is .*; it must be a number from'):
+            shortest_duration(over, bits)
+
+
+def test_a_search_that_ends_early_keeps_what_suffices_or_says_that_nothing_was_found():
+    scenario = Scenario.paper(150.0, slots=50)
+    with pytest.raises(StoppedError, match='before flights that deliver 250 bit/Hz were found'):
+        shortest_duration(scenario, 250.0, on_progress=lambda _: True)
+    with pytest.raises(TimeLimitError, match='before flights that deliver 250 bit/Hz were found'):
+        shortest_duration(scenario, 250.0, time_limit=1e-9)
+    starts = set()
+
+    def stop(iteration):
+        if iteration.step == 'start':
+            starts.add(iteration.number)
+        return len(starts) > 1  # In the second duration.
+
+    plan = shortest_duration(scenario, 250.0, on_progress=stop)
+    assert plan.status == 'cancelled' and plan.scenario.duration == 150.0
+    assert 'this suffices for 250 bit/Hz' in plan.message and 'proven' not in plan.message
+
+
+def test_the_command_plans_the_shortest_flight(tmp_path, capsys):
+    file = tmp_path / 'mission.yaml'
+    Scenario.paper(150.0, slots=50).save(file)
+    options = ['plan', str(file), '-o', str(tmp_path), '--deliver', '250', '--no-baselines',
+               '--bound-time-limit', '0']
+    assert main(options) == 0
+    plan = Plan.load(tmp_path / 'plan.json')
+    assert plan.message in capsys.readouterr().out and 'this suffices for 250' in plan.message
+    assert main([*options, '--method', 'alternating']) == 2
+    assert '--deliver' in capsys.readouterr().err
+
+
+def test_the_planner_plans_the_shortest_flight(client, planner):
+    [result] = client.set_parameters('planner', deliver=250.0)
+    assert result.successful
+    [result] = client.set_parameters('planner', method='alternating')
+    assert not result.successful and 'deliver is 250' in result.reason
+    paths = client.listen(Path, 'uav1/path')
+    assert 'this suffices for 250 bit/Hz' in client.plan_paper().message
+    wait_for(lambda: paths, what='the plan')
+    first, second = (seconds(pose.header.stamp) for pose in paths[-1].poses[:2])
+    duration = (second - first) * (len(paths[-1].poses) - 2)
+    status = client.status_of('planner')
+    wait_for(lambda: status and 'plan.worst_case_rate' in values_of(status[-1]))
+    rate = float(values_of(status[-1])['plan.worst_case_rate'])
+    assert 249.99 < rate * duration < 251.0 and duration < 120.0
