@@ -14,7 +14,7 @@ from secure_uav_planner import (
     assess, Channel, fly_hover_fly, Plan, Propulsion, Scenario, solve, World)
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import OptionError, ScenarioError
-from secure_uav_planner.mission.validation import RANGES
+from secure_uav_planner.mission.fields import find_range
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
@@ -94,8 +94,8 @@ def test_below_a_tenth_of_max_speed_a_uav_hovers():
 
 @pytest.mark.parametrize('field', [field.name for field in fields(Propulsion)])
 def test_a_wrong_value_is_refused_with_field_and_range(field):
-    low, high = RANGES[field]
-    for value in (low - 1, high * 1.1, 'much', math.nan):
+    allowed = find_range(Propulsion, field)
+    for value in (allowed.low - 1, allowed.high * 1.1, 'much', math.nan):
         with pytest.raises(ScenarioError, match=rf'propulsion\.{field} is ') as caught:
             add_propulsion(Scenario.paper(), **{field: value})
         assert caught.value.field == field

@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 import pytest
 from ros_client import Client, node_process, output_of, PATIENCE, refusal, wait_for
 from secure_uav_planner import Scenario
-from secure_uav_planner.mission.scenario import MAX_MEMBERS, RANGES
+from secure_uav_planner.mission.fields import find_range
+from secure_uav_planner.mission.scenario import MAX_MEMBERS
 
 POLICY = Path(__file__).parents[1] / 'config' / 'sros2_policy.xml'
 NODES = ('planner', 'replay')
@@ -189,7 +190,7 @@ def test_more_members_than_the_limit_are_refused_at_start(capfd, names):
 
 
 def test_more_slots_than_the_limit_are_refused():
-    most = RANGES['slots'][1]
+    most = find_range(Scenario, 'slots').high
     with Client() as client, node_process('planner'):
         for slots in (most + 1, 2**40):
             result, = client.set_parameters('planner', slots=slots)

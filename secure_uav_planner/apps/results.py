@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 import csv
+from dataclasses import fields
 import json
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,15 @@ from typing import Any
 from .tasks import COLUMNS, Row
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
-from ..mission.propagation import rate_name
-from ..mission.validation import UNITS
+from ..mission.geography import Origin
+from ..mission.participants import Eavesdropper, NoFlyZone, Propulsion, Uav
+from ..mission.propagation import Channel, rate_name
+from ..mission.scenario import Scenario
 
 _DASHES = ('-', '--', ':', '-.')
+_UNITS = {field.name: field.metadata['unit']
+          for kind in (Scenario, Uav, Propulsion, Eavesdropper, NoFlyZone, Channel, Origin)
+          for field in fields(kind)}
 _MOST_LINES = 6  # Of values of a second field.
 
 
@@ -137,7 +143,7 @@ def _value_label(row: Row, field: str) -> str:
 
 
 def _unit(field: str) -> str:
-    return UNITS.get(field.rpartition('.')[2], '')
+    return _UNITS.get(field.rpartition('.')[2], '')
 
 
 def _choose_fields(rows: Sequence[Row]) -> tuple[str | None, str | None]:

@@ -1,6 +1,6 @@
 """How the world may differ from what a plan was made for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
@@ -8,17 +8,27 @@ import numpy as np
 
 from ..errors import OptionError, quote, ScenarioError
 from ..mission import Place, PLACES
+from ..mission.fields import (
+    Block, Checked, checked_by, checked_fields, checked_point, Choice, FieldChecks, number, Point)
 from ..mission.propagation import Channel
-from ..mission.scenario import Point
-from ..mission.validation import (
-    Array, checked_block, checked_fields, checked_number, checked_point, set_checked)
+from ..mission.validation import Array
 
 CONFIDENCE = 0.95
 """Probability of the disc where a normal place has no covariance of its own, as in the planner."""
 
 
+def _checked_pairs(owner: str, name: str, value: Any) -> tuple[Point, ...]:
+    """Return a list of pairs as tuples; a covariance has two."""
+    count = 2 if name == 'covariance' else None
+    if not isinstance(value, (tuple, list, np.ndarray)) or not 0 < len(value) or (
+            count and len(value) != count):
+        raise ScenarioError(f'{owner}{name} is {quote(value)}; it must be a list of '
+                            f'{f"{count} " if count else ""}pairs', (name,))
+    return tuple(checked_point(owner, name, pair, index) for index, pair in enumerate(value))
+
+
 @dataclass(frozen=True)
-class World:
+class World(Checked):
     """
     How the world may differ from what a plan was made for; by default only within its promise.
 
@@ -44,56 +54,41 @@ class World:
     :raises OptionError: naming the field, its value and what is allowed.
     """
 
-    place: Place = 'disc'
-    covariance: tuple[Point, Point] | None = None
-    beyond: float = 0.0
-    positions: tuple[Point, ...] | None = None
-    channel: Channel | None = None
-    los_distance: float | None = 50.0
-    speed_factor: float = 1.0
-    receiver_db: float = 0.0
-    tracking_std: float = 0.0
-    tracking_time: float = 2.0
+    place: Place = field(default='disc', metadata=checked_by(Choice(PLACES)))
+    covariance: tuple[Point, Point] | None = field(
+        default=None, metadata=checked_by(_checked_pairs, 'm^2'))
+    beyond: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))
+    positions: tuple[Point, ...] | None = field(
+        default=None, metadata=checked_by(_checked_pairs, 'm'))
+    channel: Channel | None = field(default=None, metadata=checked_by(Block(Channel)))
+    los_distance: float | None = field(default=50.0, metadata=number(0.0, 1e6, 'm'))
+    speed_factor: float = field(default=1.0, metadata=number(0.0, 100.0))
+    receiver_db: float = field(default=0.0, metadata=number(-100.0, 100.0, 'dB'))
+    tracking_std: float = field(default=0.0, metadata=number(0.0, 1e4, 'm'))
+    tracking_time: float = field(default=2.0, metadata=number(0.0, 1e6, 's'))
 
     def __post_init__(self) -> None:
         try:
-            self._check()
+            super().__post_init__()
         except ScenarioError as error:
             raise OptionError(str(error), error.place) from None
 
-    def _check(self) -> None:
-        if self.place not in PLACES:
-            raise OptionError(f'place is {quote(self.place)}; it must be one of '
-                              f'{", ".join(PLACES)}', ('place',))
-        set_checked(self, '', checked_number,
-                    'beyond', 'speed_factor', 'receiver_db', 'tracking_std', 'tracking_time')
-        set_checked(self, '', checked_number, 'los_distance', optional=True)
-        if self.channel is not None:
-            object.__setattr__(self, 'channel', checked_block('channel', self.channel, Channel))
-        for field, count in (('positions', None), ('covariance', 2)):
-            value = getattr(self, field)
-            if value is None:
-                continue
-            if not isinstance(value, (tuple, list, np.ndarray)) or not 0 < len(value) or (
-                    count and len(value) != count):
-                raise OptionError(f'{field} is {quote(value)}; it must be a list of '
-                                  f'{f"{count} " if count else ""}pairs', (field,))
-            object.__setattr__(self, field, tuple(
-                checked_point('', field, point, number) for number, point in enumerate(value)))
-        for field, place in (('beyond', 'beyond'), ('positions', 'fixed'),
-                             ('covariance', 'normal')):
-            value = getattr(self, field)
-            if value and self.place != place:
-                raise OptionError(f'{field} is {quote(value)} and place is {self.place!r}; it '
-                                  f'counts only with the place {place!r}', (field,))
-        if self.place == 'beyond' and not self.beyond:
-            raise OptionError("beyond is 0.0; with the place 'beyond' it must be above 0 m",
-                              ('beyond',))
-        if self.covariance is not None:
-            (xx, xy), (yx, yy) = self.covariance
+    @staticmethod
+    def _check_together(checks: FieldChecks) -> None:
+        item = checks.item
+        for name, place in (('beyond', 'beyond'), ('positions', 'fixed'),
+                            ('covariance', 'normal')):
+            value = getattr(item, name)
+            if checks.are_right(name, 'place') and value and item.place != place:
+                checks.add(name, f'is {quote(value)} and place is {item.place!r}; it counts only '
+                           f'with the place {place!r}')
+        if item.place == 'beyond' and not item.beyond:
+            checks.add('beyond', "is 0.0; with the place 'beyond' it must be above 0 m")
+        if item.covariance is not None and checks.are_right('covariance'):
+            (xx, xy), (yx, yy) = item.covariance
             if xy != yx or min(xx, yy) < 0 or xy**2 > xx * yy:
-                raise OptionError(f'covariance is {quote(self.covariance)}; it must be symmetric '
-                                  'and positive semidefinite', ('covariance',))
+                checks.add('covariance', f'is {quote(item.covariance)}; it must be symmetric and '
+                           'positive semidefinite')
 
     def deviations(self, radius: float) -> Array:
         """Return a root of the covariance of a normal place, (2, 2) in m, for an error radius."""

@@ -7,7 +7,9 @@ import math
 from .method import explain_refusal, upper_bound
 from ..errors import InfeasibleMissionError, NumericalError, ScenarioError
 from ..mission import Objective
-from ..mission.scenario import RANGES, Scenario
+from ..mission.fields import find_range
+from ..mission.kinematics import DURATION
+from ..mission.scenario import Scenario
 from ..mission.validation import (
     checked_callback, checked_kind, checked_real, checked_time_limit)
 from ..optimize import solve
@@ -104,8 +106,8 @@ class _Search:
 
     def _bracket(self) -> tuple[Plan, float, float | None]:
         """Return a flight that suffices, a duration that is too short, and its bits, if any."""
-        longest = min(RANGES['duration'][1],
-                      RANGES['slots'][1] * self._scenario.slot_duration)
+        longest = min(DURATION.high,
+                      find_range(Scenario, 'slots').high * self._scenario.slot_duration)
         low, delivered, growth = 0.0, None, _GROWTH
         duration = self._scenario.duration
         while True:

@@ -7,10 +7,10 @@ import math
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from .kinematics import EFFORT_TOLERANCE, find_shortest_duration
+from .kinematics import DURATION, EFFORT_TOLERANCE, find_shortest_duration
 from .participants import Eavesdropper, Uav
 from .polygons import depth, Vertices
-from .validation import RANGES, round_down
+from .validation import round_down
 from ..errors import InfeasibleMissionError, quote, ScenarioError
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def refuse_duration(duration: float, uav: Uav, shortest: float | None, way: str 
                     ) -> InfeasibleMissionError:
     """Return the error of a UAV; its `way` may be such as ' around tower'."""
     if shortest is None:
-        needs = f'none of up to {RANGES["duration"][1]:g} s takes {uav.name}'
+        needs = f'none of up to {DURATION.high:g} s takes {uav.name}'
     else:
         time = 'longer' if math.isnan(shortest) else f'at least {shortest:g} s'
         needs = f'{uav.name} needs {time}'

@@ -8,14 +8,14 @@ it is converted alike.
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .validation import (
-    Array, check_object, checked_array, checked_number, FieldChecks, MAX_DISTANCE, to_number)
+from .fields import Checked, checked_by, Choice, MAX_DISTANCE, number
+from .validation import Array, checked_array, to_number
 from ..errors import OptionError, quote
 
 _RADIUS = {'px4': 6_371_000.0, 'ardupilot': 6_378_100.0}
@@ -28,7 +28,7 @@ _MOST_LEVELS = 6  # Mission, eavesdroppers, eavesdropper, track, knot, place.
 
 
 @dataclass(frozen=True)
-class Origin:
+class Origin(Checked):
     """
     The place on Earth of the point (0, 0) of a mission.
 
@@ -39,20 +39,11 @@ class Origin:
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
-    latitude: float
-    longitude: float
-    projection: str = 'px4'
+    latitude: float = field(metadata=number(-85.0, 85.0, 'degrees'))
+    longitude: float = field(metadata=number(-180.0, 180.0, 'degrees'))
+    projection: str = field(default='px4', metadata=checked_by(Choice(tuple(_RADIUS))))
 
-    def __post_init__(self) -> None:
-        check_object(self)
-
-    @staticmethod
-    def _check_fields(checks: FieldChecks) -> None:
-        checks.owner = 'origin.'
-        checks.check(checked_number, 'latitude', 'longitude')
-        if checks.item.projection not in tuple(_RADIUS):
-            checks.add('projection', f'is {quote(checks.item.projection)}; it must be one of '
-                       f'{", ".join(_RADIUS)}')
+    _OWNER = 'origin.'
 
     def to_local(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array]:
         """

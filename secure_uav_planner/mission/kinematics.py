@@ -13,10 +13,14 @@ import math
 
 import numpy as np
 
-from .validation import Array, RANGES, round_up
+from .fields import Number
+from .validation import Array, round_up
 
 EFFORT_TOLERANCE = 1e-9
 """Largest effort above 1 of a flight that counts as one within the limits, for rounding."""
+
+DURATION = Number(1e-6, 1e8, 's')
+"""The range of the duration of a mission."""
 
 _MOST_STEPS = 100
 _MOST_NAMED = 20  # Durations that are tried after rounding; the last is twice the first.
@@ -85,7 +89,7 @@ def _sum_speeds(moves: int, gain: float, speed: float) -> float:
 
 
 def find_shortest_duration(effort: Callable[[float], float], duration: float,
-                           accuracy: float = 1e-9, longest: float = RANGES['duration'][1]
+                           accuracy: float = 1e-9, longest: float = DURATION.high
                            ) -> float | None:
     """
     Return a duration in s with an effort of at most 1, close to the shortest, or None.

@@ -1,25 +1,31 @@
 """The participants of a mission: UAVs with their propulsion, eavesdroppers, no-fly zones."""
 
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
 import numpy as np
 
+from .fields import (
+    Block, Checked, checked_by, checked_name, checked_point, checked_text, FieldChecks, Number,
+    number, Pair, Point, RADIUS)
 from .kinematics import Vehicle
 from .polygons import checked_polygon, Vertices
 from .tracks import checked_track, LEFT_OUT, set_by_track, Track
-from .validation import (
-    Array, check_object, checked_array, checked_block, checked_name, checked_number,
-    checked_point, FieldChecks, Point)
+from .validation import Array, checked_array
 from ..errors import OptionError, quote
 
 _ROUNDING = 1e-9
+_VELOCITY = checked_by(Pair('m/s', 'two components', is_optional=True))
+
+
+def _checked_ceiling(owner: str, name: str, value: Any) -> float:
+    """Return an altitude in m; None stands for an infinite one."""
+    return Number(0.0, math.inf, 'm')(owner, name, math.inf if value is None else value)
 
 
 @dataclass(frozen=True)
-class Eavesdropper:
+class Eavesdropper(Checked):
     """
     An eavesdropper and the disc in which it is: Theta of the paper's Section II.
 
@@ -37,29 +43,21 @@ class Eavesdropper:
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
-    position: Point = LEFT_OUT
-    error_radius: float = LEFT_OUT
-    name: str = 'eavesdropper'
-    receiver_advantage_db: float = 0.0
-    track: Track | None = None
+    position: Point = field(default=LEFT_OUT, metadata=checked_by(checked_point))
+    error_radius: float = field(default=LEFT_OUT, metadata=checked_by(RADIUS))
+    name: str = field(default='eavesdropper', metadata=checked_by(checked_name))
+    receiver_advantage_db: float = field(default=0.0, metadata=number(-100.0, 100.0, 'dB'))
+    track: Track | None = field(default=None, metadata=checked_by(checked_track))
 
-    def __post_init__(self) -> None:
-        check_object(self)
+    _OWNER = 'eavesdropper '
 
     @staticmethod
-    def _check_fields(checks: FieldChecks) -> None:
-        item, checks.owner = checks.item, 'eavesdropper '
-        checks.check(checked_name, 'name')
-        if checks.are_right('name'):
-            checks.owner = f'{quote(item.name)[1:-1]} '
-        checks.check(checked_point, 'position', optional=True)
-        checks.check(checked_number, 'error_radius', optional=True)
-        checks.check(checked_number, 'receiver_advantage_db')
-        checks.check(checked_track, 'track', optional=True)
+    def _check_together(checks: FieldChecks) -> None:
+        item = checks.item
         if item.track is not None and checks.are_right('track'):
-            for field in ('position', 'error_radius'):
-                if checks.are_right(field):
-                    set_by_track(checks, field, item.track)
+            for name in ('position', 'error_radius'):
+                if checks.are_right(name):
+                    set_by_track(checks, name, item.track)
         elif item.track is None and item.position is None:
             checks.add('position', f'is {quote(None)}; it must be two coordinates (x, y) in m, or '
                        'there must be a track')
@@ -68,7 +66,7 @@ class Eavesdropper:
 
 
 @dataclass(frozen=True)
-class Propulsion:
+class Propulsion(Checked):
     """
     The propulsion power of a rotary wing.
 
@@ -87,22 +85,16 @@ class Propulsion:
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
-    blade_power: float = 79.8563
-    induced_power: float = 88.6279
-    tip_speed: float = 120.0
-    induced_velocity: float = 4.03
-    fuselage_drag_ratio: float = 0.6
-    air_density: float = 1.225
-    solidity: float = 0.05
-    disc_area: float = 0.503
+    blade_power: float = field(default=79.8563, metadata=number(0.0, 1e6, 'W'))
+    induced_power: float = field(default=88.6279, metadata=number(0.0, 1e6, 'W'))
+    tip_speed: float = field(default=120.0, metadata=number(1.0, 1e4, 'm/s'))
+    induced_velocity: float = field(default=4.03, metadata=number(1e-3, 1e3, 'm/s'))
+    fuselage_drag_ratio: float = field(default=0.6, metadata=number(0.0, 1e3))
+    air_density: float = field(default=1.225, metadata=number(0.0, 1e3, 'kg/m^3'))
+    solidity: float = field(default=0.05, metadata=number(0.0, 1.0))
+    disc_area: float = field(default=0.503, metadata=number(0.0, 1e4, 'm^2'))
 
-    def __post_init__(self) -> None:
-        check_object(self)
-
-    @staticmethod
-    def _check_fields(checks: FieldChecks) -> None:
-        checks.owner = 'propulsion.'
-        checks.check(checked_number, *(field.name for field in fields(Propulsion)))
+    _OWNER = 'propulsion.'
 
     def power(self, speeds: Any) -> Array:
         """
@@ -124,7 +116,7 @@ class Propulsion:
 
 
 @dataclass(frozen=True)
-class Uav:
+class Uav(Checked):
     """
     One UAV and its limits, equations (1) and (7).
 
@@ -144,48 +136,34 @@ class Uav:
     :raises ScenarioError: naming the UAV, the field, its value and what is allowed.
     """
 
-    name: str
-    start: Point
-    goal: Point
-    altitude: float
-    max_speed: float
-    average_power: float = 1.0
-    peak_power: float = 4.0
-    max_acceleration: float | None = None
-    start_velocity: Point | None = (0.0, 0.0)
-    goal_velocity: Point | None = (0.0, 0.0)
-    propulsion: Propulsion | None = None
+    name: str = field(metadata=checked_by(checked_name))
+    start: Point = field(metadata=checked_by(checked_point))
+    goal: Point = field(metadata=checked_by(checked_point))
+    altitude: float = field(metadata=number(1e-3, 1e6, 'm'))
+    max_speed: float = field(metadata=number(1e-6, 1e6, 'm/s'))
+    average_power: float = field(default=1.0, metadata=number(1e-9, 1e6, 'W'))
+    peak_power: float = field(default=4.0, metadata=number(1e-9, 1e6, 'W'))
+    max_acceleration: float | None = field(default=None, metadata=number(1e-6, 1e6, 'm/s^2'))
+    start_velocity: Point | None = field(default=(0.0, 0.0), metadata=_VELOCITY)
+    goal_velocity: Point | None = field(default=(0.0, 0.0), metadata=_VELOCITY)
+    propulsion: Propulsion | None = field(default=None, metadata=checked_by(Block(Propulsion)))
 
-    def __post_init__(self) -> None:
-        check_object(self)
+    _OWNER = 'uav '
 
     @staticmethod
-    def _check_fields(checks: FieldChecks) -> None:
-        item, checks.owner = checks.item, 'uav '
-        checks.check(checked_name, 'name')
-        if checks.are_right('name'):
-            checks.owner = f'{quote(item.name)[1:-1]}.'
-        checks.check(checked_point, 'start', 'goal')
-        checks.check(checked_number, 'altitude', 'max_speed', 'average_power', 'peak_power')
+    def _check_together(checks: FieldChecks) -> None:
+        item = checks.item
         if (checks.are_right('average_power', 'peak_power')
                 and item.peak_power < item.average_power):
             checks.add('peak_power', f'is {item.peak_power!r}; it must be at least '
                        f'average_power, which is {item.average_power!r} W')
-        checks.check(checked_number, 'max_acceleration', optional=True)
-        checks.check(partial(checked_point, index=None, unit='m/s',
-                             allowed=f'{quote(None)} or two components'),
-                     'start_velocity', 'goal_velocity', optional=True)
-        for field in ('start_velocity', 'goal_velocity'):
-            if not checks.are_right(field, 'max_speed') or getattr(item, field) is None:
+        for name in ('start_velocity', 'goal_velocity'):
+            if not checks.are_right(name, 'max_speed') or getattr(item, name) is None:
                 continue
-            speed = math.hypot(*getattr(item, field))
+            speed = math.hypot(*getattr(item, name))
             if speed > item.max_speed * (1 + _ROUNDING):
-                checks.add(field, f'is {quote(getattr(item, field))}, {speed:g} m/s; it must be '
+                checks.add(name, f'is {quote(getattr(item, name))}, {speed:g} m/s; it must be '
                            f'at most max_speed, which is {quote(item.max_speed)} m/s')
-        with checks.collecting(owner=checks.owner):
-            if item.propulsion is not None:
-                object.__setattr__(item, 'propulsion', checked_block(
-                    'propulsion', item.propulsion, Propulsion))
 
     def bend_at(self, end: str, slot_duration: float) -> float:
         """
@@ -214,7 +192,7 @@ class Uav:
 
 
 @dataclass(frozen=True)
-class NoFlyZone:
+class NoFlyZone(Checked):
     """
     A prism that no UAV may enter: a polygon on the map between two altitudes.
 
@@ -228,25 +206,16 @@ class NoFlyZone:
     :raises ScenarioError: naming the zone, the field, its value and what is allowed.
     """
 
-    vertices: Vertices
-    floor: float = 0.0
-    ceiling: float = math.inf
-    name: str = ''
+    vertices: Vertices = field(metadata=checked_by(checked_polygon, 'm'))
+    floor: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))
+    ceiling: float = field(default=math.inf, metadata=checked_by(_checked_ceiling, 'm'))
+    name: str = field(default='', metadata=checked_by(checked_text))
 
-    def __post_init__(self) -> None:
-        check_object(self)
+    _OWNER = 'zone '
 
     @staticmethod
-    def _check_fields(checks: FieldChecks) -> None:
-        item, checks.owner = checks.item, 'zone '
-        if not isinstance(item.name, str):
-            checks.add('name', f'is {quote(item.name)}; it must be text')
-        elif item.name:
-            checks.owner = f'{quote(item.name)[1:-1]}.'
-        checks.check(checked_polygon, 'vertices')
-        if item.ceiling is None:
-            object.__setattr__(item, 'ceiling', math.inf)
-        checks.check(checked_number, 'floor', 'ceiling')
+    def _check_together(checks: FieldChecks) -> None:
+        item = checks.item
         if checks.are_right('floor', 'ceiling') and item.floor > item.ceiling:
             checks.add('floor', f'is {quote(item.floor)} m; it must be at most ceiling, which is '
                        f'{quote(item.ceiling)} m')

@@ -2,22 +2,16 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict
 import math
 from typing import Any, TYPE_CHECKING
 
+from .fields import Block, ErrorList, find_field_errors, raise_all, read_object
 from .geography import convert_places, Origin
-from .participants import Eavesdropper, NoFlyZone, Uav
-from .propagation import Channel
-from .validation import (
-    check_plain_fields, checked_block, ErrorList, find_field_errors, raise_all, read_object)
 from ..errors import quote, ScenarioError
 
 if TYPE_CHECKING:
     from .scenario import Scenario
-
-_MEMBERS: dict[str, type[Any]] = {
-    'eavesdroppers': Eavesdropper, 'uavs': Uav, 'no_fly_zones': NoFlyZone}
 
 
 def to_plain(scenario: 'Scenario') -> dict[str, Any]:
@@ -45,39 +39,17 @@ def from_plain(kind: 'type[Scenario]', data: Any) -> 'Scenario':
     :raises ScenarioError: the first error; `further` are those of all fields, or, if these are
         right, all inconsistencies between them.
     """
-    errors = ErrorList()
-    with errors.collecting():
-        raise_all(find_field_errors(kind, data))
     if not isinstance(data, Mapping):
-        raise errors[0]
-    names = {field.name for field in fields(kind)}
-    values = {name: value for name, value in data.items() if name in names}
+        raise_all(find_field_errors(kind, data))
+    values, errors = dict(data), ErrorList()
     with suppress(ScenarioError):  # A wrong origin is reported with the other fields.
-        values = convert_places(values, checked_block('origin', values.get('origin'), Origin))
+        values = convert_places(values, Block(Origin)('', 'origin', values.get('origin')))
     with errors.collecting():
         values |= _split_ground_node(values.get('ground_node'))
-    for name in [name for name in (*_MEMBERS, 'channel') if name in values]:
-        value = values.pop(name)  # Objects with errors are no reason for more.
-        with errors.collecting(name):
-            values[name] = (read_object(Channel, value) if name == 'channel' else
-                            _read_members(name, _MEMBERS[name], value))
-    if not errors:
-        return kind(**values)
-    errors += check_plain_fields(kind, values)
+    with errors.collecting():
+        scenario = read_object(kind, values)
     raise_all(errors)
-    raise AssertionError('there is at least one error')
-
-
-def _read_members(name: str, kind: type[Any], values: object) -> tuple[Any, ...]:
-    """Return the members of a list, or raise all their errors."""
-    if not isinstance(values, (list, tuple)):
-        raise ScenarioError(f'{name} is {quote(values)}; it must be a list')
-    errors, members = ErrorList(), []
-    for number, value in enumerate(values):
-        with errors.collecting(number):
-            members.append(read_object(kind, value, f'{name}[{number}]: '))
-    raise_all(errors)
-    return tuple(members)
+    return scenario  # type: ignore[no-any-return]
 
 
 def _split_ground_node(node: Any) -> dict[str, Any]:

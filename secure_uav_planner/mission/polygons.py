@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 import shapely
 
-from .validation import Array, checked_point, is_sequence, name_type, Point, read_only
+from .fields import checked_point, Point
+from .validation import Array, is_sequence, name_type, read_only
 from ..errors import quote, ScenarioError
 
 Vertices: TypeAlias = tuple[Point, ...]

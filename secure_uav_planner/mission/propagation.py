@@ -1,12 +1,12 @@
 """The channel between UAVs and receivers on the ground, and the SNR of a radio in it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 from typing import Any, Literal, TypeAlias
 
 from . import OBJECTIVES
-from .validation import (
-    check_object, checked_choice, checked_number, checked_truth, FieldChecks)
+from .fields import Checked, checked_by, checked_truth, FieldChecks, Number, number
+from .validation import checked_choice
 from ..errors import OptionError, quote, ScenarioError
 
 Environment: TypeAlias = Literal['suburban', 'urban', 'dense_urban', 'highrise']
@@ -21,11 +21,27 @@ SPEED_OF_LIGHT = 299792458.0  # In m/s.
 BOLTZMANN = 1.380649e-23  # In J/K.
 NOISE_TEMPERATURE = 290.0  # In K, to which noise figures refer (IEEE).
 
-_LOS_NUMBERS = ('los_a', 'los_b', 'los_loss_db')
+_LOS_NUMBERS = {'los_a': Number(0.01, 100.0), 'los_b': Number(0.001, 2.0),
+                'los_loss_db': Number(0.0, 100.0, 'dB')}
+
+
+def _checked_los(owner: str, name: str, value: Any) -> Any:
+    """Return the field `los`, three numbers as a tuple."""
+    if isinstance(value, str) and value in ENVIRONMENTS:
+        return value
+    if isinstance(value, (tuple, list)) and len(value) == len(_LOS_NUMBERS):
+        try:
+            return tuple(check(owner, part, item) for (part, check), item in zip(
+                _LOS_NUMBERS.items(), value, strict=True))
+        except ScenarioError as error:
+            raise ScenarioError(f'{owner}{name} is {quote(value)}: {error}', (name,)) from None
+    raise ScenarioError(
+        f'{owner}{name} is {quote(value)}; it must be {quote(None)}, one of '
+        f'{", ".join(ENVIRONMENTS)}, or three numbers: a, b and the extra loss in dB', (name,))
 
 
 @dataclass(frozen=True)
-class Channel:
+class Channel(Checked):
     """
     How the gain of a link falls with the distance; by default the paper's free space.
 
@@ -47,22 +63,18 @@ class Channel:
     :raises ScenarioError: naming the field, its value and what is allowed.
     """
 
-    exponent: float = 2.0
-    los: Environment | tuple[float, float, float] | None = None
-    cautious: bool = False
-    rician_k_db: float | None = None
-    outage: float | None = None
+    exponent: float = field(default=2.0, metadata=number(2.0, 6.0))
+    los: Environment | tuple[float, float, float] | None = field(
+        default=None, metadata=checked_by(_checked_los))
+    cautious: bool = field(default=False, metadata=checked_by(checked_truth))
+    rician_k_db: float | None = field(default=None, metadata=number(-40.0, 40.0, 'dB'))
+    outage: float | None = field(default=None, metadata=number(1e-6, 0.5))
 
-    def __post_init__(self) -> None:
-        check_object(self)
+    _OWNER = 'channel.'
 
     @staticmethod
-    def _check_fields(checks: FieldChecks) -> None:
-        item, checks.owner = checks.item, 'channel.'
-        checks.check(checked_number, 'exponent')
-        checks.check(_checked_los, 'los', optional=True)
-        checks.check(checked_truth, 'cautious')
-        checks.check(checked_number, 'rician_k_db', 'outage', optional=True)
+    def _check_together(checks: FieldChecks) -> None:
+        item = checks.item
         if item.rician_k_db is not None and item.outage is None:
             checks.add('outage', f'is {quote(None)}; it must be a number, as channel.rician_k_db '
                        'is one')
@@ -120,21 +132,6 @@ def rate_name(objective: str, promise: str) -> str:
     return f'{"lower bound" if objective == "guaranteed" else "worst-case rate"} {promise}'
 
 
-def _checked_los(owner: str, field: str, value: Any) -> Any:
-    """Return the field `los`, three numbers as a tuple."""
-    if isinstance(value, str) and value in ENVIRONMENTS:
-        return value
-    if isinstance(value, (tuple, list)) and len(value) == len(_LOS_NUMBERS):
-        try:
-            return tuple(checked_number('channel.', field, number)
-                         for field, number in zip(_LOS_NUMBERS, value, strict=True))
-        except ScenarioError as error:
-            raise ScenarioError(f'{owner}{field} is {quote(value)}: {error}', (field,)) from None
-    raise ScenarioError(
-        f'{owner}{field} is {quote(value)}; it must be {quote(None)}, one of '
-        f'{", ".join(ENVIRONMENTS)}, or three numbers: a, b and the extra loss in dB', (field,))
-
-
 def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: float = 0.0,
                      transmit_gain_dbi: float = 0.0, receive_gain_dbi: float = 0.0) -> float:
     """
@@ -151,12 +148,14 @@ def reference_snr_db(carrier_hz: float, bandwidth_hz: float, noise_figure_db: fl
     :param receive_gain_dbi: G_r, gain of the ground node's antenna towards the UAV in dBi.
     :raises OptionError: naming the argument, its value and what is allowed.
     """
-    given = {'carrier_hz': carrier_hz, 'bandwidth_hz': bandwidth_hz,
-             'noise_figure_db': noise_figure_db, 'transmit_gain_dbi': transmit_gain_dbi,
-             'receive_gain_dbi': receive_gain_dbi}
+    given = {'carrier_hz': (carrier_hz, Number(1e6, 1e12, 'Hz')),
+             'bandwidth_hz': (bandwidth_hz, Number(1.0, 1e11, 'Hz')),
+             'noise_figure_db': (noise_figure_db, Number(0.0, 60.0, 'dB')),
+             'transmit_gain_dbi': (transmit_gain_dbi, Number(-60.0, 80.0, 'dBi')),
+             'receive_gain_dbi': (receive_gain_dbi, Number(-60.0, 80.0, 'dBi'))}
     try:
-        for name, value in given.items():
-            checked_number('', name, value)
+        for name, (value, check) in given.items():
+            check('', name, value)
     except ScenarioError as error:
         raise OptionError(str(error), error.place) from None
     path_gain = 20 * math.log10(SPEED_OF_LIGHT / (4 * math.pi * carrier_hz))

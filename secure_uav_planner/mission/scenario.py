@@ -1,8 +1,8 @@
 """The mission: problems (P1) and (P2) for any team, with its limits and its channel."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 import math
 import os
 from typing import Any, TYPE_CHECKING
@@ -11,8 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .consistency import find_inconsistencies, MAX_COUPLINGS, POSITION_TOLERANCE
+from .fields import (
+    Block, Checked, checked_by, checked_fields, checked_point, checked_truth, FieldChecks, Members,
+    number, Point, raise_all, WholeNumber)
 from .files import checked_path
 from .geography import Origin
+from .kinematics import DURATION
 from .participants import Eavesdropper, NoFlyZone, Uav
 from .plain import from_plain, to_plain
 from .polygons import checked_polygon, depth, offset_polygon, Vertices
@@ -21,10 +25,8 @@ from .tracks import (
     checked_track, interpolate, join_tracks, LEFT_OUT, ReceiverPlaces, set_by_track, shift_track,
     Track)
 from .validation import (
-    Array, check_object, checked_array, checked_block, checked_fields, checked_kind,
-    checked_members, checked_number, checked_point, checked_real, checked_truth, FieldChecks,
-    make_unique, Point, raise_all, RANGES, read_only)
-from ..errors import name_missing_package, quote, ScenarioError
+    Array, checked_array, checked_kind, checked_real, make_unique, read_only)
+from ..errors import name_missing_package, ScenarioError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,13 +37,14 @@ MAX_MEMBERS = 32
 MAX_ZONES = 64
 """The most no-fly zones."""
 
-_MEMBERS = {'eavesdroppers': (Eavesdropper, 1, MAX_MEMBERS), 'uavs': (Uav, 1, MAX_MEMBERS),
-            'no_fly_zones': (NoFlyZone, 0, MAX_ZONES)}
-"""The class of the members of each list, and the least and the most of them."""
-
 __all__ = ['Array', 'Channel', 'Eavesdropper', 'MAX_COUPLINGS', 'MAX_MEMBERS', 'MAX_ZONES',
-           'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'RANGES', 'Scenario', 'Uav',
-           'checked_fields', 'read_only']
+           'NoFlyZone', 'POSITION_TOLERANCE', 'Point', 'Scenario', 'Uav', 'checked_fields',
+           'read_only']
+
+
+def _checked_ground_node(owner: str, name: str, value: Any) -> Point | None:
+    """Return a point, or None, which a track decides."""
+    return None if value is None else checked_point(owner, name, value)
 
 
 def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
@@ -54,7 +57,7 @@ def _stack_field(members: str, field: str, text: str) -> cached_property[Array]:
 
 
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(Checked):
     """
     A mission: problems (P1) and (P2) of the paper for any number of jammers and eavesdroppers.
 
@@ -87,46 +90,37 @@ class Scenario:
         a question for solve.
     """
 
-    ground_node: Point
-    eavesdroppers: tuple[Eavesdropper, ...]
-    uavs: tuple[Uav, ...]
-    duration: float
-    slots: int
-    reference_snr_db: float = 80.0
-    separation: float = 0.0
-    no_fly_zones: tuple[NoFlyZone, ...] = ()
-    geofence: Vertices | None = None
-    tracking_margin: float = 0.0
-    channel: Channel = Channel()
-    colluding: bool = False
-    ground_node_track: Track | None = None
-    origin: Origin | None = None
+    ground_node: Point = field(metadata=checked_by(_checked_ground_node))
+    eavesdroppers: tuple[Eavesdropper, ...] = field(
+        metadata=checked_by(Members(Eavesdropper, 1, MAX_MEMBERS)))
+    uavs: tuple[Uav, ...] = field(metadata=checked_by(Members(Uav, 1, MAX_MEMBERS)))
+    duration: float = field(metadata=checked_by(DURATION))
+    slots: int = field(metadata=checked_by(WholeNumber(1, 20000)))
+    reference_snr_db: float = field(default=80.0, metadata=number(-200.0, 300.0, 'dB'))
+    separation: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))
+    no_fly_zones: tuple[NoFlyZone, ...] = field(
+        default=(), metadata=checked_by(Members(NoFlyZone, 0, MAX_ZONES)))
+    geofence: Vertices | None = field(default=None, metadata=checked_by(checked_polygon, 'm'))
+    tracking_margin: float = field(default=0.0, metadata=number(0.0, 1e6, 'm'))
+    channel: Channel = field(default=Channel(), metadata=checked_by(Block(Channel)))
+    colluding: bool = field(default=False, metadata=checked_by(checked_truth))
+    ground_node_track: Track | None = field(default=None, metadata=checked_by(checked_track))
+    origin: Origin | None = field(default=None, metadata=checked_by(Block(Origin)))
 
     def __post_init__(self) -> None:
-        check_object(self)
+        super().__post_init__()
         raise_all(find_inconsistencies(self))
 
     @staticmethod
-    def _check_fields(checks: FieldChecks) -> None:
+    def _check_together(checks: FieldChecks) -> None:
         item = checks.item
-        checks.check(checked_track, 'ground_node_track', optional=True)
-        checks.check(checked_point, 'ground_node', optional=item.ground_node_track is not None)
-        if item.ground_node_track is not None and checks.are_right(
-                'ground_node', 'ground_node_track'):
+        if not checks.are_right('ground_node', 'ground_node_track'):
+            return
+        if item.ground_node_track is not None:
             set_by_track(checks, 'ground_node', item.ground_node_track)
-        for field, members in _MEMBERS.items():
-            checks.check(partial(checked_members, members), field)
-        checks.check(_checked_slots, 'slots')
-        checks.check(checked_number,
-                     'duration', 'reference_snr_db', 'separation', 'tracking_margin')
-        checks.check(checked_polygon, 'geofence', optional=True)
-        if not isinstance(item.channel, Channel):
-            checks.add('channel', f'is {quote(item.channel)}; it must be a Channel, such as '
-                       "Channel(los='urban')")
-        checks.check(checked_truth, 'colluding')
-        with checks.collecting():
-            if item.origin is not None:
-                object.__setattr__(item, 'origin', checked_block('origin', item.origin, Origin))
+        elif item.ground_node is None:
+            with checks.collecting():
+                checked_point('', 'ground_node', None)
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays would come back from a copy or a pickle writable; they are computed again.
@@ -158,7 +152,7 @@ class Scenario:
             uavs=(Uav('uav1', start, goal, altitude=100.0, max_speed=10.0),
                   Uav('uav2', start, goal, altitude=110.0, max_speed=10.0)),
             duration=duration,
-            slots=(max(1, round(checked_number('', 'duration', duration))) if slots is None
+            slots=(max(1, round(DURATION('', 'duration', duration))) if slots is None
                    else slots))
 
     @property
@@ -402,12 +396,3 @@ class Scenario:
         """
         from .formats.mission_file import read_mission
         return read_mission(checked_path(path), cls)
-
-
-def _checked_slots(owner: str, field: str, value: Any) -> int:
-    """Return a number of slots as an int."""
-    number = checked_number(owner, field, value)
-    if not number.is_integer():
-        raise ScenarioError(f'{owner}{field} is {quote(value)}; it must be a whole number',
-                            (field,))
-    return int(number)

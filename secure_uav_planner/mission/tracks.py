@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .validation import (
-    Array, describe_degrees, FieldChecks, is_sequence, name_type, RANGES, to_number)
+from .fields import COORDINATE, describe_degrees, FieldChecks, Number, RADIUS
+from .validation import Array, is_sequence, name_type, to_number
 from ..errors import quote, ScenarioError
 
 MAX_KNOTS = 10_000
@@ -43,9 +43,9 @@ def checked_track(owner: str, field: str, value: Any) -> Track:
     :param field: 'track' with knots (t, x, y, radius), or 'ground_node_track' with (t, x, y).
     :raises ScenarioError: naming the field, the knot, its value and what is allowed.
     """
-    parts = {'t': 'knot_time', 'x': 'coordinate', 'y': 'coordinate'}
+    parts = {'t': Number(-1e9, 1e9, 's'), 'x': COORDINATE, 'y': COORDINATE}
     if field == 'track':
-        parts['radius'] = 'error_radius'
+        parts['radius'] = RADIUS
     names = f'({", ".join(parts)})'
     if not is_sequence(value) or not 2 <= len(value) <= MAX_KNOTS:
         raise ScenarioError(f'{owner}{field} is {quote(value)}{name_type(value)}; it must be a '
@@ -68,20 +68,18 @@ def checked_track(owner: str, field: str, value: Any) -> Track:
 
 
 def _checked_knot(owner: str, field: str, number: int, knot: Any, names: str,
-                  parts: dict[str, str]) -> tuple[float, ...]:
+                  parts: dict[str, Number]) -> tuple[float, ...]:
     if not is_sequence(knot) or len(knot) != len(parts):
         raise ScenarioError(f'{owner}{field}[{number}] is {quote(knot)}{name_type(knot)}; it must '
                             f'be the numbers {names}' + ''.join(map(
                                 describe_degrees, knot if is_sequence(knot) else ())),
                             (field, number))
     values = tuple(map(to_number, knot))
-    for (name, limits), value, item in zip(parts.items(), values, knot):
-        low, high = RANGES[limits]
-        if not low <= value <= high:
-            unit = 's' if name == 't' else 'm'
+    for (name, part), value, item in zip(parts.items(), values, knot):
+        if not part.low <= value <= part.high:
             raise ScenarioError(
-                f'{owner}{field}[{number}] has {name} = {quote(item)} {unit}; it must be a number '
-                f'from {low:g} to {high:g} {unit}', (field, number))
+                f'{owner}{field}[{number}] has {name} = {quote(item)} {part.unit}; it must be a '
+                f'number from {part.low:g} to {part.high:g} {part.unit}', (field, number))
     return values
 
 

@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .channel import guaranteed_rates
-from ..mission.scenario import Array, Point, Scenario
-from ..mission.validation import RANGES
+from ..mission.fields import find_range
+from ..mission.scenario import Array, Point, Scenario, Uav
 
 _STANDING = 1e-3  # Share of the largest speed below which a heading is numerical noise.
+_LEAST_SPEED = find_range(Uav, 'max_speed').low
+_LEAST_ACCELERATION = find_range(Uav, 'max_acceleration').low
 _ZERO = 1e-9  # Smaller velocities in m/s, and changes of velocity in a slot, are rounding errors.
 _ROUNDING = 1e-6  # Share by which inferred limits lie above what a flight uses.
 _MOST_TIMES = 2**15  # At which velocities are evaluated at once, for the memory.
@@ -194,7 +196,7 @@ def infer_limits(points: Array, step: float, motions: Sequence[Sequence[Array]]
         return [_infer_limits_of_spline(np.diff(line, axis=0) / step, step, accelerations)
                 for line, (_, accelerations) in zip(points, motions, strict=True)]
     fastest = np.linalg.norm(np.diff(points, axis=1) / step, axis=-1).max(axis=-1)
-    return [{'max_speed': max(speed * (1 + 1e-9), RANGES['max_speed'][0]),
+    return [{'max_speed': max(speed * (1 + 1e-9), _LEAST_SPEED),
              'max_acceleration': None, 'start_velocity': (0.0, 0.0), 'goal_velocity': (0.0, 0.0)}
             for speed in fastest.tolist()]
 
@@ -208,8 +210,8 @@ def _infer_limits_of_spline(moves: Array, step: float, accelerations: Array) -> 
     velocities = np.array([first, *moves, last])
     fastest = float(np.linalg.norm(velocities, axis=-1).max())
     most = float(np.linalg.norm(np.diff(velocities, axis=0), axis=-1).max()) / step
-    return {'max_speed': max(fastest * (1 + _ROUNDING), RANGES['max_speed'][0]),
-            'max_acceleration': max(most * (1 + _ROUNDING), RANGES['max_acceleration'][0]),
+    return {'max_speed': max(fastest * (1 + _ROUNDING), _LEAST_SPEED),
+            'max_acceleration': max(most * (1 + _ROUNDING), _LEAST_ACCELERATION),
             'start_velocity': ends[0], 'goal_velocity': ends[1]}
 
 

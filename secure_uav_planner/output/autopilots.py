@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from ..errors import OptionError, PoseError, quote
-from ..mission.scenario import RANGES
+from ..mission.fields import COORDINATE
 
 Vector: TypeAlias = tuple[float, float, float]
 Fields: TypeAlias = dict[str, Any]
@@ -43,7 +43,7 @@ class Setpoint:
     :param velocity: (x, y, z) in m/s, or None if unknown.
     :param acceleration: (x, y, z) in m/s^2, or None if unknown.
     :param yaw_rate: in rad/s, or None if unknown.
-    :raises OptionError: for a value that is not finite, or outside of RANGES['coordinate'].
+    :raises OptionError: for a value that is not finite, or no coordinate of a mission.
     """
 
     frame_id: str
@@ -57,7 +57,7 @@ class Setpoint:
     def __post_init__(self) -> None:
         for name in ('position', 'yaw', 'velocity', 'acceleration', 'yaw_rate'):
             value = getattr(self, name)
-            low, high = RANGES['coordinate']
+            low, high = COORDINATE.low, COORDINATE.high
             if value is not None and not all(
                     low <= number <= high for number in np.atleast_1d(value).tolist()):
                 raise OptionError(

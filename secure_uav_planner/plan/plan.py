@@ -15,8 +15,9 @@ from .results import (
     Bound, explain_zero_rate, Iteration, Promise, Status, STATUS_TEXTS, STATUSES)
 from ..errors import name_missing_package, OptionError, PlanError, quote
 from ..mission import Objective, OBJECTIVES
+from ..mission.fields import find_range
 from ..mission.kinematics import clip_norm
-from ..mission.scenario import Array, Point, POSITION_TOLERANCE, RANGES, read_only, Scenario, Uav
+from ..mission.scenario import Array, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
 from ..mission.validation import checked_array, checked_kind
 from ..model import channel
 from ..model.clearance import Clearance
@@ -287,11 +288,11 @@ class Plan:
         slots = self.scenario.slots - point
         left = self.scenario.slots * self.scenario.average_powers - (
             self.powers[:, :point].sum(axis=1))
-        step = self.scenario.slot_duration
+        step, least = self.scenario.slot_duration, find_range(Uav, 'average_power').low
         uavs = tuple(
             replace(uav, start=tuple(path[point].tolist()),
-                    start_velocity=_velocity_at(uav, path, point, step), average_power=min(
-                        uav.peak_power, max(energy / slots, RANGES['average_power'][0])))
+                    start_velocity=_velocity_at(uav, path, point, step),
+                    average_power=min(uav.peak_power, max(energy / slots, least)))
             for uav, path, energy in zip(
                 self.scenario.uavs, self.positions, left.tolist(), strict=True))
         return replace(

@@ -8,7 +8,8 @@ import numpy as np
 from .cdr import PathContent, read_path, read_power, read_trajectory, TrajectoryContent
 from .parameters import LONGEST_FRAME
 from ..errors import PlanError, quote
-from ..mission.scenario import Array, RANGES, Scenario, Uav
+from ..mission.fields import COORDINATE, find_range
+from ..mission.scenario import Array, Scenario, Uav
 from ..model.curve import infer_limits
 from ..plan.plan import Plan
 
@@ -142,7 +143,7 @@ def _plan_from(names: Sequence[str], contents: Mapping[str, Any], fields: Mappin
             f'{next(iter(motions))}/trajectory has accelerations, {absent[0]}/trajectory is '
             'missing or has none; there must be all of them, or none')
     limits = infer_limits(positions, slot_duration, [motion[1:] for motion in motions.values()])
-    average = np.maximum(watts.mean(axis=1) * (1 + 1e-9), RANGES['average_power'][0])
+    average = np.maximum(watts.mean(axis=1) * (1 + 1e-9), find_range(Uav, 'average_power').low)
     peak = np.maximum(watts.max(axis=1) * (1 + 1e-9), average)
     uavs = tuple(
         Uav(name, tuple(line[0].tolist()), tuple(line[-1].tolist()), float(line_z),
@@ -164,7 +165,7 @@ def _check_trajectory(name: str, trajectory: TrajectoryContent, path: PathConten
     if trajectory.size != len(path.places):
         raise PlanError(f'{name}/trajectory has {trajectory.size} points and {name}/path '
                         f'{len(path.places)}; there must be as many')
-    low, high = RANGES['coordinate']
+    low, high = COORDINATE.low, COORDINATE.high
     if not all(((values >= low) & (values <= high)).all() for values in trajectory.motion or ()):
         raise PlanError(f'{name}/trajectory has values beyond {low:g} to {high:g}')
 
@@ -216,8 +217,8 @@ def _timing(paths: Mapping[str, PathContent]) -> tuple[int, float]:
 
 
 def _check_values(names: Sequence[str], places: Array, watts: Array) -> None:
-    low, high = RANGES['coordinate']
-    most = RANGES['peak_power'][1]
+    low, high = COORDINATE.low, COORDINATE.high
+    most = find_range(Uav, 'peak_power').high
     for name, line, levels in zip(names, places, watts, strict=True):
         if not ((line >= low) & (line <= high)).all():
             raise PlanError(f'{name}/path has coordinates beyond {low:g} to {high:g} m')

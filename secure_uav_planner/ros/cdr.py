@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import brief, PlanError
-from ..mission.scenario import Array, RANGES
+from ..mission.fields import find_range
+from ..mission.scenario import Array, Scenario
 
 _POSE, _POINT = 56, 184  # Bytes of a pose, and of a point with one of each of its parts.
-_MOST = int(RANGES['slots'][1]) + 2  # Points.
+_MOST = int(find_range(Scenario, 'slots').high) + 2  # Points.
 
 
 def digest(stamp_ns: int, *arrays: Array) -> str:

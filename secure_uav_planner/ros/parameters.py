@@ -10,10 +10,11 @@ from rclpy.exceptions import NameValidationException
 from rclpy.validate_topic_name import validate_topic_name
 
 from ..errors import brief, ParameterError, quote
-from ..mission.participants import Propulsion
+from ..mission.fields import COORDINATE, find_range, RADIUS
+from ..mission.participants import Eavesdropper, NoFlyZone, Propulsion, Uav
 from ..mission.polygons import MAX_VERTICES
-from ..mission.propagation import ENVIRONMENTS
-from ..mission.scenario import MAX_MEMBERS, MAX_ZONES, RANGES, Scenario
+from ..mission.propagation import Channel, ENVIRONMENTS
+from ..mission.scenario import MAX_MEMBERS, MAX_ZONES, Scenario
 from ..mission.tracks import MAX_SPEED
 from ..optimize import METHODS
 from ..output.autopilots import STACKS
@@ -133,25 +134,34 @@ NO_OUTAGE = NO_LIMIT = 0.0
 NO_FADING = math.inf
 PROPULSIONS = ('none', 'rotary_wing')
 
+_COORDINATE = COORDINATE.low, COORDINATE.high
+
+
+def _range(kind: type[Any], field: str) -> tuple[float, float]:
+    """Return the smallest and the largest value of a field of a dataclass."""
+    check = find_range(kind, field)
+    return check.low, check.high
+
+
 CHANNEL = {
     'channel.exponent': Spec(2.0, 'Path loss exponent alpha; 2 is free space.',
-                             RANGES['exponent']),
+                             _range(Channel, 'exponent')),
     'channel.los': Spec(NO_LOS, 'Environment that gives the probability of a line of sight; none '
                         'for a line of sight everywhere, or for channel.los_numbers.',
                         choices=(NO_LOS, *ENVIRONMENTS)),
     'channel.los_numbers': Spec(
         [], 'Numbers a, b per degree and extra loss in dB instead of an environment; empty for '
-        'none.', (0.0, RANGES['los_loss_db'][1]), length=(0, 3)),
+        'none.', (0.0, 100.0), length=(0, 3)),
     'channel.cautious': Spec(False, 'Whether what leaks and what interferes counts at the gain of '
                              'a line of sight, and what helps at the mean gain; ignored with '
                              'channel.outage.'),
     'channel.rician_k_db': Spec(
         NO_FADING, 'Rician factor of the fading in dB, at most 40; inf for none. It counts only '
-        'with channel.outage.', (RANGES['rician_k_db'][0], NO_FADING)),
+        'with channel.outage.', (find_range(Channel, 'rician_k_db').low, NO_FADING)),
     'channel.outage': Spec(
         NO_OUTAGE, 'Largest probability with which the secrecy rate of a slot may be lower than '
         'the guaranteed one because of fading or lines of sight; 0 for no fading and mean gains, '
-        'otherwise at least 1e-6.', (NO_OUTAGE, RANGES['outage'][1])),
+        'otherwise at least 1e-6.', (NO_OUTAGE, find_range(Channel, 'outage').high)),
 }
 """Parameters of the channel by name."""
 
@@ -168,14 +178,17 @@ SCENARIO_FIELDS = {
 """Meanings of the parameters that are fields of Scenario."""
 
 
-def _spec(default: Any, text: str, field: str) -> Spec:
-    """Return the Spec of a field of Scenario, Uav or Propulsion with its default."""
+def _spec(owner: Any, field: str, text: str) -> Spec:
+    """Return the Spec of a field of a Scenario, Uav or Propulsion with its value as default."""
+    default = getattr(owner, field)
     if isinstance(default, tuple):
         shortest = 0 if field.endswith('velocity') else 2
-        return Spec(list(default), text, RANGES['coordinate'], length=(shortest, 2))
-    if default is None:
-        return Spec(NO_LIMIT, text, (NO_LIMIT, RANGES[field][1]))
-    return Spec(default, text, RANGES.get(field))
+        return Spec(list(default), text, _COORDINATE, length=(shortest, 2))
+    if isinstance(default, bool):
+        return Spec(default, text)
+    low, high = _range(type(owner), field)
+    return Spec(NO_LIMIT, text, (NO_LIMIT, high)) if default is None else Spec(
+        default, text, (low, high))
 
 
 _MISSION_FILE = Spec(
@@ -193,12 +206,12 @@ PLANNER = {
                           read_only=True),
     'frame_id': Spec('map', 'Frame of all poses and paths, z up (REP-103, REP-105).',
                      length=(0, LONGEST_FRAME)),
-    **{field: _spec(getattr(_PAPER, field), text, field)
+    **{field: _spec(_PAPER, field, text)
        for field, text in SCENARIO_FIELDS.items()},
     **CHANNEL,
     'no_fly_zones': Spec([], 'Names of the no-fly zones.', length=(0, MAX_ZONES), read_only=True),
     'geofence': Spec([], 'Vertices of a polygon that no UAV leaves in m, one after the other as '
-                     '[x1, y1, x2, y2, ...]; empty for none.', RANGES['coordinate'],
+                     '[x1, y1, x2, y2, ...]; empty for none.', _COORDINATE,
                      length=(0, 2 * MAX_VERTICES)),
     'method': Spec(next(iter(METHODS)), 'Optimisation method.', choices=tuple(METHODS)),
     'objective': Spec(
@@ -221,7 +234,7 @@ PLANNER = {
                          'limit.', (0.0, 86400.0)),
     'height_tolerance': Spec(2.0, 'Largest distance in m of the ground node and of the '
                              'eavesdroppers from z = 0 of the frame.',
-                             (0.0, RANGES['altitude'][1])),
+                             (0.0, find_range(Uav, 'altitude').high)),
     'start_delay': Spec(0.0, 'How far ahead of a request on ~/plan in s the new plan starts, from '
                         'where the UAVs will be then; also the deadline of its solve; 0 to start '
                         'from where they are when it has been solved, or in flight after '
@@ -235,7 +248,7 @@ PLANNER = {
     'replan_distance': Spec(0.0, 'Plan the rest of the mission again when the ground node or an '
                             'estimate has moved by more than this distance in m, or an error '
                             'radius has changed by more than a tenth of it; 0 for never.',
-                            RANGES['error_radius']),
+                            (RADIUS.low, RADIUS.high)),
     'replan_deviation': Spec(0.0, 'Plan the rest of the mission again, from where the UAVs will '
                              'be, when one is farther from its plan than this distance in m; 0 '
                              'for never.', (0.0, 1e7)),
@@ -281,12 +294,12 @@ PROPULSION_FIELDS = {
 def uav_parameters(name: str, index: int) -> dict[str, Spec]:
     """Return the parameters of one UAV by name; the paper's values are the defaults."""
     uav = _PAPER.uavs[min(index, len(_PAPER.uavs) - 1)]
-    return {**{f'{name}.{field}': _spec(getattr(uav, field), text, field)
+    return {**{f'{name}.{field}': _spec(uav, field, text)
                for field, text in UAV_FIELDS.items()},
             f'{name}.propulsion.model': Spec(
                 PROPULSIONS[0], 'What flying takes; with a model, the status says the energy of '
                 'the plan.', choices=PROPULSIONS),
-            **{f'{name}.propulsion.{field}': _spec(getattr(Propulsion(), field), text, field)
+            **{f'{name}.propulsion.{field}': _spec(Propulsion(), field, text)
                for field, text in PROPULSION_FIELDS.items()},
             f'{name}.use_pose': Spec(
                 True, 'Whether to plan from the last odometry or pose of the UAV, if one has '
@@ -294,7 +307,7 @@ def uav_parameters(name: str, index: int) -> dict[str, Spec]:
             f'{name}.origin': Spec(
                 [0.0, 0.0, 0.0], 'What is added to the positions (x, y, z) of the odometry and '
                 'poses of the UAV in m: the origin of its local frame; zero where the relay, '
-                'which adds it, publishes the odometry.', RANGES['coordinate'], length=(3, 3))}
+                'which adds it, publishes the odometry.', _COORDINATE, length=(3, 3))}
 
 
 def eavesdropper_parameters(name: str) -> dict[str, Spec]:
@@ -303,7 +316,7 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
         f'{name}.error_radius': Spec(
             _PAPER.eavesdroppers[0].error_radius,
             'Error radius epsilon in m, used where the covariance of x and y is zero.',
-            RANGES['error_radius']),
+            (RADIUS.low, RADIUS.high)),
         f'{name}.max_speed': Spec(
             0.0, 'How fast it can be in m/s, in any direction: its error radius then grows by so '
             'much each second from the measurement to the prediction_horizon. With 0, it moves as '
@@ -311,7 +324,7 @@ def eavesdropper_parameters(name: str) -> dict[str, Spec]:
         f'{name}.receiver_advantage_db': Spec(
             0.0, "By how much in dB the SNR at its receiver is larger than the ground node's "
             'would be at its place: a better antenna or less noise.',
-            RANGES['receiver_advantage_db'])}
+            _range(Eavesdropper, 'receiver_advantage_db'))}
 
 
 def zone_parameters(name: str) -> dict[str, Spec]:
@@ -319,12 +332,12 @@ def zone_parameters(name: str) -> dict[str, Spec]:
     return {
         f'{name}.vertices': Spec(
             [], 'Vertices of the polygon in m, one after the other as [x1, y1, x2, y2, ...]. It '
-            'need not be convex.', RANGES['coordinate'], length=(6, 2 * MAX_VERTICES)),
+            'need not be convex.', _COORDINATE, length=(6, 2 * MAX_VERTICES)),
         f'{name}.floor': Spec(
-            RANGES['floor'][0], 'Lowest altitude in m that is forbidden.', RANGES['floor']),
+            0.0, 'Lowest altitude in m that is forbidden.', _range(NoFlyZone, 'floor')),
         f'{name}.ceiling': Spec(
             NO_LIMIT, 'Highest altitude in m that is forbidden; 0 for no limit.',
-            (NO_LIMIT, RANGES['altitude'][1]))}
+            (NO_LIMIT, find_range(Uav, 'altitude').high))}
 
 
 def planner_member_parameters(values: Mapping[str, Any]) -> dict[str, Spec]:
@@ -358,13 +371,13 @@ REPLAY = {
     'start_tolerance': Spec(5.0, 'Distance in m within which a UAV counts as at its start.',
                             (0.01, 1e7)),
     'ground_node': Spec(list(_PAPER.ground_node), 'Position (x, y) of the ground node in m, for '
-                        'the rates of a plan from the topics.', RANGES['coordinate'],
+                        'the rates of a plan from the topics.', _COORDINATE,
                         length=(2, 2)),
     'reference_snr_db': Spec(_PAPER.reference_snr_db, 'SNR at 1 m and 1 W in dB, for the rates '
-                             'of a plan from the topics.', RANGES['reference_snr_db']),
+                             'of a plan from the topics.', _range(Scenario, 'reference_snr_db')),
     **CHANNEL,
     'true_eavesdropper': Spec([], 'True position (x, y) of the eavesdropper in m; empty if it is '
-                              'not known.', RANGES['coordinate'], length=(0, 2)),
+                              'not known.', _COORDINATE, length=(0, 2)),
 }
 """Parameters of the replay node."""
 
@@ -396,12 +409,12 @@ def relay_parameters(name: str, index: int) -> dict[str, Spec]:
     return {
         f'{name}.origin': Spec(
             [0.0, 0.0, 0.0], "Origin (x, y, z) of the vehicle's local frame in the frame of the "
-            'plan in m; often where it was switched on.', RANGES['coordinate'], length=(3, 3)),
+            'plan in m; often where it was switched on.', _COORDINATE, length=(3, 3)),
         f'{name}.max_speed': uav_parameters(name, index)[f'{name}.max_speed'],
         f'{name}.max_acceleration': Spec(
             NO_LIMIT, 'Largest acceleration in m/s^2 that a setpoint may have; 0 for what '
             'max_jump allows: to lead no farther in 0.25 s.',
-            (NO_LIMIT, RANGES['max_acceleration'][1]))}
+            (NO_LIMIT, find_range(Uav, 'max_acceleration').high))}
 
 
 def relay_member_parameters(values: Mapping[str, Any]) -> dict[str, Spec]:

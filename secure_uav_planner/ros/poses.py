@@ -13,8 +13,10 @@ from .frames import Message, refuse_frame, turn_covariance
 from .topics import member_topics
 from ..errors import (
     PoseError, PoseMissingError, PoseStaleError, quote, WrongFrameError)
-from ..mission.scenario import Array, Point, RANGES
+from ..mission.fields import COORDINATE, find_range, Number, Point, RADIUS
+from ..mission.participants import Uav
 from ..mission.tracks import MAX_SPEED
+from ..mission.validation import Array
 from ..output.autopilots import rotation
 
 # s between the positions that give the velocity of a UAV without odometry.
@@ -264,7 +266,7 @@ def read_pose(topic: str, message: Message, settings: Mapping[str, Any], now: fl
     name, header = topic.partition('/')[0], message.header
     is_uav = name in settings['uavs']
     pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
-    _check_range(pose.position, 'position', RANGES['coordinate'][1], 'm')
+    _check_range(pose.position, 'position', COORDINATE)
     for axis in 'xyzw':
         value = getattr(pose.orientation, axis)
         if not math.isfinite(value):
@@ -310,7 +312,7 @@ def error_radius(covariance: Array, confidence: float) -> float:
 def _check_sizes(pose: KnownPose, settings: Mapping[str, Any]) -> None:
     """Raise a PoseError if a covariance gives a radius with which no mission can be planned."""
     for covariance, name, most, unit in (
-            (pose.covariance, 'x and y', RANGES['error_radius'][1], 'm'),
+            (pose.covariance, 'x and y', RADIUS.high, 'm'),
             (pose.velocity_covariance, 'the velocity', MAX_SPEED, 'm/s')):
         if covariance is None:
             continue
@@ -321,7 +323,8 @@ def _check_sizes(pose: KnownPose, settings: Mapping[str, Any]) -> None:
                 f'confidence {settings["confidence"]:g}; it must be at most {most:g} {unit}')
 
 
-def _check_range(vector: Any, name: str, most: float, unit: str) -> None:
+def _check_range(vector: Any, name: str, allowed: Number) -> None:
+    most, unit = allowed.high, allowed.unit
     for axis in 'xyz':
         value = getattr(vector, axis)
         if not abs(value) <= most:
@@ -332,7 +335,7 @@ def _check_range(vector: Any, name: str, most: float, unit: str) -> None:
 def _velocity(message: Odometry) -> Point:
     """Return the horizontal velocity of an Odometry in the frame of its header, in m/s."""
     speed = message.twist.twist.linear
-    _check_range(speed, 'twist.linear', RANGES['max_speed'][1], 'm/s')
+    _check_range(speed, 'twist.linear', find_range(Uav, 'max_speed'))
     # REP-105 and nav_msgs: a twist is in the child frame, whatever that is.
     if message.child_frame_id == message.header.frame_id:
         return (speed.x, speed.y)

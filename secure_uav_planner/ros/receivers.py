@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .poses import error_radius, KnownPose, PoseBook
-from ..mission.scenario import Eavesdropper, RANGES, Scenario
+from ..mission.fields import RADIUS
+from ..mission.scenario import Eavesdropper, Scenario
 from ..mission.tracks import LEFT_OUT, Track
 from ..plan.tracking import PlanClock
 
@@ -127,7 +128,7 @@ def _predict(pose: KnownPose, radius: float, max_speed: float, confidence: float
         velocity, growth = (0.0, 0.0), speed + growth if speed > max_speed else max_speed
     if not (any(velocity) or growth):
         return None
-    duration, most = max(until - pose.time, _SHORTEST_TRACK), RANGES['error_radius'][1]
+    duration, most = max(until - pose.time, _SHORTEST_TRACK), RADIUS.high
     if growth:  # Beyond, the disc is as large as any; no plan may depend on the difference.
         duration = min(duration, (most - radius) / growth)
     return tuple((clock.to_plan(pose.time + age), pose.position[0] + age * velocity[0],

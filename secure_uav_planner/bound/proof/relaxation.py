@@ -18,8 +18,8 @@ wrong by a few eps of their terms; a negative one of the rates is at most 2 / H^
 and met only where a box is within H of a receiver, so that it is at most of the size of 2 over a
 box. `margin` is 64 eps times the sum of these sizes, which is about ten times what the terms can
 add up to, and it is added to every box, to every maximum and to every group. It is of the order of
-1e-11 nats for a mission like the paper's and grows with what is asked, up to RANGES; where it is
-not finite, neither is the bound. Sums over the groups are exact but for one rounding (math.fsum).
+1e-11 nats for a mission like the paper's and grows with the values of its fields; where it is not
+finite, neither is the bound. Sums over the groups are exact but for one rounding (math.fsum).
 """
 
 from __future__ import annotations

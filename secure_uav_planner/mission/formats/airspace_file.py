@@ -11,11 +11,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ..fields import ErrorList, MAX_DISTANCE
 from ..files import checked_path, read_text
 from ..geography import Origin
 from ..participants import NoFlyZone
 from ..polygons import checked_polygon, Vertices
-from ..validation import checked_kind, ErrorList, is_sequence, MAX_DISTANCE, to_number
+from ..validation import checked_kind, is_sequence, to_number
 from ...errors import brief, MissionFileError, OptionError, quote, ScenarioError
 
 MOST_BYTES = 2**22

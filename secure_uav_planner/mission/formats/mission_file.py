@@ -8,9 +8,9 @@ from typing import Any
 
 from .airspace_file import read_zones
 from .documents import Document, format_document, make_file_error, Problem, read_document
+from ..fields import Block
 from ..files import atomic_file
 from ..geography import Origin
-from ..validation import checked_block
 from ...errors import (
     MissionFileError, prefix_place, quote, ScenarioError, yaml_notation)
 
@@ -68,7 +68,7 @@ def _add_airspace(data: dict[str, Any], folder: Path) -> None:
     :raises ScenarioError: as read_zones does, also for a file that cannot be read; for a mission
         without an origin, or with a fence of its own.
     """
-    name, origin = data.pop('airspace'), checked_block('origin', data.get('origin'), Origin)
+    name, origin = data.pop('airspace'), Block(Origin)('', 'origin', data.get('origin'))
     with prefix_place('airspace'):
         if not isinstance(name, str):
             raise ScenarioError(f'airspace is {quote(name)}; it must be the path of a file, '

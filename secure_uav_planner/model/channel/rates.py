@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .links import FreeSpace, guaranteed_squared_distance, make_link
-from ...mission.scenario import Array, Scenario
+from ...mission.fields import find_range
+from ...mission.scenario import Array, Eavesdropper, Scenario
 from ...mission.tracks import ReceiverPlaces
-from ...mission.validation import checked_array, checked_kind, checked_real, RANGES
+from ...mission.validation import checked_array, checked_kind, checked_real
 
 
 def find_receivers(scenario: Scenario, slots: int, times: Array | None = None) -> ReceiverPlaces:
@@ -103,9 +104,12 @@ def secrecy_rates(scenario: Scenario, positions: Array, powers: Array,
     positions, powers = checked_flight(scenario, positions, powers)
     shape = (powers.shape[1], 2)
     places = np.broadcast_to(checked_array('eavesdropper', eavesdropper, (2,), shape), shape)
-    advantage = (float(scenario.receiver_advantages.max()) if receiver_advantage_db is None
-                 else 10.0 ** (checked_real('receiver_advantage_db', receiver_advantage_db,
-                                            *RANGES['receiver_advantage_db']) / 10.0))
+    if receiver_advantage_db is None:
+        advantage = float(scenario.receiver_advantages.max())
+    else:
+        allowed = find_range(Eavesdropper, 'receiver_advantage_db')
+        advantage = 10.0 ** (checked_real(
+            'receiver_advantage_db', receiver_advantage_db, allowed.low, allowed.high) / 10.0)
     leak = leakage_rates(scenario, positions[:, 1:-1], powers, places[:, None], advantage)[:, 0]
     return ground_rates(scenario, positions, powers, times) - leak
 

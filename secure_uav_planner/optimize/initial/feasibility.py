@@ -15,9 +15,9 @@ from .visibility_graph import find_free_places
 from ..deadline import Check
 from ...errors import InfeasibleMissionError, TimeLimitError
 from ...mission.consistency import refuse_duration, refuse_slow_uavs
-from ...mission.kinematics import EFFORT_TOLERANCE, find_shortest_duration
+from ...mission.fields import raise_all
+from ...mission.kinematics import DURATION, EFFORT_TOLERANCE, find_shortest_duration
 from ...mission.scenario import Array, Scenario, Uav
-from ...mission.validation import raise_all, RANGES
 from ...model.airspace import GEOFENCE, get_airspace
 from ...model.least_effort import find_least_efforts, least_effort
 from ...model.limits import SeparationLimit
@@ -102,7 +102,7 @@ def _find_first(answers: Iterable[Array | None]) -> Array | None:
 def _find_duration_around(scenario: Scenario, duration: float, check: Check,
                           search: Callable[[Scenario, Check], Array | None]) -> float | None:
     """Return a duration of at least the given one in which a search finds flights, or None."""
-    longest = min(_LONGEST * scenario.duration, RANGES['duration'][1])
+    longest = min(_LONGEST * scenario.duration, DURATION.high)
 
     @cache
     def measure_effort(duration: float) -> float:
