@@ -60,7 +60,8 @@ setup(
     package_data={
         package_name: ['py.typed'],
         f'{package_name}.mission.formats': ['*.yaml'],
-        f'{package_name}.model.kernel': ['*.cpp', '*.hpp', '*.pyi']},
+        f'{package_name}.model.kernel': ['*.cpp', '*.hpp', '*.pyi'],
+        f'{package_name}.ros': ['*.yaml']},
     cmdclass={'build_ext': BuildKernel},
     ext_modules=[kernel],
     data_files=[

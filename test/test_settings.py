@@ -12,6 +12,12 @@ from rclpy.context import Context
 from rclpy.node import Node
 from ros_client import Client, node_process, refusal, wait_for_line
 from secure_uav_planner.errors import ParameterError
+from secure_uav_planner.mission import METHODS, OBJECTIVES
+from secure_uav_planner.mission.polygons import MAX_VERTICES
+from secure_uav_planner.mission.propagation import ENVIRONMENTS
+from secure_uav_planner.mission.scenario import MAX_MEMBERS, MAX_ZONES
+from secure_uav_planner.mission.tracks import MAX_SPEED
+from secure_uav_planner.output.autopilots import STACKS
 from secure_uav_planner.ros.parameters import (
     eavesdropper_parameters, PLANNER, RELAY, relay_parameters, REPLAY, SCENARIO_FIELDS, Spec,
     uav_parameters, zone_parameters)
@@ -111,6 +117,19 @@ def test_each_parameter_of_each_node_is_judged_alike_at_the_start_and_at_run_tim
         node.remove_on_set_parameters_callback(running._on_set)
         node.undeclare_parameter(name)
     assert min(judged.values()) > 500, judged
+
+
+def test_choices_and_lengths_in_the_table_of_parameters_are_those_of_the_package():
+    assert PLANNER['method'].choices == METHODS
+    assert PLANNER['objective'].choices[1:] == OBJECTIVES
+    assert PLANNER['channel.los'].choices[1:] == tuple(ENVIRONMENTS)
+    assert RELAY['stack'].choices == tuple(STACKS)
+    assert {PLANNER['uavs'].length[1], PLANNER['eavesdroppers'].length[1],
+            REPLAY['uavs'].length[1], RELAY['vehicles'].length[1]} == {MAX_MEMBERS}
+    assert PLANNER['no_fly_zones'].length == (0, MAX_ZONES)
+    assert PLANNER['geofence'].length[1] == 2 * MAX_VERTICES
+    assert zone_parameters('zone')['zone.vertices'].length[1] == 2 * MAX_VERTICES
+    assert eavesdropper_parameters('eve')['eve.max_speed'].limits[1] == MAX_SPEED
 
 
 def test_empty_lists_and_the_word_off_can_be_given_at_the_start(capfd):

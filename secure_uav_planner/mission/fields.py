@@ -193,9 +193,14 @@ def number(low: float, high: float, unit: str = '') -> Metadata:
     return checked_by(Number(low, high, unit))
 
 
+def get_check(kind: type[Any], name: str) -> Any:
+    """Return the check of a field of a dataclass."""
+    return {field.name: field for field in fields(kind)}[name].metadata['check']
+
+
 def find_range(kind: type[Any], name: str) -> Number:
-    """Return the range of a field of a dataclass."""
-    check = {field.name: field for field in fields(kind)}[name].metadata['check']
+    """Return the range of a field of a dataclass that is a number."""
+    check = get_check(kind, name)
     assert isinstance(check, Number)
     return check
 

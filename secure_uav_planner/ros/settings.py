@@ -14,8 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from .parameters import (
-    NO_FADING, NO_LIMIT, NO_LOS, NO_OUTAGE, OWN_OBJECTIVE, PROPULSION_FIELDS, PROPULSIONS, Spec,
-    UAV_FIELDS)
+    EMPTY_VALUES, METHOD_DEFAULT, NO_LOS, NO_PROPULSION, PROPULSION_FIELDS, Spec, UAV_FIELDS)
 from ..errors import brief, ParameterError, PlanFileError, PlanningError, quote, ScenarioError
 from ..mission import Objective
 from ..mission.participants import NoFlyZone, Propulsion
@@ -27,11 +26,6 @@ from ..plan.plan import Plan
 
 # Prefixes of the parameters that every node of ROS has.
 _ROS_PREFIXES = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
-
-_EMPTY_VALUES = {
-    'geofence': [], 'los': NO_LOS, 'rician_k_db': NO_FADING, 'outage': NO_OUTAGE,
-    'max_acceleration': NO_LIMIT, 'start_velocity': [], 'goal_velocity': [], 'ceiling': NO_LIMIT}
-"""Values of the parameters of mission fields that are None or infinite."""
 
 
 class Settings:
@@ -167,7 +161,7 @@ def save_plan(plan: Plan, file: str, log: RcutilsLogger) -> None:
 def objective_from(values: Mapping[str, Any]) -> Objective:
     """Return the objective of the parameter values, or raise an error if the method lacks it."""
     objective = values['objective']
-    return check_objective(values['method'], None if objective == OWN_OBJECTIVE else objective)
+    return check_objective(values['method'], None if objective == METHOD_DEFAULT else objective)
 
 
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:
@@ -175,7 +169,7 @@ def uav_from(values: Mapping[str, Any], name: str) -> Uav:
     fields = {field: values[f'{name}.{field}'] for field in UAV_FIELDS}
     for field in ('max_acceleration', 'start_velocity', 'goal_velocity'):
         fields[field] = fields[field] or None
-    if values[f'{name}.propulsion.model'] != PROPULSIONS[0]:
+    if values[f'{name}.propulsion.model'] != NO_PROPULSION:
         fields['propulsion'] = Propulsion(**{
             field: values[f'{name}.propulsion.{field}'] for field in PROPULSION_FIELDS})
     return Uav(name, **fields)
@@ -191,7 +185,7 @@ def channel_from(values: Mapping[str, Any]) -> Channel:
     outage, fading = values['channel.outage'] or None, values['channel.rician_k_db']
     return Channel(values['channel.exponent'], numbers or (None if los == NO_LOS else los),
                    values['channel.cautious'],
-                   None if outage is None or fading == NO_FADING else fading, outage)
+                   None if outage is None or math.isinf(fading) else fading, outage)
 
 
 def airspace_from(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -245,7 +239,8 @@ def mission_values(mission: Scenario) -> dict[str, Any]:
     if not isinstance(values['channel.los'], str):
         values |= {'channel.los': NO_LOS, 'channel.los_numbers': values['channel.los']}
     for uav in mission.uavs:
-        values[f'{uav.name}.propulsion.model'] = PROPULSIONS[uav.propulsion is not None]
+        values[f'{uav.name}.propulsion.model'] = (
+            'rotary_wing' if uav.propulsion else NO_PROPULSION)
     return values
 
 
@@ -255,7 +250,7 @@ def _flatten(data: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, A
         if isinstance(value, Mapping):
             yield from _flatten(value, f'{prefix}{field}.')
         elif value in (None, math.inf):
-            yield f'{prefix}{field}', _EMPTY_VALUES.get(field)
+            yield f'{prefix}{field}', EMPTY_VALUES.get(field)
         else:
             yield f'{prefix}{field}', (
                 np.ravel(value).tolist() if isinstance(value, tuple) else value)
