@@ -51,7 +51,7 @@ ros = [
     'ros-jazzy-common-interfaces==5.3.6',
 ]
 view = ['matplotlib>=3.6', 'mcap>=1.1', 'pandas>=1.5', 'plotly>=5.15']
-campaign = [*view, 'distributed>=2024.1', 'joblib>=1.4', 'pyarrow>=14', 'tqdm>=4.64']
+campaign = [*view, 'distributed>=2024.1', 'joblib>=1.4', 'pyarrow>=14']
 
 setup(
     name=package_name,

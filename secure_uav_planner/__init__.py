@@ -2,6 +2,7 @@
 
 from importlib.metadata import PackageNotFoundError, version
 
+from .apps.campaigns import run_campaign
 from .assessment import assess, Assessment, World
 from .bound import shortest_duration, upper_bound
 from .errors import PlanningError
@@ -15,8 +16,8 @@ from .plan import Bound, Iteration, Plan
 
 __all__ = ['Assessment', 'Bound', 'Channel', 'Eavesdropper', 'Iteration', 'METHODS', 'NoFlyZone',
            'Origin', 'Plan', 'PlanningError', 'Propulsion', 'Scenario', 'Uav', 'World', 'assess',
-           'fly_hover_fly', 'read_zones', 'reference_snr_db', 'shortest_duration', 'solve',
-           'upper_bound']
+           'fly_hover_fly', 'read_zones', 'reference_snr_db', 'run_campaign',
+           'shortest_duration', 'solve', 'upper_bound']
 
 try:
     __version__ = version(__name__)

@@ -66,6 +66,7 @@ def examples():
         **{name: value for instance in (origin, zone, eavesdropper, uav, scenario, plan)
            for name, value in vars(instance).items()},
         'scenario': scenario, 'plan': plan, 'tail': plan.tail(2), 'point': 2, 'path': 'file.yaml',
+        'campaign': {'mission': scenario, 'methods': ['fly_hover_fly_constant']},
         'source': scenario, 'updated': scenario,
         'bound': None, 'bits': 10.0, 'speeds': [1.0], 'data': None, 'share': 0.5, 'time': 1.0,
         'times': [1.0],
@@ -87,7 +88,7 @@ def test_a_wrong_type_is_refused_by_name(examples, name, owner, parameter, tmp_p
         try:
             call(**{**required, parameter: value})
         except (OSError, PlanFileError):
-            assert parameter == 'path'
+            assert parameter in ('path', 'campaign')
         except PlanningError as error:
             text = str(error).lower()
             assert parameter in text or parameter == 'data' and owner.__name__.lower() in text

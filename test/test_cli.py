@@ -480,7 +480,6 @@ ROS = 'rclpy', 'rcl_interfaces', 'std_msgs'
     (['plotly'], ['show', 'a/b/plan.json', '-o', 'plan.html'], 2, 'view'),
     (['matplotlib'], ['assess', 'a/b/plan.json', '--draws', '10'], 0, 'view'),
     (['joblib'], ['sweep', 'campaign.yaml'], 2, 'campaign'),
-    (['tqdm'], ['sweep', 'campaign.yaml'], 2, 'campaign'),
     (['distributed'], ['sweep', 'campaign.yaml', '--scheduler', 'tcp://127.0.0.1:1'], 2,
      'campaign')])
 def test_of_a_package_that_is_missing_a_line_says_what_to_install(

@@ -21,7 +21,7 @@ PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 # The keys of rosdep for modules that are not called by it.
 KEYS = {name: f'python3-{name}' for name in (
     'argcomplete', 'hypothesis', 'joblib', 'matplotlib', 'numpy', 'pandas', 'pybind11', 'pytest',
-    'scipy', 'setuptools', 'shapely', 'tqdm')}
+    'scipy', 'setuptools', 'shapely')}
 KEYS.update({'cvxpy': 'python3-cvxpy-pip', 'pyyaml': 'python3-yaml', 'yaml': 'python3-yaml'})
 # CVXPY brings it, and rosdep has no key.
 WITH_ANOTHER = {'clarabel': 'cvxpy'}

@@ -121,7 +121,9 @@ def test_a_campaign_keeps_channels_of_different_promise_apart(tmp_path, monkeypa
         known = [json.loads(line) for line in file]
     for row in known:  # Bands over the channel: it is no field that colours tell apart.
         row['fields'].pop('channel.los')
-    axes, = draw_figure(known).axes
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    figure = draw_figure(known)
+    [axes], [legend] = figure.axes, figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
     assert len(labels) == 2 and sum('guaranteed' in label for label in labels) == 1
-    assert axes.get_ylabel() == 'guaranteed rate or lower bound at mean gains (bit/s/Hz)'
+    assert axes.get_ylabel().replace('\n', ' ') == (
+        'guaranteed rate or lower bound at mean gains (bit/s/Hz)')

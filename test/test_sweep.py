@@ -3,18 +3,21 @@
 import csv
 from dataclasses import replace
 import fcntl
+from itertools import product
 import json
 import os
 from pathlib import Path
+from random import Random
 import re
 import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 from processes import environment
 import pytest
-from secure_uav_planner import Eavesdropper, METHODS, Plan, Scenario, solve
+from secure_uav_planner import Eavesdropper, METHODS, Plan, run_campaign, Scenario, solve
 from secure_uav_planner.apps.campaign_file import load_campaign
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.apps.results import draw_figure, save_tables
@@ -74,12 +77,12 @@ def written(least):
 def test_each_mission_is_planned_once_and_is_a_row(folder, capsys):
     assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '2']) == 0
     rows = journal()
-    # Two durations, two radii, two draws, three pairs of a method and an objective.
-    assert load_campaign('campaign.yaml').size == 24
-    assert len(rows) == len({row['key'] for row in rows}) == 24
+    # Two durations, two radii, two draws, two methods by two objectives.
+    assert load_campaign('campaign.yaml').size == 32
+    assert len(rows) == len({row['key'] for row in rows}) == 32
     # 60 s are too short: a failure is a row with its reason.
     failed = [row for row in rows if row['outcome'] != 'ok']
-    assert {row['fields']['duration'] for row in failed} == {60.0} and len(failed) == 12
+    assert {row['fields']['duration'] for row in failed} == {60.0} and len(failed) == 16
     assert all(row['outcome'] == 'infeasible' and 'needs at least' in row['reason']
                for row in failed)
     for row in rows:
@@ -94,9 +97,9 @@ def test_each_mission_is_planned_once_and_is_a_row(folder, capsys):
             break
     with open('out/results.csv', newline='') as file:
         table = list(csv.DictReader(file))
-    assert len(table) == 24 and {row['duration'] for row in table} == {'60.0', '120.0'}
+    assert len(table) == 32 and {row['duration'] for row in table} == {'60.0', '120.0'}
     assert Path('out/summary.png').read_bytes().startswith(b'\x89PNG')
-    assert '12 ok, 12 infeasible' in capsys.readouterr().out
+    assert '16 ok, 16 infeasible' in capsys.readouterr().out
     # Again, nothing is left to plan.
     before = Path('out/results.jsonl').read_bytes()
     assert main(['sweep', 'campaign.yaml', '-o', 'out']) == 0
@@ -105,24 +108,26 @@ def test_each_mission_is_planned_once_and_is_a_row(folder, capsys):
 
 def rows_of_campaign(**fields):
     """Return rows whose rate is duration times the number of the second field's value."""
-    return [{'outcome': 'ok', 'method': 'joint', 'objective': 'guaranteed',
-             'guaranteed_rate': duration * (1 + number) + draw, 'worst_case_rate': 0.0,
-             'fields': {'duration': duration, 'place': [draw, 0.0], **{name: value}}}
-            for duration in (10.0, 20.0) for draw in range(11) for name, values in fields.items()
-            for number, value in enumerate(values)]
+    second = next(iter(fields))
+    return [{'outcome': 'ok', 'sample': draw, 'method': 'joint', 'objective': 'guaranteed',
+             'guaranteed_rate': duration * (1 + fields[second].index(values[0])) + draw,
+             'worst_case_rate': 0.0,
+             'fields': {'duration': duration, 'place': [draw, 0.0], **dict(zip(fields, values))}}
+            for duration in (10.0, 20.0) for draw in range(11)
+            for values in product(*fields.values())]
 
 
 @pytest.mark.parametrize('values', [[5.0, 10.0, 30.0], [[0, 0], [1, 1]]])
 def test_the_figure_has_a_line_for_each_value_of_a_second_field_and_says_what_bands_are(values):
     figure = draw_figure(rows_of_campaign(second=values))
-    assert figure.texts[0].get_text() == (
+    [legend], [axes] = figure.legends, figure.axes
+    assert legend.get_title().get_text() == (
         'lines: medians; bands: from 10 to 90% of the missions, over place')
-    [axes] = figure.axes
     figure.draw_without_rendering()
-    assert not axes.get_legend().get_window_extent().overlaps(axes.bbox)
+    assert not legend.get_window_extent().overlaps(axes.bbox)
     assert axes.get_xlabel() == 'duration (s)'
     assert [line.get_label() for line in axes.lines] == [
-        f'second {json.dumps(value)}, joint, objective guaranteed rate' for value in values]
+        f'second {json.dumps(value)}, joint' for value in values]
     for number, (line, band) in enumerate(zip(axes.lines, axes.collections)):
         medians = [duration * (1 + number) + 5 for duration in (10, 20)]
         assert line.get_xydata().tolist() == [[10, medians[0]], [20, medians[1]]]
@@ -132,7 +137,31 @@ def test_the_figure_has_a_line_for_each_value_of_a_second_field_and_says_what_ba
 
 def test_a_field_with_many_values_is_in_the_band_and_its_name_is_said():
     figure = draw_figure(rows_of_campaign(second=list(range(8))))
-    assert len(figure.axes[0].lines) == 1 and figure.texts[0].get_text().endswith('place, second')
+    assert len(figure.axes[0].lines) == 1
+    assert figure.legends[0].get_title().get_text().endswith('place, second')
+
+
+def test_a_third_and_a_fourth_field_are_small_multiples():
+    figure = draw_figure(rows_of_campaign(
+        second=[1, 2], third=['a', 'b', 'c'], fourth=[0, 7], fifth=[1, 2]))
+    assert [axes.get_title() for axes in figure.axes] == [
+        f'third "{letter}"\nfourth {number}' for number in (0, 7) for letter in 'abc']
+    assert all(len(axes.lines) == 2 for axes in figure.axes)
+    assert figure.legends[0].get_title().get_text().endswith('over place, fifth')
+
+
+def test_a_baseline_is_compared_by_the_rate_that_the_planner_maximises(folder):
+    fields = {'mission': Scenario.load('mission.yaml'), 'methods': [
+        'joint', 'fly_hover_fly_optimised']}
+    for objectives, own in ((None, 'worst_case'), (['guaranteed'], 'guaranteed')):
+        assert load_campaign({**fields, 'objectives': objectives}).schemes == [
+            ('joint', own), ('fly_hover_fly_optimised', own)]
+    rows = run_campaign({**fields, 'objectives': ['guaranteed', 'worst_case']}, jobs=1)
+    figure = draw_figure([{**row, 'fields': {}} for row in rows.to_dict('records')])
+    assert [axes.get_xlabel() for axes in figure.axes] == [
+        'guaranteed rate (bit/s/Hz)', 'worst-case rate (bit/s/Hz)']
+    for axes in figure.axes:
+        assert axes.get_legend_handles_labels()[1] == ['joint', 'fly_hover_fly_optimised']
 
 
 def test_draws_are_those_of_the_seed_and_the_same_for_each_scheme_and_place(folder):
@@ -151,13 +180,98 @@ mission: mission.yaml
 methods: [joint, alternating, fly_hover_fly_constant, fly_hover_fly_optimised]
 """)
     assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
-    rows = {row['method']: row for row in journal()}
     mission = Scenario.load('mission.yaml')
-    for method in METHODS:
-        assert rows[method]['objective'] == solve(mission, method, time_limit=1e-3).objective
-    assert {row['objective'] for row in rows.values()} == {'guaranteed', 'worst_case'}
-    for row in rows.values():
+    own = {method: [solve(mission, method, time_limit=1e-3).objective] for method in METHODS}
+    rows = journal()
+    for method in {row['method'] for row in rows}:
+        assert [row['objective'] for row in rows if row['method'] == method] == own.get(
+            method, ['worst_case', 'guaranteed'])
+    for row in rows:
         assert row['rate'] == row[f'{row["objective"]}_rate']
+
+
+SCHEME = """
+from secure_uav_planner import fly_hover_fly, Scenario
+
+
+def plan(scenario):
+    return fly_hover_fly(scenario, 'optimised')
+
+
+def plan_another(scenario):
+    return fly_hover_fly(Scenario.paper(200.0))
+
+
+number = 5
+"""
+
+
+def test_a_function_of_ones_own_is_a_scheme(folder, monkeypatch):
+    module = f'scheme_{folder.name}'
+    Path(f'{module}.py').write_text(SCHEME)
+    fields = {'mission': 'mission.yaml', 'methods': [f'{module}:plan', 'fly_hover_fly_optimised']}
+    with pytest.raises(MissionFileError, match='No module named .*PYTHONPATH'):
+        load_campaign(fields)
+    monkeypatch.syspath_prepend(folder)
+    own, baseline = run_campaign(fields, jobs=1).to_dict('records')
+    assert own['outcome'] == 'ok' and own['objective'] == baseline['objective'] == 'worst_case'
+    assert own['rate'] == baseline['rate'] > 0
+    [row] = run_campaign({**fields, 'methods': [f'{module}:plan_another']}, jobs=1).to_dict(
+        'records')
+    assert row['outcome'] == 'invalid_option' and 'another scenario' in row['reason']
+    for name in ('missing', 'number'):
+        with pytest.raises(MissionFileError, match=f'{module}:{name} (cannot|is 5)'):
+            load_campaign({**fields, 'methods': [f'{module}:{name}']})
+
+
+def test_from_python_a_campaign_is_a_table_and_goes_on_in_its_folder(folder):
+    fields = {'mission': Scenario.load('mission.yaml'), 'vary': {
+        'duration': [60.0, 120.0], 'uavs.*.start': ((100, 500), (90, 500))},
+        'methods': ('fly_hover_fly_constant',), 'plans': True}
+    with pytest.raises(ValueError, match='folder is None'):
+        run_campaign(fields)
+    frame = run_campaign(fields, folder='out', jobs=1)
+    assert frame.outcome.tolist() == ['infeasible'] * 2 + ['ok'] * 2
+    assert frame['uavs.*.start'].tolist() == [[100, 500], [90, 500]] * 2
+    before = Path('out/results.jsonl').read_bytes()
+    assert run_campaign(fields, folder='out').key.tolist() == frame.key.tolist()
+    assert Path('out/results.jsonl').read_bytes() == before
+    for wrong in ({**fields, 'vary': {'duration': object}}, {'mision': 5}, {}):
+        with pytest.raises(ValueError, match='^campaign'):
+            run_campaign(wrong)
+
+
+def test_shards_have_each_mission_once_and_join(folder, capsys):
+    arguments = ['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']
+    for number in Random(0).sample(range(1, 4), 3):
+        assert main([*arguments, '--shard', f'{number}/3']) == 0
+        assert not Path('out/results.csv').exists()
+    shards = [[json.loads(line)['key'] for line in Path(
+        f'out/results-{number}-of-3.jsonl').read_text().splitlines()] for number in (1, 2, 3)]
+    assert sorted(map(len, shards)) == [10, 11, 11] and len({*sum(shards, [])}) == 32
+    # Another shard may be writing its last line.
+    with open('out/results-2-of-3.jsonl', 'a') as file:
+        file.write('{"key": "half')
+    assert main(arguments) == 0 and journal() == []
+    shown = capsys.readouterr()
+    assert '16 ok, 16 infeasible' in shown.out and 'no result' not in shown.err
+    with open('out/results.csv', newline='') as file:
+        assert len(list(csv.DictReader(file))) == 32
+    for wrong in ('0/3', '4/3', '1', 'a/b'):
+        with pytest.raises(SystemExit):
+            main([*arguments, '--shard', wrong])
+
+
+def test_in_a_file_each_period_has_a_line_with_done_failed_rate_and_time_left(
+        folder, capsys, monkeypatch):
+    monkeypatch.setattr('secure_uav_planner.apps.campaigns._PERIODS', {False: 0.01})
+    assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
+    lines = [re.fullmatch(
+        r'sweep: (\d+) of 32 missions done, (\d+) failed, ([\d.e-]+)/s(?:, ([\d:]+) left)?', line)
+             for line in capsys.readouterr().err.splitlines()]
+    assert len(lines) > 2 and all(lines)
+    counts = [int(line[1]) for line in lines]
+    assert counts == sorted(counts) and lines[-1].group(1, 2, 4) == ('32', '16', '0:00:00')
 
 
 def test_plans_are_kept_on_request_with_their_bounds(folder):
@@ -190,13 +304,13 @@ def test_infrastructure_failures_are_retried_and_refusals_are_not(folder, capsys
     good[1].update(outcome='error', reason='MemoryError: ', rate=None)
     Path('out/results.jsonl').write_text(''.join(f'{json.dumps(row)}\n' for row in rows))
     assert main(arguments) == 0
-    assert '12 ok, 12 infeasible' in capsys.readouterr().out
+    assert '16 ok, 16 infeasible' in capsys.readouterr().out
     again = journal()[len(rows):]
     assert [row['outcome'] for row in again] == ['ok', 'ok']
     assert {row['key'] for row in again} == {good[0]['key'], good[1]['key']}
     with open('out/results.csv', newline='') as file:
         table = list(csv.DictReader(file))
-    assert len(table) == 24 and all(row['rate'] for row in table if row['outcome'] == 'ok')
+    assert len(table) == 32 and all(row['rate'] for row in table if row['outcome'] == 'ok')
 
 
 DAMAGES = [b'', b'null', b'[]', b'7', b'{}', b'\0' * 40, b'\xff\xfe', b'[' * 100000,
@@ -218,7 +332,7 @@ def test_damaged_lines_of_the_journal_are_named_and_their_missions_planned_again
     warning = capsys.readouterr().err.splitlines()[0]
     assert warning.startswith('out/results.jsonl: no result in line 1, 2, 3') and (
         '12, 13; a mission without another line is planned again' in warning)
-    again = [json.loads(line) for line in Path('out/results.jsonl').read_bytes().splitlines()[24:]]
+    again = [json.loads(line) for line in Path('out/results.jsonl').read_bytes().splitlines()[32:]]
     assert len(again) == 13
 
     def rates(text):
@@ -238,7 +352,7 @@ def test_a_driver_that_was_killed_goes_on_where_it_was(folder):
         file.write('{"key": "half')
     assert main(['sweep', 'campaign.yaml', '-o', 'out', '--jobs', '1']) == 0
     keys = [row['key'] for row in journal()]
-    assert len(keys) == len(set(keys)) == 36 and kept >= 3
+    assert len(keys) == len(set(keys)) == 48 and kept >= 3
 
 
 def test_ctrl_c_keeps_what_is_finished(folder):
@@ -257,7 +371,7 @@ def test_a_full_disk_keeps_what_is_finished_and_is_status_1(folder):
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1 and 'File too large' in errors and 'Traceback' not in errors
     *whole, _ = Path('out/results.jsonl').read_bytes().split(b'\n')
-    assert 0 < len([json.loads(line) for line in whole]) < 24
+    assert 0 < len([json.loads(line) for line in whole]) < 32
 
 
 def test_two_sweeps_do_not_write_to_one_folder(folder, capsys):
@@ -400,13 +514,13 @@ def cluster(tmp_path, request):
     common = {'env': environment(**getattr(request, 'param', {})),
               'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL}
     processes = [subprocess.Popen(
-        [sys.executable, '-m', 'distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port',
+        [sys.executable, '-m', 'dask', 'scheduler', '--host', '127.0.0.1', '--port',
          '0', '--no-dashboard', '--scheduler-file', str(file)], **common)]
     try:
         wait_for(lambda: file.exists() and file.read_text().strip().endswith('}'), processes[0])
         address = json.loads(file.read_text())['address']
         processes += [subprocess.Popen(
-            [sys.executable, '-m', 'distributed.cli.dask_worker', address, '--nthreads', '1',
+            [sys.executable, '-m', 'dask', 'worker', address, '--nthreads', '1',
              '--no-nanny', '--no-dashboard', '--local-directory', str(tmp_path / str(number))],
             **common) for number in range(2)]
         yield address, processes
@@ -433,16 +547,16 @@ def test_a_cluster_loses_nothing_when_a_worker_the_driver_and_the_scheduler_are_
     printed, errors = driver.communicate(timeout=PATIENCE)
     assert driver.returncode == 0, errors
     keys = [row['key'] for row in journal()]
-    assert len(keys) == len(set(keys)) == 48
-    assert '24 ok, 24 infeasible' in printed, [
+    assert len(keys) == len(set(keys)) == 64
+    assert '32 ok, 32 infeasible' in printed, [
         row['reason'] for row in journal() if row['outcome'] == 'worker_lost']
     Path('campaign.yaml').write_text(CAMPAIGN.replace('samples: 2', 'samples: 200'))
     driver = start(*arguments)
-    wait_for(lambda: written(51), driver)
+    wait_for(lambda: written(67), driver)
     scheduler.kill()
     _, errors = driver.communicate(timeout=PATIENCE)
     assert driver.returncode == 1 and 'goes on from here' in errors
-    assert len(journal()) >= 51
+    assert len(journal()) >= 67
 
 
 def distributed_client(address):
@@ -467,12 +581,37 @@ def test_a_mission_that_lost_its_worker_is_reported_and_retried(folder, cluster)
     _, errors = driver.communicate(timeout=PATIENCE)
     rows = journal()
     lost = {row['key'] for row in rows if row['outcome'] == 'worker_lost'}
-    assert driver.returncode == 1 and len(rows) == 120 and lost
+    assert driver.returncode == 1 and len(rows) == 160 and lost
     assert f'{len(lost)} missions failed for reasons outside of them' in errors
     driver = start(*arguments)
     printed, errors = driver.communicate(timeout=PATIENCE)
-    assert driver.returncode == 0 and '60 ok, 60 infeasible' in printed, errors
-    assert {row['key'] for row in journal()[120:]} == lost
+    assert driver.returncode == 0 and '80 ok, 80 infeasible' in printed, errors
+    assert {row['key'] for row in journal()[160:]} == lost
+
+
+@pytest.mark.slow
+def test_the_example_for_slurm_runs_on_a_cluster_of_processes(folder, monkeypatch):
+    distributed = pytest.importorskip('distributed')
+
+    class Cluster(distributed.LocalCluster):
+
+        def __init__(self, **options):
+            assert set(options) == {'cores', 'processes', 'memory', 'walltime'}
+            super().__init__(n_workers=0, threads_per_worker=1, dashboard_address=None)
+
+        def scale(self, n=2, jobs=None):
+            super().scale(n)
+    monkeypatch.setitem(sys.modules, 'dask_jobqueue', SimpleNamespace(SLURMCluster=Cluster))
+    page = (Path(__file__).parents[1] / 'docs' / 'reference.md').read_text()
+    [code] = re.findall('```python\n(from dask_jobqueue.*?)```', page, re.DOTALL)
+    assert len(code.splitlines()) == 6
+    names = {}
+    try:
+        exec(code, names)
+        assert names['rows'].outcome.value_counts().to_dict() == {'ok': 16, 'infeasible': 16}
+    finally:
+        names['client'].close()
+        names['cluster'].close()
 
 
 def test_a_scheduler_that_cannot_be_reached_is_status_2(folder, capsys, monkeypatch):

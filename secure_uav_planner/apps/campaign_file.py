@@ -1,11 +1,11 @@
 """Campaign files: the mission, the fields that vary, and the tasks of all combinations."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 import copy
 from dataclasses import asdict, dataclass
 import difflib
-from itertools import product
+from itertools import chain, product
 import json
 import math
 import os
@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from .tasks import make_task, Task
+from .tasks import load_scheme, make_task, Task
 from ..assessment.monte_carlo import arguments
 from ..errors import OptionError, quote, ScenarioError, yaml_notation
 from ..mission import METHODS, OBJECTIVES
-from ..mission.formats.documents import make_file_error, Problem, read_document
+from ..mission.formats.documents import Document, make_file_error, Problem, read_document
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
 from ..optimize.methods import check_objective
 
 BASELINES = ('fly_hover_fly_constant', 'fly_hover_fly_optimised')
-"""The names in `methods` beside the methods of solve."""
+"""The names in `methods` beside the methods of solve and schemes `module:function`."""
 
 LAWS = {'uniform': 'the first at most the second', 'normal': 'the second at least 0'}
 """Random laws of a field, with the condition on their two numbers."""
@@ -79,14 +79,17 @@ class Campaign:
                 for name, (law, first, second) in self.laws.items()}
 
 
-def load_campaign(path: str | os.PathLike[str]) -> Campaign:
+def load_campaign(source: Mapping[str, Any] | str | os.PathLike[str]) -> Campaign:
     """
-    Return the campaign of a file: YAML, or JSON if its name ends with .json.
+    Return the campaign of a file, YAML, or JSON if its name ends with .json, or of its fields.
 
-    :raises OSError: when it or its mission cannot be read.
-    :raises MissionFileError: with all problems, each with its line.
+    :raises OSError: when the file or its mission cannot be read.
+    :raises MissionFileError: with all problems, each with its line in the file.
     """
-    document = read_document(path)
+    if isinstance(source, Mapping):
+        path, document = 'campaign', Document(_make_plain(source), {})
+    else:
+        path, document = os.fspath(source), read_document(source)
     problems = [*document.problems]
 
     @contextmanager
@@ -102,6 +105,18 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     if campaign is None or problems:
         raise make_file_error(path, problems)
     return campaign
+
+
+def _make_plain(fields: Mapping[str, Any]) -> Any:
+    """Return the fields of a campaign in Python as those of a file: lists, numbers and text."""
+    def convert(value: Any) -> Any:
+        if isinstance(value, Scenario):
+            return value.to_dict()
+        if isinstance(value, (np.ndarray, np.generic)):
+            return value.tolist()
+        raise OptionError(f'campaign has the value {quote(value)}; its values must be numbers, '
+                          'text, lists and mappings, and its mission may be a Scenario')
+    return json.loads(json.dumps(dict(fields), default=convert))
 
 
 def _parse_campaign(data: Any, folder: Path,
@@ -143,14 +158,18 @@ def _parse_campaign(data: Any, folder: Path,
                 arguments(values['assess'])
             except OptionError as error:
                 raise OptionError(f'assess: {error}', error.place) from None
-    if mission is None or wrong:
+    schemes: list[tuple[str, str]] = []
+    if not {'methods', 'objectives'} & wrong.keys():
+        with collecting('methods'):
+            schemes = _list_schemes(values['methods'], values['objectives'])
+    if mission is None or wrong or not schemes:
         return None
     # Without plans and assess, tasks have the keys of a campaign that has no such fields.
     settings = {name: values[name] for name in (
         'time_limit', 'bound_time_limit',
         *(name for name in ('plans', 'assess') if values[name] not in (None, False)))}
     campaign = Campaign(mission, grid, laws, values['samples'], values['seed'],
-                        _list_schemes(values['methods'], values['objectives']), settings)
+                        schemes, settings)
     if not 1 <= campaign.size <= MOST_TASKS:
         raise OptionError(f'it has {quote(campaign.size)} missions; it must have 1 to '
                           f'{MOST_TASKS}')
@@ -169,11 +188,14 @@ def _check_fields(values: dict[str, Any]) -> Iterator[tuple[str, bool, str]]:
         yield (name, value is None or isinstance(value, (int, float)) and not isinstance(
             value, bool) and value > 0, 'above 0 s, or null')
     yield 'plans', isinstance(values['plans'], bool), 'true or false'
-    for name, choices in (('methods', (*METHODS, *BASELINES)), ('objectives', OBJECTIVES)):
-        value = values[name]
-        yield (name, name == 'objectives' and value is None or isinstance(value, list)
-               and bool(value) and all(choice in choices for choice in value),
-               f'a list of {", ".join(choices)}')
+    methods, objectives = values['methods'], values['objectives']
+    yield ('methods', isinstance(methods, list) and bool(methods) and all(
+        isinstance(name, str) and (name in (*METHODS, *BASELINES) or ':' in name)
+        for name in methods), f'a list of {", ".join((*METHODS, *BASELINES))} and functions of '
+           'your own, module:function')
+    yield ('objectives', objectives is None or isinstance(objectives, list) and bool(
+        objectives) and all(name in OBJECTIVES for name in objectives),
+           f'a list of {", ".join(OBJECTIVES)}')
 
 
 def _load_mission(source: Any, folder: Path) -> dict[str, Any]:
@@ -264,15 +286,24 @@ def _parse_variation(mission: dict[str, Any] | None, name: str, value: Any) -> A
 
 
 def _list_schemes(methods: list[str], objectives: list[str] | None) -> list[tuple[str, str]]:
-    """Return the valid pairs of a method and an objective."""
+    """
+    Return the pairs of a method and an objective.
+
+    Baselines and schemes of one's own are compared by the objectives of the methods of solve.
+    """
+    for method in methods:
+        if ':' in method:
+            load_scheme(method)
     if objectives is None:
-        return [(method, OBJECTIVES[0] if method in BASELINES else check_objective(method))
-                for method in methods]
-    pairs = [(method, objective) for method in methods for objective in objectives
-             if method == METHODS[0] or objective == OBJECTIVES[0]]
+        own = {method: [check_objective(method)] for method in methods if method in METHODS}
+        shared = list(dict.fromkeys(chain(*own.values()))) or [check_objective(METHODS[0])]
+    else:
+        own = {'alternating': [name for name in objectives if name == OBJECTIVES[0]]}
+        shared = objectives
+    pairs = [(method, objective) for method in methods for objective in own.get(method, shared)]
     if not pairs:
         raise OptionError(
-            f'only the method {METHODS[0]} has the objective {OBJECTIVES[1]}', ('methods',))
+            f'only the method {METHODS[0]} has the objective {OBJECTIVES[1]}')
     return pairs
 
 

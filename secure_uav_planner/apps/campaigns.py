@@ -2,72 +2,171 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from datetime import timedelta
 import fcntl
 import json
 import logging
+import os
 from pathlib import Path
 import sys
-from typing import BinaryIO, NoReturn
+from tempfile import TemporaryDirectory
+from threading import Event, Thread
+import time
+from typing import Any, BinaryIO, NoReturn, TYPE_CHECKING
 
 from .campaign_file import load_campaign
 from .cli import DONE, FAILED
 from .missions import load_input, make_folder
 from .planning import drawing_if_possible
-from .results import save_figure, save_tables
+from .results import make_frame, save_figure, save_tables
 from .tasks import COLUMNS, ERROR, plan_path, Row, run_on_cluster, run_on_cores, Task, WORKER_LOST
-from ..errors import brief, name_missing_package, OptionError, StoppedError
+from ..errors import brief, OptionError, quote, StoppedError
 from ..mission.files import naming
+
+if TYPE_CHECKING:
+    from distributed import Client
+    from pandas import DataFrame
 
 JOURNAL = 'results.jsonl'
 
 _SINCE_0_1_0 = {'promise'}  # Columns that older journals lack.
+_PERIODS = {True: 0.5, False: 30.0}  # Between two reports on a terminal and in a file, in s.
 
 
-def run_campaign(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
-                 scheduler: str | None = None, title: str = 'sweep') -> list[Row]:
+def run_campaign(campaign: Mapping[str, Any] | str | os.PathLike[str],
+                 client: 'Client | None' = None, *,
+                 folder: str | os.PathLike[str] | None = None, jobs: int = -1) -> 'DataFrame':
+    """
+    Plan all missions of a campaign.
+
+    :param campaign: path of a campaign file, or a mapping with its fields, whose `mission` may be
+        a Scenario.
+    :param client: a `distributed.Client` of a Dask cluster, whose workers need this package; None
+        for this computer.
+    :param folder: where finished missions and plans are kept at once, so that the same call
+        continues one that was stopped; None keeps nothing.
+    :param jobs: processes on this computer; -1 for as many as there are cores.
+    :return: a pandas DataFrame with a row for each mission and the columns of `results.csv`.
+    :raises MissionFileError: with all problems of the campaign.
+    :raises OptionError: for another argument with a wrong value.
+    :raises OSError: when a file cannot be read or written; what is finished is kept.
+    :raises PlanningError: when workers are lost, or a package is missing.
+    """
+    for name, value, is_valid, allowed in (
+            ('campaign', campaign, isinstance(campaign, (Mapping, str, os.PathLike)),
+             'a path or a mapping of the fields of a campaign'),
+            ('client', client, client is None or hasattr(client, 'submit'),
+             'None or a client of a Dask cluster'),
+            ('folder', folder, folder is None or isinstance(folder, (str, os.PathLike)),
+             'None or a path')):
+        if not is_valid:
+            raise OptionError(f'{name} is {quote(value)}; it must be {allowed}', (name,))
+    loaded = load_campaign(campaign)
+    if folder is None and loaded.settings.get('plans'):
+        raise OptionError('folder is None; it must be a path, since plans are to be kept')
+    with TemporaryDirectory() as temporary:
+        place = Path(temporary if folder is None else folder)
+        place.mkdir(parents=True, exist_ok=True)
+        return make_frame(run_tasks(loaded.tasks, place, jobs, client, title='campaign'))
+
+
+def run_tasks(tasks: Callable[[], Iterable[Task]], folder: Path, jobs: int = -1,
+              cluster: 'str | Client | None' = None, shard: tuple[int, int] | None = None,
+              title: str = 'sweep') -> list[Row]:
     """
     Return the rows of all missions of a campaign, and plan those that have none.
 
     Missions with an infrastructure failure, those whose plan was to be kept and is gone, and those
-    whose lines in the journal are damaged, which is printed, are planned again. Each finished
-    mission is appended to the journal in the folder at once; the last row of a mission counts.
+    whose lines in the journals are damaged, which is printed, are planned again. Each finished
+    mission is appended to a journal in the folder at once; the last result of a mission counts.
 
     :param tasks: returns the tasks, the same ones at each call.
-    :param folder: of the journal and the kept plans.
+    :param folder: of the journals and the kept plans.
     :param jobs: processes on this computer; -1 for as many as there are cores.
-    :param scheduler: address of a Dask scheduler, whose workers are used instead.
-    :param title: of the progress bar.
+    :param cluster: a Dask client or the address of a scheduler, whose workers are used instead.
+    :param shard: (k, n) for the k-th of n shares of the missions, from 1, with its own journal.
+    :param title: of the reports of progress on stderr.
     :raises OSError: when a row cannot be written; what is finished is kept.
     :raises OptionError: for a wrong number of jobs, or a journal that another process writes.
     :raises PlanningError: when the scheduler cannot be reached, or workers are lost.
     """
-    with name_missing_package():
-        from tqdm import tqdm
-    if jobs < 1 and jobs != -1:
-        raise OptionError(f'jobs is {jobs}; it must be at least 1, or -1 for all cores')
-    with _open_journal(folder / JOURNAL) as file:
-        kept = _read_rows(file)
+    if type(jobs) is not int or jobs < 1 and jobs != -1:
+        raise OptionError(
+            f'jobs is {quote(jobs)}; it must be a whole number from 1, or -1 for all cores')
+    journal = folder / journal_name(shard)
+    with _open_journal(journal) as file:
+        kept = _read_rows(folder)
         # Two places of a grid may be the same mission, which is planned once.
         rows = {task['key']: _finished_row(kept.get(task['key']), task, folder)
                 for task in tasks()}
-        missing = sum(row is None for row in rows.values())
-        with tqdm(total=len(rows), initial=len(rows) - missing, unit='mission',
-                  desc=title, disable=None) as bar:
-            queue = _missing_tasks(tasks(), rows)
-            for row in () if not missing else run_on_cores(queue, jobs) if (
-                    scheduler is None) else run_on_cluster(queue, scheduler):
+        if shard is not None:  # Keys are digests: each share has missions of all kinds.
+            number, count = shard
+            rows = {key: rows[key] for key in sorted(rows)[number - 1::count]}
+        if None not in rows.values():
+            return [*filter(None, rows.values())]
+        queue = _missing_tasks(tasks(), rows)
+        with _Progress(title, rows.values()) as progress:
+            for row in run_on_cores(queue, jobs) if cluster is None else (
+                    run_on_cluster(queue, cluster)):
                 plan = row.pop('plan', None)
                 if plan is not None:
                     plan_path(folder, row['key']).parent.mkdir(exist_ok=True)
                     plan.save(plan_path(folder, row['key']))
-                with naming(folder / JOURNAL):
+                with naming(journal):
                     file.write(json.dumps(row, allow_nan=False).encode() + b'\n')
                     file.flush()
                 rows[row['key']] = row
-                bar.update()
+                progress.add(row)
     return [row for row in rows.values() if row is not None]
+
+
+class _Progress:
+    """Reports of progress on stderr: a line that changes on a terminal, otherwise new lines."""
+
+    def __init__(self, title: str, rows: Iterable[Row | None]) -> None:
+        """Begin with the rows of finished missions, and None for the others."""
+        self._title, self._done, self._failed, self._total = title, 0, 0, 0
+        for row in rows:
+            self._total += 1
+            if row is not None:
+                self.add(row)
+        self._first, self._started, self._is_over = self._done, time.monotonic(), Event()
+        self._thread = Thread(target=self._report, daemon=True)
+
+    def __enter__(self) -> '_Progress':
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._is_over.set()
+        self._thread.join()
+
+    def add(self, row: Row) -> None:
+        """Count a finished mission."""
+        self._done += 1
+        if row['outcome'] != 'ok':
+            self._failed += 1
+
+    def _report(self) -> None:
+        is_terminal = sys.stderr.isatty()
+        while not self._is_over.wait(_PERIODS[is_terminal]):
+            self._print('\r\033[K' if is_terminal else '', '' if is_terminal else '\n')
+        self._print('\r\033[K' if is_terminal else '', '\n')
+
+    def _print(self, before: str, after: str) -> None:
+        rate = (self._done - self._first) / (time.monotonic() - self._started)
+        text = (f'{self._title}: {self._done} of {self._total} missions done, {self._failed} '
+                f'failed, {rate:.3g}/s')
+        if rate > 0:
+            text += f', {timedelta(seconds=round((self._total - self._done) / rate))} left'
+        print(f'{before}{text}', end=after, file=sys.stderr, flush=True)
+
+
+def journal_name(shard: tuple[int, int] | None = None) -> str:
+    """Return the name of the journal of a campaign or of one of its shards (k, n)."""
+    return JOURNAL if shard is None else 'results-{}-of-{}.jsonl'.format(*shard)
 
 
 @contextmanager
@@ -85,18 +184,25 @@ def _open_journal(path: Path) -> Iterator[BinaryIO]:
             raise OptionError(f'{path} is being written by another sweep') from None
         file.seek(0)
         file.truncate(sum(len(line) for line in file if line.endswith(b'\n')))
-        file.seek(0)
         yield file
 
 
-def _read_rows(file: BinaryIO) -> dict[str, Row]:
-    """Return the rows of a journal by key, and print which of its lines hold none."""
-    rows = {number: _read_row(line) for number, line in enumerate(file, start=1)}
-    damaged = [str(number) for number, row in rows.items() if row is None]
-    if damaged:
-        print(f'{file.name}: no result in line {brief(", ".join(damaged), 60)}; a mission without '
-              'another line is planned again', file=sys.stderr)
-    return {row['key']: row for row in rows.values() if row is not None}
+def _read_rows(folder: Path) -> dict[str, Row]:
+    """Return the rows of all journals of a folder by key; print which lines hold none."""
+    rows: dict[str, Row] = {}
+    for path in sorted(folder.glob('results*.jsonl')):
+        damaged = []
+        with open(path, 'rb') as file:
+            for number, line in enumerate(file, start=1):
+                row = _read_row(line)
+                if row is None and line.endswith(b'\n'):  # Not one that a shard is writing.
+                    damaged.append(str(number))
+                elif row is not None and (row['key'] not in rows or not _failed_rows([row])):
+                    rows[row['key']] = row
+        if damaged:
+            print(f'{path}: no result in line {brief(", ".join(damaged), 60)}; a mission without '
+                  'another line is planned again', file=sys.stderr)
+    return rows
 
 
 def _read_row(line: bytes) -> Row | None:
@@ -136,7 +242,7 @@ def _missing_tasks(tasks: Iterable[Task], rows: dict[str, Row | None]) -> Iterat
     """Yield the tasks without a row, each once."""
     seen = set()
     for task in tasks:
-        if rows[task['key']] is None and task['key'] not in seen:
+        if rows.get(task['key'], True) is None and task['key'] not in seen:
             seen.add(task['key'])
             yield task
 
@@ -147,20 +253,24 @@ def run_sweep(options: argparse.Namespace) -> int:
     out = make_folder(Path(options.out))
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # Errors are reported below.
     try:
-        rows = run_campaign(campaign.tasks, out, options.jobs, options.scheduler)
+        rows = run_tasks(campaign.tasks, out, options.jobs, options.scheduler, options.shard)
     except KeyboardInterrupt:
-        file = out / JOURNAL
+        file = out / journal_name(options.shard)
         count = len(file.read_bytes().splitlines()) if file.exists() else 0
         raise StoppedError(f'stopped; {file} keeps {count} missions, and the same command goes on '
                            'from there') from None
-    written = save_tables(rows, out)
-    with drawing_if_possible(out / 'summary.png'):
-        save_figure(rows, out / 'summary.png')
-        written.append(out / 'summary.png')
     outcomes = Counter(row['outcome'] for row in rows)
     print(', '.join(f'{outcomes[outcome]} {outcome}'
                     for outcome in sorted(outcomes, key=lambda name: (name != 'ok', name))))
-    print(f'written: {", ".join(map(str, written))}')
+    if options.shard is None:
+        written = save_tables(rows, out)
+        with drawing_if_possible(out / 'summary.png'):
+            save_figure(rows, out / 'summary.png')
+            written.append(out / 'summary.png')
+        print(f'written: {", ".join(map(str, written))}')
+    else:
+        print(f'written: {out / journal_name(options.shard)}; when all shards are, the same '
+              'command without --shard makes the tables')
     if failed := _failed_rows(rows):
         print(f'secure_uav_planner: {len(failed)} missions failed for reasons outside of them, '
               f'and the same command plans them again: {failed[0]["reason"]}', file=sys.stderr)

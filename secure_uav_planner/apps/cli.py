@@ -11,7 +11,6 @@ import signal
 import sys
 from typing import Any, NoReturn
 
-from .. import __version__
 from ..errors import (
     brief, MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError, quote,
     ScenarioError, StoppedError)
@@ -179,6 +178,15 @@ def _parse_whole(text: str) -> int:
     raise argparse.ArgumentTypeError(f'{quote(text)} must be a whole number')
 
 
+def _parse_shard(text: str) -> tuple[int, int]:
+    with suppress(ValueError):
+        number, count = map(int, text.split('/'))
+        if 1 <= number <= count:
+            return number, count
+    raise argparse.ArgumentTypeError(
+        f'{quote(text)} must be K/N, such as 3/16, with K from 1 to N')
+
+
 _OUT, _PLAN = '-o --out', {'help': 'a plan file, such as out/plan.json'}
 
 _COMMANDS: dict[str, tuple[str, str, str, dict[str, dict[str, Any]]]] = {
@@ -268,6 +276,9 @@ of it, such as too little memory, the same command plans it again.""", {
                'help': 'folder for the results (default: %(default)s)'},
         '--jobs': {'type': _parse_whole, 'default': -1, 'metavar': 'N',
                    'help': 'processes on this computer (default: as many as there are cores)'},
+        '--shard': {'type': _parse_shard, 'metavar': 'K/N', 'help': 'plan only the K-th of N '
+                    'shares, as a job of an array; when all are finished, the same command '
+                    'without it joins them'},
         '--scheduler': {'metavar': 'ADDRESS', 'help': 'a Dask scheduler, such as tcp://host:8786, '
                         'whose workers are used instead; they need this package'}}),
     'link-budget': ('missions:print_link_budget', 'compute reference_snr_db from data sheets', """
@@ -296,6 +307,7 @@ class _Parser(argparse.ArgumentParser):
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command."""
+    from .. import __version__  # Here, because the package imports its campaigns from this room.
     parser = _Parser(
         prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
         formatter_class=argparse.RawDescriptionHelpFormatter)

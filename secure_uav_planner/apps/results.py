@@ -5,9 +5,11 @@ import csv
 from dataclasses import fields
 import json
 from pathlib import Path
-from typing import Any
+from textwrap import wrap
+from typing import Any, TYPE_CHECKING
 
 from .tasks import COLUMNS, Row
+from ..errors import name_missing_package
 from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
 from ..mission.geography import Origin
@@ -15,11 +17,16 @@ from ..mission.participants import Eavesdropper, NoFlyZone, Propulsion, Uav
 from ..mission.propagation import Channel, rate_name
 from ..mission.scenario import Scenario
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _DASHES = ('-', '--', ':', '-.')
 _UNITS = {field.name: field.metadata['unit']
           for kind in (Scenario, Uav, Propulsion, Eavesdropper, NoFlyZone, Channel, Origin)
           for field in fields(kind)}
-_MOST_LINES = 6  # Of values of a second field.
+_MOST_LINES = 6  # Of values of a second field, and panels of a third and a fourth.
+_PANELS = 'third', 'fourth'
+_LABEL_WIDTH = 40  # In characters.
 
 
 def save_tables(rows: Sequence[Row], folder: Path) -> list[Path]:
@@ -31,8 +38,7 @@ def save_tables(rows: Sequence[Row], folder: Path) -> list[Path]:
 
     :return: the files.
     """
-    names = [*COLUMNS, *dict.fromkeys(
-        name for part in ('more', 'fields') for row in rows for name in row.get(part, ()))]
+    names = _column_names(rows)
     plain = {name for name in names if _is_plain([row['fields'].get(name) for row in rows])}
     flat = [{**row, **row.get('more', {}), **{
         name: value if name in plain or value is None else json.dumps(value)
@@ -54,6 +60,20 @@ def save_tables(rows: Sequence[Row], folder: Path) -> list[Path]:
     return files
 
 
+def _column_names(rows: Sequence[Row]) -> list[str]:
+    """Return COLUMNS and the names of further results and of varied fields."""
+    return [*COLUMNS, *dict.fromkeys(
+        name for part in ('more', 'fields') for row in rows for name in row.get(part, ()))]
+
+
+def make_frame(rows: Sequence[Row]) -> 'DataFrame':
+    """Return all rows as a pandas DataFrame with the columns of results.csv."""
+    with name_missing_package():
+        from pandas import DataFrame
+    return DataFrame([{**row, **row.get('more', {}), **row['fields']} for row in rows],
+                     columns=_column_names(rows))
+
+
 def _is_plain(values: list[Any]) -> bool:
     """Return True if values, beside null, are a column of numbers or of booleans."""
     values = [value for value in values if value is not None]
@@ -73,64 +93,78 @@ def draw_figure(rows: Sequence[Row]) -> Any:
     """
     Return a Figure of the rates over the first field with several numbers, or histograms.
 
-    Each maximised rate has axes, with a line for each method, objective and value of a second
-    field that has few. Lines are medians, bands hold eight of ten missions.
+    Each maximised rate has axes of its own, with the rows that are compared by it: a line for each
+    method and each value of a second field that has few. A third field has a column of axes for
+    each value, a fourth a row. Lines are medians, bands hold eight of ten missions.
     """
     from ..output.figures import own_settings
     with own_settings():
-        return _draw_figure(rows)
+        return _draw_figure([row for row in rows if row['outcome'] == 'ok'])
 
 
 def _draw_figure(rows: Sequence[Row]) -> Any:
     from pandas import DataFrame
     from ..output.figures import Picture
-    rows = [row for row in rows if row['outcome'] == 'ok']
-    name, second = _choose_fields(rows)
+    name, second, third, fourth = _choose_fields(rows)
     rates = [rate for rate in OBJECTIVES if any(row['objective'] == rate for row in rows)]
-    figure = Picture(figsize=(6.5 * max(1, len(rates)), 4.8), layout='constrained')
-    grid = figure.subplots(1, max(1, len(rates)), sharey=name is not None, squeeze=False)[0]
     frame = DataFrame([{
-        **{f'{rate}_rate': row[f'{rate}_rate'] for rate in OBJECTIVES},
-        'scheme': _scheme_label(row), 'x': row['fields'].get(name),
-        'second': '' if second is None else _value_label(row, second)} for row in rows])
-    for axes, rate in zip(grid, rates):
-        names = dict.fromkeys(rate_name(rate, _promise(row)) for row in rows)
-        label = f'{" or ".join(names)} (bit/s/Hz)'
+        'objective': row['objective'], 'rate': row[f'{row["objective"]}_rate'],
+        'promise': _promise(row), 'method': row['method'], 'x': row['fields'].get(name),
+        **{part: '' if field is None else _value_label(row, field) for part, field in (
+            ('second', second), ('third', third), ('fourth', fourth))}} for row in rows],
+        columns=['objective', 'rate', 'promise', 'method', 'x', 'second', 'third', 'fourth'])
+    if frame.promise.nunique() > 1:
+        frame.method += ', ' + frame.promise
+    columns, lines = (frame[part].drop_duplicates().tolist() or [''] for part in _PANELS)
+    # Few panels are large; rates without a third field are beside each other.
+    places = [(rate, line, column) for line in lines for rate in rates for column in columns]
+    width = max(1, len(rates) if third is None else len(columns))
+    height = max(1, len(places) // width)
+    figure = Picture(figsize=(2.0 + 4.5 * width if width < 3 else 3.2 * width,
+                              4.8 if height == 1 else 3.2 * height), layout='constrained')
+    grid = figure.subplots(height, width, sharey=name is not None, sharex=third is not None,
+                           squeeze=False)
+    for axes, (rate, line, column) in zip(grid.flat, places):
+        group = frame[(frame.objective == rate) & (frame.third == column)
+                      & (frame.fourth == line)]
+        names = dict.fromkeys(rate_name(rate, promise) for promise in group.promise)
+        label = '\n'.join(wrap(f'{" or ".join(names)} (bit/s/Hz)', _LABEL_WIDTH))
         if name is None:
             axes.yaxis.get_major_locator().set_params(integer=True)
-            for scheme, group in frame.groupby('scheme', sort=False):
-                axes.hist(group[f'{rate}_rate'], bins=30, alpha=0.6, label=scheme)
+            for method, chosen in group.groupby('method', sort=False):
+                axes.hist(chosen.rate, bins=30, alpha=0.6, label=method)
         else:
-            _draw_lines(axes, frame, f'{rate}_rate')
+            _draw_lines(axes, frame, group)
         axes.set_xlabel(label if name is None else f'{name} ({_unit(name)})'.removesuffix(' ()'))
         axes.set_ylabel('missions' if name is None else label)
+        if third is not None:
+            axes.set_title('\n'.join(filter(None, (column, line))), fontsize=9)
+            axes.label_outer()
         axes.grid(alpha=0.3)
     if rates:  # A legend for all axes, above them, where it covers nothing.
-        legend = grid[0].legend(
-            loc='lower left', bbox_to_anchor=(0.0, 1.0), fontsize=8, frameon=False)
-        figure.set_figheight(4.6 + 0.17 * len(legend.get_texts()))
-    if name is not None:
-        rest = [field for field in rows[0]['fields'] if field not in (name, second)]
-        figure.suptitle('lines: medians; bands: from 10 to 90% of the missions'
-                        + (f', over {", ".join(rest)}' if rest else ''), fontsize=9)
+        handles = {label: handle for axes in grid.flat
+                   for handle, label in zip(*axes.get_legend_handles_labels())}
+        rest = [field for field in rows[0]['fields'] if field not in (name, second, third, fourth)]
+        bands = 'lines: medians; bands: from 10 to 90% of the missions' + (
+            f', over {", ".join(rest)}' if rest else '')
+        figure.legend(handles.values(), handles.keys(), loc='outside upper left', fontsize=8,
+                      frameon=False, title=None if name is None else bands, title_fontsize=8,
+                      alignment='left')
+        figure.set_figheight(figure.get_figheight() + 0.17 * len(handles))
     return figure
 
 
-def _draw_lines(axes: Any, frame: Any, rate: str) -> None:
-    """Draw a rate over x: a colour for each value of the second field, a dash for each scheme."""
-    schemes, values = frame.scheme.unique().tolist(), frame.second.unique().tolist()
-    for (scheme, value), group in frame.groupby(['scheme', 'second'], sort=False):
-        band = group.groupby('x')[rate].quantile([0.1, 0.5, 0.9]).unstack()
-        number = values.index(value) if value else schemes.index(scheme)
-        dash = _DASHES[schemes.index(scheme) % len(_DASHES)] if value else '-'
+def _draw_lines(axes: Any, frame: Any, group: Any) -> None:
+    """Draw the rates of a group over x: a colour for each second value, a dash for each method."""
+    methods, values = frame.method.unique().tolist(), frame.second.unique().tolist()
+    for (method, value), chosen in group.groupby(['method', 'second'], sort=False):
+        band = chosen.groupby('x').rate.quantile([0.1, 0.5, 0.9]).unstack()
+        number = values.index(value) if value else methods.index(method)
+        dash = _DASHES[methods.index(method) % len(_DASHES)] if value else '-'
         [line] = axes.plot(band.index, band[0.5], dash, color=f'C{number % 10}', marker='o',
-                           markersize=3, label=f'{value}, {scheme}' if value else scheme)
+                           markersize=3, label=f'{value}, {method}' if value else method)
         axes.fill_between(band.index, band[0.1], band[0.9], color=line.get_color(), alpha=0.2,
                           linewidth=0)
-
-
-def _scheme_label(row: Row) -> str:
-    return f'{row["method"]}, objective {rate_name(row["objective"], _promise(row))}'
 
 
 def _promise(row: Row) -> str:
@@ -146,12 +180,17 @@ def _unit(field: str) -> str:
     return _UNITS.get(field.rpartition('.')[2], '')
 
 
-def _choose_fields(rows: Sequence[Row]) -> tuple[str | None, str | None]:
-    """Return the first field with a few different numbers, and another with very few values."""
-    fields = rows[0]['fields'] if rows else ()
-    counts = {name: len({json.dumps(row['fields'][name]) for row in rows}) for name in fields}
-    first = next((name for name, count in counts.items() if 1 < count <= max(2, len(rows) // 2)
+def _choose_fields(rows: Sequence[Row]) -> list[str | None]:
+    """Return the first field of the grid with numbers, and three others with few values."""
+    samples = len({row['sample'] for row in rows})
+    counts = {}
+    for name in rows[0]['fields'] if rows else ():
+        values = [json.dumps(row['fields'][name]) for row in rows]
+        # A random field has one value in each sample.
+        if len({*zip((row['sample'] for row in rows), values)}) > samples:
+            counts[name] = len({*values})
+    first = next((name for name, count in counts.items() if count <= max(2, len(rows) // 2)
                   and all(isinstance(row['fields'][name], (int, float)) for row in rows)), None)
-    second = next((name for name, count in counts.items() if name != first
-                   and 1 < count <= min(_MOST_LINES, len(rows) // 2)), None)
-    return first, first and second
+    others = [name for name, count in counts.items() if name != first and first is not None
+              and count <= min(_MOST_LINES, len(rows) // 2)]
+    return [first, *others[:3], *[None] * (3 - len(others))]

@@ -1,6 +1,6 @@
 """Tasks of a campaign: each plans one mission, on this computer's cores or on a Dask cluster."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 import hashlib
 from itertools import islice
@@ -8,13 +8,18 @@ import json
 import math
 import os
 from pathlib import Path
+from pkgutil import resolve_name
 import signal
 import time
-from typing import Any, TypeAlias
+from typing import Any, TYPE_CHECKING, TypeAlias
 
-from ..errors import name_missing_package, OptionError, PlanningError
+from ..errors import describe_error, name_missing_package, OptionError, PlanningError
 from ..mission.scenario import Scenario
 from ..plan.plan import Plan
+from ..plan.results import check_plan
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Task: TypeAlias = dict[str, Any]
 """A mission and how it is planned, as plain values, with 'key', 'sample' and 'fields'."""
@@ -50,7 +55,7 @@ def make_task(mission: Mapping[str, Any], method: str, objective: str,
     Return a task, whose key is a digest of the mission, the scheme and the settings.
 
     :param mission: the result of Scenario.to_dict.
-    :param method: one of METHODS or BASELINES.
+    :param method: one of METHODS or BASELINES, or `module:function`.
     :param settings: 'time_limit' and 'bound_time_limit' in s, None for no limit and for no bound;
         'plans' if the plan is kept; 'assess', the options of an assessment; and whatever else
         changes the result.
@@ -59,6 +64,23 @@ def make_task(mission: Mapping[str, Any], method: str, objective: str,
     task = {'mission': mission, 'method': method, 'objective': objective, **settings}
     digest = hashlib.sha256(json.dumps(task, sort_keys=True).encode())
     return {**task, 'key': digest.hexdigest()[:24], 'sample': sample, 'fields': fields}
+
+
+def load_scheme(name: str) -> Callable[[Scenario], Plan]:
+    """
+    Import a planner of one's own, a function from a Scenario to a Plan.
+
+    :param name: `module:function`.
+    :raises OptionError: when it cannot be imported.
+    """
+    try:
+        scheme = resolve_name(name)
+    except Exception as error:  # Of any kind: it is the user's module.
+        raise OptionError(f'{name} cannot be imported: {describe_error(error)}; its module must '
+                          'be installed or in a folder that PYTHONPATH names') from None
+    if not callable(scheme):
+        raise OptionError(f'{name} is {scheme!r}; it must be a function from a Scenario to a Plan')
+    return scheme  # type: ignore[no-any-return]
 
 
 def plan_path(folder: Path, key: str) -> Path:
@@ -98,6 +120,9 @@ def _solve_task(task: Task) -> Row:
     method, objective, limit = task['method'], task['objective'], task['time_limit']
     if method in METHODS:
         plan = solve(scenario, method, time_limit=limit, objective=objective)
+    elif ':' in method:
+        plan = load_scheme(method)(scenario)
+        check_plan(plan, scenario)
     else:
         plan = fly_hover_fly(scenario, method.rpartition('_')[2], time_limit=limit)
     results: Row = {
@@ -177,24 +202,36 @@ def _ignore_interrupts() -> Any:
         return None
 
 
-def run_on_cluster(tasks: Iterable[Task], address: str) -> Iterator[Row]:
+@contextmanager
+def _open_client(cluster: 'str | Client') -> 'Iterator[Client]':
+    """Give a client as it is, or one of a scheduler's address, which is closed in the end."""
+    if not isinstance(cluster, str):
+        yield cluster
+        return
+    with name_missing_package():
+        from distributed import Client
+    try:
+        client = Client(cluster, timeout=_CONNECT_TIMEOUT)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise OptionError(f'the scheduler {cluster} cannot be reached: {error}') from None
+    with client:
+        yield client
+
+
+def run_on_cluster(tasks: Iterable[Task], cluster: 'str | Client') -> Iterator[Row]:
     """
     Yield the rows of tasks as they finish on a Dask cluster, whose workers need this package.
 
     A task whose worker dies is given to another; after a few deaths it is a Row with that reason.
 
-    :param address: of the scheduler, such as tcp://host:8786.
+    :param cluster: a client, or the address of the scheduler, such as tcp://host:8786.
     :raises MissingPackageError: when Dask is not installed.
     :raises OptionError: when the scheduler does not answer.
     :raises ClusterError: when the scheduler is lost on the way.
     """
-    with name_missing_package():
-        from distributed import as_completed, Client
-    try:
-        client = Client(address, timeout=_CONNECT_TIMEOUT)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise OptionError(f'the scheduler {address} cannot be reached: {error}') from None
-    with client:
+    with _open_client(cluster) as client:
+        from distributed import as_completed
+        address = client.scheduler.address
         queue, submitted = iter(tasks), {}
 
         def submit(count: int) -> list[Any]:

@@ -9,7 +9,7 @@ import pathlib
 import secure_uav_planner
 from secure_uav_planner import Channel, METHODS, Plan, Scenario, Uav
 from secure_uav_planner.apps.campaign_file import BASELINES
-from secure_uav_planner.apps.campaigns import run_campaign
+from secure_uav_planner.apps.campaigns import run_tasks
 from secure_uav_planner.apps.tasks import make_task, plan_path
 from secure_uav_planner.mission.propagation import ENVIRONMENTS
 
@@ -106,8 +106,8 @@ def plan_points(points, folder, jobs=-1, scheduler=None):
         file = plan_path(folder, point.task['key'])
         if file.exists() and _load_plan(file) is None:
             file.unlink()
-    return run_campaign(lambda: [point.task for point in points], folder, jobs, scheduler,
-                        'study')
+    return run_tasks(lambda: [point.task for point in points], folder, jobs, scheduler,
+                     title='study')
 
 
 def load_plans(points, folder):
