@@ -133,15 +133,18 @@ class _Progress:
             if row is not None:
                 self.add(row)
         self._first, self._started, self._is_over = self._done, time.monotonic(), Event()
+        self._is_terminal = sys.stderr.isatty()
         self._thread = Thread(target=self._report, daemon=True)
 
     def __enter__(self) -> '_Progress':
         self._thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: object, *_: object) -> None:
         self._is_over.set()
         self._thread.join()
+        if error is None:
+            self._print('\n')
 
     def add(self, row: Row) -> None:
         """Count a finished mission."""
@@ -150,18 +153,18 @@ class _Progress:
             self._failed += 1
 
     def _report(self) -> None:
-        is_terminal = sys.stderr.isatty()
-        while not self._is_over.wait(_PERIODS[is_terminal]):
-            self._print('\r\033[K' if is_terminal else '', '' if is_terminal else '\n')
-        self._print('\r\033[K' if is_terminal else '', '\n')
+        while not self._is_over.wait(_PERIODS[self._is_terminal]):
+            self._print('\r' if self._is_terminal else '\n')
 
-    def _print(self, before: str, after: str) -> None:
+    def _print(self, end: str) -> None:
         rate = (self._done - self._first) / (time.monotonic() - self._started)
         text = (f'{self._title}: {self._done} of {self._total} missions done, {self._failed} '
                 f'failed, {rate:.3g}/s')
         if rate > 0:
             text += f', {timedelta(seconds=round((self._total - self._done) / rate))} left'
-        print(f'{before}{text}', end=after, file=sys.stderr, flush=True)
+        if self._is_terminal:
+            text = f'\033[K{text}'
+        print(text, end=end, file=sys.stderr, flush=True)
 
 
 def journal_name(shard: tuple[int, int] | None = None) -> str:

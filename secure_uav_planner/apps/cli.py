@@ -11,6 +11,7 @@ import signal
 import sys
 from typing import Any, NoReturn
 
+from .. import __version__
 from ..errors import (
     brief, MissingPackageError, MissionFileError, OptionError, PlanFileError, PlanningError, quote,
     ScenarioError, StoppedError)
@@ -307,7 +308,6 @@ class _Parser(argparse.ArgumentParser):
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command."""
-    from .. import __version__  # Here, because the package imports its campaigns from this room.
     parser = _Parser(
         prog=NAME, description=_ABOUT, epilog=_STATUS + _COMPLETION,
         formatter_class=argparse.RawDescriptionHelpFormatter)
