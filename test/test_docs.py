@@ -469,7 +469,7 @@ OF_ROS = ('rcl_interfaces', 'type_description_interfaces')
 
 def known_names():
     """Return every parameter, argument, attribute and status that a page may mention."""
-    names = set(FOREIGN) | set(PLANNER) | set(REPLAY) | set(RELAY) | {'U', 'N', 'E'}
+    names = {*FOREIGN, *PLANNER, *REPLAY, *RELAY, *secure_uav_planner.__all__} | {'U', 'N', 'E'}
     for thing in (secure_uav_planner, Scenario, Plan, Iteration, secure_uav_planner.Uav,
                   secure_uav_planner.Eavesdropper, secure_uav_planner.NoFlyZone,
                   secure_uav_planner.Propulsion, secure_uav_planner.Channel,
