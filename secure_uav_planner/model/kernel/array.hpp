@@ -64,10 +64,10 @@ std::vector<double> copy_reals(const Source& source, const char* name, std::size
     return std::vector<double>(array.data(), array.data() + size);
 }
 
-inline std::vector<char> copy_flags(const py::dict& args, const char* name,
-                                    std::size_t size) {
-    const std::vector<double> numbers = copy_reals(args, name, size);
-    return std::vector<char>(numbers.begin(), numbers.end());
+template <typename Source>
+std::vector<char> copy_flags(const Source& source, const char* name, std::size_t size) {
+    const Array<const bool> array(source, name, size);
+    return std::vector<char>(array.data(), array.data() + size);
 }
 
 // Let Ctrl-C end what runs without the interpreter's lock.

@@ -42,15 +42,13 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 
 #include "array.hpp"
+#include "numbers.hpp"
 
 namespace kernel {
 
 constexpr double BOX_ROUNDING = 1e-14;  // Share by which the halves of a box are widened.
-constexpr double TINY = 1e-300;
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 // The value and slopes of a function at a box's centre, numbers such that
 // ka da^2 + kb db^2 + kp dpi^2 is at least its second derivative along (da, db, dpi) anywhere in

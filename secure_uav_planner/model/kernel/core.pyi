@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 Arguments = Mapping[str, Any]
 
 TOLERANCE: float
@@ -56,41 +57,49 @@ class Limit:
         """
 
 class NormLimit(Limit):
-    def __init__(self, arguments: Arguments) -> None:
+    def __init__(self, slots: int, order: int, square: Array, ignored: Flags,
+                 end_moves: Array) -> None:
         """
         Make a limit c = 1 - |d|^2 / r^2 on differences d of points.
 
-        :param arguments: `slots`, `order` (1: moves, 2: their changes), `square` r^2 (U,),
-            `ignored` (N + order, U) and `end_moves` before the start and after the goal (2, U, 2).
+        :param order: 1 for moves, 2 for their changes.
+        :param square: r^2, (U,).
+        :param ignored: (N + order, U).
+        :param end_moves: before the start and after the goal, (2, U, 2).
         """
+
+class ControlPoints:
+    def __init__(self, weights: Array, all_weights: Array, constant: Array) -> None:
+        """Make the control points of curves; weights are (M, U, K, 3), constants (M, U, K, 2)."""
 
 class LineLimit(Limit):
     """
-    A limit that keeps the pieces of G subjects, each of K control points, beyond lines.
+    A limit that keeps the pieces of G pairs, each of K control points, beyond lines.
 
-    All kinds are made from `slots`, `uavs` and `controls` K; for T tracks `uav` (T,), `weights` and
-    `all_weights` (M, T, K, 3) and `constant` (M, T, K, 2); for the subjects `first` and `second`
-    (G,), or None, and `ignored` (M, G, K).
+    `first` and `second` are the UAVs of the pairs, (G,), and `ignored` is (M, G, K).
     """
 
     def choose_lines(self, path: Array, normals: Array, offsets: Array) -> None:
         """Choose for a path (M, U, 2) the normals (M, G, 2) and offsets (M, G) of lines."""
 
 class ZoneLimit(LineLimit):
-    def __init__(self, arguments: Arguments) -> None:
-        """Make it from those of a LineLimit and `polygons`, for A UAVs Z of V vertices each."""
+    def __init__(self, control_points: ControlPoints, first: Indices, ignored: Flags,
+                 polygons: Array) -> None:
+        """Make it with polygons (A, Z, V, 2), for A UAVs Z of V vertices each."""
 
 class SeparationLimit(LineLimit):
-    def __init__(self, arguments: Arguments) -> None:
-        """Make it from those of a LineLimit and the `radii` of the discs to stay out of, (G,)."""
+    def __init__(self, control_points: ControlPoints, first: Indices, second: Indices,
+                 ignored: Flags, radii: Array) -> None:
+        """Make it with the radii of the discs to stay out of, (G,)."""
 
 class FenceLimit(LineLimit):
-    def __init__(self, arguments: Arguments) -> None:
-        """Make it from those of a LineLimit, and `normals` (G, 2) and `offsets` (G,) of sides."""
+    def __init__(self, control_points: ControlPoints, first: Indices, ignored: Flags,
+                 normals: Array, offsets: Array) -> None:
+        """Make it with the normals (G, 2) and offsets (G,) of sides."""
 
 class Barrier:
     def __init__(self, arguments: Arguments, x: Array, mu: Array,
-                 finished: NDArray[np.bool_]) -> None:
+                 finished: Flags) -> None:
         """
         Make Newton's method on a barrier function, for starts that it changes in place.
 

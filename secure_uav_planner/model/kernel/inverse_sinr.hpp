@@ -14,18 +14,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <vector>
 
 #include "channel.hpp"
+#include "numbers.hpp"
 
 namespace kernel {
 
 constexpr int RAYS = 6;  // Sectors of the first ring, and starts of a search on a circle.
 constexpr double PI = 3.14159265358979323846;
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
-constexpr double TINY = 1e-300;
 // Rounding. A sum of up to 32 positive terms of a few operations each is right to 1e-14 of itself.
 // Places and offsets are right to `place_error`, many units in the last place of the longest
 // offset. For places of a sector that widens the ball; for places of UAVs it changes v by no more

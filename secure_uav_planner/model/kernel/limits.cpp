@@ -2,7 +2,9 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "array.hpp"
 #include "lines.hpp"
@@ -10,6 +12,8 @@
 
 namespace py = pybind11;
 using kernel::Array;
+using kernel::ConstrainedPairs;
+using kernel::ControlPoints;
 using kernel::copy_flags;
 using kernel::copy_reals;
 using kernel::count_entries;
@@ -20,86 +24,97 @@ using kernel::Reals;
 
 namespace {
 
-std::vector<int> copy_indices(const py::dict& args, const char* name, std::size_t size,
-                              int end) {
-    const Reals numbers = copy_reals(args, name, size);
-    for (const double number : numbers) expect(number >= 0.0 && number < end, name);
-    return std::vector<int>(numbers.begin(), numbers.end());
+std::vector<int> copy_indices(const py::buffer& source, const char* name) {
+    const Array<const std::int64_t> numbers(source, name);
+    return std::vector<int>(numbers.data(), numbers.data() + numbers.size());
 }
 
-std::vector<kernel::Point> copy_points(const py::dict& args, const char* name,
+std::vector<kernel::Point> copy_points(const py::buffer& source, const char* name,
                                        std::size_t size) {
-    const Reals numbers = copy_reals(args, name, 2 * size);
+    const Array<const double> numbers(source, name, 2 * size);
     std::vector<kernel::Point> points;
     for (std::size_t i = 0; i < size; ++i)
         points.push_back({numbers[2 * i], numbers[2 * i + 1]});
     return points;
 }
 
-std::shared_ptr<kernel::NormLimit> make_norm_limit(const py::dict& args) {
-    const std::size_t uavs = count_entries(args, "square");
-    const std::size_t slots = args["slots"].cast<std::size_t>();
-    const int order = args["order"].cast<int>();
+std::shared_ptr<kernel::NormLimit> make_norm_limit(
+    std::size_t slots, int order, const py::buffer& square, const py::buffer& ignored,
+    const py::buffer& end_moves) {
+    const std::size_t uavs = count_entries(square);
     expect((order == 1 || order == 2) && uavs && slots, "order, square, slots");
     return std::make_shared<kernel::NormLimit>(
-        slots, order, copy_reals(args, "square", uavs),
-        copy_flags(args, "ignored", (slots + order) * uavs),
-        copy_reals(args, "end_moves", 4 * uavs));
+        slots, order, copy_reals(square, "square", uavs),
+        copy_flags(ignored, "ignored", (slots + order) * uavs),
+        copy_reals(end_moves, "end_moves", 4 * uavs));
 }
 
-kernel::Tracks make_tracks(const py::dict& args) {
-    kernel::Tracks made;
-    made.slots = args["slots"].cast<std::size_t>();
-    made.uavs = args["uavs"].cast<int>();
-    made.controls = args["controls"].cast<int>();
-    expect(made.uavs >= 1 && made.controls >= 1 && made.controls <= 3, "uavs, controls");
-    const std::size_t subjects = count_entries(args, "first");
-    const std::size_t points = made.slots + 2, size = points * made.uavs * made.controls;
-    made.weights = copy_reals(args, "weights", 3 * size);
-    made.all_weights = copy_reals(args, "all_weights", 3 * size);
-    made.constant = copy_reals(args, "constant", 2 * size);
-    for (std::size_t i = 0; i < made.weights.size(); ++i) {
+ControlPoints make_control_points(const py::buffer& weights, const py::buffer& all_weights,
+                                  const py::buffer& constant) {
+    const Array<const double> varying(weights, "weights");
+    expect(varying.axes() == 4 && varying.shape(0) >= 3 && varying.shape(1) >= 1
+               && varying.shape(2) >= 1 && varying.shape(2) <= 3 && varying.shape(3) == 3,
+           "weights");
+    const std::size_t slots = varying.shape(0) - 2, size = varying.size();
+    for (std::size_t i = 0; i < size; ++i) {
         const std::ptrdiff_t slot =
-            std::ptrdiff_t(i / (3 * made.uavs * made.controls)) + std::ptrdiff_t(i % 3) - 2;
-        expect(made.weights[i] == 0.0 || (slot >= 0 && slot < std::ptrdiff_t(made.slots)),
-               "weights");
+            std::ptrdiff_t(i / (size / varying.shape(0))) + std::ptrdiff_t(i % 3) - 2;
+        expect(varying[i] == 0.0 || (slot >= 0 && slot < std::ptrdiff_t(slots)), "weights");
     }
-    made.first = copy_indices(args, "first", subjects, made.uavs);
-    if (!args["second"].is_none())
-        made.second = copy_indices(args, "second", subjects, made.uavs);
-    made.ignored = copy_flags(args, "ignored", points * subjects * made.controls);
-    return made;
+    return {slots, int(varying.shape(1)), int(varying.shape(2)),
+            copy_reals(weights, "weights", size), copy_reals(all_weights, "all_weights", size),
+            copy_reals(constant, "constant", size / 3 * 2)};
 }
 
-std::shared_ptr<kernel::ZoneLimit> make_zone_limit(const py::dict& args) {
-    kernel::Tracks tracks = make_tracks(args);
-    const Array<const double> polygons(args["polygons"].cast<py::buffer>(), "polygons");
-    expect(polygons.axes() == 4 && polygons.shape(3) == 2 && tracks.controls >= 2, "polygons");
-    const std::size_t uavs = polygons.shape(0), zones = polygons.shape(1);
-    const std::size_t vertices = polygons.shape(2), subjects = tracks.first.size();
-    const std::size_t lines = uavs ? subjects / uavs : 0;
-    expect(vertices >= 1 && lines >= 1 && lines <= zones && uavs * lines == subjects, "polygons");
+ConstrainedPairs make_pairs(const ControlPoints& control_points, const py::buffer& first,
+                            const std::optional<py::buffer>& second, const py::buffer& ignored) {
+    ConstrainedPairs pairs{copy_indices(first, "first"), {}, {}};
+    if (second) pairs.second = copy_indices(*second, "second");
+    expect(!second || pairs.second.size() == pairs.first.size(), "second");
+    for (const std::vector<int>* uavs : {&pairs.first, &pairs.second})
+        for (const int uav : *uavs)
+            expect(uav >= 0 && uav < control_points.uavs, "first, second");
+    pairs.ignored = copy_flags(
+        ignored, "ignored",
+        (control_points.slots + 2) * pairs.first.size() * control_points.controls);
+    return pairs;
+}
+
+std::shared_ptr<kernel::ZoneLimit> make_zone_limit(
+    const ControlPoints& control_points, const py::buffer& first, const py::buffer& ignored,
+    const py::buffer& polygons) {
+    ConstrainedPairs pairs = make_pairs(control_points, first, std::nullopt, ignored);
+    const Array<const double> corners(polygons, "polygons");
+    expect(corners.axes() == 4 && corners.shape(3) == 2 && control_points.controls >= 2,
+           "polygons");
+    const std::size_t uavs = corners.shape(0), zones = corners.shape(1);
+    const std::size_t vertices = corners.shape(2), lines = uavs ? pairs.first.size() / uavs : 0;
+    expect(vertices >= 1 && lines >= 1 && lines <= zones && uavs * lines == pairs.first.size(),
+           "polygons");
     return std::make_shared<kernel::ZoneLimit>(
-        std::move(tracks), copy_points(args, "polygons", uavs * zones * vertices), int(uavs),
-        int(zones), int(vertices), int(lines));
+        control_points, pairs, copy_points(polygons, "polygons", uavs * zones * vertices),
+        int(uavs), int(zones), int(vertices), int(lines));
 }
 
-std::shared_ptr<kernel::SeparationLimit> make_separation_limit(const py::dict& args) {
-    kernel::Tracks tracks = make_tracks(args);
-    const std::size_t subjects = tracks.first.size();
-    expect(tracks.controls >= 2 && tracks.second.size() == subjects, "second");
+std::shared_ptr<kernel::SeparationLimit> make_separation_limit(
+    const ControlPoints& control_points, const py::buffer& first, const py::buffer& second,
+    const py::buffer& ignored, const py::buffer& radii) {
+    const ConstrainedPairs pairs = make_pairs(control_points, first, second, ignored);
+    expect(control_points.controls >= 2, "control_points");
     return std::make_shared<kernel::SeparationLimit>(
-        std::move(tracks), copy_reals(args, "radii", subjects));
+        control_points, pairs, copy_reals(radii, "radii", pairs.first.size()));
 }
 
-std::shared_ptr<kernel::FenceLimit> make_fence_limit(const py::dict& args) {
-    kernel::Tracks tracks = make_tracks(args);
-    const std::size_t subjects = tracks.first.size();
-    const std::vector<kernel::Point> normals = copy_points(args, "normals", subjects);
-    const Reals offsets = copy_reals(args, "offsets", subjects);
+std::shared_ptr<kernel::FenceLimit> make_fence_limit(
+    const ControlPoints& control_points, const py::buffer& first, const py::buffer& ignored,
+    const py::buffer& normals, const py::buffer& offsets) {
+    const ConstrainedPairs pairs = make_pairs(control_points, first, std::nullopt, ignored);
+    const std::size_t count = pairs.first.size();
+    const std::vector<kernel::Point> directions = copy_points(normals, "normals", count);
+    const Reals lengths = copy_reals(offsets, "offsets", count);
     std::vector<kernel::Line> sides;
-    for (std::size_t i = 0; i < subjects; ++i) sides.push_back({normals[i], offsets[i]});
-    return std::make_shared<kernel::FenceLimit>(std::move(tracks), std::move(sides));
+    for (std::size_t i = 0; i < count; ++i) sides.push_back({directions[i], lengths[i]});
+    return std::make_shared<kernel::FenceLimit>(control_points, pairs, std::move(sides));
 }
 
 void choose_lines(const LineLimit& limit, const py::buffer& path, const py::buffer& normals,
@@ -163,15 +178,26 @@ py::dict evaluate_limit(const Limit& limit, const py::buffer& path, const py::bu
 }  // namespace
 
 void add_limits(py::module_& module) {
+    using py::arg;
     py::class_<Limit, std::shared_ptr<Limit>>(module, "Limit").def("evaluate", &evaluate_limit);
-    py::class_<kernel::NormLimit, Limit, std::shared_ptr<kernel::NormLimit>>(
-        module, "NormLimit").def(py::init(&make_norm_limit));
+    py::class_<kernel::NormLimit, Limit, std::shared_ptr<kernel::NormLimit>>(module, "NormLimit")
+        .def(py::init(&make_norm_limit), arg("slots"), arg("order"), arg("square"),
+             arg("ignored"), arg("end_moves"));
+    py::class_<ControlPoints>(module, "ControlPoints")
+        .def(py::init(&make_control_points), arg("weights"), arg("all_weights"),
+             arg("constant"));
     py::class_<LineLimit, Limit, std::shared_ptr<LineLimit>>(module, "LineLimit")
         .def("choose_lines", &choose_lines);
     py::class_<kernel::ZoneLimit, LineLimit, std::shared_ptr<kernel::ZoneLimit>>(
-        module, "ZoneLimit").def(py::init(&make_zone_limit));
+        module, "ZoneLimit")
+        .def(py::init(&make_zone_limit), arg("control_points"), arg("first"), arg("ignored"),
+             arg("polygons"));
     py::class_<kernel::SeparationLimit, LineLimit, std::shared_ptr<kernel::SeparationLimit>>(
-        module, "SeparationLimit").def(py::init(&make_separation_limit));
+        module, "SeparationLimit")
+        .def(py::init(&make_separation_limit), arg("control_points"), arg("first"),
+             arg("second"), arg("ignored"), arg("radii"));
     py::class_<kernel::FenceLimit, LineLimit, std::shared_ptr<kernel::FenceLimit>>(
-        module, "FenceLimit").def(py::init(&make_fence_limit));
+        module, "FenceLimit")
+        .def(py::init(&make_fence_limit), arg("control_points"), arg("first"), arg("ignored"),
+             arg("normals"), arg("offsets"));
 }

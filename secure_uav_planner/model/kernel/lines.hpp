@@ -4,48 +4,52 @@
 #pragma once
 
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <utility>
 
 #include "limit.hpp"
+#include "numbers.hpp"
 
 namespace kernel {
 
-// Tracks are the control points of pieces of curves, K of each UAV around each point. A subject is
-// the track of one UAV, or that less the track of another; there are G.
-struct Tracks {
-    std::size_t slots = 0;                  // N = M - 2.
-    int uavs = 0, controls = 0;             // U, K.
-    Reals weights, all_weights, constant;   // (M, U, K, 3), (M, U, K, 3), (M, U, K, 2).
-    std::vector<int> first, second;         // UAVs of every subject, (G), or empty.
-    std::vector<char> ignored;              // Control points that do not vary, (M, G, K).
+// The K control points of each UAV's piece of the curve around each of M = N + 2 points.
+struct ControlPoints {
+    std::size_t slots;                     // N.
+    int uavs, controls;                    // U, K.
+    Reals weights, all_weights, constant;  // (M, U, K, 3), (M, U, K, 3), (M, U, K, 2).
 };
 
-// c = normal . p - offset of every control point p of G subjects; 1 where p does not vary.
+// G pairs of a UAV and an obstacle, or of two UAVs whose difference counts.
+struct ConstrainedPairs {
+    std::vector<int> first, second;  // The UAVs, (G); `second` is empty for obstacles.
+    std::vector<char> ignored;       // Control points that do not vary, (M, G, K).
+};
+
+// c = normal . p - offset of every control point p of G pairs; 1 where p does not vary.
 //
 // Lines are chosen before every step, and stay during its line search.
 class LineLimit : public Limit {
 public:
-    explicit LineLimit(Tracks tracks)
-        : Limit(tracks.slots, tracks.uavs), tracks_(std::move(tracks)) {}
+    LineLimit(ControlPoints control_points, ConstrainedPairs pairs)
+        : Limit(control_points.slots, control_points.uavs),
+          control_points_(std::move(control_points)), pairs_(std::move(pairs)) {}
 
-    std::size_t pieces() const { return points() * subjects(); }  // M * G.
+    std::size_t pieces() const { return points() * pairs(); }  // M * G.
 
-    std::size_t count() const override { return tracks_.ignored.size(); }  // M * G * K.
+    std::size_t count() const override { return pairs_.ignored.size(); }  // M * G * K.
     bool has_lines() const override { return true; }
 
     int bandwidth() const override {
         Term terms[6];
         std::ptrdiff_t coupling = 0;  // The distance in slots between points of the same c.
         const int variables = 3 * uavs_;
-        for (std::size_t i = 0; i < tracks_.ignored.size(); ++i) {
+        for (std::size_t i = 0; i < pairs_.ignored.size(); ++i) {
             const int count = find_terms(i, terms);
             for (int j = 0; j < count; ++j)
                 for (int k = 0; k < j; ++k)
                     coupling = std::max(coupling, std::abs(terms[j].slot - terms[k].slot));
         }
-        if (!tracks_.second.empty()) return int(1 + coupling) * variables - 2;
+        if (!pairs_.second.empty()) return int(1 + coupling) * variables - 2;
         return coupling ? int(coupling) * variables + 1 : variables - 1;
     }
 
@@ -59,12 +63,12 @@ public:
     void find_slacks(const double* path, Slacks& slacks) const override {
         slacks.values.resize(count());
         visit_points(false, path, [&](std::size_t point, const Point* places) {
-            std::size_t i = point * subjects() * controls();
-            for (std::size_t subject = 0; subject < subjects(); ++subject) {
-                const Line& line = slacks.lines->lines[point * subjects() + subject];
+            std::size_t i = point * pairs() * controls();
+            for (std::size_t pair = 0; pair < pairs(); ++pair) {
+                const Line& line = slacks.lines->lines[point * pairs() + pair];
                 for (int k = 0; k < controls(); ++k, ++i, ++places)
                     slacks.values[i] =
-                        tracks_.ignored[i] ? 1.0 : dot(line.normal, *places) - line.offset;
+                        pairs_.ignored[i] ? 1.0 : dot(line.normal, *places) - line.offset;
             }
         });
     }
@@ -72,7 +76,7 @@ public:
     void add_gradient(const Slacks& slacks, double mu, double* gradient) const override {
         Term terms[6];
         for (std::size_t i = 0; i < count(); ++i) {
-            if (tracks_.ignored[i]) continue;
+            if (pairs_.ignored[i]) continue;
             const Point normal = slacks.lines->lines[i / controls()].normal;
             const double force = mu / slacks.values[i];
             const int count = find_terms(i, terms);
@@ -90,12 +94,12 @@ public:
         Reals& lengths = slopes.cache;
         lengths.assign(slacks.lines->max_moves.size(), 0.0);
         visit_points(true, moves, [&](std::size_t point, const Point* move) {
-            std::size_t i = point * subjects() * controls();
-            for (std::size_t subject = 0; subject < subjects(); ++subject) {
-                const std::size_t piece = point * subjects() + subject;
+            std::size_t i = point * pairs() * controls();
+            for (std::size_t pair = 0; pair < pairs(); ++pair) {
+                const std::size_t piece = point * pairs() + pair;
                 const Line& line = slacks.lines->lines[piece];
                 for (int k = 0; k < controls(); ++k, ++i, ++move) {
-                    slopes.values[i] = tracks_.ignored[i] ? 0.0 : dot(line.normal, *move);
+                    slopes.values[i] = pairs_.ignored[i] ? 0.0 : dot(line.normal, *move);
                     if (!lengths.empty())
                         lengths[piece] = std::max(lengths[piece], std::sqrt(dot(*move, *move)));
                 }
@@ -106,10 +110,10 @@ public:
     void limit_steps(const Slacks& slacks, const Slopes& slopes, double fraction,
                      double* lengths) const override {
         const Reals& moves = slopes.cache;
-        for (std::size_t subject = 0; subject < subjects(); ++subject) {
+        for (std::size_t pair = 0; pair < pairs(); ++pair) {
             double length = 1.0;
             for (std::size_t n = 0; n < points(); ++n) {
-                const std::size_t piece = n * subjects() + subject;
+                const std::size_t piece = n * pairs() + pair;
                 for (int k = 0; k < controls(); ++k) {
                     const std::size_t i = piece * controls() + k;
                     limit_step(length, slacks.values[i], slopes.values[i], fraction);
@@ -117,11 +121,11 @@ public:
                 if (moves.empty()) continue;
                 const double most = fraction * slacks.lines->max_moves[piece];
                 if (moves[piece] * length > most)
-                    length = std::min(length, most / std::max(moves[piece], 1e-300));
+                    length = std::min(length, most / std::max(moves[piece], TINY));
             }
-            for (const std::vector<int>* members : {&tracks_.first, &tracks_.second}) {
+            for (const std::vector<int>* members : {&pairs_.first, &pairs_.second}) {
                 if (members->empty()) continue;
-                double& own = lengths[(*members)[subject]];
+                double& own = lengths[(*members)[pair]];
                 own = std::min(own, length);
             }
         }
@@ -132,7 +136,7 @@ public:
                        const Band& band) const override {
         Term terms[6];
         for (std::size_t i = 0; i < count(); ++i) {
-            if (tracks_.ignored[i]) continue;
+            if (pairs_.ignored[i]) continue;
             const Point normal = slacks.lines->lines[i / controls()].normal;
             const double ratio = duals[i] / slacks.values[i];
             const double xx = ratio * normal.x * normal.x, xy = ratio * normal.x * normal.y;
@@ -149,11 +153,11 @@ public:
     }
 
 protected:
-    // Choose the lines around a point; places (G, K) are the subjects' control points.
+    // Choose the lines around a point; places (G, K) are the pairs' control points.
     virtual void choose_lines_at(std::size_t point, const Point* places, LineSet& lines) const = 0;
     std::size_t points() const { return slots_ + 2; }
-    std::size_t subjects() const { return tracks_.first.size(); }
-    int controls() const { return tracks_.controls; }
+    std::size_t pairs() const { return pairs_.first.size(); }
+    int controls() const { return control_points_.controls; }
 
 private:
     // The weight of a point that varies in a control point.
@@ -162,21 +166,21 @@ private:
         double weight;
     };
 
-    // Find the at most six terms of a subject's control point, by its index in (M, G, K).
+    // Find the at most six terms of a pair's control point, by its index in (M, G, K).
     int find_terms(std::size_t index, Term* terms) const {
         const std::size_t control = index % controls(), piece = index / controls();
-        const std::size_t point = piece / subjects(), subject = piece % subjects();
+        const std::size_t point = piece / pairs(), pair = piece % pairs();
         int count = 0;
         const auto add = [&](int uav, double sign) {
             const double* weights =
-                &tracks_.weights[((point * uavs_ + uav) * controls() + control) * 3];
+                &control_points_.weights[((point * uavs_ + uav) * controls() + control) * 3];
             for (int k = 0; k < 3; ++k)
                 if (weights[k] != 0.0)
                     terms[count++] = {std::ptrdiff_t(point) + k - 2,
                                       variable(point + k - 1, uav), sign * weights[k]};
         };
-        add(tracks_.first[subject], 1.0);
-        if (!tracks_.second.empty()) add(tracks_.second[subject], -1.0);
+        add(pairs_.first[pair], 1.0);
+        if (!pairs_.second.empty()) add(pairs_.second[pair], -1.0);
         return count;
     }
 
@@ -197,24 +201,24 @@ private:
         }
     }
 
-    // Call a function for every point with the places, or the moves, of its subjects, (G, K).
+    // Call a function for every point with the places, or the moves, of its pairs, (G, K).
     template <typename Function>
     void visit_points(bool moves, const double* path, Function function) const {
         const std::size_t count = std::size_t(uavs_) * controls();
-        std::vector<Point> points(count), places(subjects() * controls());
+        std::vector<Point> points(count), places(pairs() * controls());
         for (std::size_t n = 0; n < this->points(); ++n) {
             find_control_points(
-                moves ? tracks_.weights : tracks_.all_weights, n, path, points.data());
+                moves ? control_points_.weights : control_points_.all_weights, n, path, points.data());
             if (!moves)
                 for (std::size_t i = 0; i < count; ++i) {
-                    points[i].x += tracks_.constant[2 * (n * count + i)];
-                    points[i].y += tracks_.constant[2 * (n * count + i) + 1];
+                    points[i].x += control_points_.constant[2 * (n * count + i)];
+                    points[i].y += control_points_.constant[2 * (n * count + i) + 1];
                 }
             Point* place = places.data();
-            for (std::size_t subject = 0; subject < subjects(); ++subject) {
-                const Point* first = &points[tracks_.first[subject] * controls()];
-                const Point* second = tracks_.second.empty()
-                    ? nullptr : &points[tracks_.second[subject] * controls()];
+            for (std::size_t pair = 0; pair < pairs(); ++pair) {
+                const Point* first = &points[pairs_.first[pair] * controls()];
+                const Point* second = pairs_.second.empty()
+                    ? nullptr : &points[pairs_.second[pair] * controls()];
                 for (int k = 0; k < controls(); ++k)
                     *place++ = second ? first[k] - second[k] : first[k];
             }
@@ -222,7 +226,8 @@ private:
         }
     }
 
-    Tracks tracks_;
+    const ControlPoints control_points_;
+    const ConstrainedPairs pairs_;
 };
 
 // The largest and the smallest projection of points on a direction.
@@ -247,12 +252,13 @@ inline Point mean_point(const Point* points, int count) {
 // The sides of the convex hull of the fence, the same for all points.
 class FenceLimit : public LineLimit {
 public:
-    FenceLimit(Tracks tracks, std::vector<Line> sides)
-        : LineLimit(std::move(tracks)), sides_(std::move(sides)) {}
+    FenceLimit(const ControlPoints& control_points, const ConstrainedPairs& pairs,
+               std::vector<Line> sides)
+        : LineLimit(control_points, pairs), sides_(std::move(sides)) {}
 
 protected:
     void choose_lines_at(std::size_t point, const Point*, LineSet& lines) const override {
-        std::copy(sides_.begin(), sides_.end(), lines.lines.begin() + point * subjects());
+        std::copy(sides_.begin(), sides_.end(), lines.lines.begin() + point * pairs());
     }
 
 private:
@@ -262,7 +268,7 @@ private:
 // The vector from the nearest point of an edge to a point.
 inline Point subtract_edge(Point begin, Point end, Point point) {
     const Point along = end - begin, offset = point - begin;
-    const double square = std::max(dot(along, along), 1e-300);
+    const double square = std::max(dot(along, along), TINY);
     const double share = std::min(std::max(dot(offset, along) / square, 0.0), 1.0);
     return offset - share * along;
 }
@@ -270,13 +276,14 @@ inline Point subtract_edge(Point begin, Point end, Point point) {
 // Tangents of the discs that differences of UAVs stay out of.
 class SeparationLimit : public LineLimit {
 public:
-    SeparationLimit(Tracks tracks, Reals radii)
-        : LineLimit(std::move(tracks)), radii_(std::move(radii)) {}
+    SeparationLimit(const ControlPoints& control_points, const ConstrainedPairs& pairs,
+                    Reals radii)
+        : LineLimit(control_points, pairs), radii_(std::move(radii)) {}
 
 protected:
     void choose_lines_at(std::size_t point, const Point* places, LineSet& lines) const override {
-        for (std::size_t subject = 0; subject < subjects(); ++subject) {
-            const Point* piece = places + subject * controls();
+        for (std::size_t pair = 0; pair < pairs(); ++pair) {
+            const Point* piece = places + pair * controls();
             Point direction = find_nearest(piece, controls());
             // Where the piece contains the origin, its middle gives as good a direction as any.
             if (!(std::sqrt(dot(direction, direction)) > ZERO_LENGTH))
@@ -284,7 +291,7 @@ protected:
             const double length = std::sqrt(dot(direction, direction));
             const Point normal = length > ZERO_LENGTH
                 ? Point{direction.x / length, direction.y / length} : Point{1.0, 0.0};
-            lines.lines[point * subjects() + subject] = {normal, radii_[subject]};
+            lines.lines[point * pairs() + pair] = {normal, radii_[pair]};
         }
     }
 
@@ -294,7 +301,7 @@ private:
     // Find the point of the boundary of a line or triangle that is nearest to the origin.
     static Point find_nearest(const Point* piece, int count) {
         Point nearest{};
-        double least = std::numeric_limits<double>::infinity();
+        double least = INFINITE;
         for (int k = 0; k < (count == 2 ? 1 : count); ++k) {
             const Point to_origin = subtract_edge(piece[k], piece[(k + 1) % count], {0.0, 0.0});
             const double square = dot(to_origin, to_origin);
@@ -313,9 +320,9 @@ class ZoneLimit : public LineLimit {
 public:
     // The polygons are (A, Z, V), counter-clockwise; the last vertex may be repeated. Each piece
     // has `lines` lines.
-    ZoneLimit(Tracks tracks, std::vector<Point> polygons, int zoned_uavs, int zones, int vertices,
-              int lines)
-        : LineLimit(std::move(tracks)), polygons_(std::move(polygons)), zoned_uavs_(zoned_uavs),
+    ZoneLimit(const ControlPoints& control_points, const ConstrainedPairs& pairs,
+              std::vector<Point> polygons, int zoned_uavs, int zones, int vertices, int lines)
+        : LineLimit(control_points, pairs), polygons_(std::move(polygons)), zoned_uavs_(zoned_uavs),
           zones_(zones), vertices_(vertices), lines_(lines) {
         for (std::size_t i = 0; i < polygons_.size(); i += vertices_)
             centres_.push_back(mean_point(&polygons_[i], vertices_));
@@ -328,8 +335,8 @@ protected:
         std::vector<int> order(zones_);
         if (zones_ > lines_) lines.max_moves.resize(lines.lines.size());
         for (int uav = 0; uav < zoned_uavs_; ++uav) {
-            const std::size_t subject = std::size_t(uav) * lines_;
-            const Point* piece = places + subject * controls();
+            const std::size_t pair = std::size_t(uav) * lines_;
+            const Point* piece = places + pair * controls();
             const Point middle = mean_point(piece, controls());
             const Point size = piece[controls() - 1] - piece[0];
             const double near = NEAR * std::sqrt(dot(size, size)) + LEAST_NEAR;
@@ -337,7 +344,7 @@ protected:
                 candidates[zone] = find_line(piece, middle, near,
                                              std::size_t(uav) * zones_ + zone, clearances[zone]);
             std::iota(order.begin(), order.end(), 0);
-            const std::size_t to = point * subjects() + subject;
+            const std::size_t to = point * pairs() + pair;
             if (zones_ > lines_) {
                 // Sorted again by number, so that duals stay with their zones.
                 std::stable_sort(order.begin(), order.end(), [&](int i, int j) {
@@ -362,7 +369,7 @@ private:
                    double& clearance) const {
         const Point* vertices = &polygons_[polygon * vertices_];
         const Point way = middle - centres_[polygon];
-        const double length = std::sqrt(std::max(dot(way, way), 1e-300));
+        const double length = std::sqrt(std::max(dot(way, way), TINY));
         Line line;
         line.normal = {way.x / length, way.y / length};
         line.offset = max_projection(vertices, vertices_, line.normal);
@@ -378,7 +385,7 @@ private:
     // piece must be moved least.
     Line separate(const Point* piece, const Point* polygon) const {
         Point nearest{};
-        double least = std::numeric_limits<double>::infinity();
+        double least = INFINITE;
         const auto compare = [&](Point way) {
             const double square = dot(way, way);
             if (square >= least) return;
@@ -393,7 +400,7 @@ private:
             for (int v = 0; v < vertices_; ++v)
                 compare(-1.0 * subtract_edge(piece[k], piece[(k + 1) % count], polygon[v]));
         Line line;
-        const double inverse = 1.0 / std::sqrt(std::max(least, 1e-300));
+        const double inverse = 1.0 / std::sqrt(std::max(least, TINY));
         line.normal = inverse * nearest;
         line.offset = max_projection(polygon, vertices_, line.normal);
         if (min_projection(piece, count, line.normal) - line.offset > TOUCHING) return line;
@@ -403,13 +410,13 @@ private:
     // Find the line along an edge of either that needs the least shift of the piece.
     Line minimise_shift(const Point* piece, const Point* polygon) const {
         Line best{{0.0, 0.0}, 0.0};
-        double most = -std::numeric_limits<double>::infinity();
+        double most = -INFINITE;
         const auto compare = [&](Point along) {
             const double length = std::sqrt(dot(along, along));
-            const double inverse = 1.0 / std::max(length, 1e-300);
+            const double inverse = 1.0 / std::max(length, TINY);
             const Point normal{along.y * inverse, -along.x * inverse};
             const double offset = max_projection(polygon, vertices_, normal);
-            const double clearance = length <= 1e-12 ? -std::numeric_limits<double>::infinity()
+            const double clearance = length <= 1e-12 ? -INFINITE
                 : min_projection(piece, controls(), normal) - offset;
             if (!(clearance > most)) return;
             best = {normal, offset};

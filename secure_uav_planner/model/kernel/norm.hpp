@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "limit.hpp"
+#include "numbers.hpp"
 
 namespace kernel {
 
@@ -73,8 +74,8 @@ public:
             double& length = lengths[i % uavs_];
             if ((a * length + 2.0 * b) * length <= c) continue;
             const double root = std::sqrt(b * b + a * c);
-            length = std::min(length, b > 0.0 ? c / std::max(root + b, 1e-300)
-                                              : (root - b) / std::max(a, 1e-300));
+            length = std::min(length, b > 0.0 ? c / std::max(root + b, TINY)
+                                              : (root - b) / std::max(a, TINY));
         }
     }
 

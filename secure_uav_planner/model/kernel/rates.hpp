@@ -7,9 +7,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "newton.hpp"
+#include "numbers.hpp"
 
 namespace kernel {
 
@@ -17,8 +17,6 @@ constexpr double LEAST_SQUARE = 1e-30;  // Added to d^2, whose root then has a g
 constexpr double SOFTENING = 0.3;  // Rounding of the kink above an eavesdropper, in sqrt(mu).
 constexpr double ON_EDGE = 1.0 - 1e-6;  // Distance of a place from the centre, in radii.
 constexpr double FLATTEST = 0.01;  // Least curvature of a place, as a share of the largest.
-constexpr double TINY = 1e-300;
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 // log(1 + received / interference), accurate to rounding for a small ratio.
 inline double find_rate(double received, double interference) {

@@ -84,6 +84,11 @@ class ControlPoints:
             weights[free[end], :, inner] -= beyond[free[end]]
             self.constant[end] += beyond[..., None] * sign * moves[end][:, None]
 
+    @cached_property
+    def compiled(self) -> core.ControlPoints:
+        """Return the kernel's form."""
+        return core.ControlPoints(self.weights, self.all_weights, self.constant)
+
     def evaluate(self, path: Array) -> Array:
         """Return the control points of a path, (N+2, U, K, 2) in units."""
         path, weights = path[:, :, None], self.all_weights[..., None]
@@ -105,50 +110,38 @@ class Lines(NamedTuple):
     offsets: Array
 
 
-Subjects: TypeAlias = tuple[
-    ControlPoints, NDArray[np.intp], NDArray[np.intp] | None, dict[str, Array]]
-
-
 class LineLimit(Limit):
     """
     A limit c = normal . p - offset >= 0 on the control points p of pieces of curves.
 
-    A convex piece clears a convex obstacle if a line separates them. Each of G subjects, a UAV
-    with an obstacle or two UAVs with their difference, has a line for every piece of its curve.
+    A convex piece clears a convex obstacle if a line separates them. Each of G pairs, of a UAV and
+    an obstacle or of two UAVs whose difference counts, has a line for every piece of its curve.
     The kernel's class of the same name chooses the lines.
 
+    :param first: the UAV of each pair, (G,).
+    :param second: the UAV whose piece is subtracted, (G,), or None.
     :ivar points: the ControlPoints of all curves.
-    :ivar first: the UAV of each subject, (G,).
-    :ivar second: the UAV whose piece is subtracted, (G,), or None.
     :ivar ignored: which control points do not vary, (N+2, G, K).
     """
 
     constrains_positions = True
 
-    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+    def __init__(self, scenario: Scenario, grid: Grid | None, first: NDArray[np.intp],
+                 second: NDArray[np.intp] | None = None) -> None:
         super().__init__(scenario, grid)
-        self.points, self.first, self.second, self._obstacles = self._list_subjects()
+        self.points, self.first, self.second = self._make_points(), first, second
         constant: NDArray[np.bool_] = np.all(self.points.weights == 0, axis=-1)
-        self.ignored = constant[:, self.first]
-        if self.second is not None:
-            self.ignored &= constant[:, self.second]
+        self.ignored = np.ascontiguousarray(constant[:, first])
+        if second is not None:
+            self.ignored &= constant[:, second]
 
-    @abstractmethod
-    def _list_subjects(self) -> Subjects:
-        """Return points, first and second, and the obstacles by the kernel's names."""
+    def _make_points(self) -> ControlPoints:
+        return ControlPoints.from_curve(self.grid)
 
     @cached_property
+    @abstractmethod
     def compiled(self) -> core.LineLimit:
-        """Return the kernel's limit of the same name."""
-        points = self.points
-        arrays = {'weights': points.weights, 'all_weights': points.all_weights,
-                  'constant': points.constant, 'first': self.first, 'second': self.second,
-                  'ignored': self.ignored, **self._obstacles}
-        plain = {name: values if values is None else np.ascontiguousarray(values, float)
-                 for name, values in arrays.items()}
-        return getattr(core, type(self).__name__)({
-            'slots': self.grid.slots, 'uavs': len(self.scenario.uavs),
-            'controls': points.weights.shape[2], **plain})
+        """Return the kernel's limit."""
 
     def choose_lines(self, path: Array) -> Lines:
         """
@@ -161,8 +154,8 @@ class LineLimit(Limit):
         self.compiled.choose_lines(np.ascontiguousarray(path), *lines)
         return lines
 
-    def turn_lines(self, path: Array, lines: Lines, opposite: bool,
-                   check: Callable[[], None]) -> Lines:
+    def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
+                       check: Callable[[], None]) -> Lines:
         """
         Return lines for a path that need not be clear, chosen for the flight as a whole.
 
@@ -175,11 +168,11 @@ class LineLimit(Limit):
     def check(self, positions: Array, powers: Array) -> None:
         """Leave it to Plan, which checks the flown curve by itself."""
 
-    def control_points(self, path: Array, subjects: Any = slice(None)) -> Array:
-        """Return the control points p of subjects, by default of all, (N+2, G, K, 2)."""
+    def control_points(self, path: Array, pairs: Any = slice(None)) -> Array:
+        """Return the control points p of pairs, by default of all, (N+2, G, K, 2)."""
         points = self.points.evaluate(path)
-        first = points[:, self.first[subjects]]
-        return first if self.second is None else first - points[:, self.second[subjects]]
+        first = points[:, self.first[pairs]]
+        return first if self.second is None else first - points[:, self.second[pairs]]
 
     def slacks(self, path: Array, lines: Lines) -> Array:
         """Return c of a path, (N+2, G, K)."""

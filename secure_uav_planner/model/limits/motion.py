@@ -50,11 +50,10 @@ class NormLimit(Limit):
     @property
     def compiled(self) -> core.NormLimit:
         """Return the kernel's NormLimit."""
-        return core.NormLimit({
-            'slots': self.grid.slots, 'order': len(self.stencil) - 1,
-            'square': (self.longest / self.grid.length)**2,
-            'ignored': (self.absent | self.grid.fixed).astype(float),
-            'end_moves': self._end_moves / self.grid.length})
+        return core.NormLimit(
+            self.grid.slots, order=len(self.stencil) - 1,
+            square=(self.longest / self.grid.length)**2, ignored=self.absent | self.grid.fixed,
+            end_moves=self._end_moves / self.grid.length)
 
     @abstractmethod
     def _longest(self) -> Array:

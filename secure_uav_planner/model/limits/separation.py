@@ -1,12 +1,15 @@
 """The separation of UAVs: any two of them at any time."""
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .lines import ControlPoints, LineLimit, Lines, Subjects
+from .lines import LineLimit, Lines
 from ..airspace import get_airspace
+from ..grid import Grid
+from ..kernel import core
 from ...mission.scenario import Array, Scenario
 
 
@@ -18,19 +21,26 @@ class SeparationLimit(LineLimit):
     touches it where it is nearest to the piece of the difference.
     """
 
+    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
+        distances = get_airspace(scenario).separations
+        first, second = map(np.ascontiguousarray, np.nonzero(np.triu(distances)))
+        super().__init__(scenario, grid, first, second)
+        self._radii: Array = distances[first, second] / self.grid.length
+
     @classmethod
     def applies_to(cls, scenario: Scenario) -> bool:
         """Return True if any two UAVs can come too close."""
         return bool(get_airspace(scenario).separations.any())
 
-    def _list_subjects(self) -> Subjects:
-        distances = get_airspace(self.scenario).separations
-        first, second = np.nonzero(np.triu(distances))
-        return (ControlPoints.from_curve(self.grid), first, second,
-                {'radii': distances[first, second] / self.grid.length})
+    @cached_property
+    def compiled(self) -> core.SeparationLimit:
+        """Return the kernel's limit."""
+        assert self.second is not None
+        return core.SeparationLimit(self.points.compiled, self.first, self.second, self.ignored,
+                                    self._radii)
 
-    def turn_lines(self, path: Array, lines: Lines, opposite: bool,
-                   check: Callable[[], None]) -> Lines:
+    def rotate_normals(self, path: Array, lines: Lines, opposite: bool,
+                       check: Callable[[], None]) -> Lines:
         """
         Return lines that turn evenly while two UAVs are too close, from before to after that.
 

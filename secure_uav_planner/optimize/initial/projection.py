@@ -128,7 +128,7 @@ class _Projection:
         lines = self._choose_lines(base)
         if inside is None:
             inside = np.full(len(positions), False)
-            lines = [limit.turn_lines(base, chosen, opposite, self._check)
+            lines = [limit.rotate_normals(base, chosen, opposite, self._check)
                      for limit, chosen in zip(self._lines, lines, strict=True)]
         for _ in range(_ROUNDS):
             for group in self._split_groups(~inside):
@@ -223,20 +223,20 @@ class _Projection:
         for limit, lines in zip(self._lines, chosen, strict=True):
             weights = limit.points.weights
             ends = [pieces for pieces in (limit.first, limit.second) if pieces is not None]
-            subjects = np.flatnonzero(np.any([np.isin(end, group) for end in ends], axis=0))
-            normals, offsets = lines.normals[:, subjects], lines.offsets[:, subjects]
-            along = (limit.control_points(base, subjects) @ normals[..., None])[..., 0]
+            pairs = np.flatnonzero(np.any([np.isin(end, group) for end in ends], axis=0))
+            normals, offsets = lines.normals[:, pairs], lines.offsets[:, pairs]
+            along = (limit.control_points(base, pairs) @ normals[..., None])[..., 0]
             slacks = (along - offsets[..., None]) / step
             varies = np.any([
-                weights[:, end[subjects]].any(axis=-1)
-                & np.isin(end[subjects], group)[:, None] for end in ends], axis=0)
-            at = np.nonzero(varies & ~limit.ignored[:, subjects] & (slacks < _NEAR))
-            point, subject, corner = at
+                weights[:, end[pairs]].any(axis=-1)
+                & np.isin(end[pairs], group)[:, None] for end in ends], axis=0)
+            at = np.nonzero(varies & ~limit.ignored[:, pairs] & (slacks < _NEAR))
+            point, pair, corner = at
             normal = normals[at[:2]]
             number = np.arange(len(point))
             entries = [(number, np.full(len(point), shortfall), np.ones(len(point)))]
             for end, sign in zip(ends, (1.0, -1.0)):
-                piece = end[subjects[subject]]
+                piece = end[pairs[pair]]
                 for shift in (-1, 0, 1):
                     weight = sign * weights[point, piece, corner, 1 + shift]
                     used = np.flatnonzero(weight)

@@ -217,6 +217,7 @@ def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None) -> dic
                      positions=receivers.positions, radii=receivers.radii)}
 
 
-def _to_kernel(**arrays: NDArray[Any]) -> dict[str, Array]:
+def _to_kernel(**arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Return arrays as the kernel takes them."""
-    return {name: np.ascontiguousarray(values, float) for name, values in arrays.items()}
+    return {name: np.ascontiguousarray(values, bool if values.dtype == bool else float)
+            for name, values in arrays.items()}
