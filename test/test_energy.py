@@ -141,8 +141,8 @@ def test_table_picture_and_status_show_the_energy_of_each_uav_with_a_propulsion(
     without = fly_hover_fly(Scenario.paper(120.0, slots=24))
     assert rate_table([without]).splitlines() == lines[:3]
     labels = [text.get_text() for text in draw_plan(plan).axes[1].get_legend().get_texts()]
-    assert labels == [f'uav1 (transmits)\n{total / 1e3:.3g} kJ (hovering {hovering / 1e3:.3g})',
-                      'uav2 (jams)']
+    assert labels == [f'uav1 (transmits)\n{total / 1e3:.3g} kJ by the model (hovering '
+                      f'{hovering / 1e3:.3g})', 'uav2 (jams)']
     state = State()
     state.keep(replace(plan, start_ns=0))
     status = status_values(state, None, False, PoseBook(), {'uavs': [], 'eavesdroppers': []}, 0.0)

@@ -17,6 +17,9 @@ from ..mission.formats.mission_file import EXAMPLE, locate_error
 from ..mission.propagation import reference_snr_db
 from ..mission.scenario import Scenario
 from ..model.clearance import CLOSE_DISTANCE, find_unseparated_pair
+from ..model.grid import Grid
+from ..model.limits import EnergyLimit, lift_limits, measure_energies
+from ..model.limits.motion import reference_flight
 from ..output.autopilot_limits import changes
 from ..plan.plan import Plan
 
@@ -92,8 +95,7 @@ def create_mission(options: argparse.Namespace) -> int:
 
 def check_mission(options: argparse.Namespace) -> int:
     """Report all that is wrong with a mission; return the exit status."""
-    plan = _plan_baseline(options.mission)
-    scenario = plan.scenario
+    scenario, plan = _plan_baseline(options.mission)
     jammers = len(scenario.uavs) - 1
     print(f'{options.mission}: {scenario.uavs[0].name} transmits, {jammers} '
           f'jam{"s" if jammers == 1 else ""}, {len(scenario.eavesdroppers)} '
@@ -103,6 +105,8 @@ def check_mission(options: argparse.Namespace) -> int:
         from ..assessment import assess
         print(f'rates are {scenario.channel.promise}, not guaranteed: with fly-hover-fly, '
               f'{assess(plan, SHORTFALL_DRAWS).shortfall}')
+    for text in _describe_budgets(scenario):
+        print(text)
     if (names := find_unseparated_pair(scenario)):
         print(f'warning: nothing keeps {names[0]} and {names[1]} {CLOSE_DISTANCE:g} m apart'
               f'{scenario.margin_text}; set separation, or altitudes that differ',
@@ -150,12 +154,27 @@ def _note_degrees(scenario: Scenario) -> Iterator[str]:
                    '{latitude: , longitude: }, and the mission has an origin')
 
 
-def _plan_baseline(path: str) -> Plan:
-    """Return fly-hover-fly for a mission file; raise an error with all of its problems."""
+def _describe_budgets(scenario: Scenario) -> Iterator[str]:
+    """Yield for each limit of energy what share of it hovering and the straight way take."""
+    straight = measure_energies(scenario, reference_flight(Grid.of(scenario)))
+    for uav, energy in zip(scenario.uavs, straight.tolist(), strict=True):
+        if uav.max_energy is not None and uav.propulsion is not None:
+            hovering = float(uav.propulsion.power(0.0)) * scenario.slot_duration * (
+                scenario.slots + 2)
+            yield (f'{uav.name}: by the model, hovering all the time takes '
+                   f'{hovering / uav.max_energy:.0%} of max_energy, and the straight way '
+                   f'{energy / uav.max_energy:.0%}')
+
+
+def _plan_baseline(path: str) -> tuple[Scenario, Plan]:
+    """Return a mission and its fly-hover-fly with any energy; raise an error if it has faults."""
     scenario = load_input(path)
-    from ..optimize import fly_hover_fly
+    from ..optimize import fly_hover_fly, solve
     with locating_errors(path):
-        return fly_hover_fly(scenario)
+        plan = fly_hover_fly(lift_limits(scenario))
+        if EnergyLimit.applies_to(scenario):
+            solve(scenario, objective='guaranteed')
+        return scenario, plan
 
 
 @contextmanager

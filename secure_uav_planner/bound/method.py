@@ -22,6 +22,7 @@ from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
 from ..mission.validation import (
     Array, checked_callback, checked_choice, checked_kind, checked_time_limit)
+from ..model.limits import EnergyLimit
 from ..optimize import solve
 from ..optimize.deadline import Check, Deadline, run_to_end
 from ..plan.plan import Plan, POWER_TOLERANCE
@@ -81,8 +82,9 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     """
     Return a proven upper bound on the mean rate of every feasible plan of a scenario.
 
-    It holds for everything that a Plan accepts, with its tolerances. It does not use separation,
-    nor zones and a geofence of very many corners: they only lower what plans can reach.
+    It holds for everything that a Plan accepts, with its tolerances. It does not use separation
+    and limits of energy, nor zones and a geofence of very many corners: they only lower what plans
+    can reach.
 
     :param scenario: a Scenario with at most one jammer.
     :param objective: 'guaranteed' for the rate of problem (P2), by formula, or 'worst_case' for
@@ -149,7 +151,8 @@ def list_ignored_limits(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
     names = ('separation',) if uses_detours(scenario) else (
         'separation', 'no_fly_zones', 'geofence')
-    return tuple(name for name in names if getattr(scenario, name))
+    energy = ('max_energy',) if EnergyLimit.applies_to(scenario) else ()
+    return (*(name for name in names if getattr(scenario, name)), *energy)
 
 
 class _BestBound:

@@ -110,9 +110,13 @@ class Propulsion(Checked):
         ratio = squared / (2 * self.induced_velocity**2)
         # sqrt(1 + x^2) - x, without the loss of digits for a large x.
         induced = 1 / np.sqrt(np.hypot(1.0, ratio) + ratio)
-        drag = 0.5 * self.fuselage_drag_ratio * self.air_density * self.solidity * self.disc_area
         return (self.blade_power * (1 + 3 * squared / self.tip_speed**2)
-                + self.induced_power * induced + drag * squared**1.5)
+                + self.induced_power * induced + self.drag * squared**1.5)
+
+    @property
+    def drag(self) -> float:
+        """Power of the fuselage's drag over the cube of the speed, in W / (m/s)^3."""
+        return 0.5 * self.fuselage_drag_ratio * self.air_density * self.solidity * self.disc_area
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,8 @@ class Uav(Checked):
         limit of acceleration.
     :param goal_velocity: likewise at the goal.
     :param propulsion: a Propulsion, for the energy of the flight, or None.
+    :param max_energy: largest energy of the flight in J, by the model of its propulsion, which by
+        default is Propulsion(); None for no limit. Only with a limit of acceleration.
     :raises ScenarioError: naming the UAV, the field, its value and what is allowed.
     """
 
@@ -147,6 +153,7 @@ class Uav(Checked):
     start_velocity: Point | None = field(default=(0.0, 0.0), metadata=_VELOCITY)
     goal_velocity: Point | None = field(default=(0.0, 0.0), metadata=_VELOCITY)
     propulsion: Propulsion | None = field(default=None, metadata=checked_by(Block(Propulsion)))
+    max_energy: float | None = field(default=None, metadata=number(1e-3, 1e12, 'J'))
 
     _OWNER = 'uav '
 
@@ -164,6 +171,13 @@ class Uav(Checked):
             if speed > item.max_speed * (1 + _ROUNDING):
                 checks.add(name, f'is {quote(getattr(item, name))}, {speed:g} m/s; it must be '
                            f'at most max_speed, which is {quote(item.max_speed)} m/s')
+        if item.max_energy is not None and checks.are_right('max_energy'):
+            if item.max_acceleration is None:
+                checks.add('max_energy', f'is {item.max_energy!r} J; it must be {quote(None)} '
+                           'without max_acceleration: such a UAV would hop to and fro instead of '
+                           'hovering, which the model takes for cheap and no vehicle can fly')
+            if item.propulsion is None:
+                object.__setattr__(item, 'propulsion', Propulsion())
 
     def bend_at(self, end: str, slot_duration: float) -> float:
         """

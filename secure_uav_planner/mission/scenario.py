@@ -334,6 +334,12 @@ class Scenario(Checked):
                           [uav.goal_velocity or free for uav in self.uavs]])
 
     @cached_property
+    def max_energies(self) -> Array:
+        """Largest energies of the flights, (U,) in J, infinite without a limit."""
+        return read_only([math.inf if uav.max_energy is None else uav.max_energy
+                          for uav in self.uavs])
+
+    @cached_property
     def max_accelerations(self) -> Array:
         """Largest accelerations, (U,) in m/s^2, infinite without a limit."""
         return read_only([math.inf if uav.max_acceleration is None else uav.max_acceleration

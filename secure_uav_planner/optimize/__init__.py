@@ -5,6 +5,7 @@ The optimisation: methods and baselines, from a scenario to a plan.
 | --- | --- |
 | primal-dual interior-point method, banded Newton steps | `joint/barrier.py`, `model/kernel/` |
 | multistart, refinement from coarse to fine grids | `joint/multistart.py`, `joint/starts.py` |
+| prices on energy (Lagrangian relaxation), by warm starts | `joint/energy.py` |
 | exchange of constraints (semi-infinite programming) | `joint/exchange.py` |
 | alternating successive convex approximation, the paper's | `alternating/` |
 | projection by sequential convex programming | `initial/projection.py` |

@@ -1,11 +1,13 @@
 """The state of one call of solve: its best feasible iterate, its history and its end."""
 
+import math
+
 import numpy as np
 
 from .deadline import Deadline
 from ..mission.scenario import Array, Scenario
 from ..model.channel import find_rate_scale, guaranteed_rates, worst_case_rates
-from ..model.limits import is_clear, repair, repair_powers
+from ..model.limits import is_clear, keeps_energy, lift_limits, repair, repair_powers
 from ..plan.plan import Iteration, Objective, Plan, Status
 
 _NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.
@@ -21,13 +23,13 @@ class Incumbent:
     converged. Only feasible iterates that raise the true objective are kept, so the objective
     is monotone and there is a plan at any time.
 
-    :param positions: feasible start, (U, N+2, 2) in m.
+    :param positions: feasible start, (U, N+2, 2) in m, which only may take too much energy.
     :param powers: feasible start, (U, N) in W.
     :param deadline: of the call, to which every Iteration is reported.
     :param warm: whether the start is an earlier plan.
     :param objective: the rate to be raised.
     :param parent: the incumbent of the call where this is one of a part, and which reports for it.
-    :ivar rate: of the present iterate, in bit/s/Hz.
+    :ivar rate: of the present iterate, in bit/s/Hz; -infinite if it takes too much energy.
     """
 
     def __init__(self, scenario: Scenario, positions: Array, powers: Array,
@@ -43,7 +45,7 @@ class Incumbent:
         self.positions = positions
         self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(scenario)
         self.powers, self._rates = self._silence_losing_slots(positions, powers)
-        self.rate = float(self._rates.mean())
+        self.rate = float(self._rates.mean()) if keeps_energy(scenario, positions) else -math.inf
         if parent is None:
             self.report('start')
 
@@ -58,7 +60,8 @@ class Incumbent:
             positions = self.positions  # To the last bit.
         else:
             positions, _ = repair(self.scenario, positions, self.powers)
-            if not is_clear(self.scenario, positions):
+            if not (keeps_energy(self.scenario, positions)
+                    and is_clear(self.scenario, positions)):
                 return 0.0
         powers = (self.powers if powers is None else
                   repair_powers(self.scenario, positions, powers))
@@ -119,14 +122,19 @@ class Incumbent:
         return Incumbent(self.scenario, self.positions, self.powers, self.deadline, self.warm,
                          objective, parent=self)
 
+    def without_energy_limits(self) -> 'Incumbent':
+        """Return an incumbent without limits of energy, from the present iterate, as a part."""
+        return Incumbent(lift_limits(self.scenario), self.positions, self.powers, self.deadline,
+                         self.warm, self.objective, parent=self)
+
     def report(self, step: str) -> None:
         """Add the present iterate to the history and call the callback."""
         if self._parent is not None:
             self._parent.solver_time = self.solver_time
             self._parent.report(step)
             return
-        iteration = Iteration(len(self.history), step, self.rate, self.deadline.elapsed,
-                              self.solver_time)
+        iteration = Iteration(len(self.history), step, max(self.rate, 0.0),
+                              self.deadline.elapsed, self.solver_time)
         self.history.append(iteration)
         self.deadline.report(iteration)
 

@@ -56,7 +56,7 @@ def solve(scenario: Scenario, method: Method = 'joint',
         positive, or an initial plan with another number of UAVs.
     :raises InfeasibleMissionError: when speed, acceleration, zones, fence or separation leave no
         flights in the duration, naming the UAV, what is in its way, and the shortest duration
-        found.
+        found; or when none are found within max_energy, naming the least energy that was found.
     :raises StoppedError: when the run is stopped before flights were found that keep these limits.
     :raises TimeLimitError: when the time limit is over before that.
     """
@@ -116,6 +116,7 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     :return: a Plan.
     :raises OptionError: for another power, or a time limit that is not positive.
     :raises InfeasibleMissionError: as for solve, as StoppedError and TimeLimitError are.
+    :raises PlanError: where it takes more than max_energy.
     """
     checked_kind('scenario', scenario, Scenario)
     if power not in get_args(Power):
@@ -160,7 +161,8 @@ def _check_scope(scenario: Scenario) -> None:
     limits: dict[Place, Any] = {
         ('no_fly_zones',): scenario.no_fly_zones, ('geofence',): scenario.geofence,
         ('separation',): scenario.separation,
-        **{('uavs', number, 'max_acceleration'): uav.max_acceleration
+        **{('uavs', number, field): getattr(uav, field)
+           for field in ('max_energy', 'max_acceleration')
            for number, uav in enumerate(scenario.uavs)}}
     channel = scenario.channel
     gains = scenario.slots * len(scenario.uavs) * len(scenario.eavesdroppers)

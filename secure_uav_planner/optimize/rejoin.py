@@ -18,6 +18,7 @@ from ..errors import InfeasibleMissionError, PlanError, ScenarioError
 from ..mission.kinematics import clip_norm, EFFORT_TOLERANCE
 from ..mission.scenario import Array, Point, Scenario, Uav
 from ..model.least_effort import find_least_efforts, least_effort
+from ..model.limits import reduce_budgets
 from ..plan.plan import Plan
 from ..plan.playback import Playback
 from ..plan.tracking import deviation, MeasuredState, predict_return
@@ -108,8 +109,11 @@ def _build_rejoin(plan: Plan, first: int, point: int, paths: dict[int, Array],
     positions, uavs = plan.positions[:, :point + 1].copy(), list(tail.scenario.uavs)
     for index, path in paths.items():
         positions[index] = path
+    left = reduce_budgets(plan.scenario, positions, point)
+    for index, path in paths.items():
         uavs[index] = replace(
-            uavs[index], start=_to_point(path[-1]), start_velocity=clip_norm(
+            uavs[index], start=_to_point(path[-1]), max_energy=left[index].max_energy,
+            start_velocity=clip_norm(
                 *_to_point((path[-1] - path[-2]) / step), uavs[index].max_speed))
     scenario = replace(tail.scenario, uavs=tuple(uavs)).with_receivers(updated, point * step)
     late = [uav.name for uav, effort in zip(uavs, find_least_efforts(scenario), strict=True)

@@ -58,9 +58,9 @@ def receiver_label(eavesdropper):
 
 
 def energy_label(energy):
-    """Return an Energy as '29.3 kJ (hovering 15.7)', '' for None."""
+    """Return an Energy as '29.3 kJ by the model (hovering 15.7)', '' for None."""
     return '' if energy is None else (
-        f'{energy.total / 1e3:.3g} kJ (hovering {energy.hovering / 1e3:.3g})')
+        f'{energy.total / 1e3:.3g} kJ by the model (hovering {energy.hovering / 1e3:.3g})')
 
 
 def altitude_label(zone):

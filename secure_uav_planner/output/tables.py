@@ -52,7 +52,8 @@ def rate_table(plans: Sequence[Any], bound: Any = None) -> str:
     if energies:
         width = max(_TIME, *(len(name) + 2 for _, name, *_ in energies))
         text += '\n\n' + _align((width, _RATE, _RATE, _RATE), (
-            ('scheme', 'UAV', 'energy', 'hovering', 'flying'), ('', '', 'J', 'J', 'J'), *energies))
+            ('scheme', 'UAV', 'energy', 'hovering', 'flying'),
+            ('by the model', '', 'J', 'J', 'J'), *energies))
     return text
 
 

@@ -22,7 +22,7 @@ from ..mission.validation import checked_array, checked_kind
 from ..model import channel
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
-from ..model.limits import check_limits
+from ..model.limits import check_limits, reduce_budgets
 from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
 
 if TYPE_CHECKING:
@@ -278,8 +278,8 @@ class Plan:
         """
         Return the rest of the plan from a point, as a plan of the rest of the mission.
 
-        Its average powers are those that the energy of the slots before leaves. A UAV with a limit
-        of acceleration keeps its velocity at the point.
+        Its average powers and its limits of energy are what the slots before leave of them. A UAV
+        with a limit of acceleration keeps its velocity at the point.
 
         :param point: index of its first point, from 0 to slots - 1.
         :raises OptionError: for another point.
@@ -294,7 +294,8 @@ class Plan:
                     start_velocity=_velocity_at(uav, path, point, step),
                     average_power=min(uav.peak_power, max(energy / slots, least)))
             for uav, path, energy in zip(
-                self.scenario.uavs, self.positions, left.tolist(), strict=True))
+                reduce_budgets(self.scenario, self.positions, point), self.positions,
+                left.tolist(), strict=True))
         return replace(
             self, scenario=replace(
                 self.scenario.with_receivers(self.scenario, point * step),

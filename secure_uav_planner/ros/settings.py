@@ -167,9 +167,9 @@ def objective_from(values: Mapping[str, Any]) -> Objective:
 def uav_from(values: Mapping[str, Any], name: str) -> Uav:
     """Return the Uav of the parameter values."""
     fields = {field: values[f'{name}.{field}'] for field in UAV_FIELDS}
-    for field in ('max_acceleration', 'start_velocity', 'goal_velocity'):
+    for field in ('max_acceleration', 'start_velocity', 'goal_velocity', 'max_energy'):
         fields[field] = fields[field] or None
-    if values[f'{name}.propulsion.model'] != NO_PROPULSION:
+    if values[f'{name}.propulsion.model'] != NO_PROPULSION or fields['max_energy']:
         fields['propulsion'] = Propulsion(**{
             field: values[f'{name}.propulsion.{field}'] for field in PROPULSION_FIELDS})
     return Uav(name, **fields)

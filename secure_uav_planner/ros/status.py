@@ -43,7 +43,7 @@ STATUS_KEYS = {
                                            '`tracking_margin`, m',
     'plan.<which>_distance.between': 'which two come so close',
     'plan.<which>_distance.time': 'when they do, s from point 0',
-    'plan.energy.<uav>': 'energy of the flight of a UAV with a propulsion model, J',
+    'plan.energy.<uav>': 'energy of the flight of a UAV by the model of its propulsion, J',
     'plan.energy.<uav>.<part>': 'the part of it while `hovering`, or `flying`, J',
     'plan.method': 'what made the plan',
     'plan.objective': 'which rate that maximised',

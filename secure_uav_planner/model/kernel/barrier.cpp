@@ -43,6 +43,16 @@ kernel::Places make_places(const Problem& problem, const py::dict& args) {
             copy_reals(args, "radii", problem.slots * count)};
 }
 
+std::shared_ptr<kernel::EnergyCost> make_energy(const Problem& problem, const py::dict& args) {
+    const std::size_t uavs = problem.uavs;
+    const Reals numbers = copy_reals(args, "terms", 4 * uavs);
+    std::vector<kernel::PowerTerms> terms;
+    for (std::size_t i = 0; i < numbers.size(); i += 4)
+        terms.push_back({numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3]});
+    return std::make_shared<kernel::EnergyCost>(
+        problem.slots, terms, copy_reals(args, "end_moves", 4 * uavs));
+}
+
 Problem make_problem(const py::dict& args) {
     Problem problem;
     problem.slots = args["slots"].cast<std::size_t>();
@@ -63,6 +73,8 @@ Problem make_problem(const py::dict& args) {
     problem.colluding = args["colluding"].cast<bool>();
     problem.rate_unit = args["rate_unit"].cast<double>();
     expect(problem.rate_unit > 0.0, "rate_unit");
+    if (!args["energy"].is_none())
+        problem.energy = make_energy(problem, args["energy"].cast<py::dict>());
     if (!args["places"].is_none())
         problem.places = make_places(problem, args["places"].cast<py::dict>());
     return problem;

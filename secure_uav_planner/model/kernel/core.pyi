@@ -108,7 +108,8 @@ class Barrier:
             (U,), `positions` of the receivers (N, K, 2), their `radii`, which the guarantee adds
             to distances, (N, K), and `places`, None for (P2), or with `followed`, whether they
             move along with the UAVs, (N, E P), their `offsets` from the centres (N, E P, 2) and
-            the discs' `radii` (N, E P).
+            the discs' `radii` (N, E P); and `energy`, None without a price, or with `terms` of
+            PowerTerms (U, 4) and `end_moves` as those of a NormLimit, NaN where free (2, U, 2).
         :param x: powers and positions, (S, N, U, 3).
         :param mu: barrier parameters in units of rates, (S,).
         :param finished: set where a start has converged or stalled, (S,).

@@ -71,6 +71,7 @@ public:
         rates_.differentiate(iterate, mu, gradient_.data(), system_.blocks.data());
         if (stop) return Outcome::stopped;
         add_gradient_of_limits(here, mu, gradient_.data());
+        add_gradient_of_energy(iterate.x, gradient_.data());
         clear_fixed(gradient_.data());
         assemble(iterate);
         if (stop) return Outcome::stopped;
@@ -101,6 +102,7 @@ public:
         update_evaluation(iterate);
         rates_.differentiate(iterate, find_mu(iterate), gradient, hessian);
         add_gradient_of_limits(iterate.evaluation, find_mu(iterate), gradient);
+        add_gradient_of_energy(iterate.x, gradient);
         return iterate.evaluation.value;
     }
 
@@ -197,6 +199,7 @@ private:
     void evaluate_barrier(const double* x, double mu, Evaluation& here) {
         double value = rates_.evaluate(x, mu, here);
         find_slacks(x, here);
+        if (p_.energy) value += p_.energy->find_value(path_.data());
         LogSum sum;
         add_logarithms(here, false, sum);
         for (const double slack : here.slacks.back().values) sum.add(slack);
@@ -228,6 +231,12 @@ private:
             }
     }
 
+    void add_gradient_of_energy(const double* x, double* gradient) {
+        if (!p_.energy) return;
+        find_path(x, true);
+        p_.energy->add_gradient(path_.data(), gradient);
+    }
+
     // Assemble the band from the objective's blocks and the limits' terms.
     void assemble(const Iterate& iterate) {
         const Evaluation& here = iterate.evaluation;
@@ -254,6 +263,8 @@ private:
         for (std::size_t l = 0; l < p_.limits.size(); ++l)
             p_.limits[l]->add_curvature(
                 here.slacks[l], iterate.duals[l], {system_.band.data(), height});
+        if (p_.energy)  // Its gradient has left the path.
+            p_.energy->add_curvature(path_.data(), {system_.band.data(), height});
         for (int u = 0; u < U; ++u)
             mean_ratios_[u] = here.mean_slacks[u] / iterate.mean_duals[u];
     }

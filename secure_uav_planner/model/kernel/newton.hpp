@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "channel.hpp"
+#include "energy.hpp"
 #include "limit.hpp"
 
 namespace kernel {
@@ -40,6 +41,7 @@ struct Problem {
     std::shared_ptr<const Channel> channel;
     Places places;
     double rate_unit = 1.0;  // In nats.
+    std::shared_ptr<const EnergyCost> energy;  // Or none.
     bool colluding = false;  // Whether the SINRs of eavesdroppers, or of places, add up.
 
     // The number of rows of the Hessian's band below its diagonal.

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import lru_cache
 
 from .base import Limit
+from .energy import EnergyLimit, lift_limits, measure_energies, reduce_budgets
 from .lines import LineLimit
 from .motion import AccelerationLimit, NormLimit, SpeedLimit
 from .power import AveragePower, PeakPower
@@ -23,7 +24,7 @@ from ...mission.kinematics import EFFORT_TOLERANCE
 from ...mission.scenario import Array, Scenario
 
 LIMITS: tuple[type[Limit], ...] = (
-    SpeedLimit, AccelerationLimit, FenceLimit, ZoneLimit, SeparationLimit, PeakPower,
+    SpeedLimit, AccelerationLimit, EnergyLimit, FenceLimit, ZoneLimit, SeparationLimit, PeakPower,
     AveragePower)
 """All limits, in the order in which a plan is checked and an iterate repaired."""
 
@@ -44,6 +45,12 @@ def keeps_motion(scenario: Scenario, positions: Array) -> bool:
     """Return True if flights (U, N+2, 2) in m keep the limits of speed and acceleration."""
     return all((limit.efforts(positions) <= 1 + EFFORT_TOLERANCE).all()
                for limit in _get_limits(scenario) if isinstance(limit, NormLimit))
+
+
+def keeps_energy(scenario: Scenario, positions: Array) -> bool:
+    """Return True if flights (U, N+2, 2) in m keep the limits of energy."""
+    return not EnergyLimit.applies_to(scenario) or bool(
+        (measure_energies(scenario, positions) <= scenario.max_energies).all())
 
 
 @lru_cache(maxsize=4)
@@ -95,6 +102,7 @@ def is_clear(scenario: Scenario, positions: Array,
     return True
 
 
-__all__ = ['AccelerationLimit', 'AveragePower', 'FenceLimit', 'LIMITS', 'Limit', 'PeakPower',
-           'SeparationLimit', 'SpeedLimit', 'ZoneLimit', 'build_limits', 'check_limits',
-           'is_clear', 'is_open', 'keeps_motion', 'repair', 'repair_powers']
+__all__ = ['AccelerationLimit', 'AveragePower', 'EnergyLimit', 'FenceLimit', 'LIMITS', 'Limit',
+           'PeakPower', 'SeparationLimit', 'SpeedLimit', 'ZoneLimit', 'build_limits',
+           'check_limits', 'is_clear', 'is_open', 'keeps_energy', 'keeps_motion', 'lift_limits',
+           'measure_energies', 'reduce_budgets', 'repair', 'repair_powers']

@@ -13,7 +13,8 @@ from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.grid import Grid, Receivers
 from ...model.kernel import core
-from ...model.limits import build_limits, is_open
+from ...model.limits import build_limits, is_open, measure_energies
+from ...model.limits.energy import price_energies
 from ...plan.plan import Status
 
 COARSE_SLOTS = 40  # Slots of the coarse grid.
@@ -45,6 +46,7 @@ class Barrier:
         step and leaves the starts as they are.
     :param receivers: at places in the discs; by default those of the guarantee.
     :param discs: of the receivers' places.
+    :param prices: of energy in nats per J, (U,), or None.
     :ivar x: the iterates of all starts, changed in place.
     :ivar mu: their barrier parameters, likewise.
     :ivar finished: True for those that have converged or make no more progress, likewise.
@@ -52,7 +54,8 @@ class Barrier:
 
     def __init__(self, grid: Grid, x: Array, mu: float | Array,
                  check: Check = lambda: None,
-                 receivers: Receivers | None = None, discs: Discs | None = None) -> None:
+                 receivers: Receivers | None = None, discs: Discs | None = None,
+                 prices: Array | None = None) -> None:
         self.grid = grid
         self.check = check
         self.solver_time = 0.0
@@ -60,7 +63,7 @@ class Barrier:
         self.mu: Array = np.full(len(x), 1.0) * mu
         self.finished: NDArray[np.bool_] = np.zeros(len(x), bool)
         self._core = core.Barrier(
-            _build_problem(grid, receivers or Receivers.of(grid), discs), self.x, self.mu,
+            _build_problem(grid, receivers or Receivers.of(grid), discs, prices), self.x, self.mu,
             self.finished)
 
     def exchange(self, receivers: Receivers, discs: Discs, worse: bool) -> None:
@@ -110,6 +113,7 @@ class Stepper:
 
     :ivar grid: the full grid, of the scenario's own slots.
     :ivar lead: of the links, see make_links.
+    :ivar prices: of energy in nats per J, (U,), or None.
     :ivar optima: those of a multistart that are near the best, once there are several.
     """
 
@@ -118,11 +122,19 @@ class Stepper:
         self.check = incumbent.deadline.check
         self.grid = Grid.of(incumbent.scenario)
         self.lead = 0.0
+        self.prices: Array | None = None
         self.optima: Optima | None = None
+
+    def find_cost(self, grid: Grid, x: Array) -> float:
+        """Return the price of the energy of variables (N, U, 3) in nats per slot."""
+        if self.prices is None:
+            return 0.0
+        return float(self.prices @ measure_energies(grid.scenario, grid.positions(x))) / grid.slots
 
     def build_barrier(self, grid: Grid, x: Array, mu: float | Array) -> Barrier:
         """Return a Barrier that stops when the method must end."""
-        return Barrier(grid, x, mu, self.check, Receivers.of(grid, self.lead))
+        return Barrier(grid, x, mu, self.check, Receivers.of(grid, self.lead),
+                       prices=self.prices)
 
     def advance(self, barrier: Barrier, steps: int, mu: float) -> None:
         """Take a number of steps from every start."""
@@ -203,12 +215,14 @@ class Stepper:
         self.incumbent.try_improve(positions, self.grid.powers(x))
 
 
-def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None) -> dict[str, Any]:
+def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
+                   prices: Array | None) -> dict[str, Any]:
     """Return the problem of the kernel, by the names of core.pyi."""
     limits = [limit.compiled for limit in build_limits(grid.scenario, grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
         'rate_unit': grid.rate,
+        'energy': None if prices is None else _to_kernel(**price_energies(grid, prices)),
         'limits': [limit for limit in limits if limit is not None],
         'channel': receivers.link.compiled(receivers.radii.shape[1], len(grid.fixed)),
         'places': None if discs is None else _to_kernel(**discs),

@@ -54,6 +54,20 @@ def improve_by_exchange(stepper: Stepper, optima: Optima | None = None) -> Statu
     return status
 
 
+def descend_by_exchange(stepper: Stepper, x: Array, mu: float) -> Array:
+    """Return starts on the full grid, (S, N, U, 3), after steps at the prices of a Stepper."""
+    descended = []
+    for start in x:
+        exchange, last_steps = _Exchange(stepper, stepper.grid, start, mu), 0
+        for _ in range(MORE_STEPS):
+            exchange.step(PLACES_FINAL_MU)
+            last_steps += int(exchange.mu <= PLACES_FINAL_MU)
+            if exchange.at_rest or last_steps >= PATIENCE:
+                break
+        descended.append(exchange.best)
+    return np.array(descended)
+
+
 def _improve_from(stepper: Stepper, x: Array, mu: float) -> Status:
     """Improve the incumbent from a start on the full grid, (N, U, 3)."""
     incumbent = stepper.incumbent
@@ -109,15 +123,16 @@ class _Exchange:
     """
     Newton steps from a start, (N, U, 3), between which places are exchanged.
 
-    :ivar best: the best iterate so far, and its `rate` in nats, see WorstPlaces.
+    :ivar best: the best iterate so far, and its `rate` in nats, see WorstPlaces, less the price
+        of its energy.
     """
 
     def __init__(self, stepper: Stepper, grid: Grid, x: Array, mu: float) -> None:
         self._stepper, self._tolerance = stepper, WORSE * grid.rate
         self._places = WorstPlaces(grid, x)
         self._barrier = Barrier(grid, x[None], mu, stepper.check, self._places.receivers,
-                                self._places.discs)
-        self.best, self.rate = x, self._places.rate
+                                self._places.discs, stepper.prices)
+        self.best, self.rate = x, self._places.rate - stepper.find_cost(grid, x)
 
     @property
     def mu(self) -> float:
@@ -135,8 +150,9 @@ class _Exchange:
         x = self._barrier.x[0]
         worse = self._places.exchange(x, self._tolerance)
         self._barrier.exchange(self._places.receivers, self._places.discs, worse)
-        if self._places.rate > self.rate:
-            self.best, self.rate = x.copy(), self._places.rate
+        rate = self._places.rate - self._stepper.find_cost(self._barrier.grid, x)
+        if rate > self.rate:
+            self.best, self.rate = x.copy(), rate
 
 
 class WorstPlaces:

@@ -2,15 +2,19 @@
 The joint method: positions and powers together.
 
 Several starts are improved for problem (P2), `multistart.py`; where (P1) is the objective, the
-best plans are then improved for it, `exchange.py`.
+best plans are then improved for it, `exchange.py`. Limits of energy are kept last, `energy.py`.
 """
 
+import math
+
 from .barrier import Stepper
+from .energy import improve_within_energy
 from .exchange import improve_by_exchange
 from .multistart import improve_by_multistart, improve_incumbent, improve_powers
 from ..deadline import run_to_end
 from ..incumbent import Incumbent
-from ...model.limits import is_open
+from ...errors import NumericalError
+from ...model.limits import EnergyLimit, is_open, keeps_energy
 from ...plan.plan import Status
 
 
@@ -22,6 +26,8 @@ def improve(incumbent: Incumbent) -> Status:
     :return: the status.
     """
     stepper = Stepper(incumbent)
+    if EnergyLimit.applies_to(incumbent.scenario):
+        return _improve_within_energy(stepper)
     if incumbent.objective == 'guaranteed' or not incumbent.scenario.receivers.radii.any():
         return _improve_guaranteed(stepper)
     if incumbent.warm:
@@ -35,6 +41,22 @@ def improve(incumbent: Incumbent) -> Status:
     if not incumbent.deadline.is_over():
         plan.try_idle_slots()
         incumbent.try_improve(plan.positions, plan.useful_powers)
+    return status
+
+
+def _improve_within_energy(stepper: Stepper) -> Status:
+    """Improve the incumbent of a Stepper whose scenario has limits of energy; see improve."""
+    incumbent, free = stepper.incumbent, None
+    if not incumbent.warm or math.isinf(incumbent.rate):
+        free = incumbent.without_energy_limits()
+        status = improve(free)
+        incumbent.try_improve(free.positions, free.useful_powers)
+        if keeps_energy(incumbent.scenario, free.positions):
+            return status
+    status = run_to_end(improve_within_energy, stepper, free)
+    if math.isinf(incumbent.rate):
+        incumbent.deadline.check()
+        raise NumericalError('no flights were found that keep the limits of energy')
     return status
 
 

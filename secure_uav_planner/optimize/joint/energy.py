@@ -1,0 +1,244 @@
+"""
+Limits of energy: prices on energy in the objective, found so that the budgets hold.
+
+A price is a smooth term that couples neighbouring slots only and needs no feasible start. Flying
+takes less energy than hovering, but hovering is nearly stationary at any price: starts are the
+best flights without the limits, with circles where they hover. The first price is high, so that
+circles stay.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+import math
+from typing import TypeAlias
+
+import numpy as np
+
+from .barrier import FINAL_MU, Stepper
+from .exchange import descend_by_exchange
+from .starts import make_strictly_feasible
+from ..incumbent import Incumbent, silence_losing_slots
+from ...errors import InfeasibleMissionError, NumericalError
+from ...mission.fields import raise_all
+from ...mission.scenario import Array, Scenario
+from ...model.limits import measure_energies
+from ...plan.plan import Status
+
+CIRCLES = ((0.0, 1), (math.pi, -1), (math.pi / 2, 1), (-math.pi / 2, -1))
+"""Starts with circles: directions of the centres from where UAVs hover, in rad, and senses."""
+
+SLOW = 0.25  # Share of the largest speed below which a UAV counts as hovering.
+SPEED = 0.7  # Of circles, in shares of the largest,
+TURNING, SPEEDING = 0.6, 0.5  # with these shares of the acceleration across and along.
+FIRST_PRICE = 0.5  # Of a budget, in shares of all that is delivered.
+FACTOR = 4.0  # Ratio of prices until the budget lies between those of two flights.
+PRICES, LATER_PRICES = 8, 4  # The most prices from a start, and from one that keeps budgets.
+UNUSED = 5e-4  # Share of what is delivered that what is left of a budget may be worth.
+ONLY_ENERGY = 1e3  # First prices times this nearly minimise the energy alone.
+FINISHED = 2  # The most starts for which prices are found.
+STEPS = 30  # The most Newton steps at a price.
+SHARE = 0.01  # Of the slack that a start at another price leaves,
+MU, FIRST_MU = 1e-3, 1e-2  # and barrier parameters, there and at the first price.
+
+_Descend: TypeAlias = Callable[[Stepper, Array, float], Array]
+"""Descends at a Stepper's prices from starts (S, N, U, 3), and a barrier parameter, on."""
+
+
+def improve_within_energy(stepper: Stepper, free: Incumbent | None) -> Status:
+    """
+    Improve the incumbent of a Stepper, which has limits of energy.
+
+    :param free: the best incumbent without them; None where a feasible start is to be improved.
+    :raises InfeasibleMissionError: when no flights are found that keep them.
+    """
+    incumbent = stepper.incumbent
+    is_guaranteed = incumbent.objective == 'guaranteed'
+    search = _PriceSearch(
+        stepper if is_guaranteed else Stepper(incumbent.with_objective('guaranteed')), _descend,
+        incumbent.rate if free is None else free.rate)
+    if free is None:
+        search.improve(search.prices)
+    else:
+        search.explore(free)
+    if not is_guaranteed:
+        plan = search.stepper.incumbent
+        incumbent.try_improve(plan.positions, plan.useful_powers)
+        _PriceSearch(stepper, descend_by_exchange, incumbent.rate).improve(search.prices)
+    return 'converged'
+
+
+def _descend(stepper: Stepper, x: Array, mu: float) -> Array:
+    """Descend for problem (P2); see _Descend."""
+    barrier = stepper.build_barrier(stepper.grid, x, mu)
+    for _ in range(STEPS):
+        stepper.step(barrier, FINAL_MU * mu / MU)
+        if barrier.finished.all():
+            break
+    return barrier.x
+
+
+class _PriceSearch:
+    """
+    The search for prices at which flights use up their budgets.
+
+    Every flight is proposed to the Stepper's incumbent, which keeps those within the budgets.
+
+    :param rate: that a plan may have, in bit/s/Hz.
+    :ivar prices: those of the incumbent, or first ones, in nats per J, (U,).
+    """
+
+    def __init__(self, stepper: Stepper, descend: _Descend, rate: float) -> None:
+        self.stepper, self._descend = stepper, descend
+        self._scenario = stepper.incumbent.scenario
+        self._budgets = self._scenario.max_energies
+        self._least = np.full(len(self._budgets), math.inf)
+        # Prices at which budgets cost as much as all that is delivered, 0 without a budget.
+        self._unit = self._scenario.slots / self._budgets * max(
+            np.log(2) * rate, stepper.grid.rate)
+        self.prices = FIRST_PRICE * self._unit
+
+    def improve(self, prices: Array) -> None:
+        """Improve the incumbent from where it is, from prices on."""
+        incumbent = self.stepper.incumbent
+        x = self._descend_at(prices, [(incumbent.positions, incumbent.powers)], MU)
+        self._find_prices(x[0], prices, LATER_PRICES)
+
+    def explore(self, free: Incumbent) -> None:
+        """
+        Improve the incumbent from the best one without limits, and from the same with circles.
+
+        :raises InfeasibleMissionError: when no flights are found that keep the limits.
+        """
+        first = self.prices
+        starts = [(add_circles(self._scenario, free.positions, *circle), free.powers)
+                  for circle in CIRCLES]
+        x = self._descend_at(first, starts, FIRST_MU)
+        for index in np.argsort([-self._find_merit(start, first) for start in x])[:FINISHED]:
+            self._find_prices(x[index], first)
+        if math.isinf(self.stepper.incumbent.rate):
+            self._save_energy(first, starts)
+
+    def _descend_at(self, prices: Array, starts: Sequence[tuple[Array, Array]], mu: float
+                    ) -> Array:
+        """Return starts, positions and powers of plans, descended at prices, (S, N, U, 3)."""
+        stepper = self.stepper
+        stepper.prices = prices
+        inside = []
+        for positions, powers in starts:
+            with suppress(NumericalError):
+                inside.append(make_strictly_feasible(
+                    stepper.grid, positions, powers, SHARE, stepper.check))
+        if not inside:
+            raise NumericalError('no flight strictly inside the limits was found')
+        return self._descend(stepper, np.array(inside), mu)
+
+    def _find_merit(self, x: Array, prices: Array) -> float:
+        """Return what variables (N, U, 3) carry less the price of their energy, in nats."""
+        grid = self.stepper.grid
+        positions = grid.positions(x)
+        _, rates = silence_losing_slots(self._scenario, positions, grid.powers(x))
+        return float(np.log(2) * rates.sum()
+                     - prices @ measure_energies(self._scenario, positions))
+
+    def _find_prices(self, x: Array, prices: Array, most: int = PRICES,
+                     low: Array | None = None) -> None:
+        """
+        Find prices for which flights use up their budgets.
+
+        :param x: variables (N, U, 3) that have descended at prices.
+        :param most: number of prices.
+        :param low: prices that are too low, if any are known.
+        """
+        grid = self.stepper.grid
+        bounds = np.stack([np.zeros_like(prices) if low is None else low,
+                           np.full_like(prices, math.inf)])
+        excesses = np.stack([np.ones_like(prices), -np.ones_like(prices)])
+        for _ in range(most):
+            excess = self._propose(x, prices)
+            over = excess > 0
+            for end, reached in enumerate((over, ~over)):
+                bounds[end, reached], excesses[end, reached] = prices[reached], excess[reached]
+            settled = ~over & (-excess * prices <= UNUSED * self._unit)
+            if settled.all():
+                break
+            prices = np.where(settled, prices, _choose_prices(bounds, excesses))
+            x = self._descend_at(prices, [(grid.positions(x), grid.powers(x))], MU)[0]
+
+    def _propose(self, x: Array, prices: Array) -> Array:
+        """Propose variables (N, U, 3) found at prices; return the excess over budgets, (U,)."""
+        incumbent = self.stepper.incumbent
+        before = incumbent.rate
+        self.stepper.try_variables(x)
+        if incumbent.rate > before:
+            self.prices = prices
+        energies = measure_energies(self._scenario, self.stepper.grid.positions(x))
+        self._least = np.minimum(self._least, energies)
+        return energies / self._budgets - 1
+
+    def _save_energy(self, first: Array, starts: Sequence[tuple[Array, Array]]) -> None:
+        """Look for flights of the least energy, and from there for prices, or raise an error."""
+        grid, prices = self.stepper.grid, ONLY_ENERGY * first
+        x = self._descend_at(prices, starts, ONLY_ENERGY * FIRST_MU)
+        energies = np.array([measure_energies(self._scenario, grid.positions(start))
+                             for start in x])
+        # Of each UAV that with the least.
+        best = x[energies.argmin(axis=0), :, np.arange(x.shape[2])].swapaxes(0, 1)
+        if (self._propose(best, prices) <= 0).all():
+            self._find_prices(best, prices, low=first)
+        if math.isinf(self.stepper.incumbent.rate):
+            raise_all(_refuse_budgets(self._scenario, self._least))
+
+
+def _choose_prices(bounds: Array, excesses: Array) -> Array:
+    """
+    Return prices between some that are too low and some that are too high, or beyond, (U,).
+
+    :param bounds: these, (2, U); 0 and infinite where none is known.
+    :param excesses: of energy over budgets there, in shares, (2, U).
+    """
+    low, high = bounds
+    share = np.clip(excesses[0] / (excesses[0] - excesses[1]), 0.1, 0.9)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        between = np.exp((1 - share) * np.log(low) + share * np.log(high))
+    return np.where(np.isinf(high), FACTOR * low, np.where(low == 0.0, high / FACTOR, between))
+
+
+def _refuse_budgets(scenario: Scenario, energies: Array) -> list[InfeasibleMissionError]:
+    """Return the errors of UAVs whose least energies (U,) in J are above their budgets."""
+    excess = energies / scenario.max_energies - 1
+    return [InfeasibleMissionError(
+        f'{scenario.uavs[index].name}.max_energy is {scenario.max_energies[index]:g} J; no '
+        f'flight of {scenario.duration:g} s was found that takes less than {energies[index]:.5g} '
+        'J by the model of its propulsion', ('uavs', int(index), 'max_energy'))
+        for index in np.argsort(-excess) if excess[index] > 0 or excess.max() <= 0]
+
+
+def add_circles(scenario: Scenario, positions: Array, direction: float, sense: int) -> Array:
+    """
+    Return flights with circles where UAVs hover, (U, N+2, 2) in m.
+
+    A UAV flies whole circles through its place, and begins and ends them at rest relative to the
+    flight; where there is no time for one, it stays as it is.
+
+    :param positions: (U, N+2, 2) in m.
+    :param direction: of the centres from the places, in rad.
+    :param sense: 1 for counterclockwise, -1 for clockwise.
+    """
+    step, flights = scenario.slot_duration, positions.copy()
+    for uav, flight in zip(scenario.uavs, flights, strict=True):
+        assert uav.max_acceleration is not None
+        speeds = np.linalg.norm(np.gradient(flight, step, axis=0), axis=1)
+        slow = np.concatenate([[False], speeds < SLOW * uav.max_speed, [False]])
+        ends = np.flatnonzero(np.diff(slow.astype(int)))
+        top, gain = SPEED * uav.max_speed, SPEEDING * uav.max_acceleration
+        for first, last in zip(ends[::2], ends[1::2] - 1, strict=True):
+            times = np.arange(last - first + 1.0) * step
+            speed = np.minimum(top, gain * np.minimum(times, times[-1] - times))
+            covered = np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2) * step)
+            turns = int(covered[-1] / (2 * np.pi * top**2 / (TURNING * uav.max_acceleration)))
+            if turns:
+                angles = sense * covered * (2 * np.pi * turns / covered[-1]) + direction
+                offsets = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+                flight[first:last + 1] += covered[-1] / (2 * np.pi * turns) * (
+                    offsets[0] - offsets)
+    return flights
