@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import oracle
 import pytest
-from secure_uav_planner import fly_hover_fly, METHODS, NoFlyZone, Plan, Scenario, solve
-from secure_uav_planner.errors import OptionError
+from secure_uav_planner import fly_hover_fly, METHODS, Plan, Scenario, solve
 from secure_uav_planner.optimize import alternating
 from secure_uav_planner.optimize.alternating.restrictions import TrajectoryProblem
 from secure_uav_planner.optimize.initial import is_similar
@@ -61,11 +60,6 @@ def test_the_largest_scenarios_end_at_their_deadline_before_the_trajectory_probl
     assert plan.status == 'time_limit'
 
 
-def test_a_scenario_that_cannot_keep_a_deadline_is_refused():
-    with pytest.raises(OptionError, match="at most 500000 .* has 1111040: use 'joint'"):
-        solve(make_crowd(32, 32, 1085), method='alternating')
-
-
 def test_a_solver_at_its_iteration_limit_costs_a_step_and_not_the_plan(monkeypatch):
     calls = []
     healthy = clarabel.DefaultSettings
@@ -93,38 +87,12 @@ def test_a_warm_start_begins_at_its_plan():
     assert len(warm.history) < len(cold.history)
 
 
-def test_a_plan_of_another_number_of_uavs_is_no_start():
-    with pytest.raises(ValueError, match='initial is a plan for'):
-        solve(Scenario.paper(), method='alternating', initial=fly_hover_fly(make_crowd(3, 1, 4)))
-
-
-@pytest.mark.parametrize('options, message', [
-    ({'method': 'magic'}, "method is 'magic'; it must be one of"),
-    ({'objective': 'best'}, "objective is 'best'; it must be one of"),
-    ({'time_limit': 0}, 'time_limit is 0; it must be a number above 0 s')])
-def test_wrong_options_are_named(options, message):
-    with pytest.raises(ValueError, match=message):
-        solve(Scenario.paper(), **options)
-
-
 @given(st.floats(0, 300))
 def test_missions_are_similar_while_the_eavesdropper_is_within_a_height(distance):
     scenario = Scenario.paper()
     changed = replace(scenario, eavesdroppers=(
         replace(scenario.eavesdroppers[0], position=(200.0, distance)),))
     assert is_similar(changed, scenario) == (distance <= 100.0)
-
-
-@pytest.mark.parametrize('field, change', [
-    ('no_fly_zones', {'no_fly_zones': (NoFlyZone(((800, 0), (810, 0), (810, 10))),)}),
-    ('separation', {'separation': 5.0}), ('uavs[0].max_acceleration', {
-        'uavs': with_uavs(Scenario.paper(), max_acceleration=3.0).uavs}),
-    ('geofence', {'geofence': ((-900, -900), (900, -900), (0, 5000))})])
-def test_limits_beyond_the_papers_are_refused_by_their_fields(field, change):
-    scenario = Scenario.paper(120.0, slots=10)
-    with pytest.raises(OptionError, match="use 'joint'") as caught:
-        solve(replace(scenario, **change), method='alternating')
-    assert caught.value.field == field
 
 
 def test_it_imports_nothing_of_the_joint_method():

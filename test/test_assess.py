@@ -15,7 +15,6 @@ from secure_uav_planner import (
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment import draws as drawn
 from secure_uav_planner.assessment.monte_carlo import promised_rates
-from secure_uav_planner.errors import OptionError
 from secure_uav_planner.model import channel
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.assessment_picture import draw_assessment
@@ -291,36 +290,6 @@ def test_memory_does_not_grow_with_the_slots():
 
 
 # What is refused
-
-
-@pytest.mark.parametrize('fields, words', [
-    ({'place': 'here'}, "place is 'here'; it must be one of disc, normal, beyond, fixed"),
-    ({'beyond': 5.0}, "beyond is 5.0 and place is 'disc'; it counts only with the place 'beyond'"),
-    ({'place': 'beyond'}, "beyond is 0.0; with the place 'beyond' it must be above 0 m"),
-    ({'place': 'fixed', 'positions': ((0, 'x'),)}, r'positions\[0\] is .* two coordinates'),
-    ({'place': 'fixed', 'positions': 5}, 'positions is 5; it must be a list of pairs'),
-    ({'place': 'normal', 'covariance': ((1, 0),)}, 'it must be a list of 2 pairs'),
-    ({'place': 'normal', 'covariance': ((1, 2), (2, 1))}, 'positive semidefinite'),
-    ({'place': 'normal', 'covariance': ((1, 2), (0, 9))}, 'symmetric'),
-    ({'channel': {'exponent': 1.0}}, r'channel\.exponent is 1\.0; it must be a number from 2 to'),
-    ({'receiver_db': math.nan}, 'receiver_db is nan; it must be a number from -100 to 100')])
-def test_a_wrong_world_is_refused_with_field_value_and_what_is_allowed(fields, words):
-    with pytest.raises(OptionError, match=words) as caught:
-        World(**fields)
-    name = next(name for name in ('positions', 'covariance', 'channel', *fields) if name in fields)
-    assert caught.value.place[0] in (name, 'beyond')
-
-
-@pytest.mark.parametrize('arguments, words', [
-    ({'draws': 0}, 'draws is 0; it must be a whole number from 1 to 1000000'),
-    ({'seed': -1}, 'seed is -1; it must be a whole number'),
-    ({'world': World('fixed', positions=((0, 0),))}, 'positions has 1 places; .* 2 eavesdroppers'),
-    ({'flown': np.zeros((3, 11, 2))}, r'flown is .*; it must be finite positions of the shape'),
-    ({'flown': [[['x']]]}, 'flown is'), ({'flown': np.full((3, 12, 2), np.nan)}, 'finite'),
-    ({'flown': np.zeros((3, 12, 2)), 'world': World(tracking_std=1.0)}, 'tracking_std is 1 m')])
-def test_wrong_arguments_are_refused(plan, arguments, words):
-    with pytest.raises(OptionError, match=words):
-        assess(plan, **arguments)
 
 
 def test_where_uavs_really_were_counts_instead_of_the_plan(plan):

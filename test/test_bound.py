@@ -15,7 +15,7 @@ from secure_uav_planner import Channel, Eavesdropper, fly_hover_fly, Plan, Scena
 from secure_uav_planner.bound import method, upper_bound
 from secure_uav_planner.bound.method import compute_plain_bound, list_ignored_limits
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
-from secure_uav_planner.errors import OptionError, PlanFileError, PlanningError
+from secure_uav_planner.errors import PlanFileError, PlanningError
 from secure_uav_planner.mission import OBJECTIVES
 from secure_uav_planner.model.limits import (
     AccelerationLimit, AveragePower, LIMITS, PeakPower, SpeedLimit)
@@ -74,13 +74,6 @@ def test_linear_potentials_narrow_a_large_gap(monkeypatch):
     monkeypatch.setattr(method, 'LARGE_GAP', math.inf)
     wide = upper_bound(mission, objective='guaranteed', plan=plan)
     assert narrow.gap(plan) < 0.8 * wide.gap(plan)
-
-
-def test_several_jammers_are_refused():
-    mission = random_mission(3, slots=6)
-    assert len(mission.uavs) == 3
-    with pytest.raises(OptionError, match='2 jammers'):
-        upper_bound(mission)
 
 
 def test_no_disc_is_left_out_for_places_in_another():
@@ -183,23 +176,6 @@ def test_an_infinite_time_limit_is_no_limit():
     bound = upper_bound(few, objective='guaranteed', time_limit=math.inf)
     assert bound.status == 'converged'
     assert bound.rate == upper_bound(few, objective='guaranteed').rate
-
-
-@pytest.mark.parametrize('field, value', [
-    ('objective', 'best'), ('time_limit', 0), ('time_limit', math.nan), ('plan', 'mine'),
-    ('on_progress', 3)])
-def test_a_wrong_argument_is_named(field, value):
-    with pytest.raises(ValueError) as error:
-        upper_bound(PAPER, **{field: value})
-    assert field in str(error.value) and str(value) in str(error.value)
-
-
-def test_a_plan_of_another_scenario_is_refused(plan):
-    other = Scenario.paper(105, slots=13)
-    with pytest.raises(ValueError, match='another scenario'):
-        upper_bound(other, plan=plan)
-    with pytest.raises(ValueError, match='another scenario'):
-        Bound(other, 3.0).gap(plan)
 
 
 def test_a_plan_keeps_its_bound_in_its_file_and_its_parts_have_none(plan, tmp_path):

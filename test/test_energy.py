@@ -13,8 +13,6 @@ from scipy.integrate import quad
 from secure_uav_planner import (
     assess, Channel, fly_hover_fly, Plan, Propulsion, Scenario, solve, World)
 from secure_uav_planner.apps.cli import main
-from secure_uav_planner.errors import OptionError, ScenarioError
-from secure_uav_planner.mission.fields import find_range
 from secure_uav_planner.model.curve import compute_energies, Curve, HOVERING_SPEED
 from secure_uav_planner.output.picture import draw_plan
 from secure_uav_planner.output.tables import rate_table
@@ -90,21 +88,6 @@ def test_below_a_tenth_of_max_speed_a_uav_hovers():
     assert HOVERING_SPEED * scenario.uavs[0].max_speed == 1.0
     assert energy.hovering == pytest.approx(step * power([0.99, 0.0]).sum())
     assert energy.flying == pytest.approx(step * power([1.01, 10.0, 5.0]).sum())
-
-
-@pytest.mark.parametrize('field', [field.name for field in fields(Propulsion)])
-def test_a_wrong_value_is_refused_with_field_and_range(field):
-    allowed = find_range(Propulsion, field)
-    for value in (allowed.low - 1, allowed.high * 1.1, 'much', math.nan):
-        with pytest.raises(ScenarioError, match=rf'propulsion\.{field} is ') as caught:
-            add_propulsion(Scenario.paper(), **{field: value})
-        assert caught.value.field == field
-
-
-@pytest.mark.parametrize('speeds', ['x', math.nan, [1.0, -2.0]])
-def test_a_wrong_speed_is_refused(speeds):
-    with pytest.raises(OptionError, match='speeds is '):
-        Propulsion().power(speeds)
 
 
 def test_a_propulsion_survives_files_of_missions_and_plans(plan, tmp_path):

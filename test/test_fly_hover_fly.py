@@ -53,8 +53,3 @@ def test_with_no_slack_the_only_flight_is_the_straight_line():
     plan = fly_hover_fly(replace(scenario, uavs=(slow,)))
     line = np.linspace(slow.start, slow.goal, 202)
     assert plan.positions[0] == pytest.approx(line, abs=1e-6)
-
-
-def test_an_unknown_power_is_refused():
-    with pytest.raises(ValueError, match="power is 'loud'"):
-        fly_hover_fly(Scenario.paper(), 'loud')

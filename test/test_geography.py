@@ -14,7 +14,7 @@ from ros_client import node_process
 from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, Origin, Plan, read_zones, Scenario)
 from secure_uav_planner.apps.missions import check_mission
-from secure_uav_planner.errors import MissionFileError, OptionError, ScenarioError
+from secure_uav_planner.errors import MissionFileError, OptionError
 from secure_uav_planner.mission.polygons import depth
 from secure_uav_planner.ros.settings import load_mission
 import yaml
@@ -82,18 +82,6 @@ def test_both_directions_are_exact_inverses_within_50_km(projection):
         places = origin.to_geographic(*points)
         assert np.abs(origin.to_local(*places) - points).max() < 1e-6
         assert np.abs(places[1]).max() <= 180
-
-
-def test_swapped_degrees_and_far_places_are_refused():
-    for call in (lambda: Origin(*ZURICH).to_local(*ZURICH[::-1]),
-                 lambda: Origin(*ZURICH).to_geographic([0, 2e5], 0)):
-        with pytest.raises(OptionError, match='east and north; it must be at most 100 km'):
-            call()
-    with pytest.raises(OptionError, match='latitude is .*from -90 to 90 and'):
-        Origin(*ZURICH).to_local([47.0, math.nan], 8.0)
-    with pytest.raises(ScenarioError, match='latitude is 91.*from -85 to 85 degrees') as error:
-        Origin(91, True, 'utm')
-    assert [item.field for item in error.value.further] == ['longitude', 'projection']
 
 
 def in_degrees(value, origin, name=''):
@@ -165,24 +153,6 @@ def test_an_origin_stays_with_missions_and_plans_and_without_it_files_are_as_bef
         assert Scenario.load(tmp_path / name) == scenario
     fly_hover_fly(scenario).save(tmp_path / 'plan.json')
     assert Plan.load(tmp_path / 'plan.json').tail(3).scenario.origin == scenario.origin
-
-
-@pytest.mark.parametrize('origin, field, place', [
-    (None, 'ground_node', {'latitude': 47.0, 'longitude': 8.0}),
-    (ZURICH, 'ground_node', {'latitude': 8.5456, 'longitude': 47.3977}),
-    (ZURICH, 'ground_node', {'latitude': 47.4}),
-    (ZURICH, 'ground_node', {'latitude': '47.4', 'longitude': 8.5}),
-    (None, 'geofence', [{'latitude': 47.0, 'longitude': 8.0}] * 4),
-    (None, 'ground_node', {'track': [[0, {'latitude': 47.0, 'longitude': 8.0}], [1, 0, 0]]})])
-def test_a_place_in_degrees_that_has_no_metres_is_refused_and_says_what_it_needs(
-        origin, field, place):
-    data = Scenario.paper(120.0).to_dict() | {field: place}
-    if origin:
-        data['origin'] = dict(zip(('latitude', 'longitude'), origin))
-    with pytest.raises(ScenarioError, match='in degrees, in the file of a mission with an origin, '
-                       'at most 100 km from it') as error:
-        Scenario.from_dict(data)
-    assert error.value.field.startswith(field) and not error.value.further
 
 
 def test_numbers_that_look_like_degrees_get_a_note(tmp_path, capsys):

@@ -136,21 +136,6 @@ def test_a_margin_can_make_uavs_close():
     assert fly_straight(make_team(separation=0.0, tracking_margin=7.6)).clearance.is_close
 
 
-@pytest.mark.parametrize('fields, field, reason', [
-    ({'tracking_margin': 8.1}, 'separation', 'the tracking_margin of 8.1 m it must be at most '
-                                             '3.8 m'),
-    ({'tracking_margin': 10.1, 'separation': 0.0}, 'uavs[0].start',
-     'inside wall with the tracking_margin of 10.1 m'),
-    ({'tracking_margin': 10.1, 'separation': 0.0, 'no_fly_zones': ()}, 'uavs[1].start',
-     'outside the geofence with the tracking_margin of 10.1 m'),
-    ({'tracking_margin': 64.6, 'no_fly_zones': ()}, 'tracking_margin', '64.6 m, which leaves'),
-    ({'tracking_margin': -1.0}, 'tracking_margin', 'is -1.0; it must be a number from 0 to')])
-def test_a_margin_without_room_is_refused_with_its_field(fields, field, reason):
-    with pytest.raises(ScenarioError) as error:
-        make_team(**fields)
-    assert error.value.field == field and reason in str(error.value)
-
-
 @pytest.mark.parametrize('margin, places, reason', [
     (9.5, (-1.0, 20.0), 'one is 0.5 m inside wall with the tracking_margin of 9.5 m'),
     (9.5, (0.0, 21.0), 'two is 0.5 m outside the geofence with the tracking_margin of 9.5 m'),

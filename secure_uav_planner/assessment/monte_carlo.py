@@ -207,7 +207,7 @@ def promised_rates(plan: Plan) -> Array:
 def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
     if world.tracking_std:
         raise OptionError(f'tracking_std is {world.tracking_std:g} m; with flown positions it '
-                          'must be 0')
+                          'must be 0', ('tracking_std',))
     shape = plan.powers.shape + (2,)
     try:
         positions: Array = np.asarray(flown, float)
@@ -215,7 +215,7 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
         positions = np.empty(0)
     if positions.shape != shape or not np.isfinite(positions).all():
         raise OptionError(f'flown is {quote(flown)}; it must be finite positions of the shape '
-                          f'{shape}')
+                          f'{shape}', ('flown',))
     return positions
 
 

@@ -120,7 +120,8 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
     """
     checked_kind('scenario', scenario, Scenario)
     if power not in get_args(Power):
-        raise OptionError(f"power is {quote(power)}; it must be 'constant' or 'optimised'")
+        raise OptionError(f"power is {quote(power)}; it must be 'constant' or 'optimised'",
+                          ('power',))
     method = f'fly_hover_fly_{power}'
     deadline = _build_deadline(scenario, on_iteration, time_limit)
     positions = fly_hover_fly_positions(scenario, deadline.check)
@@ -145,14 +146,16 @@ def check_objective(method: str, objective: str | None = None) -> Objective:
     :raises OptionError: for an unknown method or objective, or one that the method does not have.
     """
     if method not in METHODS:
-        raise OptionError(f'method is {quote(method)}; it must be one of {sorted(METHODS)!r}')
+        raise OptionError(f'method is {quote(method)}; it must be one of {sorted(METHODS)!r}',
+                          ('method',))
     if objective is None:
         return 'guaranteed' if method == 'alternating' else 'worst_case'
     if objective not in OBJECTIVES:
-        raise OptionError(f'objective is {quote(objective)}; it must be one of {OBJECTIVES}')
+        raise OptionError(f'objective is {quote(objective)}; it must be one of {OBJECTIVES}',
+                          ('objective',))
     if method == 'alternating' and objective != 'guaranteed':
         raise OptionError(f"objective is {quote(objective)}; the method 'alternating' has only "
-                          "'guaranteed'")
+                          "'guaranteed'", ('objective',))
     return objective
 
 

@@ -61,7 +61,7 @@ class Setpoint:
             if value is not None and not all(
                     low <= number <= high for number in np.atleast_1d(value).tolist()):
                 raise OptionError(
-                    f'{name} is {quote(value)}; it must be from {low:g} to {high:g}')
+                    f'{name} is {quote(value)}; it must be from {low:g} to {high:g}', (name,))
 
     def shift_origin(self, origin: Sequence[float]) -> 'Setpoint':
         """Return the setpoint in a frame with its origin at (x, y, z) in m and equal axes."""

@@ -237,10 +237,10 @@ class Bound:
 def check_plan(plan: Plan, scenario: Scenario) -> None:
     """Raise OptionError unless a plan is a Plan of this scenario."""
     if not isinstance(getattr(plan, 'scenario', None), Scenario):
-        raise OptionError(f'plan is {quote(plan)}; it must be a Plan')
+        raise OptionError(f'plan is {quote(plan)}; it must be a Plan', ('plan',))
     if plan.scenario != scenario:
         raise OptionError('plan is for another scenario; '
-                          'it must be a plan of the scenario that the bound is for')
+                          'it must be a plan of the scenario that the bound is for', ('plan',))
 
 
 def _is_number(value: object) -> bool:

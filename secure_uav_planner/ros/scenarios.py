@@ -155,22 +155,29 @@ def _with_start_state(uav: Uav, index: int, state: MeasuredState | None,
                       settings: Mapping[str, Any], start: StartTime, flight: Flight | None
                       ) -> Uav:
     """
-    Return a UAV that starts in its state at the effect of the plan.
+    Return a UAV that starts where it will be when the plan takes effect.
 
-    In a flight under way, that is its planned state. A UAV that waits or has ended, or of which
-    only odometry is known, starts where it is measured, or predicted if the plan begins later.
+    | flight            | state of the UAV    | it starts                       |
+    | ----------------- | ------------------- | ------------------------------- |
+    | under way         | any                 | on the plan in flight           |
+    | ended             | None                | on the plan in flight           |
+    | none, or waiting  | None                | where its parameters say        |
+    | ended, or waiting | measured            | where it is predicted to be     |
+    | none              | measured, delay     | where it is predicted to be     |
+    | none              | measured, no delay  | where it is                     |
     """
-    if state is None and (flight is None or flight.state == 'waiting'):
+    is_flown = flight is not None and flight.state != 'waiting'
+    if state is None and not is_flown:
         return uav
+    if state is not None and flight is None and not start.delay:
+        return replace(uav, start=state.position)
     time = start.effect_ns * 1e-9 if flight is None else flight.time + flight.rate * start.ahead
     if state is None or flight is not None and flight.is_under_way:
         start_state = _planned_state(uav, index, flight, time)
-    elif flight is not None or start.delay:
-        start_state = predict_state(
-            state, time, uav.max_acceleration, flight and flight.playback, index,
-            settings['track_tolerance'])
     else:
-        return replace(uav, start=state.position)
+        playback = None if flight is None else flight.playback
+        start_state = predict_state(
+            state, time, uav.max_acceleration, playback, index, settings['track_tolerance'])
     return start_from_state(uav, *start_state, settings['duration'] / settings['slots'])
 
 

@@ -90,7 +90,7 @@ def adapt_plan(scenario: Scenario, plan: Plan,
     """
     if len(plan.scenario.uavs) != len(scenario.uavs):
         raise OptionError(f'initial is a plan for {len(plan.scenario.uavs)} UAVs; '
-                          f'it must be one for {len(scenario.uavs)}')
+                          f'it must be one for {len(scenario.uavs)}', ('initial',))
     positions = plan.positions
     if scenario.slots != plan.scenario.slots:
         # Between control points, accelerations add up in every second slot; on the curve they
