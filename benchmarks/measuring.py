@@ -7,6 +7,7 @@ import sys
 import time
 
 import numpy as np
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize import solve
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 
@@ -38,7 +39,7 @@ def measure(name, scenario, repeats, *, with_opponents=True, alternating=False, 
     :param alternating: True to run the paper's algorithm as well, once.
     :param reference: the rate to reach in bit/s/Hz, or None.
     """
-    start = fly_hover_fly_positions(scenario), constant_powers(scenario)
+    start = fly_hover_fly_positions(Problem(scenario)), constant_powers(scenario)
     answers = {name: [] for name in OPPONENTS if with_opponents}
     plans = []
     for _ in range(repeats):

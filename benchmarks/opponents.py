@@ -5,7 +5,7 @@ import time
 
 import casadi as ca
 import numpy as np
-from secure_uav_planner.model.limits import repair
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.incumbent import silence_losing_slots
 
 UNIT = 100.0  # m
@@ -182,7 +182,7 @@ def _largest_leaks(scenario, positions, powers):
 def _make_answer(scenario, values, times, solver):
     """Return the Answer of an iterate: x and y in UNITs and powers in W, (3, U, N)."""
     inner = UNIT * np.stack(values[:2], axis=-1)
-    path, powers = repair(scenario, np.concatenate(
+    path, powers = Problem(scenario).repair(np.concatenate(
         [scenario.starts[:, None], inner, scenario.goals[:, None]], axis=1), values[2])
     _, rates = silence_losing_slots(scenario, path, powers)
     return Answer(float(rates.mean()), times[1] - times[0], times[2] - times[1],

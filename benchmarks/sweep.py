@@ -8,6 +8,7 @@ from unittest.mock import patch
 
 import numpy as np
 from secure_uav_planner.mission.scenario import Scenario
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.incumbent import Incumbent
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint import barrier, exchange, multistart, starts
@@ -69,8 +70,9 @@ def _measure_rates(scenarios):
     rates, times = [], []
     for scenario in scenarios:
         started = time.process_time()
+        problem = Problem(scenario)
         incumbent = Incumbent(
-            scenario, fly_hover_fly_positions(scenario), constant_powers(scenario))
+            problem, fly_hover_fly_positions(problem), constant_powers(scenario))
         improve(incumbent)
         rates.append(incumbent.rate)
         times.append(time.process_time() - started)

@@ -3,11 +3,13 @@
 import numpy as np
 from secure_uav_planner import Plan
 from secure_uav_planner.bound.proof.certificate import certify
+from secure_uav_planner.bound.proof.detours import DetourSearch
 from secure_uav_planner.bound.proof.reachable_set import Team
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset
 from secure_uav_planner.bound.search.multipliers import build_multipliers, MultiplierSearch
 from secure_uav_planner.bound.search.variables import InitialMultipliers
-from secure_uav_planner.model.limits import repair
+from secure_uav_planner.model.airspace import Airspace
+from secure_uav_planner.model.problem import Problem
 
 
 def run_search(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
@@ -20,7 +22,8 @@ def run_search(team, plan, temperatures=(0.3, 0.1, 0.03, 0.01)):
 
 def certify_plan(plan, most=400, curved=False):
     """Return the team and the certificate of a plan's scenario, for the plan's objective."""
-    team = Team.of(plan.scenario, EavesdropperSubset.of(plan.scenario, plan.objective), most=most)
+    team = Team.of(plan.scenario, EavesdropperSubset.of(plan.scenario, plan.objective),
+                   DetourSearch(Airspace(plan.scenario)).detours, most)
     search = run_search(team, plan)
     if curved:
         search.add_quadratic_part()
@@ -142,5 +145,5 @@ def random_plans(scenario, rng, count):
         peaks = np.array([[uav.peak_power] for uav in scenario.uavs])
         powers = peaks * rng.uniform(0, 1, (uavs, slots)) * (
             rng.random((uavs, slots)) > rng.uniform(0, 0.9))
-        plans.append(Plan(scenario, *repair(scenario, np.array(paths), powers)))
+        plans.append(Plan(scenario, *Problem(scenario).repair(np.array(paths), powers)))
     return plans

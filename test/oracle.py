@@ -143,7 +143,7 @@ def slacks_at(grid, x, at=None):
 
     :param at: where lines were chosen, by default at x.
     """
-    for limit in build_limits(grid.scenario, grid):
+    for limit in build_limits(grid):
         if limit.constrains_positions:
             lines = (None if isinstance(limit, NormLimit)
                      else limit.choose_lines(path_of(grid, x if at is None else at)))

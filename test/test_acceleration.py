@@ -11,8 +11,8 @@ from secure_uav_planner import (
     Eavesdropper, fly_hover_fly, NoFlyZone, optimize, Plan, Scenario, Uav)
 from secure_uav_planner.errors import InfeasibleMissionError, PlanError, TimeLimitError
 from secure_uav_planner.mission.kinematics import Vehicle
-from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.model.least_effort import least_effort
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial.feasibility import check_durations
 from strategies import scenarios, with_uavs
 
@@ -168,7 +168,7 @@ def test_the_tail_of_a_plan_goes_on_with_the_velocity_it_has(point):
 @settings(max_examples=60)
 @given(scenarios(max_uavs=2), st.integers(1, 200))
 def test_a_curve_with_other_slots_keeps_its_ends_and_nearly_its_acceleration(scenario, slots):
-    coarse = Grid.of(scenario)
+    coarse = Problem(scenario).grid
     positions = fly_hover_fly(scenario).positions[:, 1:-1]
     x = coarse.variables(positions, np.ones(positions.shape[:2]))
     fine = coarse.with_slots(slots)

@@ -8,7 +8,7 @@ import pytest
 from secure_uav_planner import NoFlyZone, Scenario
 from secure_uav_planner.errors import ScenarioError
 from secure_uav_planner.mission.polygons import convex_parts, depth, half_planes, pockets
-from secure_uav_planner.model.airspace import get_airspace
+from secure_uav_planner.model.airspace import Airspace
 import shapely
 
 SQUARE = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
@@ -71,14 +71,13 @@ def test_each_uav_has_the_named_pieces_at_its_altitude():
     scenario = replace(Scenario.paper(), geofence=(*FENCE[:3], (100.0, 700.0), FENCE[3]),
                        no_fly_zones=(
         NoFlyZone(HOOK, name='tower'), NoFlyZone(SQUARE, ceiling=105.0), NoFlyZone(SQUARE, 110.0)))
-    first, second = get_airspace(scenario).obstacles
+    first, second = Airspace(scenario).obstacles
     assert [piece.name for piece in first] == ['tower', 'tower', 'zone 2', 'the geofence']
     assert [piece.name for piece in second] == ['tower', 'tower', 'zone 3', 'the geofence']
-    assert get_airspace(replace(scenario)) is get_airspace(scenario)
-    for array in (first[0].vertices, *get_airspace(scenario).hull):
+    for array in (first[0].vertices, *Airspace(scenario).hull):
         with pytest.raises(ValueError):
             array[0] = 0.0
-    plain = get_airspace(Scenario.paper())
+    plain = Airspace(Scenario.paper())
     assert plain.obstacles == ((), ()) and len(plain.hull[1]) == 0
 
 
@@ -86,9 +85,9 @@ def test_the_horizontal_separation_is_less_for_different_altitudes():
     scenario = replace(Scenario.paper(), uavs=tuple(
         replace(uav, start=(uav.start[0] + 20 * number, 500.0), goal=(20.0 * number, -400.0))
         for number, uav in enumerate(Scenario.paper().uavs)), separation=20.0)
-    assert get_airspace(scenario).separations == pytest.approx(
+    assert Airspace(scenario).separations == pytest.approx(
         np.array([[0, math.sqrt(300)], [math.sqrt(300), 0]]))
-    assert get_airspace(replace(scenario, separation=9.0)).separations.max() == 0
+    assert Airspace(replace(scenario, separation=9.0)).separations.max() == 0
 
 
 def test_a_closed_ring_is_the_polygon():

@@ -16,6 +16,7 @@ from secure_uav_planner.apps.cli import main
 from secure_uav_planner.assessment import draws as drawn
 from secure_uav_planner.assessment.monte_carlo import promised_rates
 from secure_uav_planner.model import channel
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.assessment_picture import draw_assessment
 from secure_uav_planner.output.tables import assessment_table
@@ -27,7 +28,7 @@ MANY = 20000
 
 def planned(scenario, seed=0):
     """Return a plan with random powers."""
-    return Plan(scenario, fly_hover_fly_positions(scenario),
+    return Plan(scenario, fly_hover_fly_positions(Problem(scenario)),
                 random_powers(scenario, np.random.default_rng(seed)))
 
 

@@ -6,6 +6,7 @@ from benchmarks.opponents import solve_by_fatrop, solve_by_ipopt
 import numpy as np
 import pytest
 from secure_uav_planner import __version__, Scenario, solve
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 
 
@@ -21,7 +22,7 @@ def test_missions_are_the_same_for_a_seed_and_of_every_kind():
 @pytest.mark.parametrize('scenario', [
     Scenario.paper(104, slots=30), random_mission(1, slots=20)])
 def test_ipopt_solves_the_same_problem(scenario):
-    answer = solve_by_ipopt(scenario, fly_hover_fly_positions(scenario),
+    answer = solve_by_ipopt(scenario, fly_hover_fly_positions(Problem(scenario)),
                             constant_powers(scenario))
     plan = solve(scenario, objective='guaranteed')
     assert plan.guaranteed_rate >= answer.rate * (1 - 1e-3)
@@ -32,7 +33,7 @@ def test_ipopt_solves_the_same_problem(scenario):
 @pytest.mark.parametrize('scenario', [
     Scenario.paper(104, slots=30), random_mission(1, slots=20), random_mission(4, 20, jammers=1)])
 def test_fatrop_reaches_the_rate_of_ipopt(scenario):
-    start = fly_hover_fly_positions(scenario), constant_powers(scenario)
+    start = fly_hover_fly_positions(Problem(scenario)), constant_powers(scenario)
     fatrop, ipopt = (solve(scenario, *start) for solve in (solve_by_fatrop, solve_by_ipopt))
     assert fatrop.rate == pytest.approx(ipopt.rate, rel=1e-3)
     assert fatrop.build_time > 0 and fatrop.solve_time > 0

@@ -8,27 +8,21 @@ import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, NoFlyZone, Scenario, solve, Uav, upper_bound
 from secure_uav_planner.bound.method import list_ignored_limits
-from secure_uav_planner.bound.proof import certificate, detours, reachable_set
+from secure_uav_planner.bound.proof import certificate, detours
+from secure_uav_planner.bound.proof.detours import DetourSearch
 from secure_uav_planner.bound.proof.reachable_set import ReachableSet
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, SlotGroups
 from secure_uav_planner.errors import PlanningError
-from secure_uav_planner.optimize.initial.visibility_graph import VisibilityGraph
+from secure_uav_planner.model.airspace import Airspace
+from secure_uav_planner.model.visibility_graph import VisibilityGraph
 import shapely
-
-
-@pytest.fixture(autouse=True)
-def clear_cache():
-    # A test may compute detours with a deliberate error.
-    detours.find_detours.cache_clear()
-    yield
-    detours.find_detours.cache_clear()
 
 
 def regions_of(scenario, most=10**6):
     groups = SlotGroups.of(scenario.slots, most)
     subset = EavesdropperSubset.of(scenario, 'guaranteed')
-    return groups, [ReachableSet.of(scenario, i, groups, subset)
-                    for i in range(len(scenario.uavs))]
+    return groups, [ReachableSet.of(scenario, i, groups, subset, around)
+                    for i, around in enumerate(DetourSearch(Airspace(scenario)).detours)]
 
 
 def straight(seed):
@@ -43,7 +37,7 @@ def path_lengths_and_bounds(seed, count=300):
     scenario, rng = straight(seed), np.random.default_rng(seed)
     fence = shapely.Polygon(scenario.geofence).convex_hull
     for i, region in enumerate(regions_of(scenario)[1]):
-        graph = VisibilityGraph(scenario, i, 1e-3)
+        graph = VisibilityGraph(Airspace(scenario), i, 1e-3)
         low, high = region.detours.low, region.detours.low + region.detours.size * detours.SIDE
         place = rng.uniform(low, high, (count, 2))
         positions = place * region.unit @ region.axes + region.origin
@@ -141,15 +135,17 @@ def test_zones_and_fence_make_the_bound_tighter(seed, most, monkeypatch):
     plan = solve(scenario, objective='guaranteed')
     bound = upper_bound(scenario, objective='guaranteed', plan=plan)
     assert plan.rate <= bound.rate <= most * plan.rate
-    monkeypatch.setattr(reachable_set, 'find_detours', lambda scenario, index: None)
+    monkeypatch.setattr(detours, '_find_detours', lambda *_: None)
     assert bound.rate < upper_bound(scenario, objective='guaranteed', plan=plan).rate
 
 
 def test_zones_of_too_many_corners_are_listed_as_ignored(monkeypatch):
     scenario = random_city_mission(63)
-    assert list_ignored_limits(scenario) == ('separation',)
+    airspace = Airspace(scenario)
+    assert list_ignored_limits(DetourSearch(airspace)) == ('separation',)
     monkeypatch.setattr(detours, 'MOST_CORNERS', 20)
-    assert list_ignored_limits(scenario) == ('separation', 'no_fly_zones', 'geofence')
+    assert list_ignored_limits(DetourSearch(airspace)) == (
+        'separation', 'no_fly_zones', 'geofence')
     bound = upper_bound(scenario, objective='guaranteed')
     assert bound.ignored == ('separation', 'no_fly_zones', 'geofence')
     assert bound.rate > 1.1 * solve(scenario, objective='guaranteed').rate

@@ -91,7 +91,7 @@ def region_of(seed, uav=0, **options):
     """Return the reachable set of a UAV of a random mission."""
     scenario = mission(seed, **options)
     return ReachableSet.of(scenario, uav, SlotGroups.of(scenario.slots),
-                           EavesdropperSubset.of(scenario, 'guaranteed'))
+                           EavesdropperSubset.of(scenario, 'guaranteed'), None)
 
 
 def places_in(region, group, rng, count=400):
@@ -160,7 +160,8 @@ def least_cost(seed, kind, limited):
     rng = np.random.default_rng(seed)
     path, scenario = tight_flight(rng, limited)
     groups = SlotGroups.of(6, most)
-    region = ReachableSet.of(scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'))
+    region = ReachableSet.of(
+        scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'), None)
     path, group = region.local(path), slot_groups(groups)
     assert region.contains(path[1:-1], group).all()
     assert (np.hypot(*np.diff(path, axis=0)[1:].T) <= region.steps[group]).all()
@@ -217,7 +218,8 @@ def test_a_limit_of_moves_taken_too_small_is_noticed(field, monkeypatch):
 def test_quadratic_potentials_in_groups_of_several_slots_are_refused():
     scenario = mission(1)
     groups = SlotGroups.of(6, 4)
-    region = ReachableSet.of(scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'))
+    region = ReachableSet.of(
+        scenario, 0, groups, EavesdropperSubset.of(scenario, 'guaranteed'), None)
     with pytest.raises(AssertionError, match='one slot'):
         random_potential(region, groups, np.random.default_rng(1), True)
 
@@ -423,7 +425,7 @@ def test_a_speed_that_costs_too_little_is_noticed(monkeypatch):
 def powers_above(seed, count=8):
     """Return the largest excess of random places and powers over a jammer's bound."""
     rng, scenario = np.random.default_rng(seed), mission(seed)
-    team = Team.of(scenario, EavesdropperSubset.of(scenario, 'guaranteed'))
+    team = Team.of(scenario, EavesdropperSubset.of(scenario, 'guaranteed'), (None, None))
     potential = random_potential(team.regions[1], team.groups, rng, False)
     group, weights = rng.integers(0, 6, count), rng.random(count)
     v = (weights * rng.random(count))[:, None]

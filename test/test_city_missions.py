@@ -1,7 +1,7 @@
 """Random missions with all limits at once, checked by dense sampling of the flown curves."""
 
 from dataclasses import replace
-from itertools import combinations, count
+from itertools import combinations
 import math
 import re
 
@@ -11,7 +11,7 @@ import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import fly_hover_fly, NoFlyZone, Scenario, solve
 from secure_uav_planner.errors import InfeasibleMissionError, StoppedError, TimeLimitError
-from secure_uav_planner.model.limits import is_clear
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions, projection
 import shapely
 from strategies import with_uavs
@@ -202,16 +202,11 @@ class Clock:
             raise self.error
 
 
-def fresh(scenario, snrs=count(70.0, 1e-3)):
-    """Return a mission with the same flights, for which none are remembered yet."""
-    return replace(scenario, reference_snr_db=next(snrs))
-
-
 def count_checks(scenario):
     """Return the number of checks in the search for first flights."""
     clock = Clock()
     try:
-        fly_hover_fly_positions(fresh(scenario), clock)
+        fly_hover_fly_positions(Problem(scenario), clock)
     except InfeasibleMissionError:
         pass
     return clock.calls
@@ -223,7 +218,7 @@ def test_a_search_for_first_flights_ends_as_soon_as_a_check_says_so(error):
     for calls in range(1, count_checks(scenario) + 1):
         clock = Clock(error, calls)
         with pytest.raises(type(error)):
-            fly_hover_fly_positions(fresh(scenario), clock)
+            fly_hover_fly_positions(Problem(scenario), clock)
         assert clock.calls == calls
 
 
@@ -234,7 +229,7 @@ def test_a_mission_without_flights_is_only_infeasible_when_they_were_searched_in
     whole, outcomes = count_checks(scenario), []
     for calls in np.linspace(1, whole, 5).round().tolist():
         with pytest.raises((InfeasibleMissionError, TimeLimitError)) as caught:
-            fly_hover_fly_positions(fresh(scenario), Clock(TimeLimitError('late'), calls))
+            fly_hover_fly_positions(Problem(scenario), Clock(TimeLimitError('late'), calls))
         outcomes.append(type(caught.value))
         if caught.type is InfeasibleMissionError:
             assert re.search('in the time for the search$|uav1 needs longer', str(caught.value))
@@ -304,10 +299,10 @@ def test_a_zone_that_is_far_away_changes_nothing(duration, fields):
 def test_a_flight_through_a_zone_that_is_far_away_is_refused():
     scenario = Scenario.paper(1000.0, slots=100)
     zone = NoFlyZone(((1500.0, -50.0), (1600.0, -50.0), (1600.0, 50.0), (1500.0, 50.0)))
-    positions = fly_hover_fly_positions(scenario)
-    assert is_clear(replace(scenario, no_fly_zones=(zone,)), positions)
+    positions = fly_hover_fly_positions(Problem(scenario))
+    assert Problem(replace(scenario, no_fly_zones=(zone,))).is_clear(positions)
     positions[0, 40:60] = 1550.0, 0.0
-    assert not is_clear(replace(scenario, no_fly_zones=(zone,)), positions)
+    assert not Problem(replace(scenario, no_fly_zones=(zone,))).is_clear(positions)
 
 
 @pytest.mark.soak

@@ -32,13 +32,14 @@ PROGRAM = """
 from dataclasses import replace
 import signal, sys
 from secure_uav_planner import NoFlyZone, Scenario
-from secure_uav_planner.model.grid import Grid
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial.flights import generate_direct_flights
 from secure_uav_planner.optimize.initial.projection import project
 
 wall = NoFlyZone(((50.0, -50.0), (150.0, -50.0), (150.0, 50.0), (50.0, 50.0)))
 scenario = replace(Scenario.paper(200.0), no_fly_zones=(wall,))
-grid, flights = Grid.of(scenario), next(generate_direct_flights(scenario, lambda: None))
+problem = Problem(scenario)
+grid, flights = problem.grid, next(generate_direct_flights(problem, lambda: None))
 number = getattr(signal, sys.argv[1])
 signal.signal(number, signal.default_int_handler)
 while True:

@@ -6,7 +6,7 @@ import numpy as np
 import oracle
 from secure_uav_planner import Scenario
 from secure_uav_planner.model.channel import guaranteed_rates
-from secure_uav_planner.model.grid import Grid
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint.barrier import Barrier
 from strategies import missions, random_powers, scenarios
 
@@ -45,7 +45,7 @@ def is_smooth(grid, x, step):
 def test_rates_are_those_of_the_channel_and_variables_are_positions_and_powers(scenario, seed):
     rng = np.random.default_rng(seed)
     positions, powers = random_positions(scenario, rng), random_powers(scenario, rng)
-    grid = Grid.of(scenario)
+    grid = Problem(scenario).grid
     x = grid.variables(positions[:, 1:-1], powers)
     rates = guaranteed_rates(scenario, positions, powers)
     np.testing.assert_allclose(
@@ -62,7 +62,7 @@ def test_rates_are_those_of_the_channel_and_variables_are_positions_and_powers(s
 @settings(max_examples=30)
 @given(missions(max_eavesdroppers=3, max_slots=6), SEEDS, MUS)
 def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
-    grid = Grid.of(scenario)
+    grid = Problem(scenario).grid
     x = interior_variables(grid, np.random.default_rng(seed))
     _, [gradient], _ = oracle.model(Barrier(grid, x[None], mu))
     exact = oracle.gradient(
@@ -73,7 +73,7 @@ def test_the_gradient_is_that_of_the_barrier_function(scenario, seed, mu):
 @settings(max_examples=30)
 @given(missions(max_eavesdroppers=3), SEEDS, MUS)
 def test_hessians_are_those_of_the_objective(scenario, seed, mu):
-    grid, step = Grid.of(scenario), 1e-5
+    grid, step = Problem(scenario).grid, 1e-5
     x = interior_variables(grid, np.random.default_rng(seed))
     _, _, [hessians] = oracle.model(Barrier(grid, x[None], mu))
     exact = oracle.hessians(
@@ -87,7 +87,7 @@ def test_hessians_are_those_of_the_objective(scenario, seed, mu):
 @given(scenarios(), SEEDS, st.floats(0, 1))
 def test_rounding_the_kink_never_raises_the_guaranteed_rate(scenario, seed, softening):
     rng = np.random.default_rng(seed)
-    grid = Grid.of(scenario)
+    grid = Problem(scenario).grid
     x = grid.variables(random_positions(scenario, rng)[:, 1:-1], random_powers(scenario, rng))
     (ground, sharp), (same, soft) = oracle.rates(grid, x), oracle.rates(grid, x, softening)
     assert (soft >= sharp - 1e-12).all()
@@ -96,7 +96,7 @@ def test_rounding_the_kink_never_raises_the_guaranteed_rate(scenario, seed, soft
 
 def test_derivatives_are_finite_at_the_kink():
     scenario = Scenario.paper(102.0, slots=3)
-    grid = Grid.of(scenario)
+    grid = Problem(scenario).grid
     above = np.broadcast_to(scenario.eavesdroppers[0].position, (2, 3, 2))
     x = grid.variables(above, 0.5 * np.ones((2, 3)))
     _, gradient, hessian = oracle.model(Barrier(grid, x[None], 1e-2))

@@ -16,7 +16,7 @@ import oracle
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario, solve, Uav
 from secure_uav_planner.model import channel
-from secure_uav_planner.model.grid import Grid
+from secure_uav_planner.model.problem import Problem
 
 POSITION_TOLERANCE, POWER_TOLERANCE = 1e-6, 1e-9  # m, W
 NEGLIGIBLE_RATE = 1e-7  # bit/s/Hz, below which plans are silent
@@ -94,7 +94,7 @@ def check_feasible(scenario, positions, powers):
 def check_plan(scenario, plan, baseline):
     """Assert what every plan promises, and that it is not below the baseline."""
     check_feasible(scenario, plan.positions, plan.powers)
-    grid = Grid.of(scenario)
+    grid = Problem(scenario).grid
     ground, leaks = oracle.rates(grid, grid.variables(plan.positions[:, 1:-1], plan.powers))
     rates = (ground - leaks.max(axis=-1)) / math.log(2)
     scale = max(1.0, np.abs(rates).max())

@@ -12,10 +12,9 @@ import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import Eavesdropper, fly_hover_fly, optimize, Plan, Scenario, Uav
 from secure_uav_planner.errors import NumericalError
-from secure_uav_planner.model.grid import Grid
-from secure_uav_planner.model.limits.motion import reference_flight
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.incumbent import Incumbent
-from secure_uav_planner.optimize.initial import adapt_plan
+from secure_uav_planner.optimize.initial import adapt_plan, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.barrier import Barrier, Stepper
 from secure_uav_planner.optimize.joint.starts import generate_starts
 from strategies import make_crowd, PLACE, rotate_map, scenarios, with_uavs
@@ -79,8 +78,9 @@ def test_jammers_of_an_eavesdropper_that_crosses_choose_their_side(
 
 def test_starts_keep_all_limits_and_are_the_same_every_time():
     for scenario in (team(), random_city_mission(3001, 40), random_city_mission(3007, 40)):
-        grid = Grid.of(scenario)
-        batches, again = list(generate_starts(grid)), list(generate_starts(grid))
+        problem = Problem(scenario)
+        grid, baseline = problem.grid, fly_hover_fly_positions(problem)
+        batches, again = (list(generate_starts(grid, problem, baseline)) for _ in range(2))
         for (x, mu), (repeated, _) in zip(batches, again, strict=True):
             assert len(x) == len(mu) and (x == repeated).all()
             for start in x:
@@ -118,7 +118,7 @@ def test_without_slack_in_time_the_flight_is_straight_and_the_powers_are_planned
     scenario = replace(Scenario.paper(shortest * (1 + 1e-12), slots=100),
                        ground_node=(50.0, 0.0))
     plan = solve(scenario, method='joint')
-    np.testing.assert_allclose(plan.positions, reference_flight(Grid.of(scenario)), atol=1e-6)
+    np.testing.assert_allclose(plan.positions, Problem(scenario).grid.reference_flight, atol=1e-6)
     # Only with silent jammers, and only near the ground node, is there anything to win.
     assert plan.guaranteed_rate > 0.12
 
@@ -222,7 +222,7 @@ def test_a_plan_keeps_its_rate_in_other_slots_within_limits_of_acceleration(slot
     plan = solve(scenario)
     other = replace(scenario, slots=slots,
                     duration=scenario.times[-1] * slots / (slots + 1))
-    positions, powers = adapt_plan(other, plan)
+    positions, powers = adapt_plan(Problem(other), plan)
     assert Plan(other, positions, powers).guaranteed_rate >= least * plan.rate
     assert solve(other, initial=plan).rate >= 0.999 * solve(other).rate
 
@@ -264,7 +264,7 @@ def test_slots_that_a_local_optimum_has_lost_carry_again_or_are_silent(objective
     powers = plan.powers.copy()
     powers[:, [10, 25]] = 0.0
     powers[:, 40] = 1e-4, 0.5  # So much jamming that nothing arrives.
-    spoiled = Incumbent(plan.scenario, plan.positions, powers, objective=objective)
+    spoiled = Incumbent(Problem(plan.scenario), plan.positions, powers, objective=objective)
     lost, carrying = spoiled.rate, np.count_nonzero(plan.powers[0])
     mended = spoiled.to_plan('joint', 'converged')
     rates = getattr(mended, f'{objective}_rates')

@@ -18,10 +18,10 @@ from random_cities import random_city_mission
 from secure_uav_planner import Scenario
 from secure_uav_planner.errors import NumericalError
 from secure_uav_planner.model import kernel
-from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.model.kernel import core
 from secure_uav_planner.model.limits import build_limits
 from secure_uav_planner.model.limits.lines import LineLimit
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.starts import generate_starts, make_strictly_feasible
@@ -33,9 +33,17 @@ COARSE_MU = 1e-3
 
 def find_interior(scenario, slots):
     """Return a grid and strictly feasible variables on it, (N, U, 3)."""
-    grid = Grid.of(scenario).with_slots(slots or scenario.slots)
+    problem = Problem(scenario)
+    grid = problem.grid.with_slots(slots or scenario.slots)
     return grid, make_strictly_feasible(
-        grid, fly_hover_fly_positions(scenario), constant_powers(scenario, 0.9, 0.5), share=0.2)
+        grid, fly_hover_fly_positions(problem), constant_powers(scenario, 0.9, 0.5), share=0.2)
+
+
+def first_starts(scenario, slots):
+    """Return a grid and its first batch of starts, (S, N, U, 3), with barrier parameters."""
+    problem = Problem(replace(scenario, slots=slots))
+    return problem.grid, next(generate_starts(
+        problem.grid, problem, fly_hover_fly_positions(problem)))
 
 
 def smallest_slack(grid, x):
@@ -83,15 +91,14 @@ def test_the_barrier_function_with_lines_is_that_of_the_formulas(name):
     # The lines are not far away.
     path = np.ascontiguousarray(oracle.path_of(grid, x))
     least = min(oracle.slacks(limit, path, limit.choose_lines(path)).min()
-                for limit in build_limits(grid.scenario, grid) if isinstance(limit, LineLimit))
+                for limit in build_limits(grid) if isinstance(limit, LineLimit))
     assert 0 < least < 0.5
 
 
 @settings(max_examples=15)
 @given(scenarios(max_uavs=6, max_eavesdroppers=4), st.integers(1, 10), st.integers(0, 100))
 def test_the_barrier_function_is_that_of_the_formulas_for_any_mission(scenario, slots, seed):
-    grid = Grid.of(scenario).with_slots(slots or scenario.slots)
-    x, mu = next(generate_starts(grid))
+    grid, (x, mu) = first_starts(scenario, slots or scenario.slots)
     for start in range(0, len(x), 5):
         if smallest_slack(grid, x[start]) > 0:  # on another grid, acceleration may be too hard
             check_model(grid, x[start], mu[start], np.random.default_rng(seed))
@@ -113,7 +120,7 @@ def test_steps_stay_inside_and_lower_the_function_until_it_is_stationary(scenari
     grid, x = find_interior(scenario, None)
     mu = 1e-2
     barrier = Barrier(grid, x[None], mu)
-    lines = any(isinstance(limit, LineLimit) for limit in build_limits(scenario, grid))
+    lines = any(isinstance(limit, LineLimit) for limit in build_limits(grid))
     first, last = slope_of(barrier), np.inf
     for _ in range(80):
         [value] = oracle.model(barrier)[0]
@@ -134,8 +141,7 @@ def slope_of(barrier):
 
 
 def test_several_steps_in_a_call_are_the_same_as_single_ones():
-    grid = Grid.of(random_mission(2)).with_slots(30)
-    x, mu = next(generate_starts(grid))
+    grid, (x, mu) = first_starts(random_mission(2), 30)
     together, singly = (Barrier(grid, x, mu) for _ in range(2))
     left = 12
     while left:
@@ -150,8 +156,9 @@ def test_several_steps_in_a_call_are_the_same_as_single_ones():
 def test_a_call_takes_fewer_steps_if_they_are_long():
     taken = []
     for slots in (50, 5000):
-        grid = Grid.of(Scenario.paper(slots=slots))
-        x = make_strictly_feasible(grid, fly_hover_fly_positions(grid.scenario),
+        problem = Problem(Scenario.paper(slots=slots))
+        grid = problem.grid
+        x = make_strictly_feasible(grid, fly_hover_fly_positions(problem),
                                    constant_powers(grid.scenario), share=0.05)
         taken.append(Barrier(grid, x[None], 0.02).advance(60, 1e-3))
     assert 1 <= taken[1] < taken[0] == 60
@@ -173,8 +180,8 @@ def test_arrays_of_discs_of_a_wrong_shape_or_layout_are_refused():
 
 
 def test_threads_run_during_a_long_step_and_check_can_stop_it():
-    grid = Grid.of(Scenario.paper(slots=20000))
-    x = next(generate_starts(grid))[0][:2]
+    grid, (x, _) = first_starts(Scenario.paper(), 20000)
+    x = x[:2]
     x = np.concatenate([x] * 8)
     counts, counter, done = [], [0], threading.Event()
 
@@ -207,16 +214,14 @@ def test_threads_run_during_a_long_step_and_check_can_stop_it():
 
 
 def test_variables_of_a_wrong_shape_are_refused():
-    grid = Grid.of(Scenario.paper(slots=5))
-    x, mu = next(generate_starts(grid))
+    grid, (x, mu) = first_starts(Scenario.paper(), 5)
     for wrong in (x[:, :4], x[:, :, :1], x[..., :2], x[0], x[:0]):
         with pytest.raises((ValueError, IndexError)):
             Barrier(grid, wrong, 0.1)
 
 
 def test_a_start_with_nan_fails_alone():
-    grid = Grid.of(Scenario.paper(slots=5))
-    x, mu = next(generate_starts(grid))
+    grid, (x, mu) = first_starts(Scenario.paper(), 5)
     x = x[:3].copy()
     x[1, 2] = np.nan
     barrier = Barrier(grid, x, mu[:3])

@@ -10,9 +10,9 @@ import pytest
 from random_cities import random_city_mission
 from secure_uav_planner import PlanningError
 from secure_uav_planner.errors import ScenarioError
-from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.model.limits import build_limits, LIMITS
 from secure_uav_planner.model.limits.lines import LineLimit
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
 from strategies import random_powers, scenarios
@@ -27,7 +27,7 @@ def cities(draw):
         scenario = replace(
             random_city_mission(draw(st.integers(0, 10**6)), draw(st.integers(6, 14))),
             tracking_margin=draw(st.sampled_from([0.0, 2.0])))
-        fly_hover_fly_positions(scenario)
+        fly_hover_fly_positions(Problem(scenario))
     except ScenarioError:
         assume(False)
     return scenario
@@ -38,8 +38,8 @@ MISSIONS = st.one_of(scenarios(), cities())
 
 def make_interior(scenario, rng):
     """Return a Grid and strictly feasible variables on it, (1, N, U, 3)."""
-    grid = Grid.of(scenario)
-    x = make_strictly_feasible(grid, fly_hover_fly_positions(scenario),
+    grid = Problem(scenario).grid
+    x = make_strictly_feasible(grid, fly_hover_fly_positions(Problem(scenario)),
                                constant_powers(scenario, 0.9, 0.5), share=0.3)
     x[..., 0] *= rng.uniform(0.5, 1.0, x.shape[:-1])
     return grid, x[None]
@@ -58,7 +58,7 @@ def evaluate_limits(scenario, seed, size):
     grid, [x] = make_interior(scenario, rng)
     path = np.ascontiguousarray(oracle.path_of(grid, x))
     moves = random_moves(grid, rng, size)
-    for limit in build_limits(scenario, grid):
+    for limit in build_limits(grid):
         if limit.constrains_positions:
             lines = limit.choose_lines(path) if isinstance(limit, LineLimit) else None
             yield (lambda by: oracle.slacks(limit, path + by * moves, lines).ravel(),
@@ -99,19 +99,20 @@ def test_the_longest_step_stays_inside_and_is_not_needlessly_short(scenario, see
 @given(MISSIONS, SEEDS)
 def test_a_repaired_plan_passes_the_checks_that_it_failed_before(scenario, seed):
     rng = np.random.default_rng(seed)
-    positions = fly_hover_fly_positions(scenario)
+    positions = fly_hover_fly_positions(Problem(scenario))
     positions[:, 1:-1] += rng.normal(0, 100, positions[:, 1:-1].shape)
     powers = 3 * random_powers(scenario, rng)
     powers[0, 0] = -0.1
     broken = 0
-    for limit in build_limits(scenario):
+    limits = Problem(scenario).limits
+    for limit in limits:
         try:
             limit.check(positions, powers)
         except PlanningError:
             broken += 1
         positions, powers = limit.repair(positions, powers)
     assert broken
-    for limit in build_limits(scenario):
+    for limit in limits:
         limit.check(positions, powers)
 
 

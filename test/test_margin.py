@@ -10,7 +10,7 @@ import pytest
 from secure_uav_planner import NoFlyZone, Plan, Scenario, Uav
 from secure_uav_planner.errors import PlanError, ScenarioError
 from secure_uav_planner.mission.polygons import checked_polygon, offset_polygon
-from secure_uav_planner.model.airspace import get_airspace
+from secure_uav_planner.model.airspace import Airspace
 from secure_uav_planner.ros.status import closest_approach_text, closest_approach_values
 import shapely
 
@@ -71,12 +71,12 @@ def test_a_margin_offsets_zones_in_height_as_well_and_the_separation_twice():
         paper, separation=2.0, tracking_margin=3.0,
         geofence=((-200, -600), (400, -600), (400, 600), (-200, 600)),
         no_fly_zones=(NoFlyZone(SQUARE, 113.0, name='high'), NoFlyZone(SQUARE, 0.0, 96.5)))
-    assert [[piece.name for piece in pieces] for pieces in get_airspace(scenario).obstacles] == [
+    assert [[piece.name for piece in pieces] for pieces in Airspace(scenario).obstacles] == [
         [], ['high']]
-    [[], [piece]] = get_airspace(scenario).obstacles
+    [[], [piece]] = Airspace(scenario).obstacles
     assert shapely.box(-3, -3, 23, 23).equals(shapely.Polygon(piece.vertices))
     assert scenario.keep_apart == 8.0
-    normals, offsets = get_airspace(scenario).hull
+    normals, offsets = Airspace(scenario).hull
     assert sorted(offsets) == pytest.approx([197, 397, 597, 597])
     assert replace(scenario, separation=0.0).keep_apart == 0.0
 

@@ -12,8 +12,8 @@ from secure_uav_planner import (
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.errors import (
     InfeasibleMissionError, OptionError, PlanError, ScenarioError)
-from secure_uav_planner.model.grid import Grid
 from secure_uav_planner.model.limits.energy import measure_energies
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.joint.barrier import Barrier
 from secure_uav_planner.optimize.joint.starts import make_strictly_feasible
 from strategies import with_uavs
@@ -143,7 +143,7 @@ def test_the_shortest_flight_that_delivers_keeps_budgets():
 @pytest.mark.parametrize('velocity', [(0.0, 0.0), (3.0, -4.0), None])
 def test_the_price_in_the_kernel_is_that_of_the_energy_along_the_curve(velocity):
     scenario = make_paper(150.0, start_velocity=velocity, goal_velocity=velocity)
-    grid, rng = Grid.of(scenario), np.random.default_rng(0)
+    grid, rng = Problem(scenario).grid, np.random.default_rng(0)
     flight = fly_hover_fly(scenario)
     x = make_strictly_feasible(grid, flight.positions, flight.powers, 0.1)
     prices = np.array([1e-3, 3e-3])

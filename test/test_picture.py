@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from secure_uav_planner import fly_hover_fly, NoFlyZone, Plan, Scenario, solve
 from secure_uav_planner.apps.cli import main
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
 from secure_uav_planner.output.drawing import uav_color
 from secure_uav_planner.output.picture import draw_plan, power_level, save_picture
@@ -96,7 +97,7 @@ def test_the_scale_of_power_distinguishes_low_jamming_power_from_none():
 @settings(max_examples=10, deadline=None)
 @given(scenario=scenarios(max_uavs=4, max_eavesdroppers=3))
 def test_a_plan_of_any_mission_can_be_drawn(scenario):
-    plan = Plan(scenario, fly_hover_fly_positions(scenario),
+    plan = Plan(scenario, fly_hover_fly_positions(Problem(scenario)),
                 random_powers(scenario, np.random.default_rng(0)))
     figure = draw_plan(plan, [plan])
     figure.draw_without_rendering()

@@ -9,7 +9,7 @@ import oracle
 import pytest
 from secure_uav_planner import Eavesdropper, fly_hover_fly, Scenario, solve, Uav
 from secure_uav_planner.model import channel
-from secure_uav_planner.model.grid import Grid
+from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.incumbent import Incumbent
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
 from secure_uav_planner.optimize.joint import exchange
@@ -41,7 +41,8 @@ def test_its_rates_rise_and_end_no_lower_than_those_of_the_formula(scenario):
 def test_the_history_ends_with_the_rate_of_the_plan_where_steps_run_out(monkeypatch):
     monkeypatch.setattr(exchange, 'MOST_STEPS', 6)
     scenario = Scenario.paper(120.0, 30.0, 40)
-    incumbent = Incumbent(scenario, fly_hover_fly_positions(scenario), constant_powers(scenario),
+    problem = Problem(scenario)
+    incumbent = Incumbent(problem, fly_hover_fly_positions(problem), constant_powers(scenario),
                           objective='worst_case')
     plan = incumbent.to_plan('joint', improve(incumbent))
     assert plan.status == 'iteration_limit'
@@ -109,7 +110,7 @@ def test_the_default_objective_is_the_methods_own_or_that_of_the_initial_plan():
 @pytest.mark.parametrize('radius', [20.0, 150.0], ids=['on the edge', 'inside'])
 def test_the_curvature_of_the_largest_leak_is_that_of_places_that_follow_the_uavs(radius):
     scenario = replace(Scenario.paper(120.0, radius, slots=6), reference_snr_db=90.0)
-    grid, rng = Grid.of(scenario), np.random.default_rng(2)
+    grid, rng = Problem(scenario).grid, np.random.default_rng(2)
     x = np.empty((6, 2, 3))
     x[..., 0] = [0.8, 0.02]
     x[..., 1:] = rng.uniform([-0.5, -1.0], [2.0, 1.0], (6, 2, 2))

@@ -17,9 +17,8 @@ from ..mission.formats.mission_file import EXAMPLE, locate_error
 from ..mission.propagation import reference_snr_db
 from ..mission.scenario import Scenario
 from ..model.clearance import CLOSE_DISTANCE, find_unseparated_pair
-from ..model.grid import Grid
-from ..model.limits import EnergyLimit, lift_limits, measure_energies
-from ..model.limits.motion import reference_flight
+from ..model.limits import lift_limits, measure_energies
+from ..model.problem import Problem
 from ..output.autopilot_limits import changes
 from ..plan.plan import Plan
 
@@ -156,7 +155,7 @@ def _note_degrees(scenario: Scenario) -> Iterator[str]:
 
 def _describe_budgets(scenario: Scenario) -> Iterator[str]:
     """Yield for each limit of energy what share of it hovering and the straight way take."""
-    straight = measure_energies(scenario, reference_flight(Grid.of(scenario)))
+    straight = measure_energies(scenario, Problem(scenario).grid.reference_flight)
     for uav, energy in zip(scenario.uavs, straight.tolist(), strict=True):
         if uav.max_energy is not None and uav.propulsion is not None:
             hovering = float(uav.propulsion.power(0.0)) * scenario.slot_duration * (
@@ -172,7 +171,7 @@ def _plan_baseline(path: str) -> tuple[Scenario, Plan]:
     from ..optimize import fly_hover_fly, solve
     with locating_errors(path):
         plan = fly_hover_fly(lift_limits(scenario))
-        if EnergyLimit.applies_to(scenario):
+        if scenario.limits_energy:
             solve(scenario, objective='guaranteed')
         return scenario, plan
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from .proof.certificate import certify
-from .proof.detours import uses_detours
+from .proof.detours import DetourSearch
 from .proof.reachable_set import Team
 from .proof.relaxation import EavesdropperSubset, find_reference_snrs, MOST_GROUPS, SlotGroups
 from .search.multipliers import build_multipliers, MultiplierSearch
@@ -22,7 +22,7 @@ from ..mission import OBJECTIVES
 from ..mission.scenario import Scenario
 from ..mission.validation import (
     Array, checked_callback, checked_choice, checked_kind, checked_time_limit)
-from ..model.limits import EnergyLimit
+from ..model.airspace import Airspace
 from ..optimize import solve
 from ..optimize.deadline import Check, Deadline, run_to_end
 from ..plan.plan import Plan, POWER_TOLERANCE
@@ -112,12 +112,13 @@ def upper_bound(scenario: Scenario, *, objective: str = 'worst_case', plan: Plan
     def report(progress: Iteration) -> object:
         return on_progress is not None and on_progress(replace(progress, number=next(numbers)))
 
+    detours = DetourSearch(Airspace(scenario))
     best = _BestBound(Deadline(report, limit, REPORT_PERIOD), FIRST_CERTIFICATE * (limit or 0.0))
     best.offer(compute_plain_bound(scenario))
     # A NaN on the way makes a bound infinite, never wrong; see certify.
     with np.errstate(all='ignore'):
-        status = run_to_end(_search_multipliers, best, scenario, objective, plan)
-    return Bound(scenario, best.rate, objective, list_ignored_limits(scenario),
+        status = run_to_end(_search_multipliers, best, detours, objective, plan)
+    return Bound(scenario, best.rate, objective, list_ignored_limits(detours),
                  best.deadline.elapsed, status)
 
 
@@ -147,12 +148,12 @@ def compute_plain_bound(scenario: Scenario) -> float:
     return float(np.logaddexp(0.0, log_snr) / math.log(2.0) * (1 + 1e-12))
 
 
-def list_ignored_limits(scenario: Scenario) -> tuple[str, ...]:
+def list_ignored_limits(detours: DetourSearch) -> tuple[str, ...]:
     """Return the names of a scenario's limits that the bound does not use."""
-    names = ('separation',) if uses_detours(scenario) else (
+    names = ('separation',) if detours.is_complete else (
         'separation', 'no_fly_zones', 'geofence')
-    energy = ('max_energy',) if EnergyLimit.applies_to(scenario) else ()
-    return (*(name for name in names if getattr(scenario, name)), *energy)
+    energy = ('max_energy',) if detours.scenario.limits_energy else ()
+    return (*(name for name in names if getattr(detours.scenario, name)), *energy)
 
 
 class _BestBound:
@@ -195,9 +196,10 @@ class _BestBound:
         self.deadline.report(Iteration(0, 'bound', self.rate, self.deadline.elapsed, 0.0))
 
 
-def _search_multipliers(best: _BestBound, scenario: Scenario, objective: str,
+def _search_multipliers(best: _BestBound, detours: DetourSearch, objective: str,
                         plan: Plan | None) -> Status:
     """Search for multipliers on coarse and on fine groups, and prove a bound with each."""
+    scenario = detours.scenario
     positions, powers, rate = find_start(scenario, best.deadline, objective, plan)
     best.deadline.check()
     most = max(FEWEST_PLACES, min(len(scenario.eavesdroppers), MOST_PLACES))
@@ -210,7 +212,7 @@ def _search_multipliers(best: _BestBound, scenario: Scenario, objective: str,
     subset = subset.select_loudest(sinrs, most, scenario.colluding)
 
     def build_level(groups: int) -> tuple[Team, InitialMultipliers]:
-        team = Team.of(scenario, subset, groups)
+        team = Team.of(scenario, subset, detours.detours, groups)
         return team, InitialMultipliers.of(team, positions, powers)
 
     groups = min(scenario.slots, MOST_GROUPS)

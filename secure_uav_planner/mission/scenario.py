@@ -350,6 +350,11 @@ class Scenario(Checked):
         """Whether the UAVs have a limit of acceleration, which all have or none."""
         return self.uavs[0].max_acceleration is not None
 
+    @property
+    def limits_energy(self) -> bool:
+        """Whether any UAV has a limit of energy."""
+        return any(uav.max_energy is not None for uav in self.uavs)
+
     def to_dict(self) -> dict[str, Any]:
         """
         Return the scenario as plain values of JSON; an infinite ceiling is None.

@@ -1,6 +1,6 @@
 """Where the UAVs of a scenario may fly, as convex sets for the optimiser and for checks."""
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 import math
 from typing import NamedTuple
 
@@ -23,10 +23,19 @@ class Obstacle(NamedTuple):
 
 
 class Airspace:
-    """The obstacles of UAVs, each at its altitude, tracking_margin included; read-only."""
+    """
+    The obstacles of UAVs, each at its altitude, tracking_margin included; read-only.
+
+    :param scenario: whose UAVs they are.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+        self.scenario = scenario
+
+    @cached_property
+    def is_open(self) -> bool:
+        """Whether UAVs have no limits but those of speed and acceleration."""
+        return not (self.scenario.geofence or any(self.obstacles) or self.separations.any())
 
     @cached_property
     def obstacles(self) -> tuple[tuple[Obstacle, ...], ...]:
@@ -36,7 +45,7 @@ class Airspace:
         These are the convex parts of the zones at its altitude that are not far, and of the
         pockets of a geofence that is not convex: its convex hull without the fence.
         """
-        scenario = self._scenario
+        scenario = self.scenario
         outside = [] if scenario.keep_in is None else [
             Obstacle(part, GEOFENCE) for pocket in pockets(scenario.keep_in)
             for part in convex_parts(pocket)]
@@ -53,7 +62,7 @@ class Airspace:
         A mission is as large as the box around starts, goals and the ground, and as the way on
         which UAVs that do not begin and end at rest can stop.
         """
-        scenario = self._scenario
+        scenario = self.scenario
         size = math.hypot(*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max(), *(
             uav.max_speed**2 / uav.max_acceleration for uav in scenario.uavs
             if uav.max_acceleration is not None
@@ -66,19 +75,13 @@ class Airspace:
     @cached_property
     def hull(self) -> tuple[Array, Array]:
         """Convex hull of the geofence as n.x <= b: unit normals n (K, 2) outwards, b (K,) in m."""
-        if self._scenario.keep_in is None:
+        if self.scenario.keep_in is None:
             return read_only(np.zeros((0, 2))), read_only(np.zeros(0))
-        return half_planes(self._scenario.keep_in)
+        return half_planes(self.scenario.keep_in)
 
     @cached_property
     def separations(self) -> Array:
         """Smallest horizontal distance between UAVs at their altitudes, (U, U) in m."""
-        heights = self._scenario.altitudes
-        squares = self._scenario.keep_apart**2 - (heights[:, None] - heights)**2
+        heights = self.scenario.altitudes
+        squares = self.scenario.keep_apart**2 - (heights[:, None] - heights)**2
         return read_only(np.sqrt(np.maximum(squares, 0.0)) * (1 - np.eye(len(heights))))
-
-
-@lru_cache(maxsize=64)
-def get_airspace(scenario: Scenario) -> Airspace:
-    """Return the Airspace of a scenario, the same for equal scenarios."""
-    return Airspace(scenario)

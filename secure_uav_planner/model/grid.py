@@ -6,12 +6,13 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .airspace import Airspace
 from .channel import find_rate_scale
 from .channel.links import FreeSpace, make_links
 from .channel.rates import compute_sinr
 from .curve import complete_end_moves, evaluate_spline
-from .least_effort import find_least_efforts
-from ..mission.scenario import Array, Scenario
+from .least_effort import find_least_efforts, least_effort
+from ..mission.scenario import Array, read_only, Scenario
 
 _SHORT = 0.25  # Share of a mission's extent beyond which no distance is short.
 _NO_SLACK = 1e-7  # Share of its limits below which a flight is fixed.
@@ -26,24 +27,34 @@ class Grid:
     the UAV's average power, positions in units of `length` around the ground node. A path has
     positions in these units with start and goal, point by point, (N+2, U, 2).
 
-    :param scenario: whose flight it is; the flight's length stays the scenario's.
+    :param airspace: of the scenario whose flight it is; the flight's length stays the scenario's.
     :param slots: N on this grid.
     :param is_fixed: whether no positions are variables.
     """
 
-    scenario: Scenario
+    airspace: Airspace
     slots: int
     is_fixed: bool = False
 
-    @classmethod
-    def of(cls, scenario: Scenario) -> 'Grid':
-        """Return the grid of a scenario's own slots."""
-        return cls(scenario, scenario.slots)
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario whose flight it is."""
+        return self.airspace.scenario
 
     @cached_property
     def fixed(self) -> NDArray[np.bool_]:
         """Whether the positions of each UAV are no variables, as without slack, (U,)."""
         return self.is_fixed | (find_least_efforts(self.scenario) > 1 - _NO_SLACK)
+
+    @cached_property
+    def reference_flight(self) -> Array:
+        """Flights of least effort, (U, N+2, 2) in m; read-only."""
+        scenario = self.scenario
+        flights = np.stack([
+            uav.start + least_effort(uav.vehicle, self.slots, self.slot_duration)[1]
+            for uav in scenario.uavs])
+        flights[:, -1] = scenario.goals
+        return read_only(flights)
 
     def with_slots(self, slots: int) -> 'Grid':
         """Return the same flight divided into another number of slots."""

@@ -7,7 +7,8 @@ import numpy as np
 from .deadline import Deadline
 from ..mission.scenario import Array, Scenario
 from ..model.channel import find_rate_scale, guaranteed_rates, worst_case_rates
-from ..model.limits import is_clear, keeps_energy, lift_limits, repair, repair_powers
+from ..model.limits import lift_limits
+from ..model.problem import Problem
 from ..plan.plan import Iteration, Objective, Plan, Status
 
 _NEGLIGIBLE_RATE = 1e-7  # A slot with less, times the mission's scale, is not worth any power.
@@ -23,6 +24,7 @@ class Incumbent:
     converged. Only feasible iterates that raise the true objective are kept, so the objective
     is monotone and there is a plan at any time.
 
+    :param problem: that the call solves.
     :param positions: feasible start, (U, N+2, 2) in m, which only may take too much energy.
     :param powers: feasible start, (U, N) in W.
     :param deadline: of the call, to which every Iteration is reported.
@@ -32,10 +34,11 @@ class Incumbent:
     :ivar rate: of the present iterate, in bit/s/Hz; -infinite if it takes too much energy.
     """
 
-    def __init__(self, scenario: Scenario, positions: Array, powers: Array,
+    def __init__(self, problem: Problem, positions: Array, powers: Array,
                  deadline: Deadline | None = None, warm: bool = False,
                  objective: Objective = 'guaranteed', parent: 'Incumbent | None' = None) -> None:
-        self.scenario = scenario
+        self.problem = problem
+        self.scenario = problem.scenario
         self.objective: Objective = objective
         self.warm = warm
         self.solver_time: float = 0.0 if parent is None else parent.solver_time
@@ -43,9 +46,9 @@ class Incumbent:
         self.deadline = Deadline() if deadline is None else deadline
         self._parent = parent
         self.positions = positions
-        self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(scenario)
+        self._negligible = _NEGLIGIBLE_RATE * find_rate_scale(self.scenario)
         self.powers, self._rates = self._silence_losing_slots(positions, powers)
-        self.rate = float(self._rates.mean()) if keeps_energy(scenario, positions) else -math.inf
+        self.rate = float(self._rates.mean()) if problem.keeps_energy(positions) else -math.inf
         if parent is None:
             self.report('start')
 
@@ -59,12 +62,11 @@ class Incumbent:
         if positions is None:
             positions = self.positions  # To the last bit.
         else:
-            positions, _ = repair(self.scenario, positions, self.powers)
-            if not (keeps_energy(self.scenario, positions)
-                    and is_clear(self.scenario, positions)):
+            positions, _ = self.problem.repair(positions, self.powers)
+            if not (self.problem.keeps_energy(positions) and self.problem.is_clear(positions)):
                 return 0.0
         powers = (self.powers if powers is None else
-                  repair_powers(self.scenario, positions, powers))
+                  self.problem.repair_powers(positions, powers))
         powers, rates = self._silence_losing_slots(positions, powers)
         rate = float(rates.mean())
         gain = rate - self.rate
@@ -119,13 +121,13 @@ class Incumbent:
 
     def with_objective(self, objective: Objective) -> 'Incumbent':
         """Return an incumbent for another objective, from the present iterate, as a part."""
-        return Incumbent(self.scenario, self.positions, self.powers, self.deadline, self.warm,
+        return Incumbent(self.problem, self.positions, self.powers, self.deadline, self.warm,
                          objective, parent=self)
 
     def without_energy_limits(self) -> 'Incumbent':
         """Return an incumbent without limits of energy, from the present iterate, as a part."""
-        return Incumbent(lift_limits(self.scenario), self.positions, self.powers, self.deadline,
-                         self.warm, self.objective, parent=self)
+        return Incumbent(Problem(lift_limits(self.scenario)), self.positions, self.powers,
+                         self.deadline, self.warm, self.objective, parent=self)
 
     def report(self, step: str) -> None:
         """Add the present iterate to the history and call the callback."""

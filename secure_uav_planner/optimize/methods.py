@@ -10,9 +10,9 @@ from .incumbent import Incumbent
 from .initial import adapt_plan, constant_powers, fly_hover_fly_positions
 from ..errors import format_place, OptionError, Place, PlanningError, quote
 from ..mission import Method, METHODS, Objective, OBJECTIVES, Power
-from ..mission.scenario import Scenario
+from ..mission.scenario import Array, Scenario
 from ..mission.validation import checked_callback, checked_kind, checked_time_limit
-from ..model.limits import is_open
+from ..model.problem import Problem
 from ..plan.plan import Plan, Status
 
 __all__ = ['METHODS', 'Method', 'Power', 'check_objective', 'fly_hover_fly', 'solve']
@@ -68,16 +68,19 @@ def solve(scenario: Scenario, method: Method = 'joint',
     objective = check_objective(method, objective)
     if method == 'alternating':
         _check_scope(scenario)
-    deadline = _build_deadline(scenario, on_iteration, time_limit)
-    positions, powers = (
-        fly_hover_fly_positions(scenario, deadline.check), constant_powers(scenario)
-        ) if initial is None else adapt_plan(scenario, initial, deadline.check)
-    incumbent = Incumbent(scenario, positions, powers, deadline, warm=initial is not None,
+    problem = Problem(scenario)
+    deadline = _build_deadline(problem, on_iteration, time_limit)
+    positions, powers, baseline = None, constant_powers(scenario), None
+    if initial is not None:
+        positions, powers = adapt_plan(problem, initial, deadline.check)
+    if positions is None:
+        positions = baseline = fly_hover_fly_positions(problem, deadline.check)
+    incumbent = Incumbent(problem, positions, powers, deadline, warm=initial is not None,
                           objective=objective)
     if method == 'joint':
         status = joint.improve(incumbent)
         if initial is not None and initial.scenario != scenario:
-            status = _improve_from_scratch(incumbent, status)
+            status = _improve_from_scratch(incumbent, status, baseline)
         return incumbent.to_plan(method, status)
     if not incumbent.warm:
         # Powers have local optima: the result is no worse than the baseline with optimised powers.
@@ -86,14 +89,19 @@ def solve(scenario: Scenario, method: Method = 'joint',
     return incumbent.to_plan(method, run_to_end(alternate, incumbent))
 
 
-def _improve_from_scratch(incumbent: Incumbent, status: Status) -> Status:
-    """Improve an Incumbent of a status from scratch; return the status of the better plan."""
-    scenario, deadline = incumbent.scenario, incumbent.deadline
+def _improve_from_scratch(incumbent: Incumbent, status: Status, baseline: Array | None) -> Status:
+    """
+    Improve an Incumbent of a status from scratch; return the status of the better plan.
+
+    :param baseline: fly_hover_fly_positions, if they are there already.
+    """
+    problem, deadline = incumbent.problem, incumbent.deadline
     with suppress(PlanningError):  # The plan that there is needs no such flights.
         deadline.check()
-        cold = Incumbent(
-            scenario, fly_hover_fly_positions(scenario, deadline.check),
-            constant_powers(scenario), deadline, objective=incumbent.objective, parent=incumbent)
+        if baseline is None:
+            baseline = fly_hover_fly_positions(problem, deadline.check)
+        cold = Incumbent(problem, baseline, constant_powers(problem.scenario), deadline,
+                         objective=incumbent.objective, parent=incumbent)
         cold_status = joint.improve(cold)
         if not deadline.is_over():
             cold.try_idle_slots()
@@ -123,20 +131,21 @@ def fly_hover_fly(scenario: Scenario, power: Power = 'constant',
         raise OptionError(f"power is {quote(power)}; it must be 'constant' or 'optimised'",
                           ('power',))
     method = f'fly_hover_fly_{power}'
-    deadline = _build_deadline(scenario, on_iteration, time_limit)
-    positions = fly_hover_fly_positions(scenario, deadline.check)
+    problem = Problem(scenario)
+    deadline = _build_deadline(problem, on_iteration, time_limit)
+    positions = fly_hover_fly_positions(problem, deadline.check)
     powers = constant_powers(scenario)
     if power == 'constant':
         return Plan(scenario, positions, powers, method, 'converged')
-    incumbent = Incumbent(scenario, positions, powers, deadline)
+    incumbent = Incumbent(problem, positions, powers, deadline)
     return incumbent.to_plan(method, joint.optimise_powers(incumbent))
 
 
-def _build_deadline(scenario: Scenario, on_iteration: OnIteration | None,
+def _build_deadline(problem: Problem, on_iteration: OnIteration | None,
                     time_limit: float | None) -> Deadline:
     time_limit = checked_time_limit(time_limit)
     checked_callback('on_iteration', on_iteration)
-    return Deadline(on_iteration, time_limit, math.inf if is_open(scenario) else _PERIOD)
+    return Deadline(on_iteration, time_limit, math.inf if problem.airspace.is_open else _PERIOD)
 
 
 def check_objective(method: str, objective: str | None = None) -> Objective:

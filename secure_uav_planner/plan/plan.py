@@ -22,8 +22,9 @@ from ..mission.validation import checked_array, checked_kind
 from ..model import channel
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
-from ..model.limits import check_limits, reduce_budgets
+from ..model.limits import reduce_budgets
 from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
+from ..model.problem import Problem
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,7 +95,7 @@ class Plan:
         if self.start_ns is not None:
             self._check_start(self.start_ns)
         self._check_ends()
-        check_limits(self.scenario, self.positions, self.powers)
+        Problem(self.scenario).check(self.positions, self.powers)
         self.clearance.check()
 
     def _check_kinds(self) -> None:

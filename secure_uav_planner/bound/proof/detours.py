@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +36,7 @@ import shapely
 
 from ...mission.polygons import convex_parts, pockets
 from ...mission.validation import Array
-from ...model.airspace import get_airspace
+from ...model.airspace import Airspace
 from ...plan.plan import POSITION_TOLERANCE
 
 if TYPE_CHECKING:
@@ -99,11 +99,38 @@ def frame_axes(uav: Uav) -> Array:
     return np.array([along, [-along[1], along[0]]])
 
 
-@lru_cache(maxsize=16)
-def find_detours(scenario: Scenario, index: int) -> Detours | None:
-    """Return the detours of UAV `index` in m; None without obstacles, or with too many corners."""
+class DetourSearch:
+    """
+    The search for the detours of all UAVs.
+
+    :param airspace: with the obstacles.
+    :ivar scenario: whose airspace it is.
+    """
+
+    def __init__(self, airspace: Airspace) -> None:
+        self.scenario, self._airspace = airspace.scenario, airspace
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the obstacles at all altitudes have few enough corners to be used."""
+        return not any(map(_has_too_many_corners, self._parts.values()))
+
+    @cached_property
+    def detours(self) -> tuple[Detours | None, ...]:
+        """Detours of each UAV in m; None without obstacles, or with too many corners."""
+        return tuple(_find_detours(self.scenario, index, self._parts[uav.altitude])
+                     for index, uav in enumerate(self.scenario.uavs))
+
+    @cached_property
+    def _parts(self) -> dict[float, tuple[Any, ...]]:
+        """Convex polygons that overlap a little and make up O, at every UAV's altitude in m."""
+        return {altitude: _split_obstacles(self._airspace, altitude)
+                for altitude in {uav.altitude for uav in self.scenario.uavs}}
+
+
+def _find_detours(scenario: Scenario, index: int, parts: tuple[Any, ...]) -> Detours | None:
+    """Return the detours of UAV `index` around the parts of its obstacles; see DetourSearch."""
     uav = scenario.uavs[index]
-    parts = _split_obstacles(scenario, uav.altitude)
     if _has_too_many_corners(parts) or not parts and scenario.keep_in is None:
         return None
     step = float(scenario.max_step[index]) + POSITION_TOLERANCE
@@ -131,23 +158,16 @@ def find_detours(scenario: Scenario, index: int) -> Detours | None:
     return Detours(low, size, lengths.reshape(2, SIDE, SIDE))
 
 
-def uses_detours(scenario: Scenario) -> bool:
-    """Return True if the obstacles at all altitudes have few enough corners to be used."""
-    return not any(_has_too_many_corners(_split_obstacles(scenario, altitude))
-                   for altitude in {uav.altitude for uav in scenario.uavs})
-
-
 def _has_too_many_corners(parts: tuple[Any, ...]) -> bool:
     return int(shapely.get_num_coordinates(parts).sum()) > MOST_CORNERS
 
 
-@lru_cache(maxsize=16)
-def _split_obstacles(scenario: Scenario, altitude: float) -> tuple[Any, ...]:
+def _split_obstacles(airspace: Airspace, altitude: float) -> tuple[Any, ...]:
     """Return convex polygons that overlap a little and make up O at an altitude in m."""
-    far = get_airspace(scenario).far
+    scenario = airspace.scenario
     # Each alone: a plan may fly between two that touch.
     solids = [shapely.Polygon(vertices) for vertices, name in scenario.keep_out(altitude)
-              if name not in far]
+              if name not in airspace.far]
     if scenario.keep_in is not None:
         # A pocket reaches beyond the convex hull, so that no way is left between both.
         fence = shapely.Polygon(scenario.keep_in)

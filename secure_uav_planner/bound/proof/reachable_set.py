@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from .detours import Detours, find_detours, frame_axes
+from .detours import Detours, frame_axes
 from .relaxation import (
     COORDINATE_ROUNDING, EavesdropperSubset, end_tolerance, find_reference_snrs, MOST_GROUPS,
     SlotGroups)
@@ -82,7 +82,7 @@ class ReachableSet:
 
     @classmethod
     def of(cls, scenario: Scenario, index: int, groups: SlotGroups,
-           subset: EavesdropperSubset) -> ReachableSet:
+           subset: EavesdropperSubset, detours: Detours | None) -> ReachableSet:
         """
         Return the reachable set of UAV `index`, with all that a Plan tolerates.
 
@@ -90,6 +90,7 @@ class ReachableSet:
         :param index: of the UAV.
         :param groups: its slots in groups.
         :param subset: the eavesdroppers.
+        :param detours: of the UAV in m, or None to ignore its obstacles.
         """
         uav = scenario.uavs[index]
         start, goal = np.array(uav.start), np.array(uav.goal)
@@ -97,8 +98,7 @@ class ReachableSet:
         places = np.concatenate([receivers, [start, goal]])
         unit = max(float(np.hypot(*np.ptp(places, axis=0))) / 2, uav.altitude)
         length = float(np.hypot(*(goal - start)))
-        axes, around = frame_axes(uav), find_detours(scenario, index)
-        ends = end_tolerance(scenario)
+        axes, ends = frame_axes(uav), end_tolerance(scenario)
         step = float(scenario.max_step[index]) + POSITION_TOLERANCE
         max_move_change, end_move_changes, end_moves = _limit_move_changes(scenario, index, step)
         number = np.arange(1, scenario.slots + 2)
@@ -125,7 +125,7 @@ class ReachableSet:
             transmits=index == 0,
             peak=uav.peak_power + POWER_TOLERANCE,
             average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE,
-            detours=around and around.scale(unit))
+            detours=detours and detours.scale(unit))
 
     def local(self, positions: Array) -> Array:
         """Return positions (..., 2) in m in the frame, in units."""
@@ -307,17 +307,19 @@ class Team:
     listeners: tuple[NDArray[np.intp], ...]
 
     @classmethod
-    def of(cls, scenario: Scenario, subset: EavesdropperSubset, most: int = MOST_GROUPS) -> Team:
+    def of(cls, scenario: Scenario, subset: EavesdropperSubset,
+           detours: tuple[Detours | None, ...], most: int = MOST_GROUPS) -> Team:
         """
         Return the team of a scenario.
 
         :param scenario: the mission.
         :param subset: the eavesdroppers.
+        :param detours: of each UAV in m, see DetourSearch.
         :param most: largest number of groups.
         """
         groups = SlotGroups.of(scenario.slots, most)
-        regions = tuple(ReachableSet.of(scenario, i, groups, subset)
-                        for i in range(len(scenario.uavs)))
+        regions = tuple(ReachableSet.of(scenario, i, groups, subset, around)
+                        for i, around in enumerate(detours))
         owners = subset.owners if scenario.colluding else np.zeros_like(subset.owners)
         return cls(groups, regions, tuple(
             np.flatnonzero(owners == owner) for owner in np.unique(owners)))

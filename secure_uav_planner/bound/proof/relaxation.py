@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...mission.validation import Array
-from ...model.channel.links import guaranteed_squared_distance, make_link
-from ...model.channel.rates import compute_sinr
+from ...model.channel.links import make_link
+from ...model.channel.rates import bound_sinrs
 from ...plan.plan import POSITION_TOLERANCE
 
 if TYPE_CHECKING:
@@ -147,12 +147,9 @@ class EavesdropperSubset:
         :param positions: of a plan, (U, N + 2, 2) in m.
         :param powers: of the plan, (U, N) in W.
         """
-        squared = ((positions[:, None, 1:-1] - self.places[:, None])**2).sum(-1)
-        edges = np.repeat(self.radii[None, :, None], len(positions), axis=0)
-        edges[0] *= -1
         link = make_link(scenario, 'eavesdropper', axes=2).for_receivers(self.advantages[:, None])
-        gains = link.gain(guaranteed_squared_distance(squared, edges))
-        return compute_sinr(gains * powers[:, None])
+        return bound_sinrs(link, positions[:, None, 1:-1] - self.places[:, None],
+                           self.radii[:, None], powers[:, None])
 
     def select_loudest(self, sinrs: Array, most: int, colluding: bool) -> EavesdropperSubset:
         """

@@ -3,9 +3,10 @@
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
+from ..airspace import Airspace
 from ..grid import Grid
 from ..kernel import core
-from ...mission.scenario import Array, Scenario
+from ...mission.scenario import Array
 
 
 class Limit(ABC):
@@ -17,19 +18,19 @@ class Limit(ABC):
     the kernel.
 
     :cvar constrains_positions: whether it limits positions rather than powers.
-    :param scenario: whose limit it is.
-    :param grid: of the optimisation; by default the scenario's own.
+    :param grid: of the flights.
+    :ivar scenario: that of the grid.
     """
 
     constrains_positions: ClassVar[bool] = False
 
-    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
-        self.scenario = scenario
-        self.grid = Grid.of(scenario) if grid is None else grid
+    def __init__(self, grid: Grid) -> None:
+        self.grid = grid
+        self.scenario = grid.scenario
 
     @classmethod
-    def applies_to(cls, scenario: Scenario) -> bool:
-        """Return True if a scenario has this limit."""
+    def applies_to(cls, airspace: Airspace) -> bool:
+        """Return True if the scenario of an airspace has this limit."""
         return True
 
     @property

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from .base import Limit
+from ..airspace import Airspace
 from ..curve import complete_end_moves
 from ..grid import Grid
 from ...errors import PlanError
@@ -21,9 +22,9 @@ class EnergyLimit(Limit):
     constrains_positions = True
 
     @classmethod
-    def applies_to(cls, scenario: Scenario) -> bool:
+    def applies_to(cls, airspace: Airspace) -> bool:
         """Return True if any UAV has a limit of energy."""
-        return any(uav.max_energy is not None for uav in scenario.uavs)
+        return airspace.scenario.limits_energy
 
     def check(self, positions: Array, powers: Array) -> None:
         """Check the energy of every UAV of a plan; see Limit."""
@@ -61,7 +62,7 @@ def reduce_budgets(scenario: Scenario, positions: Array, point: int) -> tuple[Ua
     :param point: up to half a slot before which energies count: there a rest of the flight from
         this point on begins.
     """
-    if point == 0 or not EnergyLimit.applies_to(scenario):
+    if point == 0 or not scenario.limits_energy:
         return scenario.uavs
     moves = np.diff(positions[:, :point + 1], axis=1) / scenario.slot_duration
     first, _ = complete_end_moves(moves[:, [0, -1]], scenario.end_velocities)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .base import Limit
 from ..grid import Grid
 from ..kernel import core
-from ...mission.scenario import Array, Scenario
+from ...mission.scenario import Array
 
 _TOLERANCE = 1e-6  # By which constant control points may be beyond a line, in units.
 
@@ -126,9 +126,9 @@ class LineLimit(Limit):
 
     constrains_positions = True
 
-    def __init__(self, scenario: Scenario, grid: Grid | None, first: NDArray[np.intp],
+    def __init__(self, grid: Grid, first: NDArray[np.intp],
                  second: NDArray[np.intp] | None = None) -> None:
-        super().__init__(scenario, grid)
+        super().__init__(grid)
         self.points, self.first, self.second = self._make_points(), first, second
         constant: NDArray[np.bool_] = np.all(self.points.weights == 0, axis=-1)
         self.ignored = np.ascontiguousarray(constant[:, first])

@@ -6,18 +6,17 @@ acceleration (q[n+1] - 2 q[n] + q[n-1]) / t_s^2 in each slot.
 """
 
 from abc import abstractmethod
-from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .base import Limit
+from ..airspace import Airspace
 from ..grid import Grid
 from ..kernel import core
-from ..least_effort import least_effort
 from ...errors import PlanError
-from ...mission.scenario import Array, POSITION_TOLERANCE, read_only, Scenario
+from ...mission.scenario import Array, POSITION_TOLERANCE
 from ...mission.validation import round_down
 
 
@@ -40,8 +39,8 @@ class NormLimit(Limit):
     stencil: ClassVar[tuple[float, ...]]
     lead: ClassVar[int]
 
-    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
-        super().__init__(scenario, grid)
+    def __init__(self, grid: Grid) -> None:
+        super().__init__(grid)
         self.longest = self._longest()
         self.absent: NDArray[np.bool_] = np.full(
             (self.grid.slots + 1 + self.lead, len(self.longest)), False)
@@ -92,7 +91,7 @@ class NormLimit(Limit):
         most = (1 - margin) * self.longest
         over = longest > most
         if over.any():
-            reference = reference_flight(self.grid)
+            reference = self.grid.reference_flight
             excess = (longest - most)[over]
             least = self._lengths(reference).max(axis=1)
             slack = np.maximum(most - least, 0)[over]
@@ -142,16 +141,16 @@ class AccelerationLimit(NormLimit):
     stencil = (1.0, -2.0, 1.0)
     lead = 1
 
-    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
-        super().__init__(scenario, grid)
-        self.absent[[0, -1]] |= np.isnan(scenario.end_velocities[..., 0])
+    def __init__(self, grid: Grid) -> None:
+        super().__init__(grid)
+        self.absent[[0, -1]] |= np.isnan(self.scenario.end_velocities[..., 0])
         # The moves before the start and after the goal, (2, U, 2) in m.
-        self._end_moves = self.grid.slot_duration * np.nan_to_num(scenario.end_velocities)
+        self._end_moves = self.grid.slot_duration * np.nan_to_num(self.scenario.end_velocities)
 
     @classmethod
-    def applies_to(cls, scenario: Scenario) -> bool:
+    def applies_to(cls, airspace: Airspace) -> bool:
         """Return True if the UAVs have a limit of acceleration."""
-        return scenario.limits_acceleration
+        return airspace.scenario.limits_acceleration
 
     def _longest(self) -> Array:
         return self.scenario.max_accelerations * self.grid.slot_duration**2
@@ -166,17 +165,3 @@ class AccelerationLimit(NormLimit):
         """Return the second differences, (U, N+2, 2)."""
         first, last = self._end_moves[:, :, None]
         return np.diff(np.concatenate([first, np.diff(positions, axis=1), last], axis=1), axis=1)
-
-
-def reference_flight(grid: Grid) -> Array:
-    """Return the flights of least effort on a grid, (U, N+2, 2) in m, read-only."""
-    return _reference_flight(grid.scenario, grid.slots)
-
-
-@lru_cache(maxsize=64)
-def _reference_flight(scenario: Scenario, slots: int) -> Array:
-    step = Grid(scenario, slots).slot_duration
-    flights = np.stack([
-        uav.start + least_effort(uav.vehicle, slots, step)[1] for uav in scenario.uavs])
-    flights[:, -1] = scenario.goals
-    return read_only(flights)

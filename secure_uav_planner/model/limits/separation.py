@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .lines import LineLimit, Lines
-from ..airspace import get_airspace
+from ..airspace import Airspace
 from ..grid import Grid
 from ..kernel import core
-from ...mission.scenario import Array, Scenario
+from ...mission.scenario import Array
 
 
 class SeparationLimit(LineLimit):
@@ -21,16 +21,16 @@ class SeparationLimit(LineLimit):
     touches it where it is nearest to the piece of the difference.
     """
 
-    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
-        distances = get_airspace(scenario).separations
+    def __init__(self, grid: Grid) -> None:
+        distances = grid.airspace.separations
         first, second = map(np.ascontiguousarray, np.nonzero(np.triu(distances)))
-        super().__init__(scenario, grid, first, second)
-        self._radii: Array = distances[first, second] / self.grid.length
+        super().__init__(grid, first, second)
+        self._radii: Array = distances[first, second] / grid.length
 
     @classmethod
-    def applies_to(cls, scenario: Scenario) -> bool:
+    def applies_to(cls, airspace: Airspace) -> bool:
         """Return True if any two UAVs can come too close."""
-        return bool(get_airspace(scenario).separations.any())
+        return bool(airspace.separations.any())
 
     @cached_property
     def compiled(self) -> core.SeparationLimit:

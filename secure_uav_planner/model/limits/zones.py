@@ -5,10 +5,10 @@ from functools import cached_property
 import numpy as np
 
 from .lines import ControlPoints, LineLimit
-from ..airspace import get_airspace
+from ..airspace import Airspace
 from ..grid import Grid
 from ..kernel import core
-from ...mission.scenario import Array, Scenario
+from ...mission.scenario import Array
 
 MOST_LINES = 4
 """The most obstacles, the nearest, from which lines separate a piece of a UAV's curve."""
@@ -23,25 +23,24 @@ class FenceLimit(LineLimit):
     hull, with its speed, has no c there.
     """
 
-    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
-        outward, offsets = get_airspace(scenario).hull
-        uavs = len(scenario.uavs)
-        super().__init__(scenario, grid, np.repeat(np.arange(uavs), len(offsets)))
+    def __init__(self, grid: Grid) -> None:
+        outward, offsets = grid.airspace.hull
+        uavs = len(grid.scenario.uavs)
+        super().__init__(grid, np.repeat(np.arange(uavs), len(offsets)))
         self._normals: Array = np.tile(-outward, (uavs, 1))
-        self._offsets: Array = np.tile(
-            outward @ self.grid.origin - offsets, uavs) / self.grid.length
+        self._offsets: Array = np.tile(outward @ grid.origin - offsets, uavs) / grid.length
         number = np.arange(self.grid.slots + 2.0)[:, None]
         # The curve may begin and end up to half a slot beyond the points.
         number[0], number[-1] = 0.5, number[-1] + 0.5
-        steps = (scenario.max_speeds * self.grid.slot_duration / self.grid.length)[self.first]
+        steps = (self.scenario.max_speeds * self.grid.slot_duration / self.grid.length)[self.first]
         for ends, moves in ((self.grid.starts, number), (self.grid.goals, number[::-1])):
             slack = (self._normals * ends[self.first]).sum(axis=-1) - self._offsets
             self.ignored |= (slack > (1 + _ROUNDING) * moves * steps)[..., None]
 
     @classmethod
-    def applies_to(cls, scenario: Scenario) -> bool:
+    def applies_to(cls, airspace: Airspace) -> bool:
         """Return True if there is a fence."""
-        return scenario.geofence is not None
+        return airspace.scenario.geofence is not None
 
     def _make_points(self) -> ControlPoints:
         return ControlPoints.from_points(self.grid)
@@ -60,21 +59,21 @@ class ZoneLimit(LineLimit):
     Only the nearest of many obstacles have lines; a step goes no farther than to the next.
     """
 
-    def __init__(self, scenario: Scenario, grid: Grid | None = None) -> None:
-        obstacles = get_airspace(scenario).obstacles
+    def __init__(self, grid: Grid) -> None:
+        obstacles = grid.airspace.obstacles
         uavs = [uav for uav, polygons in enumerate(obstacles) if polygons]
         most = max(len(obstacles[uav]) for uav in uavs)
         corners = max(len(obstacle.vertices) for uav in uavs for obstacle in obstacles[uav])
-        super().__init__(scenario, grid, np.repeat(uavs, min(most, MOST_LINES)))
+        super().__init__(grid, np.repeat(uavs, min(most, MOST_LINES)))
         # Of every UAV in uavs, repeated where it has fewer: (A, Z, V, 2), in units.
         self._polygons: Array = (np.array([
             [_pad(obstacles[uav][index % len(obstacles[uav])].vertices, corners)
-             for index in range(most)] for uav in uavs]) - self.grid.origin) / self.grid.length
+             for index in range(most)] for uav in uavs]) - grid.origin) / grid.length
 
     @classmethod
-    def applies_to(cls, scenario: Scenario) -> bool:
+    def applies_to(cls, airspace: Airspace) -> bool:
         """Return True if there is an obstacle at the altitude of any UAV."""
-        return any(get_airspace(scenario).obstacles)
+        return any(airspace.obstacles)
 
     @cached_property
     def compiled(self) -> core.ZoneLimit:

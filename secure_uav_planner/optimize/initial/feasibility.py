@@ -11,16 +11,15 @@ import shapely
 
 from .flights import build_flights, fly_direct, generate_direct_flights, list_hovering_places
 from .projection import find_flights_near
-from .visibility_graph import find_free_places
 from ..deadline import Check
 from ...errors import InfeasibleMissionError, TimeLimitError
 from ...mission.consistency import refuse_duration, refuse_slow_uavs
 from ...mission.fields import raise_all
 from ...mission.kinematics import DURATION, EFFORT_TOLERANCE, find_shortest_duration
 from ...mission.scenario import Array, Scenario, Uav
-from ...model.airspace import GEOFENCE, get_airspace
+from ...model.airspace import GEOFENCE
 from ...model.least_effort import find_least_efforts, least_effort
-from ...model.limits import SeparationLimit
+from ...model.problem import Problem
 
 _SHARE = 0.05  # Of its slack that a flight must leave to count.
 _LONGEST = 2**8  # Ratio of the durations that are tried and the mission's.
@@ -60,7 +59,7 @@ def check_durations(scenario: Scenario, check: Check) -> None:
     raise_all(refuse_slow_uavs(scenario.duration, zip(slow, shortest, strict=True)))
 
 
-def find_flights(scenario: Scenario, check: Check) -> Array:
+def find_flights(problem: Problem, check: Check) -> Array:
     """
     Return flights (U, N+2, 2) in m that keep all limits, near fly-hover-fly where they can be.
 
@@ -68,9 +67,9 @@ def find_flights(scenario: Scenario, check: Check) -> Array:
         and a duration with which flights are found; `further` are the errors of more UAVs. None
         is named where check raises TimeLimitError in the search for it.
     """
-    flights = _search_flights(scenario, check)
+    flights = _search_flights(problem, check)
     if flights is None:
-        _raise_infeasibility(scenario, check)
+        _raise_infeasibility(problem, check)
     return flights
 
 
@@ -81,18 +80,18 @@ def _find_duration(effort: Callable[[float], float], duration: float, **options:
             find_shortest_duration(effort, duration, **options))
 
 
-def _search_flights(scenario: Scenario, check: Check) -> Array | None:
+def _search_flights(problem: Problem, check: Check) -> Array | None:
     """Return flights near fly-hover-fly, or else near the direct ones, or None."""
-    places = find_free_places(scenario, list_hovering_places(scenario), check)
-    wanted = build_flights(scenario, places, check=check)
-    return _find_first(find_flights_near(scenario, flights, check) for flights in chain(
-        [wanted], generate_direct_flights(scenario, check)))
+    places = problem.routes.find_free_places(list_hovering_places(problem.scenario), check)
+    wanted = build_flights(problem, places, check=check)
+    return _find_first(find_flights_near(problem, flights, check) for flights in chain(
+        [wanted], generate_direct_flights(problem, check)))
 
 
-def _search_direct_flights(scenario: Scenario, check: Check) -> Array | None:
+def _search_direct_flights(problem: Problem, check: Check) -> Array | None:
     """Return flights from start to goal that are well inside all limits, or None."""
-    return _find_first(find_flights_near(scenario, flights, check, _SHARE)
-                       for flights in generate_direct_flights(scenario, check))
+    return _find_first(find_flights_near(problem, flights, check, _SHARE)
+                       for flights in generate_direct_flights(problem, check))
 
 
 def _find_first(answers: Iterable[Array | None]) -> Array | None:
@@ -100,7 +99,7 @@ def _find_first(answers: Iterable[Array | None]) -> Array | None:
 
 
 def _find_duration_around(scenario: Scenario, duration: float, check: Check,
-                          search: Callable[[Scenario, Check], Array | None]) -> float | None:
+                          search: Callable[[Problem, Check], Array | None]) -> float | None:
     """Return a duration of at least the given one in which a search finds flights, or None."""
     longest = min(_LONGEST * scenario.duration, DURATION.high)
 
@@ -108,7 +107,7 @@ def _find_duration_around(scenario: Scenario, duration: float, check: Check,
     def measure_effort(duration: float) -> float:
         longer = replace(scenario, duration=duration)
         has_time = (find_least_efforts(longer, check) <= 1 + EFFORT_TOLERANCE).all()
-        return 0.5 if has_time and search(longer, check) is not None else 2.0
+        return 0.5 if has_time and search(Problem(longer), check) is not None else 2.0
 
     # From rest to rest, a longer flight is always easier.
     if (all(uav.start_velocity == uav.goal_velocity == (0.0, 0.0) for uav in scenario.uavs)
@@ -117,7 +116,7 @@ def _find_duration_around(scenario: Scenario, duration: float, check: Check,
     return _find_duration(measure_effort, duration, accuracy=_ACCURACY_AROUND, longest=longest)
 
 
-class _Problem(NamedTuple):
+class _Obstruction(NamedTuple):
     """
     Why a UAV has no flight even if it is alone.
 
@@ -138,17 +137,17 @@ class _Problem(NamedTuple):
         return refuse_duration(duration, self.uav, self.shortest, self.text)
 
 
-def _raise_infeasibility(scenario: Scenario, check: Check) -> NoReturn:
+def _raise_infeasibility(problem: Problem, check: Check) -> NoReturn:
     """Raise the reason why no flights were found; see find_flights."""
-    problems: list[_Problem] = []
+    scenario, obstructions = problem.scenario, list[_Obstruction]()
     try:
         for number in range(len(scenario.uavs)):
-            problems += _find_problems(scenario, number, check)
+            obstructions += _find_obstructions(scenario, number, check)
     except TimeLimitError:
-        if not problems:
+        if not obstructions:
             raise
-    problems.sort(key=lambda problem: -problem.shortest)
-    least = problems[0].shortest if problems else scenario.duration
+    obstructions.sort(key=lambda obstruction: -obstruction.shortest)
+    least = obstructions[0].shortest if obstructions else scenario.duration
     errors = []
     if math.isfinite(least):
         # What each UAV needs alone may not be enough for all.
@@ -156,19 +155,22 @@ def _raise_infeasibility(scenario: Scenario, check: Check) -> NoReturn:
             enough = _find_duration_around(scenario, least, check, _search_flights)
         except TimeLimitError:
             enough = None
-            problems = [problem._replace(shortest=math.nan) for problem in problems]
-        if not problems or enough != least and not math.isnan(problems[0].shortest):
-            errors.append(_refuse_all(scenario, enough))
-    raise_all([*errors, *(problem.describe(scenario.duration) for problem in problems)])
+            obstructions = [obstruction._replace(shortest=math.nan)
+                            for obstruction in obstructions]
+        if not obstructions or enough != least and not math.isnan(obstructions[0].shortest):
+            errors.append(_refuse_all(problem, enough))
+    raise_all([*errors, *(obstruction.describe(scenario.duration)
+                          for obstruction in obstructions)])
     raise AssertionError('there is at least one error')
 
 
-def _refuse_all(scenario: Scenario, enough: float | None) -> InfeasibleMissionError:
+def _refuse_all(problem: Problem, enough: float | None) -> InfeasibleMissionError:
     """Return the error of UAVs that cannot fly together; a duration in s may be enough."""
+    scenario = problem.scenario
     names = ' and '.join(uav.name for uav in scenario.uavs)
     kept = {field: text for field, text, applies in (
         ('separation', f'keep the separation of {scenario.separation:g} m',
-         SeparationLimit.applies_to(scenario)),
+         problem.airspace.separations.any()),
         ('geofence', f'stay inside {GEOFENCE}', scenario.geofence is not None),
         ('no_fly_zones', 'avoid the no-fly zones', scenario.no_fly_zones)) if applies}
     more = '' if enough is None else f'; with a duration of {enough:g} s, some were'
@@ -177,13 +179,14 @@ def _refuse_all(scenario: Scenario, enough: float | None) -> InfeasibleMissionEr
         f'{" and ".join(kept.values())}{more}', (next(iter(kept)),))
 
 
-def _find_problems(scenario: Scenario, number: int, check: Check) -> Iterator[_Problem]:
+def _find_obstructions(scenario: Scenario, number: int,
+                       check: Check) -> Iterator[_Obstruction]:
     """Yield the reason why a UAV has no flight even if it is alone, if so."""
     uav = scenario.uavs[number]
-    alone = replace(scenario, uavs=(uav,), separation=0.0)
+    alone = Problem(replace(scenario, uavs=(uav,), separation=0.0))
     names = _name_obstacles(alone)
     if fly_direct(alone, 0) is None:
-        yield _Problem(uav, number, math.inf, (
+        yield _Obstruction(uav, number, math.inf, (
             f'no way leads {uav.name} from start to goal: {names} is in its way'))
     elif (names or scenario.geofence is not None) and (
             _search_direct_flights(alone, check) is None):
@@ -192,22 +195,22 @@ def _find_problems(scenario: Scenario, number: int, check: Check) -> Iterator[_P
             around += f' inside {GEOFENCE}'
         try:
             shortest = _find_duration_around(
-                alone, scenario.duration, check, _search_direct_flights)
+                alone.scenario, scenario.duration, check, _search_direct_flights)
         except TimeLimitError:
             searched = 'in the time for the search'
         else:
             searched = 'however long'
             if shortest is not None:
-                yield _Problem(uav, number, shortest, around)
+                yield _Obstruction(uav, number, shortest, around)
                 return
-        yield _Problem(uav, number, math.inf, (
+        yield _Obstruction(uav, number, math.inf, (
             f'no flight was found that takes {uav.name} from start to goal{around} '
             f'at {uav.limits_text}, {searched}'))
 
 
-def _name_obstacles(scenario: Scenario) -> str:
+def _name_obstacles(problem: Problem) -> str:
     """Return the names of the obstacles that the straight line crosses, or of all if none."""
-    uav, obstacles = scenario.uavs[0], get_airspace(scenario).obstacles[0]
+    uav, obstacles = problem.scenario.uavs[0], problem.airspace.obstacles[0]
     line = shapely.LineString([uav.start, uav.goal])
     crossed = [obstacle for obstacle in obstacles
                if shapely.Polygon(obstacle.vertices).intersects(line)]

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from .visibility_graph import find_routes, MOST_ROUTES, VisibilityGraph
 from ..deadline import Check
 from ...mission.kinematics import Vehicle
 from ...mission.scenario import Array, Scenario, Uav
 from ...model.least_effort import least_effort
-from ...model.limits import is_open, repair
+from ...model.problem import Problem
+from ...model.visibility_graph import MOST_ROUTES, VisibilityGraph
 
 _TURNS = 25  # Places on the way out at which a UAV may turn back.
 
@@ -28,7 +28,7 @@ def list_hovering_places(scenario: Scenario) -> Array:
     return np.concatenate([ground, eves[jammers % len(eves), 0]])
 
 
-def build_flights(scenario: Scenario, hover: Array,
+def build_flights(problem: Problem, hover: Array,
                   routes: tuple[tuple[int, int], ...] | None = None,
                   check: Check = lambda: None) -> Array:
     """
@@ -40,17 +40,18 @@ def build_flights(scenario: Scenario, hover: Array,
     :param routes: the numbers of each UAV's routes out and back, by default of the shortest.
     :return: positions, (U, N+2, 2) in m.
     """
+    scenario = problem.scenario
     positions = np.empty((len(scenario.uavs), scenario.slots + 2, 2))
     for number, (uav, place) in enumerate(zip(scenario.uavs, hover, strict=True)):
         check()
-        around = fly_around(scenario, number, place, *(routes[number] if routes else ()))
+        around = fly_around(problem, number, place, *(routes[number] if routes else ()))
         positions[number] = _fly_hover_fly(scenario, uav, place) if around is None else around
-    if scenario.limits_acceleration and is_open(scenario):
-        positions, _ = repair(scenario, positions, np.zeros((len(positions), scenario.slots)))
+    if scenario.limits_acceleration and problem.airspace.is_open:
+        positions, _ = problem.repair(positions, np.zeros((len(positions), scenario.slots)))
     return positions
 
 
-def fly_around(scenario: Scenario, index: int, place: Array, out: int = 0,
+def fly_around(problem: Problem, index: int, place: Array, out: int = 0,
                back: int = 0) -> Array | None:
     """
     Return the flight of a UAV to a hovering place and on to its goal around obstacles.
@@ -63,10 +64,11 @@ def fly_around(scenario: Scenario, index: int, place: Array, out: int = 0,
     :param back: likewise, of the route from there to the goal.
     :return: (N+2, 2) in m, or None without such routes or without obstacles.
     """
+    scenario = problem.scenario
     uav, step = scenario.uavs[index], float(scenario.max_step[index])
     goal = np.array(uav.goal)
-    graph, routes = find_routes(scenario, index, (np.array(uav.start), place, goal),
-                                1 + max(out, back))
+    graph, routes = problem.routes.find(index, (np.array(uav.start), place, goal),
+                                        1 + max(out, back))
     if graph is None or len(routes[0]) <= out or len(routes[1]) <= back:
         return None
     legs = routes[0][out], routes[1][back]
@@ -77,7 +79,7 @@ def fly_around(scenario: Scenario, index: int, place: Array, out: int = 0,
     if _measure_length(legs[0]) + _measure_length(legs[1]) > reach:
         shorter = _turn_back(graph, legs[0], goal, reach)
         if shorter is None:
-            return fly_direct(scenario, index, out)
+            return fly_direct(problem, index, out)
         legs = shorter
     outward, homeward = map(_measure_length, legs)
     number = np.arange(count + 1.0)
@@ -87,7 +89,7 @@ def fly_around(scenario: Scenario, index: int, place: Array, out: int = 0,
                     _locate(legs[0], covered))
 
 
-def fly_direct(scenario: Scenario, index: int, route: int = 0) -> Array | None:
+def fly_direct(problem: Problem, index: int, route: int = 0) -> Array | None:
     """
     Return the flight of least effort of a UAV from start to goal, (N+2, 2) in m.
 
@@ -95,9 +97,10 @@ def fly_direct(scenario: Scenario, index: int, route: int = 0) -> Array | None:
     :param route: the number of its route around obstacles, 0 for the shortest.
     :return: None without such a route.
     """
+    scenario = problem.scenario
     uav = scenario.uavs[index]
-    graph, [routes] = find_routes(
-        scenario, index, (np.array(uav.start), np.array(uav.goal)), 1 + route)
+    graph, [routes] = problem.routes.find(
+        index, (np.array(uav.start), np.array(uav.goal)), 1 + route)
     if graph is None:
         return uav.start + least_effort(
             uav.vehicle, scenario.slots, scenario.slot_duration)[1] if route == 0 else None
@@ -107,12 +110,12 @@ def fly_direct(scenario: Scenario, index: int, route: int = 0) -> Array | None:
     return _locate(routes[route], _spread_effort(uav, length, scenario))
 
 
-def generate_direct_flights(scenario: Scenario, check: Check) -> Iterator[Array]:
+def generate_direct_flights(problem: Problem, check: Check) -> Iterator[Array]:
     """Yield flights (U, N+2, 2) in m straight from start to goal, or on routes around."""
     choices = []
-    for index in range(len(scenario.uavs)):
+    for index in range(len(problem.scenario.uavs)):
         check()
-        flights = (fly_direct(scenario, index, route) for route in range(MOST_ROUTES))
+        flights = (fly_direct(problem, index, route) for route in range(MOST_ROUTES))
         choices.append([flight for flight in flights if flight is not None])
     # Many UAVs have too many combinations: only that of the shortest routes is tried.
     for chosen in islice(product(*choices), None if len(choices) <= 3 else 1):

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 import scipy
 
 from ..deadline import Check
-from ...mission.scenario import Array, Scenario
+from ...mission.scenario import Array
 from ...model.cone_program import solve_cone_program
 from ...model.grid import Grid, resample_flights
 from ...model.least_effort import find_least_efforts
-from ...model.limits import build_limits, is_clear
-from ...model.limits.lines import LineLimit, Lines
-from ...model.limits.motion import NormLimit, reference_flight
+from ...model.limits import build_limits, LineLimit, NormLimit
+from ...model.limits.lines import Lines
+from ...model.problem import Problem
 
 _ROUNDS = 8  # In which lines are chosen, at most.
 _PENALTY = 1e4  # For exceeding a limit by all of it, in squares of a step of deviation.
@@ -39,7 +39,7 @@ _Rows: TypeAlias = tuple[list[tuple[NDArray[np.intp], NDArray[np.intp], Array]],
 """Rows of a map A x + b into a cone: (row, column, value) of A as arrays, and b."""
 
 
-def find_flights_near(scenario: Scenario, positions: Array, check: Check,
+def find_flights_near(problem: Problem, positions: Array, check: Check,
                       share: float = 1e-3) -> Array | None:
     """
     Return flights that keep all limits, near given ones (U, N+2, 2) in m, or None.
@@ -47,10 +47,9 @@ def find_flights_near(scenario: Scenario, positions: Array, check: Check,
     :param check: called now and then; what it raises is passed on, as everywhere here.
     :param share: of the slack that is left where it can be.
     """
-    grid = Grid.of(scenario)
     for opposite in (False, True):
-        flights = project(grid, positions, share, check, opposite)
-        if flights is not None and is_clear(scenario, flights, check):
+        flights = project(problem.grid, positions, share, check, opposite)
+        if flights is not None and problem.is_clear(flights, check):
             return flights
     return None
 
@@ -110,11 +109,10 @@ class _Projection:
 
     def __init__(self, grid: Grid, share: float, check: Check) -> None:
         self._grid, self._check = grid, check
-        scenario = grid.scenario
-        limits = build_limits(scenario, grid)
+        limits = build_limits(grid)
         self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
         self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
-        self._efforts = 1 - share * np.maximum(1 - find_least_efforts(scenario, check), 0.0)
+        self._efforts = 1 - share * np.maximum(1 - find_least_efforts(grid.scenario, check), 0.0)
         self._step = float(np.median(grid.steps)) / grid.length
 
     def solve(self, positions: Array, opposite: bool = False,
@@ -182,7 +180,7 @@ class _Projection:
         path = grid.to_path(positions)
         path[[0, -1]] = grid.starts, grid.goals
         if grid.fixed.any():
-            path[:, grid.fixed] = grid.to_path(reference_flight(grid))[:, grid.fixed]
+            path[:, grid.fixed] = grid.to_path(grid.reference_flight)[:, grid.fixed]
         return path
 
     def _move_group(self, group: NDArray[np.intp], base: Array, target: Array,

@@ -1,7 +1,5 @@
 """Initial trajectories and powers: fly-hover-fly of Section IV, or those of an earlier plan."""
 
-from functools import lru_cache
-
 import numpy as np
 
 from .feasibility import check_durations, find_flights
@@ -11,13 +9,13 @@ from ..deadline import Check
 from ...errors import OptionError, TimeLimitError
 from ...mission.scenario import Array, Scenario
 from ...model.grid import resample
-from ...model.limits import is_clear, is_open, keeps_motion, repair
+from ...model.problem import Problem
 from ...plan.plan import Plan
 
 _ROUNDING = 1e-4  # Move in m by which repair makes up for rounding errors.
 
 
-def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> Array:
+def fly_hover_fly_positions(problem: Problem, check: Check = lambda: None) -> Array:
     """
     Return straight flights at full speed to a hovering place and on to the goal, (U, N+2, 2) in m.
 
@@ -30,19 +28,10 @@ def fly_hover_fly_positions(scenario: Scenario, check: Check = lambda: None) -> 
         passed on.
     :raises InfeasibleMissionError: when no flights are found that keep the limits.
     """
-    check_durations(scenario, check)
-    if is_open(scenario):
-        return build_flights(scenario, list_hovering_places(scenario))
-    cache = _get_cache(scenario)
-    if not cache:
-        cache.append(find_flights(scenario, check))
-    return cache[0].copy()
-
-
-@lru_cache(maxsize=16)
-def _get_cache(_scenario: Scenario) -> list[Array]:
-    """Return the list that holds the flights of a scenario once they are found."""
-    return []
+    check_durations(problem.scenario, check)
+    if problem.airspace.is_open:
+        return build_flights(problem, list_hovering_places(problem.scenario))
+    return find_flights(problem, check)
 
 
 def constant_powers(scenario: Scenario, transmitting: float = 1.0,
@@ -75,19 +64,20 @@ def _list_landmarks(scenario: Scenario) -> Array:
     return np.concatenate([scenario.starts, scenario.goals, ground, *centres])
 
 
-def adapt_plan(scenario: Scenario, plan: Plan,
-               check: Check = lambda: None) -> tuple[Array, Array]:
+def adapt_plan(problem: Problem, plan: Plan,
+               check: Check = lambda: None) -> tuple[Array | None, Array]:
     """
-    Return the positions and powers of a plan made feasible for another scenario.
+    Return the positions and powers of a plan made feasible for another problem.
 
     Slots are matched by their share of the duration; new starts and goals bend the whole flight.
-    What breaks limits moves to the nearest flight that keeps them, or without one that clears
-    zones, fence and separation, to fly-hover-fly.
+    What breaks limits moves to the nearest flight that keeps them; without one that clears zones,
+    fence and separation, positions are None.
 
     :param check: as for fly_hover_fly_positions.
     :raises OptionError: when the number of UAVs differs.
-    :raises InfeasibleMissionError: as for fly_hover_fly_positions.
+    :raises InfeasibleMissionError: when a UAV has not the time from start to goal.
     """
+    scenario = problem.scenario
     if len(plan.scenario.uavs) != len(scenario.uavs):
         raise OptionError(f'initial is a plan for {len(plan.scenario.uavs)} UAVs; '
                           f'it must be one for {len(scenario.uavs)}', ('initial',))
@@ -100,18 +90,18 @@ def adapt_plan(scenario: Scenario, plan: Plan,
     ends = np.stack([scenario.starts, scenario.goals], axis=1) - positions[:, [0, -1]]
     positions = positions + (1 - share)[:, None] * ends[:, :1] + share[:, None] * ends[:, 1:]
     powers = resample(plan.powers.T, scenario.slots, inner=True).T
-    if not keeps_motion(scenario, positions):
+    if not problem.keeps_motion(positions):
         check_durations(scenario, check)
-    repaired, powers = repair(scenario, positions, powers)
-    clear = is_clear(scenario, repaired)
+    repaired, powers = problem.repair(positions, powers)
+    clear = problem.is_clear(repaired)
     if clear and np.abs(repaired - positions).max() < _ROUNDING:
         return repaired, powers
     try:
-        feasible = find_flights_near(scenario, positions, check)
+        feasible = find_flights_near(problem, positions, check)
     except TimeLimitError:
         if not clear:
             raise
         feasible = None
-    if feasible is not None:
-        return feasible, powers
-    return repaired if clear else fly_hover_fly_positions(scenario, check), powers
+    if feasible is None and clear:
+        feasible = repaired
+    return feasible, powers

@@ -13,7 +13,7 @@ from ...errors import NumericalError, StoppedError, TimeLimitError
 from ...mission.scenario import Array
 from ...model.grid import Grid, Receivers
 from ...model.kernel import core
-from ...model.limits import build_limits, is_open, measure_energies
+from ...model.limits import build_limits, measure_energies
 from ...model.limits.energy import price_energies
 from ...plan.plan import Status
 
@@ -120,7 +120,7 @@ class Stepper:
     def __init__(self, incumbent: Incumbent) -> None:
         self.incumbent = incumbent
         self.check = incumbent.deadline.check
-        self.grid = Grid.of(incumbent.scenario)
+        self.grid = incumbent.problem.grid
         self.lead = 0.0
         self.prices: Array | None = None
         self.optima: Optima | None = None
@@ -165,7 +165,7 @@ class Stepper:
                 raise NumericalError('no flight strictly inside the limits was found')
             grid, mu = finer, mu[inside]
             x = np.array([start for start in refined if start is not None])
-            if grid.scenario.limits_acceleration or not is_open(grid.scenario):
+            if grid.scenario.limits_acceleration or not grid.airspace.is_open:
                 mu = np.maximum(mu, REFINED_MU)
         return self.build_barrier(grid, x, mu)
 
@@ -218,7 +218,7 @@ class Stepper:
 def _build_problem(grid: Grid, receivers: Receivers, discs: Discs | None,
                    prices: Array | None) -> dict[str, Any]:
     """Return the problem of the kernel, by the names of core.pyi."""
-    limits = [limit.compiled for limit in build_limits(grid.scenario, grid)]
+    limits = [limit.compiled for limit in build_limits(grid)]
     return {
         'slots': grid.slots, 'uavs': len(grid.fixed), 'colluding': grid.scenario.colluding,
         'rate_unit': grid.rate,

@@ -14,7 +14,6 @@ from .multistart import improve_by_multistart, improve_incumbent, improve_powers
 from ..deadline import run_to_end
 from ..incumbent import Incumbent
 from ...errors import NumericalError
-from ...model.limits import EnergyLimit, is_open, keeps_energy
 from ...plan.plan import Status
 
 
@@ -26,7 +25,7 @@ def improve(incumbent: Incumbent) -> Status:
     :return: the status.
     """
     stepper = Stepper(incumbent)
-    if EnergyLimit.applies_to(incumbent.scenario):
+    if incumbent.scenario.limits_energy:
         return _improve_within_energy(stepper)
     if incumbent.objective == 'guaranteed' or not incumbent.scenario.receivers.radii.any():
         return _improve_guaranteed(stepper)
@@ -51,7 +50,7 @@ def _improve_within_energy(stepper: Stepper) -> Status:
         free = incumbent.without_energy_limits()
         status = improve(free)
         incumbent.try_improve(free.positions, free.useful_powers)
-        if keeps_energy(incumbent.scenario, free.positions):
+        if incumbent.problem.keeps_energy(free.positions):
             return status
     status = run_to_end(improve_within_energy, stepper, free)
     if math.isinf(incumbent.rate):
@@ -65,7 +64,7 @@ def _improve_guaranteed(stepper: Stepper) -> Status:
     incumbent = stepper.incumbent
     if incumbent.warm:
         return run_to_end(improve_incumbent, stepper)
-    if not is_open(incumbent.scenario):
+    if not incumbent.problem.airspace.is_open:
         # So few flights are tried there that all may be worse than the baseline's.
         optimise_powers(incumbent)
     return run_to_end(improve_by_multistart, stepper)

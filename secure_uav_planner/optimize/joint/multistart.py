@@ -132,7 +132,8 @@ def _generate_coarse_starts(stepper: Stepper) -> tuple[Grid, _Starts, Iterator[_
     slots = COARSE_SLOTS
     while True:
         grid = stepper.grid.with_slots(min(stepper.grid.slots, slots))
-        batches = generate_starts(grid, stepper.check)
+        batches = generate_starts(grid, stepper.incumbent.problem, stepper.incumbent.positions,
+                                  stepper.check)
         try:
             return grid, next(batches), batches
         except NumericalError:

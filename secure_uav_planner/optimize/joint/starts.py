@@ -7,15 +7,13 @@ import numpy as np
 
 from ..deadline import Check
 from ..incumbent import find_powers_without_jamming
-from ..initial import (
-    build_flights, find_free_places, fly_around, fly_hover_fly_positions, move_inside,
-    project)
+from ..initial import build_flights, fly_around, move_inside, project
 from ...errors import NumericalError
 from ...mission.scenario import Array, Scenario
 from ...model.channel.links import sight_radii
 from ...model.grid import Grid, resample, resample_flights
-from ...model.limits import build_limits, is_open
-from ...model.limits.motion import NormLimit, reference_flight
+from ...model.limits import build_limits, NormLimit
+from ...model.problem import Problem
 
 STARTS = 15  # For each UAV,
 MOST_STARTS = 60  # and for all.
@@ -75,10 +73,15 @@ def sample_hovering_places(scenario: Scenario, count: int) -> Array:
     return targets + offsets * np.minimum(1.0, longest / lengths)[..., None]
 
 
-def generate_starts(grid: Grid, check: Check = lambda: None) -> Iterator[tuple[Array, Array]]:
+def generate_starts(grid: Grid, problem: Problem, baseline: Array,
+                    check: Check = lambda: None) -> Iterator[tuple[Array, Array]]:
     """
     Yield two batches of strictly feasible starts.
 
+    :param grid: of any number of slots.
+    :param problem: of the grid.
+    :param baseline: flights that keep all limits, (U, N+2, 2) in m, which are the starts where no
+        random ones are found.
     :param check: called before each flight; what it raises is passed on, as everywhere here.
     :return: the starts, (S, N, U, 3), and the barrier parameters to begin with, (S,).
     :raises NumericalError: when no flights strictly inside the limits are found, or too few on a
@@ -87,19 +90,18 @@ def generate_starts(grid: Grid, check: Check = lambda: None) -> Iterator[tuple[A
     scenario = grid.scenario
     count = min(STARTS * len(scenario.uavs), MOST_STARTS)
     places, alternatives = sample_hovering_places(scenario, count), []
-    if not is_open(scenario):
-        places = find_free_places(scenario, places[:PLACES], check)
-        alternatives = list(_list_alternatives(scenario, places[0]))[:ALTERNATIVES]
+    if not grid.airspace.is_open:
+        places = problem.routes.find_free_places(places[:PLACES], check)
+        alternatives = list(_list_alternatives(problem, places[0]))[:ALTERNATIVES]
     shortest = [(place, None, False) for place in places]
     first = shortest[:FIRST] + [(places[0], *routes) for routes in alternatives]
     rng = np.random.default_rng(1)
     flights: list[tuple[Array, Array]] = []
     for batch, size in ((first, len(first)), (shortest[FIRST:], count - FIRST)):
-        flights = [*_generate_flights(grid, batch, check), *flights]
+        flights = [*_generate_flights(grid, problem, batch, check), *flights]
         if len(flights) < ENOUGH * len(first) and grid.slots < scenario.slots:
             raise NumericalError('the grid is too coarse for most flights')
         if not flights:
-            baseline = fly_hover_fly_positions(scenario, check)
             inside = find_interior(grid, baseline, _SHARE, check)
             if inside is None:
                 raise NumericalError('no flight strictly inside the limits was found')
@@ -107,7 +109,8 @@ def generate_starts(grid: Grid, check: Check = lambda: None) -> Iterator[tuple[A
         yield _add_powers(grid, [flights[number % len(flights)] for number in range(size)], rng)
 
 
-def _generate_flights(grid: Grid, batch: Iterable[tuple[Array, _Routes, bool]],
+def _generate_flights(grid: Grid, problem: Problem,
+                      batch: Iterable[tuple[Array, _Routes, bool]],
                       check: Check) -> Iterator[tuple[Array, Array]]:
     """
     Yield flights on the scenario's slots and, strictly inside the limits, on a grid.
@@ -117,7 +120,7 @@ def _generate_flights(grid: Grid, batch: Iterable[tuple[Array, _Routes, bool]],
     """
     for place, routes, opposite in batch:
         check()
-        flight = build_flights(grid.scenario, place, routes, check)
+        flight = build_flights(problem, place, routes, check)
         inside = find_interior(grid, flight, _SHARE, check, opposite)
         if inside is not None:
             yield flight, inside
@@ -154,19 +157,19 @@ def _log_uniform(rng: np.random.Generator, ends: tuple[float, float],
     return np.exp(rng.uniform(low, high, shape))
 
 
-def _list_alternatives(scenario: Scenario, places: Array) -> Iterator[tuple[_Routes, bool]]:
+def _list_alternatives(problem: Problem, places: Array) -> Iterator[tuple[_Routes, bool]]:
     """
     Yield alternative routes to hovering places.
 
     :return: the routes of build_flights, and whether UAVs that meet pass on the opposite side.
     """
-    uavs = len(scenario.uavs)
-    if uavs > 1 and scenario.separation:
+    uavs = len(problem.scenario.uavs)
+    if uavs > 1 and problem.scenario.separation:
         yield None, True
     for route in (1, 2):
         for legs in ((route, 0), (0, route)):
             for uav in range(uavs):
-                if fly_around(scenario, uav, places[uav], *legs) is not None:
+                if fly_around(problem, uav, places[uav], *legs) is not None:
                     yield tuple(legs if index == uav else (0, 0) for index in range(uavs)), False
 
 
@@ -219,9 +222,9 @@ def find_interior(grid: Grid, positions: Array, share: float, check: Check,
     flights = resample_flights(positions, grid.slots)
     if grid.fixed.all():
         return flights
-    if not is_open(grid.scenario):
+    if not grid.airspace.is_open:
         return project(grid, positions, share, check, opposite)
-    return limit_acceleration(grid, flights + share * (reference_flight(grid) - flights))
+    return limit_acceleration(grid, flights + share * (grid.reference_flight - flights))
 
 
 def limit_acceleration(grid: Grid, positions: Array) -> Array:
@@ -231,7 +234,7 @@ def limit_acceleration(grid: Grid, positions: Array) -> Array:
     Blending towards the reference flight and interpolation keep the limit of speed.
     """
     if grid.scenario.limits_acceleration:
-        for limit in build_limits(grid.scenario, grid):
+        for limit in build_limits(grid):
             if isinstance(limit, NormLimit):
                 positions, _ = limit.repair(positions, np.zeros(0), _MARGIN)
     return positions
@@ -241,6 +244,6 @@ def refine(grid: Grid, x: Array, finer: Grid, check: Check) -> Array | None:
     """Return variables (N, U, 3) of a grid on a finer one, strictly inside, or None."""
     x = grid.refine(x, finer.slots)
     positions = finer.positions(x)
-    inside = (limit_acceleration(finer, positions) if is_open(grid.scenario) else
+    inside = (limit_acceleration(finer, positions) if grid.airspace.is_open else
               move_inside(finer, positions, _REFINED_SHARE, check))
     return None if inside is None else finer.variables(inside[:, 1:-1], finer.powers(x))

@@ -1,7 +1,6 @@
 """Shortest routes around obstacles, and alternatives on their opposite sides."""
 
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 import math
 from typing import Any
@@ -11,10 +10,8 @@ from numpy.typing import NDArray
 import scipy
 import shapely
 
-from ..deadline import Check
-from ...mission.scenario import Array, Scenario
-from ...model.airspace import get_airspace
-from ...model.grid import Grid
+from .airspace import Airspace
+from ..mission.scenario import Array
 
 MOST_ROUTES = 3
 """Between two places, on different sides of the obstacles between them."""
@@ -28,9 +25,9 @@ _ROUNDING = 1e-6  # By which a route may touch an obstacle, in m.
 class VisibilityGraph:
     """The visibility graph of a UAV's obstacles, enlarged by a distance in m."""
 
-    def __init__(self, scenario: Scenario, uav: int, distance: float) -> None:
+    def __init__(self, airspace: Airspace, uav: int, distance: float) -> None:
         solid = shapely.union_all([shapely.Polygon(obstacle.vertices)
-                                   for obstacle in get_airspace(scenario).obstacles[uav]])
+                                   for obstacle in airspace.obstacles[uav]])
         enlarged = solid.buffer(distance, join_style='mitre')
         coarseness = distance / 4
         while shapely.get_num_coordinates(enlarged) > _MOST_CORNERS:
@@ -42,7 +39,7 @@ class VisibilityGraph:
         self._enlarged = enlarged.buffer(-max(_ROUNDING, distance / 100), join_style='mitre')
         shapely.prepare([self._solid, self._enlarged])
         corners = shapely.get_coordinates(enlarged)
-        self._normals, self._offsets = get_airspace(scenario).hull
+        self._normals, self._offsets = airspace.hull
         self._corners: Array = corners[(corners @ self._normals.T <= self._offsets).all(axis=1)]
         count = len(self._corners)
         first, second = np.triu_indices(count, 1)
@@ -117,53 +114,63 @@ class VisibilityGraph:
                         np.append(self._edges[1], second[visible]))
 
 
-def find_free_places(scenario: Scenario, places: Array, check: Check) -> Array:
-    """Return the places nearest to given ones (..., U, 2) in m where each UAV may be."""
-    normals, offsets = get_airspace(scenario).hull
-    free = places.copy()
-    for uav, step in enumerate(Grid.of(scenario).steps.tolist()):
-        check()
-        graph = _get_graph(scenario, uav, _DISTANCES[0])
-        for index in np.ndindex(places.shape[:-2]):
-            at = (*index, uav)
-            free[at] = _move_inside(free[at], normals, offsets - _INSIDE * step)
-            if graph is not None:
-                free[at] = graph.find_nearest_free(free[at])
-    return free
-
-
-def find_routes(scenario: Scenario, uav: int, places: Sequence[Array],
-                most: int) -> tuple[VisibilityGraph | None, list[list[Array]]]:
+class Routes:
     """
-    Return the routes of a UAV from each place to the next, which keep a distance where they can.
+    Routes of the UAVs in visibility graphs, each of which is built once.
 
-    :return: the visibility graph, or None without obstacles, and for each pair of places the
-        routes, as VisibilityGraph.find_routes returns them.
+    :param airspace: with the obstacles.
+    :param steps: unit of the distances that routes keep from obstacles, (U,) in m.
     """
-    routes: list[list[Array]] = [[] for _ in places[1:]]
-    for distance in _DISTANCES:
-        graph = _get_graph(scenario, uav, distance)
-        if graph is None:
-            break
-        routes = [graph.find_routes(begin, end, most) for begin, end in pairwise(places)]
-        if all(routes):
-            break
-    return graph, routes
 
+    def __init__(self, airspace: Airspace, steps: Array) -> None:
+        self._airspace, self._steps = airspace, steps.tolist()
+        self._graphs: dict[tuple[float, float], VisibilityGraph] = {}
 
-def _get_graph(scenario: Scenario, index: int, distance: float) -> VisibilityGraph | None:
-    """Return the graph of a UAV with a distance in steps, or None without obstacles."""
-    if not get_airspace(scenario).obstacles[index]:
-        return None
-    # UAVs that fly as high and as fast share a graph.
-    kinds = [(uav.altitude, uav.max_speed) for uav in scenario.uavs]
-    return _build_graph(scenario, kinds.index(kinds[index]), distance)
+    def find_free_places(self, places: Array, check: Callable[[], None]) -> Array:
+        """
+        Return the places nearest to given ones (..., U, 2) in m where each UAV may be.
 
+        :param check: called now and then; what it raises is passed on.
+        """
+        normals, offsets = self._airspace.hull
+        free = places.copy()
+        for uav, step in enumerate(self._steps):
+            check()
+            graph = self._get_graph(uav, _DISTANCES[0])
+            for index in np.ndindex(places.shape[:-2]):
+                at = (*index, uav)
+                free[at] = _move_inside(free[at], normals, offsets - _INSIDE * step)
+                if graph is not None:
+                    free[at] = graph.find_nearest_free(free[at])
+        return free
 
-@lru_cache(maxsize=128)
-def _build_graph(scenario: Scenario, uav: int, distance: float) -> VisibilityGraph:
-    return VisibilityGraph(
-        scenario, uav, distance * float(Grid.of(scenario).steps[uav]))
+    def find(self, uav: int, places: Sequence[Array],
+             most: int) -> tuple[VisibilityGraph | None, list[list[Array]]]:
+        """
+        Return the routes of a UAV from each place to the next, at a distance where they can be.
+
+        :return: the visibility graph, or None without obstacles, and for each pair of places the
+            routes, as VisibilityGraph.find_routes returns them.
+        """
+        routes: list[list[Array]] = [[] for _ in places[1:]]
+        for distance in _DISTANCES:
+            graph = self._get_graph(uav, distance)
+            if graph is None:
+                break
+            routes = [graph.find_routes(begin, end, most) for begin, end in pairwise(places)]
+            if all(routes):
+                break
+        return graph, routes
+
+    def _get_graph(self, uav: int, distance: float) -> VisibilityGraph | None:
+        """Return the graph of a UAV with a distance in steps, or None without obstacles."""
+        if not self._airspace.obstacles[uav]:
+            return None
+        # UAVs that fly as high and as fast share a graph.
+        key = self._airspace.scenario.uavs[uav].altitude, distance * self._steps[uav]
+        if key not in self._graphs:
+            self._graphs[key] = VisibilityGraph(self._airspace, uav, key[1])
+        return self._graphs[key]
 
 
 def _move_inside(place: Array, normals: Array, offsets: Array) -> Array:
