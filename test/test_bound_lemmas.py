@@ -13,7 +13,8 @@ import numpy as np
 import pybind11
 import pytest
 from secure_uav_planner import Channel, Eavesdropper, Scenario, solve, Uav
-from secure_uav_planner.bound.proof import certificate, terms as proof_terms
+from secure_uav_planner.bound.proof import (
+    certificate, detours, reachable_set, terms as proof_terms)
 from secure_uav_planner.bound.proof.certificate import entropy, maximise_power, sigmoid
 from secure_uav_planner.bound.proof.reachable_set import ReachableSet, Team
 from secure_uav_planner.bound.proof.relaxation import EavesdropperSubset, SlotGroups
@@ -380,7 +381,8 @@ def test_a_missing_cost_of_power_is_noticed(monkeypatch):
 def test_an_error_in_the_bound_of_a_box_is_noticed(right, wrong, monkeypatch, tmp_path):
     mutant = compiled_with(right, wrong, tmp_path)
     assert not boxes_fail()
-    monkeypatch.setattr(proof_terms, 'core', mutant)
+    for module in (proof_terms, reachable_set, detours):
+        monkeypatch.setattr(module, 'core', mutant)
     assert boxes_fail()
 
 
@@ -397,16 +399,18 @@ def boxes_fail():
 
 def compiled_with(right, wrong, folder):
     """Return a module of the kernel's branch and bound with an error in it."""
-    sources, terms = Path(kernel.__file__).parent, folder / 'bound_terms.hpp'
-    text = (sources / terms.name).read_text()
-    assert right in text
-    terms.write_text(text.replace(right, wrong))
+    sources = Path(kernel.__file__).parent
+    headers = {path.name: path.read_text() for path in sources.glob('*.hpp')}
+    assert any(right in text for text in headers.values())
+    for name, text in headers.items():
+        (folder / name).write_text(text.replace(right, wrong))
     (folder / 'mutant.cpp').write_text((sources / 'bound_boxes.cpp').read_text() + (
         '\nPYBIND11_MODULE(mutant, module) { add_bound_boxes(module); }\n'))
     library = folder / 'mutant.so'
     subprocess.run(
+        # The classes of two modules must not be the same.
         [*os.environ.get('CXX', 'c++').split(), '-std=c++17', '-O1', '-shared', '-fPIC',
-         f'-I{sources}', f'-I{pybind11.get_include()}', f'-I{sysconfig.get_path("include")}',
+         '-Dkernel=mutated', f'-I{pybind11.get_include()}', f'-I{sysconfig.get_path("include")}',
          str(folder / 'mutant.cpp'), '-o', str(library)], check=True)
     spec = importlib.util.spec_from_file_location('mutant', library)
     module = importlib.util.module_from_spec(spec)

@@ -37,6 +37,7 @@ import shapely
 from ...mission.polygons import convex_parts, pockets
 from ...mission.validation import Array
 from ...model.airspace import Airspace
+from ...model.kernel import core
 from ...plan.plan import POSITION_TOLERANCE
 
 if TYPE_CHECKING:
@@ -75,6 +76,11 @@ class Detours:
     low: Array
     size: Array
     lengths: Array
+
+    @property
+    def compiled(self) -> core.Detours:
+        """Return the kernel's form."""
+        return core.Detours(*map(np.ascontiguousarray, (self.low, self.size, self.lengths)))
 
     def scale(self, unit: float) -> Detours:
         """Return the detours with lengths in another unit, in m."""
@@ -237,11 +243,3 @@ def _cast_shadow(place: Array, outline: Array, reach: float) -> Any:
     distinct = length > 1e-9
     far = place + offset[distinct] * (reach / length[distinct])[:, None]
     return shapely.MultiPoint(np.concatenate([outline, far])).convex_hull
-
-
-def pack_detours(detours: Detours | None) -> dict[str, Array]:
-    """Return the kernel's arguments for a UAV's detours; without any, there are no cells."""
-    if detours is None:
-        detours = Detours(np.zeros(2), np.zeros(2), np.zeros((2, 0, 0)))
-    return {'detour_low': detours.low, 'detour_size': detours.size,
-            'detour_lengths': detours.lengths}

@@ -16,6 +16,7 @@ from .relaxation import (
     SlotGroups)
 from ...mission.validation import Array
 from ...model.channel.links import guaranteed_squared_distance
+from ...model.kernel import core
 from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
 
 if TYPE_CHECKING:
@@ -126,6 +127,24 @@ class ReachableSet:
             peak=uav.peak_power + POWER_TOLERANCE,
             average=uav.average_power * (1 + 1e-12) + POWER_TOLERANCE,
             detours=detours and detours.scale(unit))
+
+    @cached_property
+    def compiled(self) -> core.ReachableSet:
+        """Return the kernel's form of the geometry."""
+        from_start, to_goal, corner, low, high = (
+            np.ascontiguousarray(values, float) for values in (
+                self.from_start, self.to_goal, self.corner, *self.bounding_box))
+        return core.ReachableSet(self.distance, from_start, to_goal, corner, low, high,
+                                 None if self.detours is None else self.detours.compiled)
+
+    @cached_property
+    def compiled_links(self) -> core.Links:
+        """Return the kernel's form of the links."""
+        ground, eavesdroppers, radii, log_advantages = (
+            np.ascontiguousarray(values, float) for values in (
+                self.ground, self.eavesdroppers, self.radii, self.log_advantages))
+        return core.Links(self.altitude, self.log_gain, ground, eavesdroppers, radii,
+                          log_advantages)
 
     def local(self, positions: Array) -> Array:
         """Return positions (..., 2) in m in the frame, in units."""

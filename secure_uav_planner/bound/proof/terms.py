@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .detours import pack_detours
 from .reachable_set import ReachableSet
 from .relaxation import margin, SlotGroups
 from ...mission.validation import Array
@@ -218,26 +216,19 @@ class Terms:
         order = np.argsort(self.group, kind='stable')
         for functions in np.split(order, np.flatnonzero(np.diff(self.group[order])) + 1):
             budget = 0.0 if stop() else budget
-            core.bound_maxima(self.kernel_arguments, functions, bounds, tolerance, budget)
+            self.compiled.bound_maxima(functions, bounds, tolerance, budget)
         return bounds
 
     @cached_property
-    def kernel_arguments(self) -> dict[str, Any]:
-        """Return the kernel's arguments."""
-        region = self.region
-        low, high = region.bounding_box
-        arrays = {name: getattr(region, name) for name in (
-            'ground', 'eavesdroppers', 'radii', 'log_advantages', 'from_start', 'to_goal',
-            'corner')}
-        arrays |= {name: getattr(self, name) for name in (
-            'weight', 'v', 'slope', 'curvature', 'speed_cost', 'margin')}
-        return {
-            **{name: np.ascontiguousarray(array, float)
-               for name, array in (*arrays.items(), ('low', low), ('high', high),
-                                   ('powers', self.powers or (0.0, 0.0)))},
-            **pack_detours(region.detours), 'group': np.ascontiguousarray(self.group, np.int64),
-            'altitude': region.altitude, 'distance': region.distance, 'price': float(self.price),
-            'log_gain': region.log_gain, 'jams': self.powers is not None}
+    def compiled(self) -> core.Terms:
+        """Return the kernel's form."""
+        slope, curvature, speed_cost, margins, weight, v = (
+            np.ascontiguousarray(values, float) for values in (
+                self.slope, self.curvature, self.speed_cost, self.margin, self.weight, self.v))
+        return core.Terms(
+            self.region.compiled, self.region.compiled_links,
+            np.ascontiguousarray(self.group, np.int64), weight, v, slope, curvature, speed_cost,
+            margins, float(self.price), self.powers)
 
     def bound_box(self, function: int, centre: Array, half: Array) -> tuple[float, float]:
         """
@@ -246,4 +237,4 @@ class Terms:
         :param centre: (2,), or (3,) with log p.
         :param half: half the bounding_box, alike.
         """
-        return core.bound_box(self.kernel_arguments, function, centre, half)
+        return self.compiled.bound_box(function, centre, half)

@@ -1,9 +1,13 @@
 // The branch and bound of lemma 5 over the boxes of bound_terms.hpp.
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <memory>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "array.hpp"
@@ -137,9 +141,8 @@ private:
 };
 
 // Replace the incumbents of functions, all of the same group, by bounds of their maxima.
-void bound_maxima(const py::dict& args, const py::buffer& functions,
-                  const py::buffer& incumbents, const py::buffer& tolerance, double budget) {
-    const Terms terms(args);
+void bound_maxima(const Terms& terms, const py::buffer& functions, const py::buffer& incumbents,
+                  const py::buffer& tolerance, double budget) {
     const Array<const std::int64_t> index(functions, "functions");
     Array<double> best(incumbents, "incumbents", terms.size());
     const Array<const double> tolerances(tolerance, "tolerance", terms.size());
@@ -158,9 +161,8 @@ void bound_maxima(const py::dict& args, const py::buffer& functions,
 }
 
 // Return the value at the centre of a box and the bound over it: for tests.
-py::tuple bound_box(const py::dict& args, std::size_t function, const py::buffer& centre,
+py::tuple bound_box(const Terms& terms, std::size_t function, const py::buffer& centre,
                     const py::buffer& half) {
-    const Terms terms(args);
     expect(function < terms.size(), "function");
     const Array<const double> middle(centre, "centre", terms.dimensions());
     const Array<const double> sides(half, "half", terms.dimensions());
@@ -179,6 +181,27 @@ py::tuple bound_box(const py::dict& args, std::size_t function, const py::buffer
 }  // namespace
 
 void add_bound_boxes(py::module_& module) {
-    module.def("bound_maxima", &bound_maxima);
-    module.def("bound_box", &bound_box);
+    using kernel::Detours;
+    using kernel::Links;
+    using kernel::ReachableSet;
+    using py::arg;
+    using Buffer = const py::buffer&;
+    py::class_<Detours, std::shared_ptr<Detours>>(module, "Detours")
+        .def(py::init<Buffer, Buffer, Buffer>(), arg("low"), arg("size"), arg("lengths"));
+    py::class_<ReachableSet, std::shared_ptr<ReachableSet>>(module, "ReachableSet")
+        .def(py::init<double, Buffer, Buffer, Buffer, Buffer, Buffer, std::shared_ptr<Detours>>(),
+             arg("distance"), arg("from_start"), arg("to_goal"), arg("corner"), arg("low"),
+             arg("high"), arg("detours"));
+    py::class_<Links, std::shared_ptr<Links>>(module, "Links")
+        .def(py::init<double, double, Buffer, Buffer, Buffer, Buffer>(), arg("altitude"),
+             arg("log_gain"), arg("ground"), arg("eavesdroppers"), arg("radii"),
+             arg("log_advantages"));
+    py::class_<Terms>(module, "Terms")
+        .def(py::init<std::shared_ptr<ReachableSet>, std::shared_ptr<Links>, Buffer, Buffer,
+                      Buffer, Buffer, Buffer, Buffer, Buffer, double,
+                      std::optional<std::pair<double, double>>>(),
+             arg("region"), arg("links"), arg("group"), arg("weight"), arg("v"), arg("slope"),
+             arg("curvature"), arg("speed_cost"), arg("margin"), arg("price"), arg("powers"))
+        .def("bound_maxima", &bound_maxima)
+        .def("bound_box", &bound_box);
 }

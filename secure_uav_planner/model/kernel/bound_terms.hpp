@@ -42,26 +42,21 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <optional>
+#include <utility>
 
 #include "array.hpp"
 #include "numbers.hpp"
+#include "reachable_set.hpp"
 
 namespace kernel {
-
-constexpr double BOX_ROUNDING = 1e-14;  // Share by which the halves of a box are widened.
 
 // The value and slopes of a function at a box's centre, numbers such that
 // ka da^2 + kb db^2 + kp dpi^2 is at least its second derivative along (da, db, dpi) anywhere in
 // the box, and a bound of all remaining terms.
 struct Expansion {
     double value, ga, gb, gp, ka, kb, kp, rest;
-};
-
-struct Box {
-    double centre[3], half[3];
-    bool meets_set;        // False only if it misses the reachable set.
-    bool centre_in_set;
-    bool leaves_disc[2];   // Whether it reaches beyond the discs about start and goal.
 };
 
 // The largest slope x + curvature x^2 / 2 for low <= x <= high.
@@ -89,69 +84,44 @@ inline double max_gradient(double low, double high, double altitude) {
 // The second derivative of log(1 + e^z) where e^z is y; it is largest at y = 1.
 inline double softplus_curvature(double y) { return y / ((1 + y) * (1 + y)); }
 
-inline double positive_part(double x) { return x > 0 ? x : 0; }
+// A UAV's links in free space to the ground node and to E eavesdroppers in discs.
+struct Links {
+    Links(double altitude, double log_gain, const py::buffer& ground,
+          const py::buffer& eavesdroppers, const py::buffer& radii,
+          const py::buffer& log_advantages)
+        : count(count_entries(radii)), altitude(altitude), log_gain(log_gain),
+          ground(ground, "ground", 2), places(eavesdroppers, "eavesdroppers", 2 * count),
+          radii(radii, "radii", count),
+          log_advantages(log_advantages, "log_advantages", count) {}
 
-// Lemma 9: the places that a UAV reaches in time around what it may not enter; see detours.py.
-class Detours {
-public:
-    explicit Detours(const py::dict& args)
-        : low_(args, "detour_low", 2), size_(args, "detour_size", 2),
-          lengths_(args["detour_lengths"].cast<py::buffer>(), "detour_lengths"),
-          side_(lengths_.axes() == 3 ? lengths_.shape(2) : 0) {
-        expect(lengths_.size() == 2 * side_ * side_, "detour_lengths");
-    }
-
-    // True if a UAV may be in a rectangle, at most `near` from its start and `far` from its goal.
-    bool reaches(const double* low, const double* high, double near, double far) const {
-        if (!side_) return true;
-        double first[2], last[2];
-        for (int i = 0; i < 2; ++i) {
-            const double corner = low_[i], size = size_[i];
-            first[i] = std::max(0.0, std::floor((low[i] - corner) / size - 1e-7));
-            last[i] = std::min(double(side_) - 1, std::floor((high[i] - corner) / size + 1e-7));
-        }
-        const double* from_start = lengths_.data();
-        const double* to_goal = from_start + side_ * side_;
-        for (double i = first[0]; i <= last[0]; ++i)
-            for (double j = first[1]; j <= last[1]; ++j) {
-                const std::size_t cell = std::size_t(i) * side_ + std::size_t(j);
-                if (from_start[cell] <= near && to_goal[cell] <= far) return true;
-            }
-        return false;
-    }
-
-private:
-    Array<const double> low_, size_, lengths_;
-    std::size_t side_;
+    const std::size_t count;  // E.
+    const double altitude, log_gain;
+    const Array<const double> ground, places, radii, log_advantages;
 };
 
 // The functions of one UAV that terms.py describes.
 class Terms {
 public:
-    explicit Terms(const py::dict& args)
-        : count_(count_entries(args, "weight")), groups_(count_entries(args, "from_start")),
-          eavesdroppers_(count_entries(args, "radii")), altitude_(args["altitude"].cast<double>()),
-          distance_(args["distance"].cast<double>()), price_(args["price"].cast<double>()),
-          log_gain_(args["log_gain"].cast<double>()), jams_(args["jams"].cast<bool>()),
-          ground_(args, "ground", 2), places_(args, "eavesdroppers", 2 * eavesdroppers_),
-          radii_(args, "radii", eavesdroppers_),
-          log_advantages_(args, "log_advantages", eavesdroppers_),
-          from_start_(args, "from_start", groups_), to_goal_(args, "to_goal", groups_),
-          corner_(args, "corner", 2 * groups_), low_(args, "low", 2 * groups_),
-          high_(args, "high", 2 * groups_), slope_(args, "slope", 2 * groups_),
-          curvature_(args, "curvature", 3 * groups_),
-          speed_cost_(args, "speed_cost", 6 * groups_), margin_(args, "margin", groups_),
-          group_(args, "group", count_), weight_(args, "weight", count_),
-          v_(args, "v", count_ * eavesdroppers_), powers_(args, "powers", 2),
-          detours_(args) {
+    Terms(std::shared_ptr<const ReachableSet> region, std::shared_ptr<const Links> links,
+          const py::buffer& group, const py::buffer& weight, const py::buffer& v,
+          const py::buffer& slope, const py::buffer& curvature, const py::buffer& speed_cost,
+          const py::buffer& margin, double price,
+          std::optional<std::pair<double, double>> powers)
+        : region_(std::move(region)), links_(std::move(links)), count_(count_entries(weight)),
+          eavesdroppers_(links_->count), group_(group, "group", count_),
+          weight_(weight, "weight"), v_(v, "v", count_ * eavesdroppers_),
+          slope_(slope, "slope", 2 * region_->groups()),
+          curvature_(curvature, "curvature", 3 * region_->groups()),
+          speed_cost_(speed_cost, "speed_cost", 6 * region_->groups()),
+          margin_(margin, "margin", region_->groups()), price_(price), powers_(powers) {
         for (std::size_t k = 0; k < count_; ++k)
-            expect(group_[k] >= 0 && std::size_t(group_[k]) < groups_, "group");
+            expect(group_[k] >= 0 && std::size_t(group_[k]) < region_->groups(), "group");
     }
 
     std::size_t size() const { return count_; }
     std::size_t group(std::size_t k) const { return std::size_t(group_[k]); }
     std::size_t parts() const { return eavesdroppers_ + 2; }
-    int dimensions() const { return jams_ ? 3 : 2; }
+    int dimensions() const { return powers_ ? 3 : 2; }
 
     // The weight of an expansion in function k.
     double factor(std::size_t k, std::size_t part) const {
@@ -161,8 +131,9 @@ public:
 
     // The box around the reachable set of a group and all powers.
     Box bounding_box(std::size_t group) const {
-        const double low[3] = {low_[2 * group], low_[2 * group + 1], powers_[0]};
-        const double high[3] = {high_[2 * group], high_[2 * group + 1], powers_[1]};
+        const auto [least, most] = powers_.value_or(std::pair(0.0, 0.0));
+        const double low[3] = {region_->low(group, 0), region_->low(group, 1), least};
+        const double high[3] = {region_->high(group, 0), region_->high(group, 1), most};
         Box box{};
         for (int i = 0; i < dimensions(); ++i) {
             box.centre[i] = (low[i] + high[i]) / 2;
@@ -176,13 +147,10 @@ public:
     // Locate a box in the reachable set, and find its expansions: for the ground node, for each
     // eavesdropper, and for the terms without a weight.
     void expand(std::size_t group, Box& box, Expansion* parts) const {
-        box.meets_set = meets_set(box, group);
-        box.centre_in_set = contains(box.centre, group);
-        box.leaves_disc[0] = leaves_disc(box, 0.0, from_start_[group]);
-        box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[group]);
+        region_->locate(group, box);
         const double ha = box.half[0], hb = box.half[1], rho = std::sqrt(ha * ha + hb * hb);
         for (std::size_t part = 0; part < this->parts(); ++part) parts[part] = Expansion{};
-        if (jams_) {
+        if (powers_) {
             expand_jammer(box, rho, parts);
         } else {
             expand_transmitter(box, rho, parts);
@@ -211,15 +179,15 @@ public:
     double bound(std::size_t group, const Box& box, const Expansion& f, double enough) const {
         const double ha = box.half[0], hb = box.half[1], width = box.half[2];
         const double base =
-            f.value + f.rest + (jams_ ? max_quadratic(f.gp, f.kp, -width, width) : 0.0);
+            f.value + f.rest + (powers_ ? max_quadratic(f.gp, f.kp, -width, width) : 0.0);
         double plane = max_quadratic(f.ga, f.ka, -ha, ha) + max_quadratic(f.gb, f.kb, -hb, hb);
         // Inside both discs, the reachable set gives no tighter bound than the box.
         if ((box.leaves_disc[0] || box.leaves_disc[1]) && !(base + plane <= enough)) {
-            const double whole = support(f.ga, f.gb, group)
+            const double whole = region_->support(f.ga, f.gb, group)
                 - (f.ga * box.centre[0] + f.gb * box.centre[1])
                 + (positive_part(f.ka) * ha * ha + positive_part(f.kb) * hb * hb) / 2;
             double g[2] = {f.ga, f.gb}, k[2] = {f.ka, f.kb};
-            const double extra = add_disc_multiplier(box, g, k, group);
+            const double extra = region_->add_disc_multiplier(box, g, k, group);
             const double rim = extra + max_quadratic(g[0], k[0], -ha, ha)
                 + max_quadratic(g[1], k[1], -hb, hb);
             plane = std::min(plane, std::min(whole, rim));
@@ -229,21 +197,22 @@ public:
 
 private:
     void expand_transmitter(const Box& box, double rho, Expansion* parts) const {
-        const double square = altitude_ * altitude_;
-        const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
+        const double square = links_->altitude * links_->altitude;
+        const double da = box.centre[0] - links_->ground[0];
+        const double db = box.centre[1] - links_->ground[1];
         const double d = std::sqrt(da * da + db * db), q = d * d + square;
         Expansion& f = parts[0];
-        f.value = log_gain_ - std::log(q);
+        f.value = links_->log_gain - std::log(q);
         f.ga = -2 / q * da;
         f.gb = -2 / q * db;
-        f.ka = f.kb = max_radial_curvature(positive_part(d - rho), d + rho, altitude_);
+        f.ka = f.kb = max_radial_curvature(positive_part(d - rho), d + rho, links_->altitude);
         for (std::size_t e = 0; e < eavesdroppers_; ++e) {
-            const double ea = box.centre[0] - places_[2 * e];
-            const double eb = box.centre[1] - places_[2 * e + 1];
-            const double d = std::sqrt(ea * ea + eb * eb), x = positive_part(d - radii_[e]);
+            const double ea = box.centre[0] - links_->places[2 * e];
+            const double eb = box.centre[1] - links_->places[2 * e + 1];
+            const double d = std::sqrt(ea * ea + eb * eb), x = positive_part(d - links_->radii[e]);
             const double q = x * x + square, factor = 2 * x / (q * std::max(d, TINY));
             Expansion& f = parts[e + 1];
-            f.value = std::log(q) - (log_gain_ + log_advantages_[e]);
+            f.value = std::log(q) - (links_->log_gain + links_->log_advantages[e]);
             f.ga = factor * ea;
             f.gb = factor * eb;
             f.ka = f.kb = 2 / q;
@@ -251,11 +220,13 @@ private:
     }
 
     void expand_jammer(const Box& box, double rho, Expansion* parts) const {
-        const double square = altitude_ * altitude_, width = box.half[2];
+        const double square = links_->altitude * links_->altitude, width = box.half[2];
         const double watts = std::exp(box.centre[2]), more = std::exp(width);
-        const double da = box.centre[0] - ground_[0], db = box.centre[1] - ground_[1];
+        const double da = box.centre[0] - links_->ground[0];
+        const double db = box.centre[1] - links_->ground[1];
         const double d2 = da * da + db * db, q = d2 + square;
-        const double received = std::exp(log_gain_) * watts, y = received / q, phi1 = y / (1 + y);
+        const double received = std::exp(links_->log_gain) * watts, y = received / q;
+        const double phi1 = y / (1 + y);
         Expansion& f = parts[0];
         f.value = -std::log(1 + y);
         f.ga = 2 * phi1 / q * da;
@@ -265,7 +236,7 @@ private:
         const double near = nearest * nearest + square, far = farthest * farthest + square;
         const double top = received * more / near, least = received / more / far;
         f.ka = top / (1 + top) * 2 / near;
-        const double grad_max = max_gradient(nearest, farthest, altitude_);
+        const double grad_max = max_gradient(nearest, farthest, links_->altitude);
         if (grad_max * rho < width) {
             const double phi2_min = std::min(softplus_curvature(top), softplus_curvature(least));
             f.kp = -phi2_min * (1 - grad_max * rho / width);
@@ -273,10 +244,10 @@ private:
         }
         f.kb = f.ka;
         for (std::size_t e = 0; e < eavesdroppers_; ++e) {
-            const double gain = std::exp(log_gain_ + log_advantages_[e]) * watts;
-            const double ea = box.centre[0] - places_[2 * e];
-            const double eb = box.centre[1] - places_[2 * e + 1];
-            const double d = std::sqrt(ea * ea + eb * eb), x = d + radii_[e];
+            const double gain = std::exp(links_->log_gain + links_->log_advantages[e]) * watts;
+            const double ea = box.centre[0] - links_->places[2 * e];
+            const double eb = box.centre[1] - links_->places[2 * e + 1];
+            const double d = std::sqrt(ea * ea + eb * eb), x = d + links_->radii[e];
             const double q = x * x + square, y = gain / q, phi1 = y / (1 + y);
             const double factor = -phi1 * 2 * x / (q * std::max(d, TINY));
             Expansion& f = parts[e + 1];
@@ -284,14 +255,14 @@ private:
             f.ga = factor * ea;
             f.gb = factor * eb;
             f.gp = phi1;
-            const double low = positive_part(d - rho) + radii_[e], high = x + rho;
+            const double low = positive_part(d - rho) + links_->radii[e], high = x + rho;
             const double top = gain * more / (low * low + square);
             const double least = gain / more / (high * high + square);
             const double phi2_max = softplus_curvature(std::min(std::max(least, 1.0), top));
-            const double grad_max = max_gradient(low, high, altitude_);
+            const double grad_max = max_gradient(low, high, links_->altitude);
             // (|dpi| + G |dq|)^2: the two squares and the product are shared out.
             const double plane = phi2_max * grad_max * (grad_max + width / std::max(rho, TINY));
-            const double curvature_max = max_radial_curvature(low, high, altitude_);
+            const double curvature_max = max_radial_curvature(low, high, links_->altitude);
             const double at = curvature_max > 0 ? top : least;
             f.ka = f.kb = plane + at / (1 + at) * curvature_max;
             f.kp = phi2_max * (1 + grad_max * rho / std::max(width, TINY));
@@ -330,104 +301,13 @@ private:
         }
     }
 
-    // False only if a box misses the reachable set.
-    bool meets_set(const Box& box, std::size_t group) const {
-        const auto square_gap = [](double x, double half) {
-            const double far = positive_part(std::abs(x) - half);
-            return far * far;
-        };
-        const double across = square_gap(box.centre[1], box.half[1]);
-        const double near = from_start_[group], far = to_goal_[group];
-        double low[2], high[2];
-        for (int i = 0; i < 2; ++i) {
-            low[i] = box.centre[i] - box.half[i];
-            high[i] = box.centre[i] + box.half[i];
-        }
-        return square_gap(box.centre[0], box.half[0]) + across <= near * near
-               && square_gap(box.centre[0] - distance_, box.half[0]) + across <= far * far
-               && detours_.reaches(low, high, near, far);
-    }
-
-    bool contains(const double* place, std::size_t group) const {
-        const double x = place[0], along = x - distance_, across = place[1] * place[1];
-        const double near = from_start_[group], far = to_goal_[group];
-        return x * x + across <= near * near && along * along + across <= far * far
-               && detours_.reaches(place, place, near, far);
-    }
-
-    // Whether a box reaches beyond the disc about (middle, 0).
-    static bool leaves_disc(const Box& box, double middle, double radius) {
-        const double x = std::abs(box.centre[0] - middle) + box.half[0];
-        const double y = std::abs(box.centre[1]) + box.half[1];
-        return x * x + y * y > radius * radius;
-    }
-
-    // ReachableSet.support, which derives it (lemma 6).
-    double support(double ga, double gb, std::size_t group) const {
-        const double near = from_start_[group], far = to_goal_[group];
-        const double along = corner_[2 * group], across = corner_[2 * group + 1];
-        const double norm = std::sqrt(ga * ga + gb * gb);
-        double best = std::min(near * norm, far * norm + ga * distance_);
-        if (across > 0) {
-            const double share =
-                positive_part((along * std::abs(gb) / across - ga) / distance_);
-            const double sa = share * (along - distance_);
-            const double sb = share * (gb > 0 ? across : gb < 0 ? -across : 0.0);
-            best = std::min(best, near * std::sqrt((ga - sa) * (ga - sa) + (gb - sb) * (gb - sb))
-                                      + far * std::sqrt(sa * sa + sb * sb) + sa * distance_);
-        }
-        return best;
-    }
-
-    // Change slope and second derivatives for a box on the rim; return what is added to the value.
-    //
-    // In a disc about c the function (R^2 - |q - c|^2) / (2 R) is not negative, and for any a >= 0
-    // it may be added a times to a function before that is bounded. With a the slope's part along
-    // q - c, that slope vanishes, and a / R is subtracted from the second derivative: what is left
-    // is second order near a maximum on the rim, too.
-    double add_disc_multiplier(const Box& box, double* slope, double* curvature,
-                               std::size_t group) const {
-        const double radius[2] = {from_start_[group], to_goal_[group]}, y = box.centre[1];
-        const double x[2] = {box.centre[0], box.centre[0] - distance_};
-        double far[2], na[2], nb[2], along[2];
-        bool active[2];
-        for (int i = 0; i < 2; ++i) {
-            far[i] = std::sqrt(x[i] * x[i] + y * y);
-            // Near the middle of a disc the direction from its centre means nothing.
-            active[i] = box.leaves_disc[i] && far[i] > radius[i] / 2;
-            na[i] = x[i] / std::max(far[i], TINY);
-            nb[i] = y / std::max(far[i], TINY);
-            along[i] = active[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
-        }
-        const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
-        double multiplier[2] = {(along[0] - cosine * along[1]) / sine2,
-                                (along[1] - cosine * along[0]) / sine2};
-        // Nearly opposite directions would need multipliers far larger than the slope.
-        if (!(active[0] && active[1] && multiplier[0] > 0 && multiplier[1] > 0 && sine2 > 1e-2)) {
-            const int stronger = along[0] > along[1] ? 0 : 1;
-            multiplier[stronger] = positive_part(along[stronger]);
-            multiplier[1 - stronger] = 0.0;
-        }
-        double extra = 0.0;
-        for (int i = 0; i < 2; ++i) {
-            const double share = multiplier[i] / radius[i];
-            extra += multiplier[i] * (radius[i] - far[i]) * (radius[i] + far[i]) / (2 * radius[i]);
-            slope[0] -= share * x[i];
-            slope[1] -= share * y;
-            curvature[0] -= share;
-            curvature[1] -= share;
-        }
-        return extra;
-    }
-
-    std::size_t count_, groups_, eavesdroppers_;
-    double altitude_, distance_, price_, log_gain_;
-    bool jams_;
-    Array<const double> ground_, places_, radii_, log_advantages_, from_start_, to_goal_, corner_,
-        low_, high_, slope_, curvature_, speed_cost_, margin_;
+    std::shared_ptr<const ReachableSet> region_;
+    std::shared_ptr<const Links> links_;
+    std::size_t count_, eavesdroppers_;
     Array<const std::int64_t> group_;
-    Array<const double> weight_, v_, powers_;
-    kernel::Detours detours_;
+    Array<const double> weight_, v_, slope_, curvature_, speed_cost_, margin_;
+    double price_;
+    std::optional<std::pair<double, double>> powers_;
 };
 
 }  // namespace kernel

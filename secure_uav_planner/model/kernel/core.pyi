@@ -173,19 +173,42 @@ def prove_leaks(discs: Arguments, slots: Indices, most: Array, most_sectors: int
     :param places: where that is, from its centre, (slots, 2) in m.
     """
 
-def bound_maxima(terms: Arguments, functions: NDArray[np.intp], bounds: Array, tolerance: Array,
-                 budget: float) -> None:
-    """
-    Bound the maxima of functions of a slot group by branch and bound; see `proof.terms.Terms`.
+class Detours:
+    def __init__(self, low: Array, size: Array, lengths: Array) -> None:
+        """Make it from the corner and the size of the first of R x R cells, (2,), and lengths."""
 
-    :param functions: their numbers.
-    :param bounds: of all functions; incumbents, which those of `functions` replace.
-    :param tolerance: alike.
-    :param budget: boxes for each function.
-    """
+class ReachableSet:
+    """The geometry of a `bound.proof.reachable_set.ReachableSet`, which has the shapes."""
 
-def bound_box(terms: Arguments, function: int, centre: Array, half: Array) -> tuple[float, float]:
-    """Return a function's value at the centre of a box and its bound over the box: for tests."""
+    def __init__(self, distance: float, from_start: Array, to_goal: Array, corner: Array,
+                 low: Array, high: Array, detours: Detours | None) -> None: ...
+
+class Links:
+    """The links of a `bound.proof.reachable_set.ReachableSet`, which has the shapes."""
+
+    def __init__(self, altitude: float, log_gain: float, ground: Array, eavesdroppers: Array,
+                 radii: Array, log_advantages: Array) -> None: ...
+
+class Terms:
+    """The functions of a UAV that `bound.proof.terms.Terms` describes, with their shapes."""
+
+    def __init__(self, region: ReachableSet, links: Links, group: Indices, weight: Array,
+                 v: Array, slope: Array, curvature: Array, speed_cost: Array, margin: Array,
+                 price: float, powers: tuple[float, float] | None) -> None: ...
+
+    def bound_maxima(self, functions: NDArray[np.intp], bounds: Array, tolerance: Array,
+                     budget: float) -> None:
+        """
+        Bound the maxima of functions of a slot group by branch and bound.
+
+        :param functions: their numbers.
+        :param bounds: of all functions; incumbents, which those of `functions` replace.
+        :param tolerance: alike.
+        :param budget: boxes for each function.
+        """
+
+    def bound_box(self, function: int, centre: Array, half: Array) -> tuple[float, float]:
+        """Return a function's value at the centre of a box and its bound there: for tests."""
 
 def smooth_maxima(columns: Arguments, values: Array, gradients: Array, hessians: Array) -> None:
     """

@@ -1,0 +1,184 @@
+// The places that a UAV can reach in every group of slots; see bound/proof/reachable_set.py.
+//
+// It is kept out of what it cannot reach by two discs: about its start (0, 0), and about its goal.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <utility>
+
+#include "array.hpp"
+#include "numbers.hpp"
+
+namespace kernel {
+
+constexpr double BOX_ROUNDING = 1e-14;  // Share by which the halves of a box are widened.
+
+struct Box {
+    double centre[3], half[3];
+    bool meets_set;        // False only if it misses the reachable set.
+    bool centre_in_set;
+    bool leaves_disc[2];   // Whether it reaches beyond the discs about start and goal.
+};
+
+inline double positive_part(double x) { return x > 0 ? x : 0; }
+
+// Lemma 9: the places that a UAV reaches in time around what it may not enter; see detours.py.
+class Detours {
+public:
+    Detours(const py::buffer& low, const py::buffer& size, const py::buffer& lengths)
+        : low_(low, "low", 2), size_(size, "size", 2), lengths_(lengths, "lengths"),
+          side_(lengths_.axes() == 3 ? lengths_.shape(2) : 0) {
+        expect(side_ && lengths_.size() == 2 * side_ * side_, "lengths");
+    }
+
+    // True if a UAV may be in a rectangle, at most `near` from its start and `far` from its goal.
+    bool reaches(const double* low, const double* high, double near, double far) const {
+        double first[2], last[2];
+        for (int i = 0; i < 2; ++i) {
+            const double corner = low_[i], size = size_[i];
+            first[i] = std::max(0.0, std::floor((low[i] - corner) / size - 1e-7));
+            last[i] = std::min(double(side_) - 1, std::floor((high[i] - corner) / size + 1e-7));
+        }
+        const double* from_start = lengths_.data();
+        const double* to_goal = from_start + side_ * side_;
+        for (double i = first[0]; i <= last[0]; ++i)
+            for (double j = first[1]; j <= last[1]; ++j) {
+                const std::size_t cell = std::size_t(i) * side_ + std::size_t(j);
+                if (from_start[cell] <= near && to_goal[cell] <= far) return true;
+            }
+        return false;
+    }
+
+private:
+    Array<const double> low_, size_, lengths_;
+    std::size_t side_;
+};
+
+// The part that two discs share in each of G groups, less what detours leave out.
+class ReachableSet {
+public:
+    ReachableSet(double distance, const py::buffer& from_start, const py::buffer& to_goal,
+                 const py::buffer& corner, const py::buffer& low, const py::buffer& high,
+                 std::shared_ptr<const Detours> detours)
+        : groups_(count_entries(from_start)), distance_(distance),
+          from_start_(from_start, "from_start"), to_goal_(to_goal, "to_goal", groups_),
+          corner_(corner, "corner", 2 * groups_), low_(low, "low", 2 * groups_),
+          high_(high, "high", 2 * groups_), detours_(std::move(detours)) {}
+
+    std::size_t groups() const { return groups_; }
+
+    // The smallest coordinate of a group along an axis, and the largest.
+    double low(std::size_t group, int axis) const { return low_[2 * group + axis]; }
+    double high(std::size_t group, int axis) const { return high_[2 * group + axis]; }
+
+    // Find where a box is.
+    void locate(std::size_t group, Box& box) const {
+        box.meets_set = meets_set(box, group);
+        box.centre_in_set = contains(box.centre, group);
+        box.leaves_disc[0] = leaves_disc(box, 0.0, from_start_[group]);
+        box.leaves_disc[1] = leaves_disc(box, distance_, to_goal_[group]);
+    }
+
+    // The largest ga x + gb y in the set: ReachableSet.support derives it (lemma 6).
+    double support(double ga, double gb, std::size_t group) const {
+        const double near = from_start_[group], far = to_goal_[group];
+        const double along = corner_[2 * group], across = corner_[2 * group + 1];
+        const double norm = std::sqrt(ga * ga + gb * gb);
+        double best = std::min(near * norm, far * norm + ga * distance_);
+        if (across > 0) {
+            const double share =
+                positive_part((along * std::abs(gb) / across - ga) / distance_);
+            const double sa = share * (along - distance_);
+            const double sb = share * (gb > 0 ? across : gb < 0 ? -across : 0.0);
+            best = std::min(best, near * std::sqrt((ga - sa) * (ga - sa) + (gb - sb) * (gb - sb))
+                                      + far * std::sqrt(sa * sa + sb * sb) + sa * distance_);
+        }
+        return best;
+    }
+
+    // Change slope and second derivatives for a box on the rim; return what is added to the value.
+    //
+    // In a disc about c the function (R^2 - |q - c|^2) / (2 R) is not negative, and for any a >= 0
+    // it may be added a times to a function before that is bounded. With a the slope's part along
+    // q - c, that slope vanishes, and a / R is subtracted from the second derivative: what is left
+    // is second order near a maximum on the rim, too.
+    double add_disc_multiplier(const Box& box, double* slope, double* curvature,
+                               std::size_t group) const {
+        const double radius[2] = {from_start_[group], to_goal_[group]}, y = box.centre[1];
+        const double x[2] = {box.centre[0], box.centre[0] - distance_};
+        double far[2], na[2], nb[2], along[2];
+        bool active[2];
+        for (int i = 0; i < 2; ++i) {
+            far[i] = std::sqrt(x[i] * x[i] + y * y);
+            // Near the middle of a disc the direction from its centre means nothing.
+            active[i] = box.leaves_disc[i] && far[i] > radius[i] / 2;
+            na[i] = x[i] / std::max(far[i], TINY);
+            nb[i] = y / std::max(far[i], TINY);
+            along[i] = active[i] ? na[i] * slope[0] + nb[i] * slope[1] : 0.0;
+        }
+        const double cosine = na[0] * na[1] + nb[0] * nb[1], sine2 = 1 - cosine * cosine;
+        double multiplier[2] = {(along[0] - cosine * along[1]) / sine2,
+                                (along[1] - cosine * along[0]) / sine2};
+        // Nearly opposite directions would need multipliers far larger than the slope.
+        if (!(active[0] && active[1] && multiplier[0] > 0 && multiplier[1] > 0 && sine2 > 1e-2)) {
+            const int stronger = along[0] > along[1] ? 0 : 1;
+            multiplier[stronger] = positive_part(along[stronger]);
+            multiplier[1 - stronger] = 0.0;
+        }
+        double extra = 0.0;
+        for (int i = 0; i < 2; ++i) {
+            const double share = multiplier[i] / radius[i];
+            extra += multiplier[i] * (radius[i] - far[i]) * (radius[i] + far[i]) / (2 * radius[i]);
+            slope[0] -= share * x[i];
+            slope[1] -= share * y;
+            curvature[0] -= share;
+            curvature[1] -= share;
+        }
+        return extra;
+    }
+
+private:
+    // False only if a box misses the reachable set.
+    bool meets_set(const Box& box, std::size_t group) const {
+        const auto square_gap = [](double x, double half) {
+            const double far = positive_part(std::abs(x) - half);
+            return far * far;
+        };
+        const double across = square_gap(box.centre[1], box.half[1]);
+        const double near = from_start_[group], far = to_goal_[group];
+        double low[2], high[2];
+        for (int i = 0; i < 2; ++i) {
+            low[i] = box.centre[i] - box.half[i];
+            high[i] = box.centre[i] + box.half[i];
+        }
+        return square_gap(box.centre[0], box.half[0]) + across <= near * near
+               && square_gap(box.centre[0] - distance_, box.half[0]) + across <= far * far
+               && (!detours_ || detours_->reaches(low, high, near, far));
+    }
+
+    bool contains(const double* place, std::size_t group) const {
+        const double x = place[0], along = x - distance_, across = place[1] * place[1];
+        const double near = from_start_[group], far = to_goal_[group];
+        return x * x + across <= near * near && along * along + across <= far * far
+               && (!detours_ || detours_->reaches(place, place, near, far));
+    }
+
+    // Whether a box reaches beyond the disc about (middle, 0).
+    static bool leaves_disc(const Box& box, double middle, double radius) {
+        const double x = std::abs(box.centre[0] - middle) + box.half[0];
+        const double y = std::abs(box.centre[1]) + box.half[1];
+        return x * x + y * y > radius * radius;
+    }
+
+    std::size_t groups_;
+    double distance_;
+    Array<const double> from_start_, to_goal_, corner_, low_, high_;
+    std::shared_ptr<const Detours> detours_;
+};
+
+}  // namespace kernel
