@@ -17,15 +17,15 @@ import numpy as np
 from .barrier import FINAL_MU, Stepper
 from .exchange import descend_by_exchange
 from .starts import make_strictly_feasible
-from ..incumbent import Incumbent, silence_losing_slots
+from ..incumbent import Incumbent
 from ...errors import InfeasibleMissionError, NumericalError
 from ...mission.fields import raise_all
 from ...mission.scenario import Array, Scenario
 from ...model.limits import measure_energies
 from ...plan.plan import Status
 
-CIRCLES = ((0.0, 1), (math.pi, -1), (math.pi / 2, 1), (-math.pi / 2, -1))
-"""Starts with circles: directions of the centres from where UAVs hover, in rad, and senses."""
+CIRCLES = ((0.0, 1), (2 * math.pi / 3, -1), (4 * math.pi / 3, 1))
+"""Starts: directions of the centres of circles from where UAVs hover, in rad, and senses."""
 
 SLOW = 0.25  # Share of the largest speed below which a UAV counts as hovering.
 SPEED = 0.7  # Of circles, in shares of the largest,
@@ -34,8 +34,7 @@ FIRST_PRICE = 0.5  # Of a budget, in shares of all that is delivered.
 FACTOR = 4.0  # Ratio of prices until the budget lies between those of two flights.
 PRICES, LATER_PRICES = 8, 4  # The most prices from a start, and from one that keeps budgets.
 UNUSED = 5e-4  # Share of what is delivered that what is left of a budget may be worth.
-ONLY_ENERGY = 1e3  # First prices times this nearly minimise the energy alone.
-FINISHED = 2  # The most starts for which prices are found.
+RAISE = 10.0  # By which prices are raised, twice, where they are too low for circles to stay.
 STEPS = 30  # The most Newton steps at a price.
 SHARE = 0.01  # Of the slack that a start at another price leaves,
 MU, FIRST_MU = 1e-3, 1e-2  # and barrier parameters, there and at the first price.
@@ -109,14 +108,26 @@ class _PriceSearch:
 
         :raises InfeasibleMissionError: when no flights are found that keep the limits.
         """
-        first = self.prices
         starts = [(add_circles(self._scenario, free.positions, *circle), free.powers)
                   for circle in CIRCLES]
-        x = self._descend_at(first, starts, FIRST_MU)
-        for index in np.argsort([-self._find_merit(start, first) for start in x])[:FINISHED]:
-            self._find_prices(x[index], first)
-        if math.isinf(self.stepper.incumbent.rate):
-            self._save_energy(first, starts)
+        prices, grid = self.prices, self.stepper.grid
+        for raised in (1, RAISE, RAISE**2):
+            x = self._descend_at(prices, starts, raised * FIRST_MU)
+            energies = np.array([measure_energies(self._scenario, grid.positions(start))
+                                 for start in x])
+            self._least = np.minimum(self._least, energies.min(axis=0))
+            over = energies.min(axis=0) > self._budgets
+            if not over.any():
+                break
+            prices = np.where(over, RAISE * prices, prices)
+        else:
+            raise_all(_refuse_budgets(self._scenario, self._least))
+        within = (energies <= self._budgets).all(axis=1)
+        # Else of each UAV the flight that takes the least.
+        x = x[within] if within.any() else x[
+            energies.argmin(axis=0), :, np.arange(len(over))].swapaxes(0, 1)[None]
+        for start in x:
+            self._find_prices(start, prices)
 
     def _descend_at(self, prices: Array, starts: Sequence[tuple[Array, Array]], mu: float
                     ) -> Array:
@@ -132,37 +143,30 @@ class _PriceSearch:
             raise NumericalError('no flight strictly inside the limits was found')
         return self._descend(stepper, np.array(inside), mu)
 
-    def _find_merit(self, x: Array, prices: Array) -> float:
-        """Return what variables (N, U, 3) carry less the price of their energy, in nats."""
-        grid = self.stepper.grid
-        positions = grid.positions(x)
-        _, rates = silence_losing_slots(self._scenario, positions, grid.powers(x))
-        return float(np.log(2) * rates.sum()
-                     - prices @ measure_energies(self._scenario, positions))
-
-    def _find_prices(self, x: Array, prices: Array, most: int = PRICES,
-                     low: Array | None = None) -> None:
+    def _find_prices(self, x: Array, prices: Array, most: int = PRICES) -> None:
         """
         Find prices for which flights use up their budgets.
 
         :param x: variables (N, U, 3) that have descended at prices.
         :param most: number of prices.
-        :param low: prices that are too low, if any are known.
         """
         grid = self.stepper.grid
-        bounds = np.stack([np.zeros_like(prices) if low is None else low,
-                           np.full_like(prices, math.inf)])
+        bounds = np.stack([np.zeros_like(prices), np.full_like(prices, math.inf)])
         excesses = np.stack([np.ones_like(prices), -np.ones_like(prices)])
+        inside = None  # The last flight within all budgets; from others, UAVs hover again.
         for _ in range(most):
             excess = self._propose(x, prices)
             over = excess > 0
             for end, reached in enumerate((over, ~over)):
                 bounds[end, reached], excesses[end, reached] = prices[reached], excess[reached]
+            if not over.any():
+                inside = x
+            start = x if inside is None else inside
             settled = ~over & (-excess * prices <= UNUSED * self._unit)
             if settled.all():
                 break
             prices = np.where(settled, prices, _choose_prices(bounds, excesses))
-            x = self._descend_at(prices, [(grid.positions(x), grid.powers(x))], MU)[0]
+            x = self._descend_at(prices, [(grid.positions(start), grid.powers(start))], MU)[0]
 
     def _propose(self, x: Array, prices: Array) -> Array:
         """Propose variables (N, U, 3) found at prices; return the excess over budgets, (U,)."""
@@ -174,19 +178,6 @@ class _PriceSearch:
         energies = measure_energies(self._scenario, self.stepper.grid.positions(x))
         self._least = np.minimum(self._least, energies)
         return energies / self._budgets - 1
-
-    def _save_energy(self, first: Array, starts: Sequence[tuple[Array, Array]]) -> None:
-        """Look for flights of the least energy, and from there for prices, or raise an error."""
-        grid, prices = self.stepper.grid, ONLY_ENERGY * first
-        x = self._descend_at(prices, starts, ONLY_ENERGY * FIRST_MU)
-        energies = np.array([measure_energies(self._scenario, grid.positions(start))
-                             for start in x])
-        # Of each UAV that with the least.
-        best = x[energies.argmin(axis=0), :, np.arange(x.shape[2])].swapaxes(0, 1)
-        if (self._propose(best, prices) <= 0).all():
-            self._find_prices(best, prices, low=first)
-        if math.isinf(self.stepper.incumbent.rate):
-            raise_all(_refuse_budgets(self._scenario, self._least))
 
 
 def _choose_prices(bounds: Array, excesses: Array) -> Array:
@@ -221,12 +212,13 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
     flight; where there is no time for one, it stays as it is.
 
     :param positions: (U, N+2, 2) in m.
-    :param direction: of the centres from the places, in rad.
+    :param direction: of the centres from the places, in rad from that of the goal.
     :param sense: 1 for counterclockwise, -1 for clockwise.
     """
     step, flights = scenario.slot_duration, positions.copy()
     for uav, flight in zip(scenario.uavs, flights, strict=True):
         assert uav.max_acceleration is not None
+        away = direction + math.atan2(uav.goal[1] - uav.start[1], uav.goal[0] - uav.start[0])
         speeds = np.linalg.norm(np.gradient(flight, step, axis=0), axis=1)
         slow = np.concatenate([[False], speeds < SLOW * uav.max_speed, [False]])
         ends = np.flatnonzero(np.diff(slow.astype(int)))
@@ -237,7 +229,7 @@ def add_circles(scenario: Scenario, positions: Array, direction: float, sense: i
             covered = np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2) * step)
             turns = int(covered[-1] / (2 * np.pi * top**2 / (TURNING * uav.max_acceleration)))
             if turns:
-                angles = sense * covered * (2 * np.pi * turns / covered[-1]) + direction
+                angles = sense * covered * (2 * np.pi * turns / covered[-1]) + away
                 offsets = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
                 flight[first:last + 1] += covered[-1] / (2 * np.pi * turns) * (
                     offsets[0] - offsets)
