@@ -104,7 +104,7 @@ class _PriceSearch:
 
     def explore(self, free: Incumbent) -> None:
         """
-        Improve the incumbent from the best one without limits, and from the same with circles.
+        Improve the incumbent from the best one without limits, with circles where it hovers.
 
         :raises InfeasibleMissionError: when no flights are found that keep the limits.
         """

@@ -13,7 +13,7 @@ from .exchange import improve_by_exchange
 from .multistart import improve_by_multistart, improve_incumbent, improve_powers
 from ..deadline import run_to_end
 from ..incumbent import Incumbent
-from ...errors import NumericalError
+from ...errors import InfeasibleMissionError
 from ...plan.plan import Status
 
 
@@ -55,7 +55,8 @@ def _improve_within_energy(stepper: Stepper) -> Status:
     status = run_to_end(improve_within_energy, stepper, free)
     if math.isinf(incumbent.rate):
         incumbent.deadline.check()
-        raise NumericalError('no flights were found that keep the limits of energy')
+        raise InfeasibleMissionError(
+            'no flights were found that keep max_energy and all other limits', ('uavs',))
     return status
 
 
