@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     files = [out / f'plan.{ending}' for ending in ('json', 'png', 'html', 'mcap')]
     plan.save(files[0])
     save_picture(plan, files[1], baselines)
-    save_page(plan, files[2])
+    save_page(plan, files[2], baselines)
     record(plan, files[3])
     print(f'\nsaved: {", ".join(map(str, files))}')
     return 0

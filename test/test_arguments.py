@@ -94,4 +94,5 @@ def test_a_wrong_type_is_refused_by_name(examples, name, owner, parameter, tmp_p
             assert parameter in text or parameter == 'data' and owner.__name__.lower() in text
             assert re.search('must (be|have)|lacks', text), text
         else:
-            assert type(value) is not object or parameter == 'evaluate'  # It takes any truth.
+            assert type(value) is not object or parameter in (
+                'evaluate', 'title')  # They take any truth.

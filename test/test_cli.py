@@ -78,8 +78,10 @@ def test_the_csv_is_the_table_of_the_plan(planned):
     pandas = pytest.importorskip('pandas')
     folder, _ = planned
     table = pandas.read_csv(folder / 'a' / 'b' / 'plan.csv')
-    assert list(table) == ['uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y',
-                           'power']
+    assert list(table) == [
+        'uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y', 'power',
+        'guaranteed_rate', 'worst_case_rate', 'eavesdropper.x', 'eavesdropper.y',
+        'eavesdropper.radius']
     plan = Plan.load(folder / 'a' / 'b' / 'plan.json')
     pandas.testing.assert_frame_equal(table, plan.to_dataframe(), check_exact=True)
     assert len(table) == 2 * 32

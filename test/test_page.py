@@ -4,14 +4,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+import re
 import shutil
 import time
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
+import numpy as np
 import pytest
-from secure_uav_planner import Bound, Channel, fly_hover_fly, Scenario
-from secure_uav_planner.output.page import save_page
+from secure_uav_planner import Bound, Channel, Eavesdropper, fly_hover_fly, Scenario
+from secure_uav_planner.output.page import draw_page, save_page
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
@@ -40,7 +42,7 @@ CITY = replace(Scenario.load(Path(__file__).parents[1] / 'config' / 'city.yaml')
 
 # The boxes of texts that a reader needs, by their classes.
 TEXTS = """
-return [...document.querySelectorAll('.gtitle, .slider-label, .updatemenu-button, .xtitle,'
+return [...document.querySelectorAll('h1, .slider-label, .updatemenu-button, .xtitle,'
                                      + ' .ytitle, .y2title, .y3title, .y4title, .legendtext,'
                                      + ' .slider-grip-rect')]
     .map(one => { const box = one.getBoundingClientRect();
@@ -104,6 +106,10 @@ def open_page(browser, file):
     """Open a page, and wait until it is drawn."""
     browser.get(file.as_uri())
     wait_for(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '.slider-grip-rect'))
+    wait_for(browser, lambda: browser.execute_script("""
+        const layout = document.getElementById('plan')._fullLayout;
+        const legend = document.querySelector('.legend').getBoundingClientRect();
+        return Math.abs(layout.margin.b - 60 - legend.height) < 1;"""))
 
 
 def drawn(browser, *colors):
@@ -170,7 +176,7 @@ def test_play_flies_and_pause_holds(browser):
 def test_the_readout_adds_up_to_what_the_plan_delivers(browser, plan):
     slide(browser, 1.0)
     wait_for(browser, lambda: readout(browser).startswith('205.0 s'))
-    delivered = float(readout(browser).split(', ')[-1].split(' bit/Hz')[0])
+    delivered = float(re.search(r'([\d.]+)\s*bit/Hz', readout(browser))[1])
     assert delivered == pytest.approx(plan.guaranteed_rate * plan.scenario.duration, abs=0.06)
 
 
@@ -186,6 +192,36 @@ def test_the_worst_place_of_the_eavesdropper_is_shown_in_its_disc(browser):
     assert disc[2] - 2 <= places[0][1] <= disc[3] + 2
 
 
+def test_map_and_charts_fill_the_width_of_any_screen_and_nothing_is_cut(screen):
+    width, scrolled, left, map_width, chart_left, chart_width = screen.execute_script("""
+        const {xaxis, xaxis2} = document.getElementById('plan')._fullLayout;
+        return [visualViewport.width, document.documentElement.scrollWidth, xaxis._offset,
+                xaxis._length, xaxis2._offset, xaxis2._length];""")
+    assert scrolled == width and chart_left + chart_width == pytest.approx(width - 20, abs=2)
+    if width < 500:
+        assert chart_left < 100 and map_width > 0.5 * width
+    else:
+        assert 60 < chart_left - left - map_width < 0.15 * width
+    assert left >= 60 and all(
+        -1 <= box[0] and box[1] <= width + 1 for _, *box in screen.execute_script(TEXTS))
+
+
+def test_baselines_names_and_times_of_receivers_that_move_are_shown(tmp_path):
+    moving = replace(Scenario.paper(120.0, slots=12), eavesdroppers=tuple(
+        Eavesdropper(name=name, track=((0.0, 200.0, -300.0, 15.0), (120.0, 200.0, y, 15.0)))
+        for name, y in (('car', 300.0), ('van', 200.0))))
+    plan, baseline = fly_hover_fly(moving, 'optimised'), fly_hover_fly(moving)
+    traces = draw_page(plan, [baseline]).data
+    shown = {trace.name for trace in traces if trace.showlegend is not False}
+    assert {'way of car', 'way of van', 'UAV, larger with more power',
+            'fly-hover-fly, constant power'} <= shown
+    texts = [text.strip() for trace in traces if 'text' in trace.mode for text in trace.text]
+    assert {'car', 'van'} <= {*texts} and texts.count('60 s') == texts.count('130 s') == 2
+    paths = [np.stack([trace.x, trace.y], axis=1) for trace in traces
+             if trace.legendgroup == baseline.method and trace.xaxis == 'x']
+    assert np.array_equal(paths, baseline.positions)
+
+
 def test_no_text_covers_another_and_a_finger_scrolls_what_is_beyond_the_screen(screen):
     texts = screen.execute_script(TEXTS)
     assert len(texts) > 10 and {'start', 'goal'} <= {text for text, *_ in texts}
@@ -193,7 +229,5 @@ def test_no_text_covers_another_and_a_finger_scrolls_what_is_beyond_the_screen(s
         over = [min(first[end], second[end]) - max(first[end - 1], second[end - 1])
                 for end in (1, 3)]
         assert min(over) < 3.0, (text, neighbour)
-    assert screen.execute_script('return document.documentElement.scrollWidth') == max(
-        880, screen.execute_script('return visualViewport.width'))
     assert screen.execute_script('return getComputedStyle(document.querySelector('
                                  '"#plan .nsewdrag")).touchAction') != 'none'

@@ -5,10 +5,12 @@ from itertools import combinations
 from pathlib import Path
 
 from hypothesis import given, settings
+from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.text import Text
 import numpy as np
 import pytest
-from secure_uav_planner import fly_hover_fly, NoFlyZone, Plan, Scenario, solve
+from secure_uav_planner import Eavesdropper, fly_hover_fly, NoFlyZone, Plan, Scenario, solve
 from secure_uav_planner.apps.cli import main
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import fly_hover_fly_positions
@@ -131,3 +133,41 @@ def test_one_limit_of_power_has_one_label_and_a_rate_of_zero_cuts_none_off(plans
 
 def test_sixteen_uavs_have_sixteen_colours():
     assert len({uav_color(index) for index in range(16)}) == 16
+
+
+def test_for_a_column_of_a_paper_all_texts_are_serif_of_8_pt_and_none_is_cut(plans, tmp_path):
+    for plan in (plans[1], fly_hover_fly(Scenario.load(CITY))):
+        figure = plan.plot([plan], title=False, width=3.5)
+        figure.savefig(tmp_path / 'plan.png', dpi=100)
+        pixels = imread(tmp_path / 'plan.png')[..., :3]
+        assert pixels.shape[1] == 350 and (pixels[:, [0, 1, -2, -1]] == 1).all()
+        texts = [text for text in figure.findobj(Text) if text.get_text()]
+        assert {text.get_fontsize() for text in texts} == {8.0}
+        assert {*texts[0].get_family()} & {'serif'}
+        assert figure.axes[0].get_title(loc='left') == ''
+
+
+def test_a_plan_is_drawn_into_the_axes_of_its_user(plans):
+    axes = Figure().subplots(1, 3)
+    assert plans[0].plot(axes=axes) is axes[0].figure
+    assert [part.get_ylabel() for part in axes] == [
+        'north (m)', 'power (W)', 'secrecy rate\n(bit/s/Hz)']
+    alone = Figure().subplots()
+    assert plans[0].plot(axes=alone).axes == [alone]
+    for wrong in ({'axes': 5}, {'axes': []}, {'width': 1.0}):
+        with pytest.raises(ValueError, match=f'{next(iter(wrong))} is .* must be'):
+            plans[0].plot(**wrong)
+
+
+def test_receivers_that_move_are_told_apart_by_colour_and_name():
+    scenario = replace(Scenario.paper(120.0, slots=6), eavesdroppers=tuple(
+        Eavesdropper(name=name, track=((0.0, 200.0, y, 15.0), (120.0, 200.0, 300.0 + y, 15.0)))
+        for name, y in (('car', -300.0), ('van', -360.0))))
+    axes = fly_hover_fly(scenario).plot().axes[0]
+    colors = {text.get_text(): text.get_color() for text in axes.texts}
+    assert colors['car, 0 s'] != colors['van, 0 s'] and {'60 s', '120 s'} <= colors.keys()
+    legend = axes.get_legend()
+    entries = dict(zip([text.get_text() for text in legend.get_texts()], legend.legend_handles))
+    assert 'eavesdropper, disc' not in entries
+    for name in ('car', 'van'):
+        assert entries[name].get_color() == colors[f'{name}, 0 s']

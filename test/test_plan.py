@@ -35,7 +35,8 @@ def test_a_plan_its_rates_and_its_copies_are_read_only(plan):
 
 def test_a_plan_made_by_hand_has_that_status_and_a_representation_of_one_line(plan):
     given = Plan(plan.scenario, plan.positions, plan.powers)
-    assert (given.status, given.message) == ('given', 'made by hand')
+    assert (given.status, given.message) == ('given', 'given by hand')
+    assert 'bit/s/Hz given by hand; UAVs' in repr(given)
     assert len(repr(given)) < 150 and '\n' not in repr(given)
 
 

@@ -8,8 +8,10 @@ from hypothesis import given, settings
 import numpy as np
 from processes import environment
 import pytest
+from scipy.io import loadmat
 import secure_uav_planner
-from secure_uav_planner import Bound, fly_hover_fly, Plan, Scenario, solve, upper_bound
+from secure_uav_planner import (
+    Bound, Eavesdropper, fly_hover_fly, Plan, Scenario, solve, upper_bound)
 from secure_uav_planner.errors import MissingPackageError, OptionError, PlanError
 from secure_uav_planner.output.tables import COLUMNS
 from secure_uav_planner.plan.playback import Playback
@@ -51,12 +53,33 @@ def test_the_map_of_any_mission_has_all_who_take_part(scenario):
         assert np.abs(points - place).max(axis=1).min() < 1e-9
 
 
+def test_tables_and_mat_files_have_the_disc_of_a_receiver_that_moves(tmp_path):
+    scenario = Scenario.paper(120.0, slots=12)
+    track = ((0.0, 200.0, -300.0, 10.0), (100.0, 200.0, 300.0, 20.0))
+    plan = fly_hover_fly(replace(scenario, eavesdroppers=(Eavesdropper(name='car', track=track),)))
+    table = plan.to_dataframe()
+    for number, (knot, x, y, radius) in enumerate(track):
+        row = table[table.time == knot].iloc[0]
+        assert (row['car.x'], row['car.y'], row['car.radius']) == (x, y, radius)
+    plan.save_mat(tmp_path / 'plan.mat')
+    arrays = loadmat(tmp_path / 'plan.mat')
+    for name in ('positions', 'powers'):
+        assert np.array_equal(arrays[name], getattr(plan, name))
+    for name in ('times', 'guaranteed_rates', 'worst_case_rates'):
+        assert np.array_equal(arrays[name][:, 0], getattr(plan, name))
+    assert arrays['eavesdroppers'].shape == (1, 14, 2) and arrays['error_radii'][0, 10] == 20.0
+    assert [name.item() for name in arrays['eavesdropper_names'][:, 0]] == ['car']
+    with pytest.raises(OSError):
+        plan.save_mat(tmp_path / 'missing' / 'plan.mat')
+
+
 def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
     pytest.importorskip('pandas')
     for scenario in (plan.scenario, with_uavs(plan.scenario, max_acceleration=2.0)):
         flight = fly_hover_fly(scenario)
         table = flight.to_dataframe()
-        assert tuple(table.columns) == COLUMNS
+        assert tuple(table.columns) == (
+            *COLUMNS, 'eavesdropper.x', 'eavesdropper.y', 'eavesdropper.radius')
         for number, (uav, rows) in enumerate(table.groupby('uav')):
             first, last = rows.iloc[0], rows.iloc[-1]
             assert (first.x, first.y) == pytest.approx(scenario.uavs[number].start)
@@ -64,6 +87,11 @@ def test_the_dataframe_is_the_flown_curve_with_its_start_and_goal(plan):
             assert (first.power, last.power) == (0.0, 0.0)
             inner = rows[rows.point.between(1, scenario.slots)]
             assert inner.power.to_numpy() == pytest.approx(flight.powers[number])
+            for objective in ('guaranteed', 'worst_case'):
+                assert inner[f'{objective}_rate'].to_numpy() == pytest.approx(
+                    getattr(flight, f'{objective}_rates'))
+                assert rows[f'{objective}_rate'].sum() == pytest.approx(
+                    inner[f'{objective}_rate'].sum())
             for row in rows.itertuples():
                 moment = Playback(flight).at(row.time)
                 assert (row.x, row.y) == pytest.approx(tuple(moment.positions[number]), abs=1e-9)

@@ -191,7 +191,7 @@ def _save_picture(plan: Plan, file: Path, baselines: list[Plan]) -> None:
 
 def _save_page(plan: Plan, file: Path, baselines: list[Plan]) -> None:
     from ..output.page import save_page
-    save_page(plan, file)
+    save_page(plan, file, baselines)
 
 
 def show_plan(options: argparse.Namespace) -> int:

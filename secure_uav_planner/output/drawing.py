@@ -16,6 +16,7 @@ GEOFENCE = '#3C3C3C'
 MARGIN = '#F4D58A'
 RATE = '#6A3D9A'
 
+_MOVING = (EAVESDROPPER, '#882255', '#999933')  # Tell eavesdroppers that move apart.
 _UAVS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#F0E442')
 
 
@@ -26,6 +27,23 @@ def uav_color(index):
     repeats, color = divmod(index - 1, len(_UAVS) - 1)
     channels = (int(_UAVS[1 + color][at:at + 2], 16) for at in (1, 3, 5))
     return '#' + ''.join(f'{round(channel * 0.6**repeats):02X}' for channel in channels)
+
+
+def eavesdropper_color(index, eavesdropper):
+    """Return the colour of an eavesdropper, its own if it moves."""
+    return EAVESDROPPER if eavesdropper.track is None else _MOVING[index % len(_MOVING)]
+
+
+_SCHEME_NAMES = {
+    'fly_hover_fly_constant': 'fly-hover-fly, constant power',
+    'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
+    'given': 'given by hand',
+}
+
+
+def scheme_name(method):
+    """Return the name of a method of solve or a baseline in words."""
+    return _SCHEME_NAMES.get(method, method)
 
 
 def style_axes(axes):
@@ -103,16 +121,19 @@ def _ring(outer, inner):
 
 
 def list_ways(scenario, times):
-    """Return the way (K, 2) in m and the colour of each receiver that moves, at times (K,)."""
+    """Return name, way (K, 2) in m and colour of each receiver that moves, at times (K,)."""
     ground, centres, _ = scenario.receivers_at(times)
-    ways = [(ground, GROUND_NODE), *((way, EAVESDROPPER) for way in centres)]
-    return [(way, color) for way, color in ways if np.ptp(way, axis=0).any()]
+    ways = [('ground node', ground, GROUND_NODE), *(
+        (name, way, eavesdropper_color(index, eve)) for index, (name, way, eve) in enumerate(
+            zip(scenario.eavesdropper_names, centres, scenario.eavesdroppers, strict=True)))]
+    return [(name, way, color) for name, way, color in ways if np.ptp(way, axis=0).any()]
 
 
 def shown_discs(scenario):
-    """Return each eavesdropper's discs as (centre, radius), at three times where it moves."""
-    _, centres, radii = scenario.receivers_at([0.0, scenario.duration / 2, scenario.duration])
-    return [list(zip(way, reach.tolist()))[:3 if eve.track else 1]
+    """Return each eavesdropper's discs, (time, centre, radius), at three times where it moves."""
+    times = [0.0, scenario.duration / 2, scenario.duration]
+    _, centres, radii = scenario.receivers_at(times)
+    return [list(zip(times, way, reach.tolist()))[:3 if eve.track else 1]
             for eve, way, reach in zip(scenario.eavesdroppers, centres, radii)]
 
 

@@ -1,48 +1,97 @@
 """The web page of a plan: one HTML file with a time slider, which needs no network."""
 
 import html
+from textwrap import wrap
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from .drawing import GEOFENCE, map_extent, rate_label
+from .drawing import GEOFENCE, map_extent, rate_label, scheme_name
 from .traces import label_charts, PlanTraces
 from ..mission.files import atomic_file
 
 _MOST_FRAMES = 400
 _PLAYING_TIME = 20.0  # In s.
 _TITLE = 'Secure UAV plan'
-# A phone shows the map at full size and scrolls to the rest beside it.
 _STYLE = ('<meta name="viewport" content="width=device-width, initial-scale=1"><style>'
-          'body { margin: 0 } #plan { min-width: 880px; min-height: 600px }</style>')
+          'body { margin: 0; font-family: sans-serif; color: #2a3f5f } '
+          'h1 { margin: 10px 20px 0; font-size: 17px; font-weight: normal }</style>')
+_ARRANGE = """
+const plot = document.getElementById('{plot_id}');
+function arrange() {
+  // Charts beside a map that is as wide as its shape asks for; where that is narrow, below it.
+  const width = document.documentElement.clientWidth, inner = width - 80, isNarrow = width < 700;
+  const top = isNarrow ? 170 : 120;
+  const bottom = 60 + plot.querySelector('.legend').getBoundingClientRect().height;
+  const room = Math.max(
+    300, window.innerHeight - document.querySelector('h1').offsetHeight - 30 - top - bottom);
+  let map = Math.min(ASPECT * room, 0.6 * inner), height = room, charts, share = 1;
+  const layout = {};
+  if (isNarrow || map / ASPECT < room / 2) {
+    map = Math.min(inner / ASPECT, 0.9 * window.innerHeight);
+    height = map + 550;
+    share = 480 / height;
+    charts = [0, 1];
+    Object.assign(layout, {'xaxis.domain': charts, 'yaxis.domain': [1 - map / height, 1]});
+  } else {
+    charts = [(map + 90) / inner, 1];
+    Object.assign(layout, {'xaxis.domain': [0, map / inner], 'yaxis.domain': [0, 1]});
+  }
+  for (const row of [0, 1, 2]) {
+    layout[`xaxis${row + 2}.domain`] = charts;
+    layout[`yaxis${row + 2}.domain`] = [share * (2 - row) / 2.9, share * (2.9 - row) / 2.9];
+  }
+  return Plotly.relayout(plot, Object.assign(layout, {
+    width: width, height: top + height + bottom, 'margin.t': top, 'margin.b': bottom,
+    'sliders[0].x': isNarrow ? 0 : 130 / inner, 'sliders[0].len': isNarrow ? 1 : 1 - 130 / inner,
+    'sliders[0].pad.b': isNarrow ? 60 : 10}));
+}
+// The second time, the legend has its height.
+const arrangeTwice = () => arrange().then(arrange);
+window.addEventListener('resize', arrangeTwice);
+arrangeTwice();
+"""
+_READOUT_WIDTH = 40  # In characters.
 _JUMP = {'mode': 'immediate', 'transition': {'duration': 0},
          'frame': {'duration': 0, 'redraw': False}}
 
 
-def save_page(plan, path):
-    """Write the web page of a Plan to a self-contained HTML file, as atomic_file does."""
-    # With a relative height, plotly resizes the figure with the window.
-    figure = draw_page(plan).to_html(
-        full_html=False, include_plotlyjs=True, auto_play=False, default_height='96vh',
-        div_id='plan', config={'displaylogo': False, 'responsive': True})
+def save_page(plan, path, baselines=()):
+    """
+    Write the web page of a Plan, beside Plans of the same mission, to a self-contained HTML file.
+
+    :raises OSError: as atomic_file does.
+    """
+    figure = draw_page(plan, baselines)
+    title = figure.layout.title.text
+    figure.layout.title = None  # Text of the document is wrapped, that of Plotly is not.
+    (left, right), (low, high) = figure.layout.xaxis.range, figure.layout.yaxis.range
+    content = figure.to_html(
+        full_html=False, include_plotlyjs=True, auto_play=False, div_id='plan',
+        post_script=_ARRANGE.replace('ASPECT', f'{(right - left) / (high - low):.4f}'),
+        config={'displaylogo': False, 'displayModeBar': False})
     document = (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{_TITLE}'
                 f'</title><link rel="icon" href="data:,">{_STYLE}</head>'
-                f'<body>\n{figure}\n</body></html>\n')
+                f'<body><h1>{title}</h1>\n{content}\n</body></html>\n')
     with atomic_file(path) as file:
         file.write(document)
 
 
-def draw_page(plan):
+def draw_page(plan, baselines=()):
     """Return the plotly Figure of a plan, with a frame for each point, at most _MOST_FRAMES."""
     content = PlanTraces(plan)
     figure = make_subplots(
-        3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns',
-        column_widths=[0.42, 0.58], vertical_spacing=0.05, horizontal_spacing=0.08)
+        3, 2, specs=[[{'rowspan': 3}, {}], [None, {}], [None, {}]], shared_xaxes='columns')
+    for trace, row in content.baseline_traces(baselines):
+        figure.add_trace(trace, row or 1, 2 if row else 1)
     for trace in (*content.map_traces(), *content.path_traces()):
         figure.add_trace(trace, 1, 1)
     for trace, row in content.chart_traces():
         figure.add_trace(trace, row, 2)
+    figure.add_trace(go.Scatter(
+        x=[None], y=[None], mode='markers', name='UAV, larger with more power',
+        marker={'size': 15, 'color': GEOFENCE, 'line': {'color': 'white', 'width': 1.5}}), 1, 1)
     first = len(figure.data)
     for trace in content.moving_traces(0):
         figure.add_trace(trace, 1, 1)
@@ -55,7 +104,7 @@ def draw_page(plan):
         go.Frame(name=str(point), traces=numbers, data=[
             *content.moving_traces(point),
             *(trace for trace, _ in content.cursor_traces(point))]) for point in points]
-    _label_axes(figure, map_extent(plan.scenario, [plan]).T.tolist(), content.peak)
+    _label_axes(figure, map_extent(plan.scenario, [plan, *baselines]).T.tolist(), content.peak)
     _add_controls(figure, content, points)
     return figure
 
@@ -63,7 +112,7 @@ def draw_page(plan):
 def _label_axes(figure, ranges, peak):
     figure.update_xaxes(title_text='east (m)', range=ranges[0], constrain='domain', row=1, col=1)
     figure.update_yaxes(title_text='north (m)', range=ranges[1], constrain='domain',
-                        scaleanchor='x', row=1, col=1)
+                        constraintoward='top', scaleanchor='x', row=1, col=1)
     label_charts(figure, peak, 2)
 
 
@@ -71,26 +120,28 @@ def _add_controls(figure, content, points):
     plan = content.plan
     if plan.promise.is_partial:
         for row in (1, 2, 3):
-            figure.add_vline(plan.promised_until, row=row, col=2, line={
-                'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'})
-    title = f'{plan.method} plan: {rate_label(plan)}'
+            figure.add_vline(
+                plan.promised_until, row=row, col=2,
+                line={'color': GEOFENCE, 'width': 1.5, 'dash': 'dash'},
+                annotation_text='promised until' if row == 1 else '')
+    title = f'{html.escape(scheme_name(plan.method))}: {rate_label(plan)}'
     if plan.bound is not None:
-        title += f'<br><sup>{html.escape(plan.claim)}</sup>'
+        title += f'<br><small>{html.escape(plan.claim)}</small>'
     play = {'mode': 'immediate', 'fromcurrent': True, 'transition': {'duration': 0},
             'frame': {'duration': 1000 * _PLAYING_TIME / len(points), 'redraw': False}}
     figure.update_layout(
-        template='plotly_white', hovermode='closest', margin={'l': 60, 'r': 20, 't': 130, 'b': 80},
-        title={'text': title, 'x': 0.01, 'yref': 'container', 'y': 1, 'yanchor': 'top',
-               'pad': {'t': 25}},
+        template='plotly_white', hovermode='closest', margin={'l': 60, 'r': 20},
+        title={'text': title},
         dragmode=False,  # A finger scrolls the page.
         legend={'orientation': 'h', 'yref': 'container', 'y': 0, 'yanchor': 'bottom'},
         sliders=[{
-            'active': 0, 'x': 0.18, 'len': 0.82, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
+            'active': 0, 'y': 1, 'yanchor': 'bottom', 'pad': {'b': 10},
             # The labels of the steps are the readout; there is no room for them below the slider.
             'font': {'color': 'rgba(0,0,0,0)', 'size': 1},
             'ticklen': 0, 'tickcolor': 'rgba(0,0,0,0)',
             'currentvalue': {'font': {'color': '#222222', 'size': 14}},
-            'steps': [{'label': content.readout(point), 'method': 'animate',
+            'steps': [{'label': '<br>'.join(wrap(content.readout(point), _READOUT_WIDTH)),
+                       'method': 'animate',
                        'args': [[str(point)], _JUMP]} for point in points]}],
         updatemenus=[{
             'type': 'buttons', 'direction': 'left', 'showactive': False, 'x': 0, 'y': 1,

@@ -3,21 +3,25 @@
 from itertools import product
 from textwrap import wrap
 
+from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 import shapely
 
 from .drawing import (
-    add_legend, altitude_label, EAVESDROPPER, energy_label, GEOFENCE, GROUND_NODE, is_obstacle,
-    label_position, list_ways, map_extent, MARGIN, margin_rings, NO_FLY_ZONE, RATE, rate_label,
-    receiver_label, shown_discs, style_axes, uav_color)
+    add_legend, altitude_label, EAVESDROPPER, eavesdropper_color, energy_label, GEOFENCE,
+    GROUND_NODE, is_obstacle, label_position, list_ways, map_extent, MARGIN, margin_rings,
+    NO_FLY_ZONE, RATE, rate_label, receiver_label, scheme_name, shown_discs, style_axes, uav_color)
 from .figures import own_settings, Picture
+from ..errors import OptionError, quote
 from ..mission import OBJECTIVES
 
 _MAP_SIZE = 5.95, 5.6  # Of the largest map, in inches as all lengths here.
@@ -38,10 +42,10 @@ _ZONE_OVERFLOWN = {**_ZONE, 'facecolor': 'none', 'linestyle': ':'}
 _MARGIN = {'facecolor': MARGIN, 'edgecolor': 'none'}
 _FENCE = {'fill': False, 'edgecolor': GEOFENCE, 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
 _HALO = [withStroke(linewidth=2.5, foreground='white')]  # Around texts on the map.
-_SCHEME_NAMES = {
-    'fly_hover_fly_constant': 'fly-hover-fly, constant power',
-    'fly_hover_fly_optimised': 'fly-hover-fly, optimised power',
-}
+_PAPER = {'font.family': 'serif', 'font.size': 8.0, 'legend.handlelength': 1.5,
+          'legend.columnspacing': 1.0, 'legend.handletextpad': 0.4}
+_PAPER_LEFT, _PAPER_BOTTOM, _PAPER_EDGE = 0.6, 0.4, 0.15  # Beside axes, in a column of a paper.
+_PAPER_PLOT, _PAPER_LEGEND, _PAPER_LEGEND_WIDTH = 1.1, 0.5, 1.35
 
 
 def save_picture(plan, path, baselines=()):
@@ -49,14 +53,74 @@ def save_picture(plan, path, baselines=()):
     draw_plan(plan, baselines).savefig(path, dpi=_DOTS_PER_INCH)
 
 
-@own_settings()
-def draw_plan(plan, baselines=()) -> Picture:
-    """Return a matplotlib Figure of a plan, as save_picture writes it."""
-    extent = map_extent(plan.scenario, [plan, *baselines])
-    width, height = _map_size(extent)
-    title = '\n'.join(line for text in (
+def draw_plan(plan, baselines=(), axes=None, title=True, width=None) -> Picture:
+    """
+    Return a matplotlib Figure of a plan, as save_picture writes it.
+
+    :param axes: see Plan.plot, as for the others.
+    """
+    text = '\n'.join(line for text in (
         f'{scheme_name(plan.method)}: {rate_label(plan)}', plan.claim)
-        for line in wrap(text, _TITLE_WIDTH))
+        for line in wrap(text, _TITLE_WIDTH)) if title else ''
+    if axes is not None:
+        return _draw_parts(axes, plan, baselines, text)
+    with own_settings():
+        return _draw_figure(plan, baselines, text) if width is None else (
+            _draw_for_paper(plan, baselines, text, width))
+
+
+def checked_axes(axes) -> list[Axes] | None:
+    """Return one to three Axes as a list, None for None, or raise OptionError for all else."""
+    if axes is None:
+        return None
+    members = list(np.ravel(axes))
+    if not 1 <= len(members) <= 3 or not all(isinstance(member, Axes) for member in members):
+        raise OptionError(f'axes is {quote(axes)}; it must be Axes of Matplotlib, or a sequence '
+                          'of one to three', ('axes',))
+    return members
+
+
+def _draw_parts(axes, plan, baselines, title, map_legend=None, legend=None):
+    """Draw the map, the powers and the rates into as many axes as there are, with legends."""
+    extent = map_extent(plan.scenario, [plan, *baselines])
+    draw_map(axes[0], plan, extent, baselines, **map_legend or {})
+    axes[0].set_title(title, fontsize=11, loc='left')
+    if len(axes) > 1:
+        draw_powers(axes[1], plan, **legend or {})
+    if len(axes) > 2:
+        draw_rates(axes[2], plan, baselines, **legend or {})
+    return axes[0].figure
+
+
+def _draw_for_paper(plan, baselines, title, width):
+    """Draw map, powers and rates below each other, as wide as a column, in the fonts of papers."""
+    sides = np.ptp(map_extent(plan.scenario, [plan, *baselines]), axis=0)
+    room = width - _PAPER_LEFT - _PAPER_EDGE
+    bottom = 3 * _PAPER_BOTTOM + 2 * (_PAPER_PLOT + _PAPER_LEGEND)
+    if sides[1] > sides[0]:  # The legend of the map is at its right, otherwise below.
+        size = sides * min((room - _PAPER_LEGEND_WIDTH) / sides[0], 1.2 * width / sides[1])
+        map_legend = {'handlelength': 1.5}
+    else:
+        size = sides * room / sides[0]
+        map_legend = {'handlelength': 1.5, 'loc': 'upper left', 'ncols': 2,
+                      'bbox_to_anchor': (0.0, -_PAPER_BOTTOM / size[1])}
+        bottom += 2 * _PAPER_LEGEND + _PAPER_BOTTOM
+    with rc_context(_PAPER):
+        axes = _make_axes(
+            width, bottom + size[1] + _PAPER_EDGE + 0.2 * len(title.splitlines()),
+            (_PAPER_LEFT, bottom, *size),
+            (_PAPER_LEFT, 2 * _PAPER_BOTTOM + _PAPER_PLOT + _PAPER_LEGEND, room, _PAPER_PLOT),
+            (_PAPER_LEFT, _PAPER_BOTTOM, room, _PAPER_PLOT))
+        figure = _draw_parts(axes, plan, baselines, title, map_legend, {
+            'loc': 'lower left', 'bbox_to_anchor': (0.0, 1.0), 'ncols': 2})
+        for text in figure.findobj(Text):
+            text.set_fontsize(_PAPER['font.size'])
+    return figure
+
+
+def _draw_figure(plan, baselines, title):
+    """Draw the map, and beside or below it powers and rates."""
+    width, height = _map_size(map_extent(plan.scenario, [plan, *baselines]))
     top = 0.35 + 0.2 * title.count('\n')
     if height > width:  # The plots are beside the map, otherwise below.
         left, half = 2 * _LEFT + width + _RIGHT, height / 2 - 0.15
@@ -68,12 +132,8 @@ def draw_plan(plan, baselines=()) -> Picture:
         map_axes, power_axes, rate_axes = _make_axes(
             _LEFT + width + _RIGHT, height + 4.45 + top, (_LEFT, 4.45, width, height),
             (_LEFT, 2.45, width, 1.4), (_LEFT, _BOTTOM, width, 1.7))
-    draw_map(map_axes, plan, extent, baselines)
-    draw_powers(power_axes, plan)
-    draw_rates(rate_axes, plan, baselines)
     power_axes.tick_params(labelbottom=False)
-    map_axes.set_title(title, fontsize=11, loc='left')
-    return map_axes.figure
+    return _draw_parts((map_axes, power_axes, rate_axes), plan, baselines, title)
 
 
 def _make_axes(width, height, *boxes):
@@ -106,11 +166,6 @@ def draw_scenario(scenario) -> Picture:
     return axes.figure
 
 
-def scheme_name(method):
-    """Return the name of a method of solve or a baseline in words."""
-    return _SCHEME_NAMES.get(method, method)
-
-
 def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
     """
     Draw the paths, wide and dark where the power is high, the ground node, discs, zones and fence.
@@ -131,7 +186,8 @@ def draw_map(axes, plan, extent, baselines=(), legend=True, **options):
     point = _point_size(axes)
     occupied = [*(shapely.Polygon(zone.vertices) for zone in scenario.no_fly_zones),
                 *(shapely.Point(center).buffer(max(radius, 5 * point))
-                  for discs in shown_discs(scenario) for center, radius in discs),
+                  for discs in shown_discs(scenario) for _, center, radius in discs),
+                *_disc_boxes(scenario, point),
                 shapely.Point(scenario.ground_node).buffer(5 * point),
                 *(shapely.LineString(path).buffer(3 * point) for path in plan.positions)]
     for index, (points, powers) in enumerate(zip(plan.positions, plan.powers)):
@@ -171,22 +227,47 @@ def draw_ground(axes, scenario):
     """Draw zones, fence, eavesdroppers and the ground node."""
     _draw_airspace(axes, scenario)
     _draw_tracks(axes, scenario)
-    for eve, name, discs in zip(
-            scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario)):
-        for disc in discs:
-            axes.add_patch(Circle(*disc, facecolor=EAVESDROPPER, alpha=0.25))
-            axes.add_patch(Circle(*disc, fill=False, edgecolor=EAVESDROPPER))
-        center = eve.position
-        axes.plot(*center, 'X', **_marker_style(EAVESDROPPER, 8), zorder=6, label=_escape(name))
-        axes.annotate(receiver_label(eve), center, (7, 7), textcoords='offset points', fontsize=8,
-                      color=EAVESDROPPER, zorder=8, path_effects=_HALO)
+    for index, (eve, name, discs) in enumerate(zip(
+            scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario))):
+        color = eavesdropper_color(index, eve)
+        for time, center, radius in discs:
+            axes.add_patch(Circle(center, radius, facecolor=color, alpha=0.25))
+            axes.add_patch(Circle(center, radius, fill=False, edgecolor=color))
+            axes.annotate(_disc_label(eve, name, time), center, (-_GAPS[1], 0),
+                          textcoords='offset points', fontsize=_FONT_SIZE, ha='right',
+                          va='center', color=color, zorder=8, path_effects=_HALO)
+        axes.plot(*eve.position, 'X', **_marker_style(color, 8), zorder=6, label=_escape(name))
+        axes.annotate(receiver_label(eve), eve.position, (7, 7), textcoords='offset points',
+                      fontsize=8, color=color, zorder=8, path_effects=_HALO)
     axes.plot(*scenario.ground_node, '^', **_marker_style(GROUND_NODE, 10), zorder=6,
               label='ground node')
 
 
+def _disc_label(eavesdropper, name, time):
+    """Return the text of a disc at a time in s, empty for an eavesdropper that stands."""
+    if eavesdropper.track is None:
+        return ''
+    return f'{time:g} s' if time else f'{_escape(name)}, 0 s'
+
+
+def _disc_boxes(scenario, point):
+    """Yield the boxes on the map of the texts of discs; `point` is a typographic one in m."""
+    for eve, name, discs in zip(
+            scenario.eavesdroppers, scenario.eavesdropper_names, shown_discs(scenario)):
+        for time, (x, y), _ in discs:
+            width, height = _text_size(_disc_label(eve, name, time), point)
+            right = x - _GAPS[1] * point
+            yield shapely.box(right - width, y - height / 2, right, y + height / 2)
+
+
+def _text_size(text, point):
+    """Return about the width and the height of a text on the map; see _disc_boxes."""
+    return np.array([0.62 * len(text), 1.0]) * _FONT_SIZE * point
+
+
 def _draw_tracks(axes, scenario):
     """Draw the ways of receivers that move, with an arrow at the end."""
-    for way, color in list_ways(scenario, scenario.times):
+    for _, way, color in list_ways(scenario, scenario.times):
         axes.plot(*way.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2)
         moved = np.flatnonzero((way != way[-1]).any(axis=1))[-1]
         axes.annotate('', way[-1], way[moved], zorder=6,
@@ -224,8 +305,8 @@ def power_level(powers, peak):
         1 / _LINEAR_SHARE)
 
 
-def draw_powers(axes, plan):
-    """Draw the power of each slot over time, and the limits that all UAVs share."""
+def draw_powers(axes, plan, **legend):
+    """Draw the power of each slot, and the limits that all UAVs share; see add_legend."""
     for index, (uav, powers) in enumerate(zip(plan.scenario.uavs, plan.powers)):
         axes.stairs(powers, plan.times[1:], color=uav_color(index), linewidth=1.8,
                     linestyle='-' if index == 0 else (0, (5, index)),
@@ -249,11 +330,11 @@ def draw_powers(axes, plan):
     ticks = [0.0, *(10.0 ** exponents)]
     axes.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
     axes.minorticks_off()
-    _finish_time_axes(axes, plan, 'power (W)')
+    _finish_time_axes(axes, plan, 'power (W)', legend)
 
 
-def draw_rates(axes, plan, baselines=()):
-    """Draw the guaranteed and the worst-case secrecy rate of each slot over time."""
+def draw_rates(axes, plan, baselines=(), **legend):
+    """Draw the guaranteed and the worst-case secrecy rate of each slot; see add_legend."""
     edges = plan.times[1:]
     guaranteed, worst = ('\n'.join(wrap(plan.scenario.channel.rate_name(name), _LEGEND_WIDTH))
                          for name in OBJECTIVES)
@@ -268,17 +349,17 @@ def draw_rates(axes, plan, baselines=()):
     axes.set_ylim(0, 1.08 * max(highest, 0.01))
     axes.locator_params(axis='y', steps=[1, 2, 5, 10])  # For labels that fit at the left.
     axes.set_xlabel('time (s)')
-    _finish_time_axes(axes, plan, 'secrecy rate\n(bit/s/Hz)')
+    _finish_time_axes(axes, plan, 'secrecy rate\n(bit/s/Hz)', legend)
 
 
-def _finish_time_axes(axes, plan, label):
+def _finish_time_axes(axes, plan, label, legend):
     axes.set_ylabel(label)
     axes.set_xlim(0, plan.times[-1])
     if plan.promise.is_partial:
         axes.axvline(plan.promised_until, color=_GREY, linewidth=1.2, linestyle='--',
                      label='promised until')
     style_axes(axes)
-    add_legend(axes)
+    add_legend(axes, **legend)
 
 
 def _marker_style(color, size):
@@ -338,7 +419,7 @@ def _label_times(axes, times, points, color, occupied, baseline_paths):
     for first, last in sorted(groups, key=lambda group: group[0] - group[1]):  # Longest first.
         middle = (first + last) // 2
         text = f'{marks[first]:g}' if first == last else f'{marks[first]:g}–{marks[last]:g}'
-        size = np.array([0.62 * len(f'{text} s'), 1.0]) * _FONT_SIZE * point
+        size = _text_size(f'{text} s', point)
         x, y = after[middle] - before[middle]
         boxes = []
         for gap, angle in product(_GAPS, np.arctan2(x, -y) + _LABEL_ANGLES):
@@ -356,14 +437,20 @@ def _label_times(axes, times, points, color, occupied, baseline_paths):
 
 def _add_map_legend(axes, scenario, uav_entries, has_baselines=False, **options):
     """Explain the symbols of the map after the entries, artists by label, of the UAVs."""
-    has_discs = any(eve.error_radius for eve in scenario.eavesdroppers)
+    standing = [eve for eve in scenario.eavesdroppers if eve.track is None]
+    has_discs = any(eve.error_radius for eve in standing)
     entries = {
         **uav_entries,
         **{name: Line2D([], [], marker=marker, color='white', markeredgecolor='0.2')
            for name, marker in (('start', 'o'), ('goal', 's'))},
         'ground node': Line2D([], [], marker='^', **_marker_style(GROUND_NODE, 10)),
-        'eavesdropper' + ', disc' * has_discs: Line2D(
-            [], [], marker='X', **_marker_style(EAVESDROPPER, 8))}
+        **{_escape(name): Line2D([], [], marker='X', **{
+            **_marker_style(eavesdropper_color(index, eve), 8), 'linestyle': (0, (4, 2))})
+           for index, (name, eve) in enumerate(zip(
+               scenario.eavesdropper_names, scenario.eavesdroppers)) if eve.track is not None}}
+    if standing:
+        entries['eavesdropper, disc' if has_discs else 'eavesdropper'] = Line2D(
+            [], [], marker='X', **_marker_style(EAVESDROPPER, 8))
     if scenario.no_fly_zones:
         entries['no-fly zone'] = Patch(**_ZONE)
     if scenario.geofence is not None:
@@ -373,5 +460,5 @@ def _add_map_legend(axes, scenario, uav_entries, has_baselines=False, **options)
         entries[f'margin of {scenario.tracking_margin:g} m'] = Patch(**_MARGIN)
     if has_baselines:
         entries['baseline'] = Line2D([], [], color=_GREY, linewidth=0.9)
-    add_legend(axes, list(entries.values()), list(entries), handlelength=3,
-               handler_map={tuple: HandlerTuple(ndivide=None, pad=0)}, **options)
+    add_legend(axes, list(entries.values()), list(entries), **{
+        'handlelength': 3, 'handler_map': {tuple: HandlerTuple(ndivide=None, pad=0)}, **options})

@@ -16,8 +16,9 @@ from ..mission import OBJECTIVES
 from ..mission.files import atomic_file
 from ..plan.plan import Plan
 
-COLUMNS = ('uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y', 'power')
-"""Columns of the points of a plan: positions in m, times in s, velocities in m/s, powers in W."""
+COLUMNS = ('uav', 'point', 'time', 'x', 'y', 'z', 'velocity_x', 'velocity_y', 'power',
+           *(f'{objective}_rate' for objective in OBJECTIVES))
+"""Columns of the points of a plan, in m, s, m/s, W and bit/s/Hz; list_columns adds the discs."""
 
 _NAME, _RATE, _TIME = 26, 17, 9  # Widths of columns.
 
@@ -96,13 +97,13 @@ def markdown_table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str
 
 def save_csv(plan: Plan, path: str | os.PathLike[str]) -> None:
     """
-    Write the point_rows of a plan under COLUMNS to a CSV file.
+    Write the point_rows of a plan under list_columns to a CSV file.
 
     :raises OSError: when the file cannot be written; an existing file is kept.
     """
     with atomic_file(path) as file:
         writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(COLUMNS)
+        writer.writerow(list_columns(plan))
         writer.writerows(point_rows(plan))
 
 
@@ -132,7 +133,8 @@ def save_geojson(plan: Plan, path: str | os.PathLike[str]) -> None:
         add(kind, 'Polygon', ring.coords, **properties)
 
     for uav in scenario.uavs:
-        _, _, times, x, y, _, _, _, powers = zip(*(row for row in rows if row[0] == uav.name))
+        _, _, times, x, y, _, _, _, powers, *_ = zip(
+            *(row for row in rows if row[0] == uav.name))
         add('path', 'LineString', np.transpose([x, y]), uav.name, altitude=uav.altitude,
             times=times, powers=powers)
     add('ground_node', 'Point', scenario.ground_node)
@@ -155,26 +157,56 @@ def save_geojson(plan: Plan, path: str | os.PathLike[str]) -> None:
 def to_dataframe(plan: Plan) -> Any:
     """Return the rows of the CSV file as a pandas DataFrame."""
     from pandas import DataFrame  # Here, because it is optional and takes time to import.
-    return DataFrame(point_rows(plan), columns=list(COLUMNS))
+    return DataFrame(point_rows(plan), columns=list_columns(plan))
+
+
+def save_mat(plan: Plan, path: str | os.PathLike[str]) -> None:
+    """
+    Write the arrays of a plan to a MAT file; see Plan.save_mat.
+
+    :raises OSError: when the file cannot be written; an existing file is kept.
+    """
+    from scipy.io import savemat
+    scenario = plan.scenario
+    ground, centres, radii = scenario.receivers_at(plan.times)
+    with atomic_file(path, binary=True) as file:
+        savemat(file, {
+            'times': plan.times, 'positions': plan.positions, 'altitudes': scenario.altitudes,
+            'powers': plan.powers, 'guaranteed_rates': plan.guaranteed_rates,
+            'worst_case_rates': plan.worst_case_rates, 'ground_node': ground,
+            'eavesdroppers': centres, 'error_radii': radii,
+            'uav_names': np.array([uav.name for uav in scenario.uavs], dtype=object),
+            'eavesdropper_names': np.array(scenario.eavesdropper_names, dtype=object)},
+                oned_as='column')
+
+
+def list_columns(plan: Plan) -> list[str]:
+    """Return COLUMNS and, of each eavesdropper, those of its disc, `<name>.x`, `.y`, `.radius`."""
+    return [*COLUMNS, *(f'{name}.{part}' for name in plan.scenario.eavesdropper_names
+                        for part in ('x', 'y', 'radius'))]
 
 
 def point_rows(plan: Plan) -> list[tuple[Any, ...]]:
     """
-    Return a row of COLUMNS for each point of each UAV: the flown position and velocity.
+    Return a row of list_columns for each point of each UAV: the flown position and velocity.
 
     With an acceleration limit, a flight starts half a slot before point 0 and ends half a slot
-    after the last point: the points -1 and N+2. Each power is that of the slot which begins at
-    the point, or 0.
+    after the last point: the points -1 and N+2. Power and rates are those of the slot which
+    begins at the point, or 0.
     """
     scenario, curve = plan.scenario, plan.curve
     times = np.unique([curve.begin, *plan.times, curve.end])
     ends = (len(times) - len(plan.times)) // 2
     motion = curve.at(times)
     powers = np.pad(plan.powers, ((0, 0), (1 + ends, 1 + ends)))
+    rates = np.pad([plan.guaranteed_rates, plan.worst_case_rates], ((0, 0), (1 + ends, 1 + ends)))
+    _, centres, radii = scenario.receivers_at(times)
+    discs = np.concatenate([centres, radii[..., np.newaxis]], axis=2).swapaxes(0, 1)
+    shared = np.column_stack([rates.T, discs.reshape(len(times), -1)]).tolist()
     return [
-        (uav.name, point, time, x, y, uav.altitude, *velocity, power)
+        (uav.name, point, time, x, y, uav.altitude, *velocity, power, *values)
         for uav, positions, velocities, watts in zip(
             scenario.uavs, motion.positions.tolist(), motion.velocities.tolist(),
             powers.tolist(), strict=True)
-        for point, (time, (x, y), velocity, power) in enumerate(
-            zip(times.tolist(), positions, velocities, watts, strict=True), -ends)]
+        for point, (time, (x, y), velocity, power, values) in enumerate(
+            zip(times.tolist(), positions, velocities, watts, shared, strict=True), -ends)]

@@ -4,13 +4,17 @@ import numpy as np
 import plotly.graph_objects as go
 
 from .drawing import (
-    altitude_label, EAVESDROPPER, GEOFENCE, GROUND_NODE, is_obstacle, label_position, list_ways,
-    MARGIN, margin_rings, NO_FLY_ZONE, RATE, receiver_label, uav_color)
+    altitude_label, EAVESDROPPER, eavesdropper_color, GEOFENCE, GROUND_NODE, is_obstacle,
+    label_position, list_ways, MARGIN, margin_rings, NO_FLY_ZONE, RATE, receiver_label,
+    scheme_name, uav_color)
 from ..model import channel
 
 _LEAST_POWER = 2e-5  # Of the axis, as a share of the largest peak power.
 _SYMBOLS = ('circle', 'diamond', 'square', 'triangle-up', 'pentagon', 'star')
 _DASHES = ('solid', 'dash', 'dot', 'dashdot')
+_WAY_MARKS = 5  # Times at the way of a receiver.
+_GREY = '#808080'
+_SPACE = '\u2003\u2003'  # Between a disc and its name.
 
 
 class PlanTraces:
@@ -41,9 +45,15 @@ class PlanTraces:
         """Yield what stands still on the map: airspace, ways, receivers, starts and goals."""
         plan = self.plan
         yield from _airspace_traces(plan.scenario)
-        for way, color in list_ways(plan.scenario, plan.times):
-            yield _scatter(way, mode='lines', showlegend=False, hoverinfo='skip',
+        marks = np.linspace(0, plan.scenario.slots + 1, _WAY_MARKS).round().astype(int)
+        for index, (name, way, color) in enumerate(list_ways(plan.scenario, plan.times)):
+            yield _scatter(way, mode='lines', name=f'way of {name}', hoverinfo='name',
                            line={'color': color, 'width': 1, 'dash': 'dash'})
+            yield _scatter(
+                way[marks], mode='markers+text', showlegend=False, hoverinfo='skip',
+                text=[f'{time:.0f} s' for time in plan.times[marks].tolist()],
+                textposition='middle left' if index % 2 else 'middle right',
+                textfont={'size': 10, 'color': color}, marker={'size': 4, 'color': color})
         if not plan.scenario.has_tracks:
             yield from self._receiver_traces(0)
         for name, symbol in (('start', 'circle-open'), ('goal', 'square-open')):
@@ -58,6 +68,18 @@ class PlanTraces:
                 path, text=[f'{time:g} s, {watts:.3g} W' for time, watts in zip(
                     self.plan.times.tolist(), self.powers[index])],
                 name=f'{uav.name} ({"jams" if index else "transmits"})', **_uav_style(index, uav))
+
+    def baseline_traces(self, baselines):
+        """Yield paths and guaranteed rates of baselines in grey, each with its row; see above."""
+        for baseline, dash in zip(baselines, ('dash', 'dot', 'dashdot')):
+            style = {'mode': 'lines', 'legendgroup': baseline.method, 'hoverinfo': 'skip',
+                     'name': scheme_name(baseline.method)}
+            for path in baseline.positions:
+                yield _scatter(path, showlegend=False, line={'color': _GREY, 'width': 1},
+                               **style), None
+            yield go.Scatter(
+                x=baseline.times.tolist(), y=np.pad(baseline.guaranteed_rates, 1).tolist(),
+                line={'color': _GREY, 'width': 1.5, 'dash': dash, 'shape': 'hv'}, **style), 2
 
     def chart_traces(self):
         """Yield the powers, rates and what is delivered over time, each with its row."""
@@ -85,15 +107,20 @@ class PlanTraces:
         ground, centres, radii = self.receivers
         angle = np.linspace(0, 2 * np.pi, 73)
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        for index, eve in enumerate(self.plan.scenario.eavesdroppers):
+        for index, (eve, name) in enumerate(zip(
+                self.plan.scenario.eavesdroppers, self.plan.scenario.eavesdropper_names)):
+            color = eavesdropper_color(index, eve)
             yield _scatter(
                 centres[index, point] + radii[index, point] * circle, fill='toself', mode='lines',
-                line={'color': EAVESDROPPER, 'width': 1}, legendgroup='disc',
+                line={'color': color, 'width': 1}, legendgroup='disc',
                 showlegend=index == 0, name="eavesdropper's disc", hoverinfo='skip')
-            if receiver_label(eve):
-                yield _scatter(
-                    centres[index, point][None], text=[receiver_label(eve)], mode='text',
-                    textfont={'color': EAVESDROPPER}, legendgroup='disc', showlegend=False,
+            label = ' '.join(filter(None, (eve.track and name, receiver_label(eve))))
+            if label:
+                side, text = ('right', _SPACE + label) if index % 2 else ('left', label + _SPACE)
+                yield _scatter(  # On the other side than the times of its way.
+                    centres[index, point][None], text=[text], mode='text',
+                    textposition=f'middle {side}',
+                    textfont={'color': color}, legendgroup='disc', showlegend=False,
                     hoverinfo='skip')
         yield _scatter(
             ground[point][None], mode='markers', name='ground node',
@@ -178,12 +205,15 @@ def _airspace_traces(scenario):
             ring, mode='lines', fill='toself', line={'width': 0}, fillcolor=MARGIN,
             hoverinfo='skip', legendgroup='margin', showlegend=index == 0,
             name=f'margin of {scenario.tracking_margin:g} m')
-    for index, (zone, name) in enumerate(zip(scenario.no_fly_zones, scenario.zone_names)):
+    kinds = []
+    for zone, name in zip(scenario.no_fly_zones, scenario.zone_names):
         filled = is_obstacle(zone, scenario)
+        kinds.append('no-fly zone' if filled else 'no-fly zone at other altitudes')
         yield _scatter(
             [*zone.vertices, zone.vertices[0]], mode='lines', fill='toself' if filled else 'none',
             line={'color': NO_FLY_ZONE, 'width': 1.5, 'dash': 'solid' if filled else 'dot'},
-            legendgroup='zone', showlegend=index == 0, name='no-fly zone', hoveron='fills',
+            legendgroup=kinds[-1], showlegend=kinds.count(kinds[-1]) == 1, name=kinds[-1],
+            hoveron='fills',
             text=', '.join(filter(None, (name, altitude_label(zone)))), hoverinfo='text')
     if scenario.no_fly_zones:
         yield _scatter(

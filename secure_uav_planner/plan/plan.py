@@ -18,7 +18,7 @@ from ..mission import Objective, OBJECTIVES
 from ..mission.fields import find_range
 from ..mission.kinematics import clip_norm
 from ..mission.scenario import Array, Point, POSITION_TOLERANCE, read_only, Scenario, Uav
-from ..mission.validation import checked_array, checked_kind
+from ..mission.validation import checked_array, checked_kind, checked_real
 from ..model import channel
 from ..model.clearance import Clearance
 from ..model.curve import compute_energies, Curve, Energy, mean_guaranteed_rates
@@ -27,6 +27,7 @@ from ..model.limits.power import TOLERANCE as POWER_TOLERANCE
 from ..model.problem import Problem
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -36,6 +37,7 @@ _ROUNDING = 1e-9  # Of a time, in slots.
 __all__ = ['Iteration', 'OBJECTIVES', 'Objective', 'POSITION_TOLERANCE', 'POWER_TOLERANCE',
            'Plan', 'STATUSES', 'STATUS_TEXTS', 'Status']
 
+_WIDTHS = 2.5, 100.0  # Of pictures, in inches.
 _LEAST_RATE = 5e-5  # bit/s/Hz, which texts with four digits show.
 
 
@@ -138,8 +140,11 @@ class Plan:
                                     f'it must be {getattr(uav, field)}', ('positions',))
 
     def __repr__(self) -> str:
+        origin = f'by {self.method}, {self.status}'
+        if self.method == self.status == 'given':
+            origin = STATUS_TEXTS['given']
         return (f'<Plan: {self.scenario.channel.rate_name(self.objective)} {self.rate:.4f} '
-                f'bit/s/Hz by {self.method}, {self.status}; UAVs: {len(self.scenario.uavs)}, '
+                f'bit/s/Hz {origin}; UAVs: {len(self.scenario.uavs)}, '
                 f'slots: {self.scenario.slots}{self.claim and "; " + self.claim}>')
 
     def __eq__(self, other: object) -> bool:
@@ -343,11 +348,20 @@ class Plan:
             raise OptionError(f'{name} is {quote(point)}; it must be a whole number from 0 to '
                               f'{self.scenario.slots - 1}', ('point',))
 
-    def plot(self, baselines: 'Sequence[Plan]' = ()) -> 'Figure':
+    def plot(self, baselines: 'Sequence[Plan]' = (),
+             axes: 'Axes | Sequence[Axes] | None' = None, title: bool = True,
+             width: float | None = None) -> 'Figure':
         """
         Return a picture of the plan: a map, and powers and rates over time.
 
+        `plan.plot(title=False, width=3.5)` is for a column of a paper.
+
         :param baselines: Plans for the same mission, which are drawn in grey.
+        :param axes: Matplotlib Axes to draw into: of the map, or a sequence of those of the map,
+            the powers and the rates, as many as wanted; None for a new figure.
+        :param title: whether the map has the rates as its title.
+        :param width: width of a new figure in inches, at least 2.5, with all texts in the serif
+            font of 8 pt; None for a large one in the user's font.
         :return: a matplotlib Figure, which notebooks show and whose savefig writes it to a file.
         :raises MissingPackageError: when Matplotlib is not installed.
         """
@@ -356,21 +370,40 @@ class Plan:
                               ('baselines',))
         for baseline in baselines:
             checked_kind('baselines', baseline, Plan)
+        if width is not None:
+            width = checked_real('width', width, *_WIDTHS)
         with name_missing_package():
-            from ..output.picture import draw_plan
-        return draw_plan(self, baselines)
+            from ..output.picture import checked_axes, draw_plan
+        return draw_plan(self, baselines, checked_axes(axes), title, width)
 
     def to_dataframe(self) -> 'DataFrame':
         """
         Return the flight as a table with the columns and rows of `plan.csv`.
 
         :return: a pandas DataFrame with a row for each point of each UAV: uav, point, time in s,
-            x, y and z in m, velocity_x and velocity_y in m/s, and power in W.
+            x, y and z in m, velocity_x and velocity_y in m/s, power in W, and guaranteed_rate and
+            worst_case_rate of the slot in bit/s/Hz; of each eavesdropper's disc at that time
+            <name>.x, <name>.y and <name>.radius in m.
         :raises MissingPackageError: when pandas is not installed.
         """
         with name_missing_package():
             from ..output.tables import to_dataframe
             return to_dataframe(self)
+
+    def save_mat(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write the plan to a MAT file, for MATLAB and Octave.
+
+        With P = N+2 points it has times (P, 1), positions (U, P, 2), altitudes (U, 1), powers
+        (U, N), guaranteed_rates and worst_case_rates (N, 1), ground_node (P, 2), eavesdroppers
+        (E, P, 2), error_radii (E, P), uav_names and eavesdropper_names, in SI units and
+        bit/s/Hz.
+
+        :raises OSError: when the file cannot be written; an old one is left unchanged.
+        """
+        with name_missing_package():
+            from ..output.tables import save_mat
+        save_mat(self, path)
 
     def to_geojson(self, path: str | os.PathLike[str]) -> None:
         """

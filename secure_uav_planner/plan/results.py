@@ -21,7 +21,7 @@ Status: TypeAlias = Literal['given', 'converged', 'iteration_limit', 'time_limit
 """Why a method stopped; its plan is feasible, or its bound valid, whatever the reason."""
 
 STATUS_TEXTS: dict[Status, str] = {
-    'given': 'made by hand',
+    'given': 'given by hand',
     'converged': 'converged',
     'iteration_limit': 'stopped at the iteration limit',
     'time_limit': 'stopped at time_limit with the best feasible plan so far',

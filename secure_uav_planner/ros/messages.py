@@ -250,7 +250,7 @@ def markers(plan: Plan, frame_id: str, time: float = 0.0) -> MarkerArray:
                   _label(200 + index, name, (*centre, 2 * size), EAVESDROPPER)]
     marks += [_marker('track', index, Marker.LINE_STRIP, color, (1.0, 0.0, 0.0),
                       points=[(x, y, 0.5) for x, y in way.tolist()])
-              for index, (way, color) in enumerate(list_ways(scenario, plan.times[points]))]
+              for index, (_, way, color) in enumerate(list_ways(scenario, plan.times[points]))]
     return MarkerArray(markers=[_stamped(marker, frame_id, stamp_at(plan))
                                 for marker in (*marks, *_airspace(scenario))])
 
