@@ -3,6 +3,7 @@
 from dataclasses import replace
 import itertools
 import math
+import re
 import tracemalloc
 
 from hypothesis import given, settings, strategies as st
@@ -345,6 +346,10 @@ def test_the_table_has_what_is_found_beside_what_was_promised(plan):
     assert rows['outage'][1:] == [f'{share:.4%}' for share in (
         0.0, found.outages.mean(), found.outage)]
     assert 0 < found.outage == found.outages.max() <= 1
+    number, time = map(float, re.search(
+        r'largest outage in .*?slot (\d+),? at ([\d.]+) s', assessment_table(found)).groups())
+    assert found.outages[int(number) - 1] == found.outage and time == pytest.approx(
+        plan.times[int(number)], rel=1e-5)
 
 
 @pytest.mark.parametrize('world', [World(), World('fixed'), World('beyond', beyond=60.0)])

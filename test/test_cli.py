@@ -74,6 +74,13 @@ def test_the_table_has_the_baselines_the_plan_and_a_bound_above_it(planned):
     assert 0 <= float(percent) - 100 * (1 - plan.worst_case_rate / plan.bound.rate) < 0.1 + 1e-9
 
 
+def test_a_speed_factor_needs_a_track(planned, capsys):
+    folder, _ = planned
+    assert main(['assess', str(folder / 'a' / 'b' / 'plan.json'), '--speed-factor', '2']) == 2
+    assert '--speed-factor is 2; the plan must have an eavesdropper with a track' in (
+        capsys.readouterr().err)
+
+
 def test_the_csv_is_the_table_of_the_plan(planned):
     pandas = pytest.importorskip('pandas')
     folder, _ = planned

@@ -210,7 +210,7 @@ def test_a_wrong_knot_of_a_file_is_named_with_its_line(driving, tmp_path):
     text = path.read_text()
     path.write_text(text.replace('[60.0, 5.0, 5.0]', '[-60.0, 5.0, 5.0]'))
     line = text[:text.index('[60.0, 5.0')].count('\n') + 1
-    with pytest.raises(ScenarioError, match=rf':{line}: ground_node_track\[1\] has the time'):
+    with pytest.raises(ScenarioError, match=rf':{line}: ground_node.track\[1\] has the time'):
         Scenario.load(path)
 
 

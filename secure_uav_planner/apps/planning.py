@@ -230,6 +230,10 @@ def _parse_world(options: argparse.Namespace, plan: Plan) -> World:
             raise OptionError(f'--positions has {len(values["positions"])} numbers; it must have '
                               'x and y of each eavesdropper')
         values['positions'] = tuple(zip(values['positions'][::2], values['positions'][1::2]))
+    if options.speed_factor is not None and not any(
+            eve.track for eve in plan.scenario.eavesdroppers):
+        raise OptionError(f'--speed-factor is {options.speed_factor:g}; the plan must have an '
+                          'eavesdropper with a track')
     if options.mean_gain:
         values['los_distance'] = None
     changes = {field.name: getattr(options, field.name) for field in fields(Channel)

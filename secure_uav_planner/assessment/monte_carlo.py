@@ -212,10 +212,13 @@ def _checked(flown: ArrayLike, plan: Plan, world: World) -> Array:
     try:
         positions: Array = np.asarray(flown, float)
     except (TypeError, ValueError):
-        positions = np.empty(0)
+        raise OptionError(f'flown is {quote(flown)}; it must be positions of the shape {shape}',
+                          ('flown',)) from None
     if positions.shape != shape or not np.isfinite(positions).all():
-        raise OptionError(f'flown is {quote(flown)}; it must be finite positions of the shape '
-                          f'{shape}', ('flown',))
+        wrong = np.count_nonzero(~np.isfinite(positions))
+        raise OptionError(f'flown has the shape {np.shape(positions)} and {wrong} values that are '
+                          f'not finite; it must be finite positions of the shape {shape}',
+                          ('flown',))
     return positions
 
 

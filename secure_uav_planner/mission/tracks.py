@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .fields import COORDINATE, describe_degrees, FieldChecks, Number, RADIUS
-from .validation import Array, is_sequence, name_type, to_number
+from .validation import Array, is_sequence, name_type
 from ..errors import quote, ScenarioError
 
 MAX_KNOTS = 10_000
@@ -74,13 +74,11 @@ def _checked_knot(owner: str, field: str, number: int, knot: Any, names: str,
                             f'be the numbers {names}' + ''.join(map(
                                 describe_degrees, knot if is_sequence(knot) else ())),
                             (field, number))
-    values = tuple(map(to_number, knot))
-    for (name, part), value, item in zip(parts.items(), values, knot):
-        if not part.low <= value <= part.high:
-            raise ScenarioError(
-                f'{owner}{field}[{number}] has {name} = {quote(item)} {part.unit}; it must be a '
-                f'number from {part.low:g} to {part.high:g} {part.unit}', (field, number))
-    return values
+    try:
+        return tuple(part(f'{owner}{field}[{number}].', name, value)
+                     for (name, part), value in zip(parts.items(), knot))
+    except ScenarioError as error:
+        raise ScenarioError(str(error), (field, number)) from None
 
 
 def interpolate(track: Track, times: Array) -> Array:

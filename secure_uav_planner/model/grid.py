@@ -166,7 +166,7 @@ def resample_curve(points: Array, ends: Array, count: int) -> Array:
     The curve begins and ends half a slot beyond the points. As that differs between the two, time
     is warped, while the ends keep their velocities.
 
-    :param ends: moves before the first point, and behind the last, (2, U, 2).
+    :param ends: moves before the first point, and after the last, (2, U, 2).
     """
     last, (first_move, last_move) = points.shape[1] - 1, ends[:, :, None]
     moves = np.concatenate([first_move, np.diff(points, axis=1), last_move], axis=1)

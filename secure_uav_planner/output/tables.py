@@ -86,7 +86,19 @@ def assessment_table(assessment: Any) -> str:
         ('delivered, bit/Hz', *(f'{bits:.4f}' for bits in delivered)), ('',),
         ('of all slots', 'promised', 'mean', 'largest'),
         ('outage', assessment.promised_outage_text, *(f'{share:.4%}' for share in outages))))
+    if assessment.outage > 0:
+        text += f'\n\nlargest outage in {_name_slots(assessment)}'
     return text if is_promise else f'{text}\n\nplanned {assessment.claim}: no promise'
+
+
+def _name_slots(assessment: Any) -> str:
+    """Return the slots with the largest outage as text, with first and last time."""
+    slots = np.flatnonzero(assessment.outages == assessment.outage) + 1
+    times = assessment.plan.times[slots]
+    if len(slots) == 1:
+        return f'slot {slots[0]}, at {times[0]:g} s'
+    return (f'{len(slots)} slots, from slot {slots[0]} at {times[0]:g} s to slot {slots[-1]} at '
+            f'{times[-1]:g} s')
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:

@@ -129,7 +129,7 @@ def predict_state(state: MeasuredState, time: float, max_acceleration: float | N
                   playback: Playback | None = None, uav: int = 0, tolerance: float = 0.0
                   ) -> tuple[Point, Point | None]:
     """
-    Predict the position in m and the velocity in m/s of a UAV at the begin of a new plan.
+    Predict the position in m and the velocity in m/s of a UAV at the beginning of a new plan.
 
     A UAV within a tolerance in m of its last plan follows that plan, so that its setpoints do not
     jump. Any other UAV brakes to rest, if there is time, or else keeps its velocity. The velocity

@@ -96,7 +96,7 @@ def read_path(data: bytes) -> PathContent:
         name = data[begin + 12:cursor.at]
         places_at = cursor.align(8)
         stride = -(-(12 + len(name)) // 8) * 8 + _POSE
-        # Poses in different frames may be shorter, and the last of them end behind the message.
+        # Poses in different frames may be shorter, and the last of them end after the message.
         later = min(count - 1, -(-(len(data) - places_at - _POSE) // stride))
         filled = _Cursor(data + bytes(stride))
         heads = filled.array('<u4', (later, 3), (stride, 4), places_at + _POSE)

@@ -27,7 +27,7 @@ def run_node(make_node: Callable[[], Node], args: list[str] | None = None) -> No
     Run a node until SIGINT or SIGTERM, then exit the process with status 0, or 1 after an error.
 
     :param make_node: returns the node. Its method close() stops all work and returns True if none
-        is left. The text of a PlanningError is quote to the user.
+        is left. The text of a PlanningError is shown to the user.
     """
     stop = threading.Event()
     # rclpy's own signal handlers race with the executor's wait set; an event does not.

@@ -102,8 +102,11 @@ def _locate(document: Document, error: ScenarioError) -> Iterator[Problem]:
     """Yield the problems of a document that an error and its further ones are."""
     for item in (error, *error.further):
         field, *inner = item.place or ('',)
-        place = ('ground_node', 'track', *inner) if field == 'ground_node_track' else item.place
-        yield Problem(document.line(place), str(item))
+        place, text = item.place, str(item)
+        if field == 'ground_node_track':  # Which files have as a field of ground_node.
+            place, text = ('ground_node', 'track', *inner), text.replace(
+                field, 'ground_node.track')
+        yield Problem(document.line(place), text)
 
 
 def _has_field(data: Any, field: str) -> bool:

@@ -154,7 +154,7 @@ def make_link(scenario: Scenario, receiver: Literal['ground_node', 'eavesdropper
     Its gains are those that the guarantee counts with: with an outage quantiles on the bad side,
     else means or, where the channel is cautious, those of a line of sight on the bad side.
 
-    :param axes: how many axes the squared distances have behind that of the UAVs.
+    :param axes: how many axes the squared distances have after that of the UAVs.
     """
     shape = -1, *[1] * axes
     return _link(scenario, int(receiver == 'eavesdropper'), shape, scenario.reference_snr,

@@ -58,7 +58,7 @@ def is_similar(scenario: Scenario, previous: Scenario) -> bool:
 
 
 def _list_landmarks(scenario: Scenario) -> Array:
-    """Return starts, goals and receivers at the begin, the middle and the end, (K, 2) in m."""
+    """Return starts, goals and receivers at the start, middle and end, (K, 2) in m."""
     ground, centres, _ = scenario.receivers_at(
         [0.0, scenario.duration / 2, scenario.duration])
     return np.concatenate([scenario.starts, scenario.goals, ground, *centres])
