@@ -134,7 +134,7 @@ def test_a_flight_is_refused_if_and_only_if_dense_samples_break_a_limit(seed):
             worst = max(worst, _depths(polygon, points).max())
         worst = max(worst, -_depths(fence, points).min())
     try:
-        Clearance(scenario, curve).check()
+        Clearance(scenario, curve).validate()
     except PlanError as error:
         assert worst > -fast
         text = str(error)
@@ -306,5 +306,5 @@ def test_the_largest_plan_can_be_checked():
                         separation=1.0, no_fly_zones=zones, geofence=(
                             (-1e4, -1e4), (1e4, -1e4), (1e4, 1e4), (-1e4, 1e4)))
     clearance = Clearance(scenario, Curve(scenario, positions))
-    clearance.check()
+    clearance.validate()
     assert clearance.to_zones.distance > 0

@@ -107,13 +107,13 @@ def test_a_repaired_plan_passes_the_checks_that_it_failed_before(scenario, seed)
     limits = Problem(scenario).limits
     for limit in limits:
         try:
-            limit.check(positions, powers)
+            limit.validate(positions, powers)
         except PlanningError:
             broken += 1
         positions, powers = limit.repair(positions, powers)
     assert broken
     for limit in limits:
-        limit.check(positions, powers)
+        limit.validate(positions, powers)
 
 
 def test_every_limit_is_listed_once():

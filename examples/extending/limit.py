@@ -22,7 +22,7 @@ class RangeLimit(Limit):
 
     constrains_positions = True
 
-    def check(self, positions, powers):
+    def validate(self, positions, powers):
         """Raise a PlanError if a point of the flight is out of reach."""
         farthest = np.linalg.norm(positions - BASE, axis=-1).max()
         if farthest > REACH + 1e-6:

@@ -66,7 +66,7 @@ class Clearance:
             f'{kind} at least {least.distance:.4g} m apart ({" and ".join(least.names)} after '
             f'{least.time:.4g} s)' for kind, least in approaches if least is not None) + '>'
 
-    def check(self) -> None:
+    def validate(self) -> None:
         """
         Check zones, geofence and separation with tracking_margin, each to POSITION_TOLERANCE.
 

@@ -1,7 +1,7 @@
 """The variables of the optimisation: units that keep numbers moderate, on a grid of slots."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,8 +102,8 @@ class Grid:
         return np.arange(1.0, self.slots + 1) * self.slot_duration
 
     @cached_property
-    def steps(self) -> Array:
-        """Short distances: flown in a slot, at most a share of the extent, (U,) in m."""
+    def step_lengths(self) -> Array:
+        """Distances flown in a slot, capped at a share of the mission's extent, (U,) in m."""
         scenario = self.scenario
         extent = np.linalg.norm([*np.ptp(scenario.landmarks, axis=0), scenario.altitudes.max()])
         return np.minimum(scenario.max_speeds * self.slot_duration, _SHORT * extent)
@@ -194,26 +194,18 @@ def resample(values: Array, count: int, inner: bool = False) -> Array:
     """
     if count == len(values):
         return values.copy()
-    before, share = _get_interpolation(len(values), count, inner)
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    last, more = len(values) - 1, int(inner)
+    place = np.clip(np.arange(more, count + more) * (
+        (last + 2 * more) / max(1, count - 1 + 2 * more)) - more, 0, last)
+    before = place.astype(np.intp)
+    share = (place - before).reshape(-1, *[1] * (values.ndim - 1))
     here = values[before]
-    return here + share * (values[np.minimum(before + 1, len(values) - 1)] - here)
+    return here + share * (values[np.minimum(before + 1, last)] - here)
 
 
 def resample_flights(positions: Array, slots: int) -> Array:
     """Return positions (U, M+2, 2) over equal shares of a flight in N slots, (U, N+2, 2)."""
     return np.swapaxes(resample(np.swapaxes(positions, 0, 1), slots + 2), 0, 1)
-
-
-@lru_cache(maxsize=64)
-def _get_interpolation(number: int, count: int, inner: bool) -> tuple[NDArray[np.intp], Array]:
-    """Return the preceding sample and the interpolation weight of each new point, (count,)."""
-    more = int(inner)
-    place = np.arange(more, count + more) * (
-        (number - 1 + 2 * more) / max(1, count - 1 + 2 * more)) - more
-    place = np.clip(place, 0, number - 1)
-    before = place.astype(np.intp)
-    return before, place - before
 
 
 @dataclass(frozen=True, eq=False)

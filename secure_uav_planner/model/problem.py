@@ -7,8 +7,7 @@ from .airspace import Airspace
 from .clearance import Clearance
 from .curve import Curve
 from .grid import Grid
-from .limits import (
-    build_limits, check_limits, Limit, LineLimit, measure_energies, NormLimit)
+from .limits import build_limits, Limit, LIMITS, LineLimit, measure_energies, NormLimit
 from .visibility_graph import Routes
 from ..errors import PlanError
 from ..mission.kinematics import EFFORT_TOLERANCE
@@ -37,15 +36,13 @@ class Problem:
     @cached_property
     def routes(self) -> Routes:
         """Routes around the obstacles."""
-        return Routes(self.airspace, self.grid.steps)
+        return Routes(self.airspace, self.grid.step_lengths)
 
-    def check(self, positions: Array, powers: Array) -> None:
-        """
-        Check positions (U, N+2, 2) in m and powers (U, N) in W; see check_limits.
-
-        :raises PlanError: naming UAV, place in the plan, value and limit.
-        """
-        check_limits(self.grid, positions, powers)
+    def validate(self, positions: Array, powers: Array) -> None:
+        """Raise a PlanError if a plan breaks a limit, but those of lines; see Limit.validate."""
+        for limit in LIMITS:
+            if not issubclass(limit, LineLimit) and limit.applies_to(self.airspace):
+                limit(self.grid).validate(positions, powers)
 
     def keeps_motion(self, positions: Array) -> bool:
         """Return True if flights (U, N+2, 2) in m keep the limits of speed and acceleration."""
@@ -72,7 +69,7 @@ class Problem:
             return True
         # Curves may be clear while their control points are not, and far zones have no limits.
         try:
-            Clearance(self.scenario, Curve(self.scenario, positions)).check()
+            Clearance(self.scenario, Curve(self.scenario, positions)).validate()
         except PlanError:
             return False
         return True

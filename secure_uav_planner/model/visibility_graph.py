@@ -119,11 +119,11 @@ class Routes:
     Routes of the UAVs in visibility graphs, each of which is built once.
 
     :param airspace: with the obstacles.
-    :param steps: unit of the distances that routes keep from obstacles, (U,) in m.
+    :param step_lengths: units of the distances that routes keep from obstacles, (U,) in m.
     """
 
-    def __init__(self, airspace: Airspace, steps: Array) -> None:
-        self._airspace, self._steps = airspace, steps.tolist()
+    def __init__(self, airspace: Airspace, step_lengths: Array) -> None:
+        self._airspace, self._steps = airspace, step_lengths.tolist()
         self._graphs: dict[tuple[float, float], VisibilityGraph] = {}
 
     def find_free_places(self, places: Array, check: Callable[[], None]) -> Array:

@@ -51,7 +51,8 @@ class Rejoin:
     @property
     def effect(self) -> float:
         """Time at which the curve leaves that of the last plan, in s from point 0."""
-        return (self.first - _lead_in(self.plan.scenario)) * self.plan.scenario.slot_duration
+        scenario = self.plan.scenario
+        return (self.first - _find_support_offset(scenario)) * scenario.slot_duration
 
     def splice(self, replan: Plan) -> Plan:
         """Return the plan of the whole mission that ends with a plan for the scenario."""
@@ -61,7 +62,7 @@ class Rejoin:
 
 def find_first_point(scenario: Scenario, time: float) -> int:
     """Return the first point that can change without changing the curve before a time in s."""
-    return max(0, math.ceil(time / scenario.slot_duration + _lead_in(scenario)))
+    return max(0, math.ceil(time / scenario.slot_duration + _find_support_offset(scenario)))
 
 
 def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
@@ -76,15 +77,15 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
     :raises InfeasibleMissionError: when a UAV cannot be met, or not reach its goal from there.
     """
     tail, step = plan.tail(first), plan.scenario.slot_duration
-    returns = _list_returns(plan, first, tail.scenario, states, tolerance)
-    if not returns:
+    recoveries = _list_recovery_paths(plan, first, tail.scenario, states, tolerance)
+    if not recoveries:
         return Rejoin(plan, first, first, plan.positions[:, :first + 1], plan.powers[:, :first],
                       tail, tail.scenario.with_receivers(updated, first * step))
     reason: ScenarioError | PlanError | None = None
     for point in _list_candidates(first, plan.scenario.slots):
         paths = {}
-        for uav, way in returns.items():
-            path = way.find_path(point)
+        for uav, recovery in recoveries.items():
+            path = recovery.find_path(point)
             if path is None:
                 break
             paths[uav] = path
@@ -95,8 +96,8 @@ def find_rejoin(plan: Plan, first: int, states: Sequence[MeasuredState | None],
                 return rejoin
             except (ScenarioError, PlanError) as error:
                 reason = reason or error  # A later point may be better.
-    far = ', '.join(f'{plan.scenario.uavs[uav].name} ({way.distance:.1f} m from it)'
-                    for uav, way in returns.items())
+    far = ', '.join(f'{plan.scenario.uavs[uav].name} ({recovery.distance:.1f} m from it)'
+                    for uav, recovery in recoveries.items())
     raise InfeasibleMissionError(
         f'the plan cannot be continued from where the UAVs are: {far} cannot be met within all '
         'limits in time for the goal' + (f'; {reason}' if reason is not None else ''))
@@ -142,8 +143,8 @@ def _check_transition(rejoin: Rejoin, tail: Scenario) -> None:
          np.zeros((len(uavs), slots)))
 
 
-class _Return:
-    """Paths of one UAV from a point of the plan to its predicted states."""
+class _RecoveryPath:
+    """Paths of a UAV from a point of the plan to its predicted states."""
 
     def __init__(self, playback: Playback, uav: int, first: int, begin: Uav,
                  state: MeasuredState, tolerance: float) -> None:
@@ -188,15 +189,16 @@ class _Return:
         return np.concatenate([self._path[:self._first], begin + points, end[1:]])
 
 
-def _list_returns(plan: Plan, first: int, now: Scenario, states: Sequence[MeasuredState | None],
-                  tolerance: float) -> dict[int, _Return]:
-    """Return the _Return of each UAV, by index, that is not on its plan at the first point."""
+def _list_recovery_paths(plan: Plan, first: int, now: Scenario,
+                         states: Sequence[MeasuredState | None],
+                         tolerance: float) -> dict[int, _RecoveryPath]:
+    """Return the _RecoveryPath of each UAV, by index, that is off its plan at the first point."""
     if first == 0 or all(state is None for state in states):
         return {}
     playback = Playback(plan)
-    returns = {uav: _Return(playback, uav, first, now.uavs[uav], state, tolerance)
-               for uav, state in enumerate(states) if state is not None}
-    return {uav: way for uav, way in returns.items() if not way.is_on_plan(0)}
+    recoveries = {uav: _RecoveryPath(playback, uav, first, now.uavs[uav], state, tolerance)
+                  for uav, state in enumerate(states) if state is not None}
+    return {uav: recovery for uav, recovery in recoveries.items() if not recovery.is_on_plan(0)}
 
 
 def _list_candidates(first: int, slots: int) -> list[int]:
@@ -208,7 +210,7 @@ def _list_candidates(first: int, slots: int) -> list[int]:
     return points
 
 
-def _lead_in(scenario: Scenario) -> float:
+def _find_support_offset(scenario: Scenario) -> float:
     """Return the time before a point at which the curve begins to depend on it, in slots."""
     # The point after the last one that stays moves the curve from half a slot before that.
     return 0.5 if scenario.limits_acceleration else 0.0

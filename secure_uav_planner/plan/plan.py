@@ -97,8 +97,8 @@ class Plan:
         if self.start_ns is not None:
             self._check_start(self.start_ns)
         self._check_ends()
-        Problem(self.scenario).check(self.positions, self.powers)
-        self.clearance.check()
+        Problem(self.scenario).validate(self.positions, self.powers)
+        self.clearance.validate()
 
     def _check_kinds(self) -> None:
         if not isinstance(self.scenario, Scenario):

@@ -28,21 +28,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import scipy
 import shapely
 
 from ...mission.polygons import convex_parts, pockets
-from ...mission.validation import Array
+from ...mission.scenario import Array, Scenario, Uav
 from ...model.airspace import Airspace
 from ...model.kernel import core
 from ...plan.plan import POSITION_TOLERANCE
-
-if TYPE_CHECKING:
-    from ...mission.participants import Uav
-    from ...mission.scenario import Scenario
 
 SIDE = 128
 """

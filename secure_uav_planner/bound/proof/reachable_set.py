@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,10 @@ from .detours import Detours, frame_axes
 from .relaxation import (
     COORDINATE_ROUNDING, EavesdropperSubset, end_tolerance, find_reference_snrs, MOST_GROUPS,
     SlotGroups)
-from ...mission.validation import Array
+from ...mission.scenario import Array, Scenario
 from ...model.channel.links import guaranteed_squared_distance
 from ...model.kernel import core
 from ...plan.plan import POSITION_TOLERANCE, POWER_TOLERANCE
-
-if TYPE_CHECKING:
-    from ...mission.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)

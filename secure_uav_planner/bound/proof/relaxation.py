@@ -25,18 +25,14 @@ finite, neither is the bound. Sums over the groups are exact but for one roundin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mission.validation import Array
+from ...mission.scenario import Array, Scenario
 from ...model.channel.links import make_link
 from ...model.channel.rates import bound_sinrs
 from ...plan.plan import POSITION_TOLERANCE
-
-if TYPE_CHECKING:
-    from ...mission.scenario import Scenario
 
 MOST_GROUPS = 400
 """More slots than that share groups; time and memory are then those of as many slots."""

@@ -182,22 +182,22 @@ def _link(scenario: Scenario, kinds: int | list[int], shape: tuple[int, ...],
     channel, uavs = scenario.channel, len(scenario.uavs)
     transmits = np.arange(uavs) == 0
     # To the ground node a jammer interferes, to an eavesdropper the transmitter leaks.
-    harms = np.stack([~transmits, transmits])[kinds].reshape(shape)
+    is_adverse = np.stack([~transmits, transmits])[kinds].reshape(shape)
     share = _outage_share(scenario)
     if channel.rician_k_db is not None:
         low, high = fading_quantiles(channel.rician_k_db, share)
-        snr = snr * np.where(harms, high, low)
+        snr = snr * np.where(is_adverse, high, low)
     if channel.is_inverse_square:
         return FreeSpace(snr, altitudes**2)
     a, b, loss = channel.los_numbers or (1.0, 1.0, 0.0)
     kappa = 10.0**(-loss / 10.0)
     if channel.counts_sights:
         helping, harming = _sight_elevations(a, b, share)
-        begin = np.where(harms, harming - RISE, helping - lead)
-        width = np.where(harms, RISE, RISE + lead)
+        begin = np.where(is_adverse, harming - RISE, helping - lead)
+        width = np.where(is_adverse, RISE, RISE + lead)
         return PathLossQuantile(
             snr, altitudes**2, kappa, channel.exponent, 1 / width, begin / width)
-    losses = np.where(harms & channel.cautious, 1.0, kappa)
+    losses = np.where(is_adverse & channel.cautious, 1.0, kappa)
     return PathLoss(snr, altitudes**2, losses, channel.exponent, b, b * a + math.log(a))
 
 

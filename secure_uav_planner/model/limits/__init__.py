@@ -13,7 +13,6 @@ from .power import AveragePower, PeakPower
 from .separation import SeparationLimit
 from .zones import FenceLimit, ZoneLimit
 from ..grid import Grid
-from ...mission.scenario import Array
 
 LIMITS: tuple[type[Limit], ...] = (
     SpeedLimit, AccelerationLimit, EnergyLimit, FenceLimit, ZoneLimit, SeparationLimit, PeakPower,
@@ -26,13 +25,6 @@ def build_limits(grid: Grid) -> tuple[Limit, ...]:
     return tuple(limit(grid) for limit in LIMITS if limit.applies_to(grid.airspace))
 
 
-def check_limits(grid: Grid, positions: Array, powers: Array) -> None:
-    """Raise a PlanError if a plan breaks a limit, but those of lines; see Limit.check."""
-    for limit in LIMITS:
-        if not issubclass(limit, LineLimit) and limit.applies_to(grid.airspace):
-            limit(grid).check(positions, powers)
-
-
 __all__ = ['AccelerationLimit', 'AveragePower', 'EnergyLimit', 'FenceLimit', 'LIMITS', 'Limit',
            'LineLimit', 'NormLimit', 'PeakPower', 'SeparationLimit', 'SpeedLimit', 'ZoneLimit',
-           'build_limits', 'check_limits', 'lift_limits', 'measure_energies', 'reduce_budgets']
+           'build_limits', 'lift_limits', 'measure_energies', 'reduce_budgets']

@@ -14,8 +14,8 @@ class Limit(ABC):
     One limit of a scenario.
 
     A new limit is one subclass of this, named in `limits.LIMITS`, and one of the class Limit in
-    `kernel/limit.hpp`. `Plan` calls check, `Incumbent` calls repair, and `joint` uses the form of
-    the kernel.
+    `kernel/limit.hpp`. `Plan` calls validate, `Incumbent` calls repair, and `joint` uses the form
+    of the kernel.
 
     :cvar constrains_positions: whether it limits positions rather than powers.
     :param grid: of the flights.
@@ -43,7 +43,7 @@ class Limit(ABC):
         return None
 
     @abstractmethod
-    def check(self, positions: Array, powers: Array) -> None:
+    def validate(self, positions: Array, powers: Array) -> None:
         """
         Check a plan in plain NumPy.
 

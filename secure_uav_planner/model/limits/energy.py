@@ -26,7 +26,7 @@ class EnergyLimit(Limit):
         """Return True if any UAV has a limit of energy."""
         return airspace.scenario.limits_energy
 
-    def check(self, positions: Array, powers: Array) -> None:
+    def validate(self, positions: Array, powers: Array) -> None:
         """Check the energy of every UAV of a plan; see Limit."""
         for uav, energy in zip(self.scenario.uavs, measure_energies(self.scenario, positions),
                                strict=True):

@@ -165,7 +165,7 @@ class LineLimit(Limit):
         """
         return lines
 
-    def check(self, positions: Array, powers: Array) -> None:
+    def validate(self, positions: Array, powers: Array) -> None:
         """Leave it to Plan, which checks the flown curve by itself."""
 
     def control_points(self, path: Array, pairs: Any = slice(None)) -> Array:

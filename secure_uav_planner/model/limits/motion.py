@@ -66,7 +66,7 @@ class NormLimit(Limit):
     def differences(self, positions: Array) -> Array:
         """Return d of positions (U, N+2, 2), (U, M, 2) in their unit, here m."""
 
-    def check(self, positions: Array, powers: Array) -> None:
+    def validate(self, positions: Array, powers: Array) -> None:
         """Check every difference of a plan; see Limit."""
         lengths = self._lengths(positions)
         tolerance = max(POSITION_TOLERANCE, _ROUNDING * np.abs(positions).max())

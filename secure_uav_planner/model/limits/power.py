@@ -13,7 +13,7 @@ TOLERANCE = 1e-9
 class PeakPower(Limit):
     """Powers are not negative and not above their peak."""
 
-    def check(self, positions: Array, powers: Array) -> None:
+    def validate(self, positions: Array, powers: Array) -> None:
         """Check the power of every slot of a plan; see Limit."""
         for uav, power in zip(self.scenario.uavs, powers, strict=True):
             if power.min() < -TOLERANCE:
@@ -32,7 +32,7 @@ class PeakPower(Limit):
 class AveragePower(Limit):
     """The mean of a UAV's powers is at most its average power."""
 
-    def check(self, positions: Array, powers: Array) -> None:
+    def validate(self, positions: Array, powers: Array) -> None:
         """Check the mean power of every UAV of a plan; see Limit."""
         for uav, power in zip(self.scenario.uavs, powers, strict=True):
             if power.mean() > uav.average_power + TOLERANCE:

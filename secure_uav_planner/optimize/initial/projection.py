@@ -113,7 +113,7 @@ class _Projection:
         self._lines = [limit for limit in limits if isinstance(limit, LineLimit)]
         self._norms = [limit for limit in limits if isinstance(limit, NormLimit)]
         self._efforts = 1 - share * np.maximum(1 - find_least_efforts(grid.scenario, check), 0.0)
-        self._step = float(np.median(grid.steps)) / grid.length
+        self._step = float(np.median(grid.step_lengths)) / grid.length
 
     def solve(self, positions: Array, opposite: bool = False,
               inside: NDArray[np.bool_] | None = None) -> Array | None:
