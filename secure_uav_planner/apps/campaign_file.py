@@ -18,7 +18,7 @@ from .tasks import load_scheme, make_task, Task
 from ..assessment.monte_carlo import arguments
 from ..errors import OptionError, quote, ScenarioError, yaml_notation
 from ..mission import METHODS, OBJECTIVES
-from ..mission.formats.documents import Document, make_file_error, Problem, read_document
+from ..mission.formats.documents import Document, FileProblem, make_file_error, read_document
 from ..mission.propagation import Channel
 from ..mission.scenario import Scenario
 from ..optimize.methods import check_objective
@@ -97,7 +97,7 @@ def load_campaign(source: Mapping[str, Any] | str | os.PathLike[str]) -> Campaig
         try:
             yield
         except OptionError as error:
-            problems.append(Problem(document.line((*place, *error.place)), str(error)))
+            problems.append(FileProblem(document.line((*place, *error.place)), str(error)))
 
     campaign = None
     with yaml_notation(), collecting():

@@ -69,7 +69,7 @@ def _check_ends(scenario: 'Scenario') -> Iterator[ScenarioError]:
     for field in ('start', 'goal'):
         # The curve may leave its first and last control point by its bend. The start of the
         # tail of a plan may itself violate a limit by rounding.
-        slacks = [2 * POSITION_TOLERANCE + uav.bend_at(field, scenario.slot_duration)
+        slacks = [2 * POSITION_TOLERANCE + uav.end_deviation(field, scenario.slot_duration)
                   for uav in scenario.uavs]
         for number, slack in enumerate(slacks):
             yield from _check_end(scenario, number, field, slack, fence)

@@ -179,7 +179,7 @@ class Uav(Checked):
             if item.propulsion is None:
                 object.__setattr__(item, 'propulsion', Propulsion())
 
-    def bend_at(self, end: str, slot_duration: float) -> float:
+    def end_deviation(self, end: str, slot_duration: float) -> float:
         """
         Return the largest distance in m of the flown curve from the point 'start' or 'goal'.
 

@@ -22,7 +22,7 @@ MOST_VALUES = 200_000
 _MOST_LEVELS = 20
 
 
-class Problem(NamedTuple):
+class FileProblem(NamedTuple):
     """An error in a document; lines count from 1, None for an unknown one."""
 
     line: int | None
@@ -41,7 +41,7 @@ class Document:
 
     data: Any
     lines: Mapping[Place, int]
-    problems: tuple[Problem, ...] = ()
+    problems: tuple[FileProblem, ...] = ()
 
     def line(self, place: Place) -> int | None:
         """Return the line of a value, or else of the block it is in."""
@@ -96,23 +96,23 @@ def read_document(path: str | os.PathLike[str]) -> Document:
         text = read_text(path, MOST_BYTES)
         return _parse_json(text) if _is_json(path) else _parse_yaml(text)
     except json.JSONDecodeError as error:
-        problem = Problem(error.lineno, f'{error.msg} at column {error.colno}')
+        problem = FileProblem(error.lineno, f'{error.msg} at column {error.colno}')
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         words = ', '.join(filter(None, (error.context, error.problem)))
-        problem = Problem(mark and mark.line + 1, words.replace('\n', ' '))
+        problem = FileProblem(mark and mark.line + 1, words.replace('\n', ' '))
     except yaml.reader.ReaderError as error:
-        problem = Problem(None, f'{error.reason} at character {error.position}')
+        problem = FileProblem(None, f'{error.reason} at character {error.position}')
     except RecursionError:
-        problem = Problem(None, f'it must have at most {_MOST_LEVELS} levels')
+        problem = FileProblem(None, f'it must have at most {_MOST_LEVELS} levels')
     except UnicodeDecodeError as error:
-        problem = Problem(None, f'it is not UTF-8 text: {error.reason} at byte {error.start}')
+        problem = FileProblem(None, f'it is not UTF-8 text: {error.reason} at byte {error.start}')
     except ValueError as error:  # such as a number of more digits than Python converts
-        problem = Problem(None, str(error)[:200])
+        problem = FileProblem(None, str(error)[:200])
     raise make_file_error(path, [problem])
 
 
-def make_file_error(path: str | os.PathLike[str], problems: Iterable[Problem]
+def make_file_error(path: str | os.PathLike[str], problems: Iterable[FileProblem]
                     ) -> MissionFileError:
     """Return the error of a file, with its problems by line; its text is one line."""
     problems = sorted(problems, key=lambda problem: problem.line or 0)
@@ -161,7 +161,7 @@ def _parse_json(text: str) -> Document:
     except (yaml.YAMLError, ValueError):
         as_yaml = Document(None, {})
     problems = as_yaml.problems or tuple(
-        Problem(None, f'{quote(name)} comes twice') for name in duplicates)
+        FileProblem(None, f'{quote(name)} comes twice') for name in duplicates)
     return Document(data, as_yaml.lines, problems)
 
 
@@ -170,7 +170,7 @@ class _Reader:
 
     def __init__(self, loader: _Loader) -> None:
         self.lines: dict[Place, int] = {}
-        self.problems: list[Problem] = []
+        self.problems: list[FileProblem] = []
         self._loader = loader
         self._count = 0
 
@@ -203,11 +203,11 @@ class _Reader:
                 continue
             name = self._loader.construct_object(key) if isinstance(key, yaml.ScalarNode) else None
             if not isinstance(name, str):
-                self.problems.append(Problem(
+                self.problems.append(FileProblem(
                     line, f'the name of a field is {quote(name)}; it must be text'))
                 continue
             if name in own:
-                self.problems.append(Problem(line, f'{quote(name)} comes twice'))
+                self.problems.append(FileProblem(line, f'{quote(name)} comes twice'))
             self.lines[(*place, name)] = line
             own[name] = self.value(value, (*place, name))
         return {**merged, **own}

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from .airspace_file import read_zones
-from .documents import Document, format_document, make_file_error, Problem, read_document
+from .documents import (
+    Document, FileProblem, format_document, make_file_error, read_document)
 from ..fields import Block
 from ..files import atomic_file
 from ..geography import Origin
@@ -39,10 +40,10 @@ def read_mission(path: str | os.PathLike[str], kind: type[Any]) -> Any:
     document = read_document(path)
     for field, description in _FOREIGN_FILES.items():
         if _has_field(document.data, field):
-            raise make_file_error(path, [Problem(None, f'it is {description}')])
+            raise make_file_error(path, [FileProblem(None, f'it is {description}')])
     data, problems = document.data, [*document.problems]
     if data is None:
-        raise make_file_error(path, [Problem(
+        raise make_file_error(path, [FileProblem(
             None, 'the file is empty; it must have the fields of a mission'), *problems])
     try:
         with yaml_notation():
@@ -98,7 +99,7 @@ def locate_error(path: str | os.PathLike[str], error: ScenarioError) -> MissionF
     return make_file_error(path, _locate(read_document(path), error))
 
 
-def _locate(document: Document, error: ScenarioError) -> Iterator[Problem]:
+def _locate(document: Document, error: ScenarioError) -> Iterator[FileProblem]:
     """Yield the problems of a document that an error and its further ones are."""
     for item in (error, *error.further):
         field, *inner = item.place or ('',)
@@ -106,7 +107,7 @@ def _locate(document: Document, error: ScenarioError) -> Iterator[Problem]:
         if field == 'ground_node_track':  # Which files have as a field of ground_node.
             place, text = ('ground_node', 'track', *inner), text.replace(
                 field, 'ground_node.track')
-        yield Problem(document.line(place), text)
+        yield FileProblem(document.line(place), text)
 
 
 def _has_field(data: Any, field: str) -> bool:
