@@ -33,6 +33,7 @@ TURNING, SPEEDING = 0.6, 0.5  # with these shares of the acceleration across and
 FIRST_PRICE = 0.5  # Of a budget, in shares of all that is delivered.
 FACTOR = 4.0  # Ratio of prices until the budget lies between those of two flights.
 PRICES, LATER_PRICES = 8, 4  # The most prices from a start, and from one that keeps budgets.
+BISECTIONS = 8  # Of the way from flights above their budgets to some within.
 UNUSED = 5e-4  # Share of what is delivered that what is left of a budget may be worth.
 RAISE = 10.0  # By which prices are raised, twice, where they are too low for circles to stay.
 STEPS = 30  # The most Newton steps at a price.
@@ -108,8 +109,10 @@ class _PriceSearch:
 
         :raises InfeasibleMissionError: when no flights are found that keep the limits.
         """
-        starts = [(add_circles(self._scenario, free.positions, *circle), free.powers)
-                  for circle in CIRCLES]
+        flights = [add_circles(self._scenario, free.positions, *circle) for circle in CIRCLES]
+        if np.array_equal(flights[0], flights[1]):
+            flights = flights[:1]  # No UAV hovers.
+        starts = [(flight, free.powers) for flight in flights]
         prices, grid = self.prices, self.stepper.grid
         for raised in (1, RAISE, RAISE**2):
             x = self._descend_at(prices, starts, raised * FIRST_MU)
@@ -161,12 +164,23 @@ class _PriceSearch:
                 bounds[end, reached], excesses[end, reached] = prices[reached], excess[reached]
             if not over.any():
                 inside = x
+            elif inside is not None:
+                self.stepper.try_variables(self._blend(x, inside))
             start = x if inside is None else inside
             settled = ~over & (-excess * prices <= UNUSED * self._unit)
             if settled.all():
                 break
             prices = np.where(settled, prices, _choose_prices(bounds, excesses))
             x = self._descend_at(prices, [(grid.positions(start), grid.powers(start))], MU)[0]
+
+    def _blend(self, x: Array, inside: Array) -> Array:
+        """Return variables between some and those of flights within budgets, just within."""
+        share, grid = np.array([0.0, 1.0]), self.stepper.grid
+        for _ in range(BISECTIONS):
+            blend = x + share.mean() * (inside - x)
+            energies = measure_energies(self._scenario, grid.positions(blend))
+            share[int((energies <= self._budgets).all())] = share.mean()
+        return np.asarray(x + share[1] * (inside - x))
 
     def _propose(self, x: Array, prices: Array) -> Array:
         """Propose variables (N, U, 3) found at prices; return the excess over budgets, (U,)."""
