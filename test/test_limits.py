@@ -8,9 +8,11 @@ import numpy as np
 import oracle
 import pytest
 from random_cities import random_city_mission
-from secure_uav_planner import PlanningError
-from secure_uav_planner.errors import ScenarioError
+from secure_uav_planner import fly_hover_fly, PlanningError, Scenario, solve
+from secure_uav_planner.errors import PlanError, ScenarioError
+from secure_uav_planner.model import limits
 from secure_uav_planner.model.limits import build_limits, LIMITS
+from secure_uav_planner.model.limits.base import Limit
 from secure_uav_planner.model.limits.lines import LineLimit
 from secure_uav_planner.model.problem import Problem
 from secure_uav_planner.optimize.initial import constant_powers, fly_hover_fly_positions
@@ -118,3 +120,47 @@ def test_a_repaired_plan_passes_the_checks_that_it_failed_before(scenario, seed)
 
 def test_every_limit_is_listed_once():
     assert len(set(LIMITS)) == len(LIMITS)
+
+
+class LeastSpeed(Limit):
+    """No UAV hovers: each flies at 4 m/s at least, which is not convex."""
+
+    constrains_positions = True
+
+    def speeds(self, positions):
+        """Return the speeds between points, (U, N+1) in m/s."""
+        return np.linalg.norm(np.diff(positions, axis=1), axis=-1) / self.scenario.slot_duration
+
+    def check(self, positions, powers):
+        """Raise a PlanError where a UAV is slower."""
+        if self.speeds(positions).min() < 4.0:
+            raise PlanError('a UAV is too slow')
+
+    def repair(self, positions, powers, margin=0.0):
+        """Blend with the flight of least effort until it is fast enough."""
+        blends = (positions + share * (self.grid.reference_flight - positions)
+                  for share in np.linspace(0.0, 1.0, 21))
+        return next(blend for blend in blends if self.speeds(blend).min() >= 4.0), powers
+
+    def shape_start(self, positions):
+        """Fly a circle at 6 m/s in place of hovering."""
+        positions = positions.copy()
+        for path, speeds in zip(positions, self.speeds(positions)):
+            slow = np.flatnonzero(speeds < 6.0)
+            if len(slow):
+                angles = np.linspace(0.0, 2 * np.pi, len(slow) + 1)
+                radius = 6.0 * self.scenario.slot_duration * len(slow) / (2 * np.pi)
+                path[slow[0]:slow[-1] + 2] += radius * np.stack(
+                    [np.cos(angles) - 1, np.sin(angles)], axis=-1)
+        return positions
+
+
+def test_a_limit_that_is_not_convex_gives_the_methods_first_flights(monkeypatch):
+    mission = Scenario.paper(150.0, slots=50)
+    monkeypatch.setattr(limits, 'LIMITS', (*limits.LIMITS, LeastSpeed))
+    plan = solve(mission, objective='guaranteed', time_limit=5.0)
+    circle = plan.history[0].rate
+    assert LeastSpeed(Problem(mission).grid).speeds(plan.positions).min() >= 4.0 and plan.rate >= circle
+    monkeypatch.setattr(LeastSpeed, 'shape_start', Limit.shape_start)
+    with pytest.raises(PlanError, match='too slow'):
+        fly_hover_fly(mission)

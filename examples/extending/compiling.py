@@ -10,8 +10,12 @@ import sys
 import sysconfig
 import tempfile
 
-import pybind11
 from secure_uav_planner.model import kernel
+
+try:
+    import pybind11
+except ModuleNotFoundError:
+    sys.exit('this example needs pybind11: pip install -r examples/requirements.txt')
 
 
 @cache

@@ -2,7 +2,7 @@
 A limit of your own, without a change of the package: no UAV leaves the reach of a base.
 
 The half in C++, range_limit.cpp, answers Newton's method; the half in Python checks plans and
-repairs iterates. It needs a C++ compiler and pybind11. Run it by
+repairs iterates. It needs a C++ compiler and what examples/requirements.txt names. Run it by
 `python -m examples.extending.limit`.
 """
 

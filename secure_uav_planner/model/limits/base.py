@@ -52,6 +52,19 @@ class Limit(ABC):
         :raises PlanError: naming UAV, place in the plan, value and limit.
         """
 
+    def shape_start(self, positions: Array) -> Array:
+        """
+        Return a first flight changed so that it keeps this limit, by default as it is.
+
+        A limit that is not convex needs it where UAVs that fly to a place, hover and fly on break
+        the limit: methods go on from first flights, and find none by themselves. What it returns
+        must still keep the limit on a grid of 25 slots and 5% nearer to the flight of least
+        effort.
+
+        :param positions: (U, N+2, 2) in m.
+        """
+        return positions
+
     def repair(self, positions: Array, powers: Array,
                margin: float = 0.0) -> tuple[Array, Array]:
         """

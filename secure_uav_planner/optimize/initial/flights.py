@@ -46,6 +46,8 @@ def build_flights(problem: Problem, hover: Array,
         check()
         around = fly_around(problem, number, place, *(routes[number] if routes else ()))
         positions[number] = _fly_hover_fly(scenario, uav, place) if around is None else around
+    for limit in problem.limits:
+        positions = limit.shape_start(positions)
     if scenario.limits_acceleration and problem.airspace.is_open:
         positions, _ = problem.repair(positions, np.zeros((len(positions), scenario.slots)))
     return positions
