@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from functools import cached_property
 
+from . import limits
 from .airspace import Airspace
 from .clearance import Clearance
 from .curve import Curve
 from .grid import Grid
-from .limits import build_limits, Limit, LIMITS, LineLimit, measure_energies, NormLimit
+from .limits import build_limits, Limit, LineLimit, measure_energies, NormLimit
 from .visibility_graph import Routes
 from ..errors import PlanError
 from ..mission.kinematics import EFFORT_TOLERANCE
@@ -40,7 +41,7 @@ class Problem:
 
     def validate(self, positions: Array, powers: Array) -> None:
         """Raise a PlanError if a plan breaks a limit, but those of lines; see Limit.validate."""
-        for limit in LIMITS:
+        for limit in limits.LIMITS:  # To which a user may have added one.
             if not issubclass(limit, LineLimit) and limit.applies_to(self.airspace):
                 limit(self.grid).validate(positions, powers)
 
